@@ -1,0 +1,18 @@
+use crate::Ray;
+use glam::DVec2;
+
+/// Size of the image in pixels, each at least 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FilmSize {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+/// Turns positions in the image into rays.
+pub trait Camera: Send + Sync {
+    /// The ray through `raster`, in pixels from the top left corner, x right and y down (section 3 of the
+    /// model). The direction is of unit length.
+    fn ray(&self, raster: DVec2) -> Ray;
+}

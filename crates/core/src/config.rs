@@ -1,0 +1,600 @@
+//! Typed values of plugin tables: each refuses what is out of range at the value itself.
+//!
+//! A plugin's `Config` is a struct of these with `#[serde(deny_unknown_fields)]`, so that an error
+//! knows the place of the one value that is wrong.
+
+use crate::{Rgb, SceneError, SceneErrors, SourceSpan, nearest};
+use glam::{DVec2, DVec3};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::{DeserializeOwned, Error, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use std::borrow::Cow;
+use std::fmt;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue, ValueDeserializer};
+
+/// The table of one plugin, without the keys that the scene crate takes out (`type`, `id`, ...).
+pub type Table<'s> = Spanned<DeTable<'s>>;
+
+/// The text that stands for the inline plugin number `index` where a table was hoisted out of its
+/// parent: see [`PluginRef`].
+pub fn inline_reference(index: usize) -> String {
+    format!("{INLINE}{index}")
+}
+
+/// U+0001 cannot be in a TOML key and hardly in an id, so no id of a scene is mistaken for it.
+const INLINE: char = '\u{1}';
+
+/// Decodes a plugin's table into its `Config`, and reports *all* that is wrong with it.
+///
+/// Serde stops at the first error. To find the others, the entry at fault is taken out and the rest is
+/// decoded again; that a required key is missing is then no news.
+pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> {
+    let mut rest = table.clone();
+    let mut removed: Vec<String> = Vec::new();
+    let mut errors = SceneErrors::default();
+    loop {
+        let deserializer = ValueDeserializer::from(Spanned::new(
+            rest.span(),
+            DeValue::Table(rest.get_ref().clone()),
+        ));
+        let error = match C::deserialize(deserializer) {
+            Ok(config) => return errors.into_result(config),
+            Err(error) => error,
+        };
+        let mut message = error.message().trim().to_owned();
+        let consequence = removed
+            .iter()
+            .any(|key| message == format!("missing field `{key}`"));
+        if consequence {
+            return Err(errors);
+        }
+        let mut span = error.span().unwrap_or_else(|| table.span());
+        if let Some((index, fault)) = split_element(&message)
+            && let Some(element) = rest.get_ref().values().find_map(|v| element_span(v, &span, index))
+        {
+            (span, message) = (element, fault.to_owned());
+        }
+        let at_fault = rest.get_ref().iter().find_map(|(key, value)| {
+            let covers = |outer: SourceSpan| outer.start <= span.start && span.end <= outer.end;
+            (covers(key.span()) || covers(value.span())).then(|| key.get_ref().to_string())
+        });
+        errors.0.push(explain(message, span));
+        match at_fault {
+            // A fault of the table as a whole, such as a missing key, hides no other fault that could
+            // be found without a value for it.
+            None => return Err(errors),
+            Some(key) => {
+                rest.get_mut().remove(key.as_str());
+                removed.push(key);
+            }
+        }
+    }
+}
+
+/// Splits what [`ArrayVisitor`] says about one element into its index and the fault.
+fn split_element(message: &str) -> Option<(usize, &str)> {
+    let (index, fault) = message.strip_prefix("element ")?.split_once(": ")?;
+    Some((index.parse().ok()?, fault))
+}
+
+/// The place of element `index` of the array that lies at `span` in `value`: the TOML deserializer
+/// gives errors the place of the whole array.
+fn element_span(value: &Spanned<DeValue<'_>>, span: &SourceSpan, index: usize) -> Option<SourceSpan> {
+    match value.get_ref() {
+        DeValue::Array(items) if value.span() == *span => Some(items.get(index)?.span()),
+        DeValue::Array(items) => items.iter().find_map(|item| element_span(item, span, index)),
+        DeValue::Table(table) => table.values().find_map(|item| element_span(item, span, index)),
+        _ => None,
+    }
+}
+
+/// Serde's message with our advice: the nearest key for an unknown one.
+fn explain(message: String, span: SourceSpan) -> SceneError {
+    let mut error = SceneError::at(span, message);
+    if let Some(rest) = error.message.strip_prefix("unknown field `")
+        && let Some((wrong, known)) = rest.split_once('`')
+    {
+        let known: Vec<&str> = known.split('`').skip(1).step_by(2).collect();
+        let (wrong, help) = (
+            wrong.to_owned(),
+            match nearest(wrong, known.iter().copied()) {
+                Some(name) => format!("did you mean `{name}`?"),
+                None if known.is_empty() => "this type has no parameters".to_owned(),
+                None => format!("known keys are {}", quoted(&known)),
+            },
+        );
+        error.message = format!("unknown key `{wrong}`");
+        error.help = Some(help);
+    } else if let Some(rest) = error.message.strip_prefix("missing field ") {
+        error.message = format!("missing key {rest}");
+    } else if let Some(rest) = error.message.strip_prefix("invalid type: ") {
+        error.message = format!("wrong type: {rest}");
+    }
+    error
+}
+
+/// `a`, `b`, `c`.
+fn quoted(names: &[&str]) -> String {
+    let quoted: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+    quoted.join(", ")
+}
+
+macro_rules! number {
+    ($(#[$doc:meta])* $name:ident, $expected:literal, $schema:tt, $accept:expr) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+        pub struct $name(f64);
+
+        impl $name {
+            /// The value if it is in range.
+            pub fn new(value: f64) -> Option<Self> {
+                let accept: fn(f64) -> bool = $accept;
+                accept(value).then_some(Self(value))
+            }
+
+            /// The value.
+            pub const fn get(self) -> f64 {
+                self.0
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let value = deserializer.deserialize_any(NumberVisitor($expected))?;
+                Self::new(value)
+                    .ok_or_else(|| D::Error::custom(format!("expected {}, found {value}", $expected)))
+            }
+        }
+
+        impl JsonSchema for $name {
+            fn schema_name() -> Cow<'static, str> {
+                stringify!($name).into()
+            }
+            fn inline_schema() -> bool {
+                true
+            }
+            fn json_schema(_: &mut SchemaGenerator) -> Schema {
+                json_schema!($schema)
+            }
+        }
+    };
+}
+
+number!(
+    /// A finite number.
+    Finite, "a finite number", { "type": "number" }, f64::is_finite
+);
+number!(
+    /// A finite number greater than 0.
+    Positive, "a finite number greater than 0", { "type": "number", "exclusiveMinimum": 0 },
+    |x| x.is_finite() && x > 0.0
+);
+number!(
+    /// A finite number of at least 0.
+    NonNegative, "a finite number of at least 0", { "type": "number", "minimum": 0 },
+    |x| x.is_finite() && x >= 0.0
+);
+number!(
+    /// A number from 0 to 1.
+    UnitInterval, "a number from 0 to 1", { "type": "number", "minimum": 0, "maximum": 1 },
+    |x| (0.0..=1.0).contains(&x)
+);
+
+struct NumberVisitor(&'static str);
+
+impl Visitor<'_> for NumberVisitor {
+    type Value = f64;
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.0)
+    }
+    fn visit_f64<E: Error>(self, value: f64) -> Result<f64, E> {
+        Ok(value)
+    }
+    fn visit_i64<E: Error>(self, value: i64) -> Result<f64, E> {
+        Ok(value as f64)
+    }
+    fn visit_u64<E: Error>(self, value: u64) -> Result<f64, E> {
+        Ok(value as f64)
+    }
+}
+
+/// A point or a vector: three finite numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vector3(DVec3);
+
+impl Vector3 {
+    /// From components, which must be finite.
+    pub const fn new(x: f64, y: f64, z: f64) -> Self {
+        Self(DVec3::new(x, y, z))
+    }
+
+    /// The components.
+    pub const fn get(self) -> DVec3 {
+        self.0
+    }
+}
+
+impl<'de> Deserialize<'de> for Vector3 {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let [x, y, z] = deserializer.deserialize_seq(ArrayVisitor::<Finite, 3>::new())?;
+        Ok(Self::new(x.get(), y.get(), z.get()))
+    }
+}
+
+impl JsonSchema for Vector3 {
+    fn schema_name() -> Cow<'static, str> {
+        "Vector3".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "array", "items": { "type": "number" }, "minItems": 3, "maxItems": 3 })
+    }
+}
+
+/// A pair of finite numbers, such as texture coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vector2(DVec2);
+
+impl Vector2 {
+    /// From components, which must be finite.
+    pub const fn new(x: f64, y: f64) -> Self {
+        Self(DVec2::new(x, y))
+    }
+
+    /// The components.
+    pub const fn get(self) -> DVec2 {
+        self.0
+    }
+}
+
+impl<'de> Deserialize<'de> for Vector2 {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let [x, y] = deserializer.deserialize_seq(ArrayVisitor::<Finite, 2>::new())?;
+        Ok(Self::new(x.get(), y.get()))
+    }
+}
+
+impl JsonSchema for Vector2 {
+    fn schema_name() -> Cow<'static, str> {
+        "Vector2".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "array", "items": { "type": "number" }, "minItems": 2, "maxItems": 2 })
+    }
+}
+
+/// One number for both, or a pair: a scale in two directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale2(DVec2);
+
+impl Scale2 {
+    /// The same in both directions.
+    pub const fn splat(value: f64) -> Self {
+        Self(DVec2::splat(value))
+    }
+
+    /// The two factors.
+    pub const fn get(self) -> DVec2 {
+        self.0
+    }
+}
+
+impl<'de> Deserialize<'de> for Scale2 {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let visitor = GreyOr::<Finite, 2>::new("a number or a pair of numbers");
+        let [x, y] = deserializer.deserialize_any(visitor)?;
+        Ok(Self(DVec2::new(x.get(), y.get())))
+    }
+}
+
+impl JsonSchema for Scale2 {
+    fn schema_name() -> Cow<'static, str> {
+        "Scale2".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [
+            { "type": "number" },
+            { "type": "array", "items": { "type": "number" }, "minItems": 2, "maxItems": 2 }
+        ] })
+    }
+}
+
+/// A colour of at least 0 in every channel: a number (grey) or three numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Color(Rgb);
+
+impl Color {
+    /// Grey; `value` must be finite and at least 0.
+    pub const fn grey(value: f64) -> Self {
+        Self(Rgb::splat(value))
+    }
+
+    /// The colour.
+    pub const fn get(self) -> Rgb {
+        self.0
+    }
+}
+
+impl<'de> Deserialize<'de> for Color {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let visitor = GreyOr::<NonNegative, 3>::new("a colour: a number or three numbers");
+        let [r, g, b] = deserializer.deserialize_any(visitor)?;
+        Ok(Self(Rgb::new(r.get(), g.get(), b.get())))
+    }
+}
+
+impl JsonSchema for Color {
+    fn schema_name() -> Cow<'static, str> {
+        "Color".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [
+            { "type": "number", "minimum": 0 },
+            { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 3 }
+        ] })
+    }
+}
+
+/// A reference to a plugin of another family where a table names or contains it: the id of a shared
+/// one, or an inline table, which the scene crate has taken out before and replaced by
+/// [`inline_reference`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum PluginRef {
+    /// The id under which the scene shares it.
+    Shared(String),
+    /// The number of an inline table that was hoisted.
+    Inline(usize),
+}
+
+impl From<&str> for PluginRef {
+    fn from(text: &str) -> Self {
+        match text.strip_prefix(INLINE).map(str::parse) {
+            Some(Ok(index)) => Self::Inline(index),
+            _ => Self::Shared(text.to_owned()),
+        }
+    }
+}
+
+/// A colour parameter as it is written: a number, three numbers, the id of a shared texture, or an
+/// inline texture. [`crate::Context::texture`] turns it into a [`crate::ColorSource`].
+#[derive(Clone, Debug)]
+pub struct TextureRef {
+    /// Place in the source; `None` for a default.
+    pub span: Option<SourceSpan>,
+    /// What is there.
+    pub value: TextureValue,
+}
+
+/// See [`TextureRef`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum TextureValue {
+    /// A constant colour.
+    Constant(Rgb),
+    /// A texture.
+    Plugin(PluginRef),
+}
+
+impl TextureRef {
+    /// A default.
+    pub const fn grey(value: f64) -> Self {
+        Self {
+            span: None,
+            value: TextureValue::Constant(Rgb::splat(value)),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for TextureRef {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let value = Spanned::<TextureValue>::deserialize(deserializer)?;
+        Ok(Self {
+            span: Some(value.span()),
+            value: value.into_inner(),
+        })
+    }
+}
+
+impl<'de> Deserialize<'de> for TextureValue {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct AnyTexture;
+        impl<'de> Visitor<'de> for AnyTexture {
+            type Value = TextureValue;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a colour, the id of a texture, or a table with a `type`")
+            }
+            fn visit_str<E: Error>(self, text: &str) -> Result<TextureValue, E> {
+                Ok(TextureValue::Plugin(text.into()))
+            }
+            fn visit_f64<E: Error>(self, value: f64) -> Result<TextureValue, E> {
+                let value = NonNegative::new(value)
+                    .ok_or_else(|| E::custom(format!("expected a colour of at least 0, found {value}")))?;
+                Ok(TextureValue::Constant(Rgb::splat(value.get())))
+            }
+            fn visit_i64<E: Error>(self, value: i64) -> Result<TextureValue, E> {
+                self.visit_f64(value as f64)
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<TextureValue, A::Error> {
+                let [r, g, b] = ArrayVisitor::<NonNegative, 3>::new().visit_seq(seq)?;
+                Ok(TextureValue::Constant(Rgb::new(r.get(), g.get(), b.get())))
+            }
+        }
+        deserializer.deserialize_any(AnyTexture)
+    }
+}
+
+impl JsonSchema for TextureRef {
+    fn schema_name() -> Cow<'static, str> {
+        "TextureRef".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [
+            { "type": "number", "minimum": 0 },
+            { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 3 },
+            { "type": "string", "description": "id of a shared texture" },
+            { "type": "object", "properties": { "type": { "type": "string" } }, "required": ["type"] }
+        ] })
+    }
+}
+
+/// The path of a file, relative to the folder of the scene, with its place in the source. The key
+/// that holds it is always called `file`.
+#[derive(Clone, Debug)]
+pub struct FilePath {
+    /// Place in the source.
+    pub span: SourceSpan,
+    /// As written.
+    pub path: String,
+}
+
+impl<'de> Deserialize<'de> for FilePath {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let path = Spanned::<String>::deserialize(deserializer)?;
+        Ok(Self {
+            span: path.span(),
+            path: path.into_inner(),
+        })
+    }
+}
+
+impl JsonSchema for FilePath {
+    fn schema_name() -> Cow<'static, str> {
+        "FilePath".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "description": "path relative to the scene file" })
+    }
+}
+
+/// Exactly N values.
+struct ArrayVisitor<T, const N: usize>(std::marker::PhantomData<T>);
+
+impl<T, const N: usize> ArrayVisitor<T, N> {
+    fn new() -> Self {
+        Self(std::marker::PhantomData)
+    }
+}
+
+impl<'de, T: Deserialize<'de> + Copy, const N: usize> Visitor<'de> for ArrayVisitor<T, N> {
+    type Value = [T; N];
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "an array of {N} numbers")
+    }
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<[T; N], A::Error> {
+        let mut values = Vec::with_capacity(N);
+        loop {
+            let next = seq
+                .next_element::<T>()
+                .map_err(|error| A::Error::custom(format!("element {}: {error}", values.len())))?;
+            let Some(value) = next else { break };
+            // More than N values need not be kept to be counted as too many.
+            if values.len() == N {
+                return Err(A::Error::custom(format!("expected an array of {N} numbers, found more")));
+            }
+            values.push(value);
+        }
+        let found = values.len();
+        values
+            .try_into()
+            .map_err(|_| A::Error::custom(format!("expected an array of {N} numbers, found {found}")))
+    }
+}
+
+/// One number, meant N times, or exactly N.
+struct GreyOr<T, const N: usize> {
+    expected: &'static str,
+    array: ArrayVisitor<T, N>,
+}
+
+impl<T, const N: usize> GreyOr<T, N> {
+    fn new(expected: &'static str) -> Self {
+        Self {
+            expected,
+            array: ArrayVisitor::new(),
+        }
+    }
+}
+
+impl<'de, T: Deserialize<'de> + Copy, const N: usize> Visitor<'de> for GreyOr<T, N> {
+    type Value = [T; N];
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.expected)
+    }
+    fn visit_f64<E: Error>(self, value: f64) -> Result<[T; N], E> {
+        let deserializer: serde::de::value::F64Deserializer<E> =
+            serde::de::IntoDeserializer::into_deserializer(value);
+        Ok([T::deserialize(deserializer)?; N])
+    }
+    fn visit_i64<E: Error>(self, value: i64) -> Result<[T; N], E> {
+        self.visit_f64(value as f64)
+    }
+    fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<[T; N], A::Error> {
+        self.array.visit_seq(seq)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(dead_code, reason = "only decoding is tested")]
+    struct Ball {
+        center: Vector3,
+        radius: Positive,
+        tint: Option<Color>,
+        albedo: Option<TextureRef>,
+    }
+
+    fn decode_text(text: &str) -> Result<Ball, SceneErrors> {
+        decode(&DeTable::parse(text).unwrap())
+    }
+
+    #[test]
+    fn all_faults_of_a_table_are_found_at_their_places() {
+        let text = "center = [0, nan, 0]\nradius = -1\nradios = 2\ntint = [1, 2]\n";
+        let errors = decode_text(text).unwrap_err().0;
+        let mut found: Vec<(&str, String)> = errors
+            .iter()
+            .map(|e| (&text[e.span.clone().unwrap()], e.message.clone()))
+            .collect();
+        found.sort();
+        assert_eq!(found[0].0, "-1");
+        assert_eq!(found[0].1, "expected a finite number greater than 0, found -1");
+        assert_eq!(found[1].0, "[1, 2]");
+        assert_eq!(found[2].0, "nan");
+        assert_eq!(found[3].0, "radios");
+        assert_eq!(found.len(), 4);
+    }
+
+    #[test]
+    fn integers_count_as_numbers_and_missing_keys_are_named() {
+        assert!(decode_text("center = [0, 1, 0]\nradius = 1\nalbedo = 1").is_ok());
+        let errors = decode_text("radius = 1").unwrap_err();
+        assert_eq!(errors.0[0].message, "missing key `center`");
+    }
+
+    #[test]
+    fn inline_references_are_told_from_ids() {
+        assert_eq!(PluginRef::from("floor"), PluginRef::Shared("floor".into()));
+        assert_eq!(PluginRef::from(inline_reference(7).as_str()), PluginRef::Inline(7));
+    }
+}

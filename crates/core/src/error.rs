@@ -1,0 +1,148 @@
+use std::fmt;
+use std::ops::Range;
+use thiserror::Error;
+
+/// A range of bytes in the scene's source text. When a scene has several files, the ranges of all of
+/// them lie behind one another; the scene crate's source map turns a range into file, line, column.
+pub type SourceSpan = Range<usize>;
+
+/// One thing that is wrong with a scene, at its place.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("{message}")]
+pub struct SceneError {
+    /// The offending value; `None` only if the fault has no place (an empty document).
+    pub span: Option<SourceSpan>,
+    /// What is wrong, and what was expected.
+    pub message: String,
+    /// What to do about it.
+    pub help: Option<String>,
+}
+
+impl SceneError {
+    /// An error at a place.
+    pub fn at(span: SourceSpan, message: impl Into<String>) -> Self {
+        Self {
+            span: Some(span),
+            message: message.into(),
+            help: None,
+        }
+    }
+
+    /// An error without a place; the caller that knows the plugin's table adds it.
+    pub fn anywhere(message: impl Into<String>) -> Self {
+        Self {
+            span: None,
+            message: message.into(),
+            help: None,
+        }
+    }
+
+    /// The same with advice.
+    #[must_use]
+    pub fn with_help(mut self, help: impl Into<String>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+}
+
+/// All that is wrong with a scene: never empty where it is returned as an error.
+#[derive(Clone, Debug, Default, Error, PartialEq, Eq)]
+pub struct SceneErrors(pub Vec<SceneError>);
+
+impl SceneErrors {
+    /// Adds the errors of a failed step and gives back the value of a good one.
+    pub fn take<T>(&mut self, result: Result<T, Self>) -> Option<T> {
+        match result {
+            Ok(value) => Some(value),
+            Err(errors) => {
+                self.0.extend(errors.0);
+                None
+            }
+        }
+    }
+
+    /// Gives errors that have no place the place `span`.
+    #[must_use]
+    pub fn or_at(mut self, span: &SourceSpan) -> Self {
+        for error in &mut self.0 {
+            error.span.get_or_insert_with(|| span.clone());
+        }
+        self
+    }
+
+    /// `Ok(value)` if there is no error, else all of them.
+    pub fn into_result<T>(self, value: T) -> Result<T, Self> {
+        if self.0.is_empty() { Ok(value) } else { Err(self) }
+    }
+}
+
+impl From<SceneError> for SceneErrors {
+    fn from(error: SceneError) -> Self {
+        Self(vec![error])
+    }
+}
+
+impl fmt::Display for SceneErrors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, error) in self.0.iter().enumerate() {
+            if i > 0 {
+                f.write_str("\n")?;
+            }
+            write!(f, "{error}")?;
+        }
+        Ok(())
+    }
+}
+
+/// A plugin type was registered twice.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("{family} type \"{name}\" is registered twice: by {first} and by {second}")]
+pub struct DuplicateType {
+    /// The family, such as "shape".
+    pub family: &'static str,
+    /// The TOML `type`.
+    pub name: &'static str,
+    /// Crate that registered it first.
+    pub first: &'static str,
+    /// Crate that tried again.
+    pub second: &'static str,
+}
+
+/// The candidate nearest to `name` by edit distance, if it is near enough to be a slip of the pen.
+pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    candidates
+        .into_iter()
+        .map(|candidate| (edit_distance(name, candidate), candidate))
+        .min()
+        .filter(|(distance, candidate)| *distance <= 1 + candidate.len().max(name.len()) / 4)
+        .map(|(_, candidate)| candidate)
+}
+
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, cb) in b.iter().enumerate() {
+            let substitute = diagonal + usize::from(ca != *cb);
+            diagonal = row[j + 1];
+            row[j + 1] = substitute.min(row[j] + 1).min(row[j + 1] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slips_are_found_and_strangers_are_not() {
+        let known = ["sphere", "plane", "rectangle"];
+        assert_eq!(nearest("shpere", known), Some("sphere"));
+        assert_eq!(nearest("rectangel", known), Some("rectangle"));
+        assert_eq!(nearest("teapot", known), None);
+        assert_eq!(nearest("", known), None);
+    }
+}

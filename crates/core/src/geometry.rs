@@ -1,0 +1,175 @@
+use crate::triangle::{ShearedRay, TriangleHit};
+use crate::{Aabb, InstancePath, Interval, Needs, PrimitiveHit, RawHit, Ray, Shape, Skip, SurfacePoint};
+use glam::{DVec2, DVec3};
+
+/// An indexed triangle mesh in world space.
+#[derive(Clone, Debug, Default)]
+pub struct TriangleMesh {
+    /// Vertex positions in metres.
+    pub positions: Vec<DVec3>,
+    /// Unit vertex normals, as many as positions, or none.
+    pub normals: Vec<DVec3>,
+    /// Texture coordinates, as many as positions, or none (then they are zero).
+    pub uvs: Vec<DVec2>,
+    /// Three vertex numbers a triangle, all below the number of positions.
+    pub triangles: Vec<[u32; 3]>,
+    /// -1 if the transform that was applied to the positions mirrors, else 1: the winding says where
+    /// outside is in object space.
+    pub orientation: f64,
+}
+
+impl TriangleMesh {
+    /// The corners of a triangle.
+    #[inline]
+    pub fn corners(&self, triangle: u32) -> [DVec3; 3] {
+        self.triangles[triangle as usize].map(|i| self.positions[i as usize])
+    }
+
+    /// The hit of a sheared ray with a triangle.
+    #[inline]
+    pub fn intersect(&self, ray: &ShearedRay, triangle: u32) -> Option<TriangleHit> {
+        let [a, b, c] = self.corners(triangle);
+        ray.intersect(a, b, c)
+    }
+
+    fn surface(&self, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let indices = self.triangles[hit.primitive as usize];
+        let [a, b, c] = indices.map(|i| self.positions[i as usize]);
+        let DVec2 { x: u, y: v } = hit.params;
+        let weights = [1.0 - u - v, u, v];
+        let position = weights[0] * a + weights[1] * b + weights[2] * c;
+        // Pharr, Jakob, Humphreys, PBR (4th ed.), 6.8.4: gamma(7) times the sum of the absolute
+        // products; the weights are at most 1, and one unit more pays for the rounding of the leave.
+        let largest = a.abs().max(b.abs()).max(c.abs()).max_element();
+        let error = 8.0 * f64::EPSILON * largest;
+        let n_g = (b - a).cross(c - a).normalize() * self.orientation;
+        let mut point = SurfacePoint::new(position, error, n_g);
+        let blend = |values: [DVec3; 3]| {
+            weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2]
+        };
+        if needs.contains(Needs::SHADING_NORMAL) && !self.normals.is_empty() {
+            let n_s = blend(indices.map(|i| self.normals[i as usize]));
+            // Opposite vertex normals can cancel: then only the geometry is left to go by.
+            point.n_s = n_s.try_normalize().unwrap_or(n_g);
+        }
+        if needs.contains(Needs::UV) && !self.uvs.is_empty() {
+            point.uv = blend(indices.map(|i| self.uvs[i as usize].extend(0.0))).truncate();
+        }
+        point
+    }
+}
+
+/// One thing that an accelerator stores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Element {
+    /// A triangle of the mesh that is this shape.
+    Triangle {
+        /// Number of the shape.
+        shape: u32,
+        /// Number of the triangle in it.
+        triangle: u32,
+    },
+    /// The shape as a whole.
+    Opaque {
+        /// Number of the shape.
+        shape: u32,
+    },
+}
+
+/// All shapes of a scene, by number. Accelerators are built over its elements.
+#[derive(Default)]
+pub struct Geometry {
+    shapes: Vec<Shape>,
+}
+
+impl Geometry {
+    /// From the shapes in the order of the scene.
+    pub fn new(shapes: Vec<Shape>) -> Self {
+        Self { shapes }
+    }
+
+    /// The shapes by number.
+    pub fn shapes(&self) -> &[Shape] {
+        &self.shapes
+    }
+
+    /// Everything that can be hit, in the order in which ties are decided.
+    pub fn elements(&self) -> impl Iterator<Item = Element> + '_ {
+        self.shapes.iter().zip(0u32..).flat_map(|(part, shape)| {
+            let count = match part {
+                Shape::Triangles(mesh) => mesh.triangles.len(),
+                Shape::Opaque(_) => 1,
+            };
+            (0..count as u32).map(move |triangle| match part {
+                Shape::Triangles(_) => Element::Triangle { shape, triangle },
+                Shape::Opaque(_) => Element::Opaque { shape },
+            })
+        })
+    }
+
+    /// Bounds of an element.
+    pub fn bounds(&self, element: Element) -> Aabb {
+        match (element, &self.shapes[element.shape() as usize]) {
+            (Element::Triangle { triangle, .. }, Shape::Triangles(mesh)) => {
+                Aabb::around(mesh.corners(triangle))
+            }
+            (_, Shape::Opaque(primitive)) => primitive.bounds(),
+            (Element::Opaque { .. }, Shape::Triangles(mesh)) => {
+                Aabb::around(mesh.positions.iter().copied())
+            }
+        }
+    }
+
+    /// The hit of a ray with one element inside the interval. `sheared` must be made from `ray`.
+    #[inline]
+    pub fn intersect(
+        &self,
+        element: Element,
+        ray: &Ray,
+        sheared: &ShearedRay,
+        interval: Interval,
+        skip: Skip,
+    ) -> Option<RawHit> {
+        let shape = element.shape();
+        let leaves = skip.of_shape(InstancePath::WORLD, shape);
+        let hit = match (element, &self.shapes[shape as usize]) {
+            (Element::Triangle { triangle, .. }, Shape::Triangles(mesh)) => {
+                if leaves == Some(triangle) {
+                    return None;
+                }
+                let TriangleHit { t, u, v } = mesh.intersect(sheared, triangle)?;
+                PrimitiveHit {
+                    t,
+                    primitive: triangle,
+                    params: DVec2::new(u, v),
+                }
+            }
+            (_, Shape::Opaque(primitive)) => primitive.closest(ray, interval, leaves)?,
+            (Element::Opaque { .. }, Shape::Triangles(_)) => return None,
+        };
+        interval.contains(hit.t).then_some(RawHit {
+            t: hit.t,
+            params: hit.params,
+            instance: InstancePath::WORLD,
+            shape,
+            primitive: hit.primitive,
+        })
+    }
+
+    /// The surface at a hit of this ray.
+    pub fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        match &self.shapes[hit.shape as usize] {
+            Shape::Triangles(mesh) => mesh.surface(hit, needs),
+            Shape::Opaque(primitive) => primitive.surface(ray, hit, needs),
+        }
+    }
+}
+
+impl Element {
+    /// Number of the shape that the element belongs to.
+    pub fn shape(self) -> u32 {
+        match self {
+            Self::Triangle { shape, .. } | Self::Opaque { shape } => shape,
+        }
+    }
+}

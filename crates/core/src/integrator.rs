@@ -1,0 +1,166 @@
+use crate::{
+    Accelerator, Geometry, Incoming, Interval, Light, LightGives, LightSample, Material, Needs, RawHit,
+    Ray, Rgb, Skip, SurfacePoint,
+};
+use glam::DVec3;
+use std::sync::Arc;
+
+/// Computes the radiance that arrives along a camera ray.
+pub trait Integrator: Send + Sync {
+    /// Whether it follows the branches of materials: if not, the plan leaves out what only branches need.
+    fn follows_branches(&self) -> bool;
+
+    /// Radiance along the ray, a pure function of world and ray. `scratch` is working memory, kept
+    /// between calls of one thread, and counts the rays.
+    fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb;
+}
+
+/// What an integrator sees of a scene, ready to trace.
+pub struct World {
+    /// All shapes.
+    pub geometry: Arc<Geometry>,
+    /// Over the geometry.
+    pub accelerator: Box<dyn Accelerator>,
+    /// The material of each shape, by its number.
+    pub materials: Vec<Arc<dyn Material>>,
+    /// Lights that give samples, in the order of the scene.
+    pub lights: Vec<Arc<dyn Light>>,
+    /// Lights that are seen behind everything.
+    pub backgrounds: Vec<Arc<dyn Light>>,
+    /// Sum of the ambient radiances.
+    pub ambient: Rgb,
+    /// Union of what the materials in use read.
+    pub needs: Needs,
+}
+
+impl World {
+    /// Sorts lights by what they give.
+    pub fn new(
+        geometry: Arc<Geometry>,
+        accelerator: Box<dyn Accelerator>,
+        materials: Vec<Arc<dyn Material>>,
+        lights: Vec<Arc<dyn Light>>,
+    ) -> Self {
+        let needs = materials
+            .iter()
+            .fold(Needs::NOTHING, |needs, material| needs | material.needs());
+        let ambient = lights.iter().map(|light| light.ambient()).sum();
+        let giving = |what| -> Vec<Arc<dyn Light>> {
+            let mut chosen = lights.clone();
+            chosen.retain(|light| light.gives().contains(what));
+            chosen
+        };
+        let (samplers, backgrounds) = (giving(LightGives::SAMPLES), giving(LightGives::BACKGROUND));
+        Self {
+            geometry,
+            accelerator,
+            materials,
+            lights: samplers,
+            backgrounds,
+            ambient,
+            needs,
+        }
+    }
+
+    /// What a ray sees that hits nothing.
+    pub fn background(&self, direction: DVec3) -> Rgb {
+        self.backgrounds
+            .iter()
+            .map(|light| light.background(direction))
+            .sum()
+    }
+
+    /// The surface at a hit, with the normals and coordinates that the materials read.
+    pub fn surface(&self, ray: &Ray, hit: &RawHit) -> SurfacePoint {
+        self.geometry.surface(ray, hit, self.needs)
+    }
+
+    /// The lights that reach a surface point on the side of `view`, into `scratch.incoming`.
+    pub fn gather_lights(
+        &self,
+        point: &SurfacePoint,
+        view: DVec3,
+        skip: Skip,
+        shadows: bool,
+        scratch: &mut Scratch,
+    ) {
+        scratch.incoming.clear();
+        scratch.samples.clear();
+        for light in &self.lights {
+            light.samples(point.position, &mut scratch.samples);
+        }
+        let n = point.n_towards(view);
+        for sample in &scratch.samples {
+            let lit = n.dot(sample.direction) > 0.0
+                && point.same_side(view, sample.direction)
+                && !sample.irradiance.is_black();
+            if !lit {
+                continue;
+            }
+            if shadows {
+                scratch.counters.shadow += 1;
+                let ray = Ray::new(point.leave(sample.direction), sample.direction);
+                if self
+                    .accelerator
+                    .occluded(&ray, Interval::up_to(sample.distance), skip)
+                {
+                    continue;
+                }
+            }
+            scratch.incoming.push(Incoming {
+                direction: sample.direction,
+                irradiance: sample.irradiance,
+            });
+        }
+    }
+}
+
+/// Working memory of one thread.
+#[derive(Default)]
+pub struct Scratch {
+    /// Light samples before the shadow test.
+    pub samples: Vec<LightSample>,
+    /// Lights that reach the point being shaded.
+    pub incoming: Vec<Incoming>,
+    /// Rays still to be traced.
+    pub pending: Vec<PathState>,
+    /// Rays traced so far by this thread.
+    pub counters: Counters,
+}
+
+/// A ray of the tree under a camera ray, waiting to be traced.
+#[derive(Clone, Copy, Debug)]
+pub struct PathState {
+    /// In world space, unit direction.
+    pub ray: Ray,
+    /// The primitive it leaves.
+    pub skip: Skip,
+    /// Factor on its radiance in the pixel.
+    pub throughput: Rgb,
+    /// Absorption coefficient of the medium it travels in, per metre.
+    pub absorption: Rgb,
+    /// Bounces before it: 0 for a camera ray.
+    pub depth: u32,
+}
+
+/// Rays traced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Nearest-hit queries: camera rays and branches.
+    pub closest: u64,
+    /// Shadow rays.
+    pub shadow: u64,
+}
+
+impl Counters {
+    /// Both kinds together.
+    pub fn total(&self) -> u64 {
+        self.closest + self.shadow
+    }
+
+    /// Adds the counts of another thread.
+    pub fn add(&mut self, other: Self) {
+        self.closest += other.closest;
+        self.shadow += other.shadow;
+    }
+}

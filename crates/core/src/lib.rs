@@ -1,0 +1,41 @@
+//! The vocabulary of Whitstone: geometry in `f64`, the traits that plugins implement, the registry
+//! that names them, and errors that point into the scene file.
+//!
+//! This crate does no input or output and knows no plugin. Everything else depends on it, and it on
+//! nothing of the workspace. The meaning of every quantity is fixed in `docs/whitted-model.md`.
+
+mod accelerator;
+mod camera;
+mod color;
+pub mod config;
+mod error;
+mod geometry;
+mod integrator;
+mod light;
+mod material;
+mod ray;
+mod registry;
+mod sampler;
+mod shape;
+mod texture;
+mod transform;
+pub mod triangle;
+
+pub use accelerator::{Accelerator, Statistics};
+pub use camera::{Camera, FilmSize};
+pub use color::Rgb;
+pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
+pub use geometry::{Element, Geometry, TriangleMesh};
+pub use glam::{DAffine3, DMat3, DVec2, DVec3};
+pub use integrator::{Counters, Integrator, PathState, Scratch, World};
+pub use light::{Light, LightGives, LightSample};
+pub use material::{Branch, BranchKind, Branches, Illumination, Incoming, Lobes, Material};
+pub use ray::{Aabb, Interval, Ray};
+pub use registry::{
+    Accelerators, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights, Materials,
+    Plugin, Registry, Samplers, Shapes, Textures,
+};
+pub use sampler::Sampler;
+pub use shape::{InstancePath, Needs, Primitive, PrimitiveHit, RawHit, Shape, Skip, SurfacePoint};
+pub use texture::{ColorSource, Texture};
+pub use transform::Transform;

@@ -1,0 +1,68 @@
+use crate::Rgb;
+use glam::DVec3;
+use std::ops::{BitOr, BitOrAssign};
+
+/// A source of light. A light gives some of: samples that reach a point along a direction, a uniform
+/// ambient radiance, the radiance of what lies behind everything.
+pub trait Light: Send + Sync {
+    /// Which of the methods below give something.
+    fn gives(&self) -> LightGives;
+
+    /// Adds what arrives at a point, not yet tested for shadows: at most a fixed number of samples.
+    fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
+        let _ = (point, out);
+    }
+
+    /// Uniform radiance from all around, for the materials' ambient terms.
+    fn ambient(&self) -> Rgb {
+        Rgb::BLACK
+    }
+
+    /// Radiance seen by a ray in unit direction `direction` that hits nothing.
+    fn background(&self, direction: DVec3) -> Rgb {
+        let _ = direction;
+        Rgb::BLACK
+    }
+}
+
+/// Light that may reach a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightSample {
+    /// Unit direction from the point to the light.
+    pub direction: DVec3,
+    /// In metres; infinite for directional lights.
+    pub distance: f64,
+    /// Irradiance in W/m² on a surface that faces the light.
+    pub irradiance: Rgb,
+}
+
+/// Which contributions a light makes, as a set.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LightGives(u8);
+
+impl LightGives {
+    /// [`Light::samples`].
+    pub const SAMPLES: Self = Self(1);
+    /// [`Light::ambient`].
+    pub const AMBIENT: Self = Self(2);
+    /// [`Light::background`].
+    pub const BACKGROUND: Self = Self(4);
+
+    /// Whether all of `other` is in this set.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+impl BitOr for LightGives {
+    type Output = Self;
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl BitOrAssign for LightGives {
+    fn bitor_assign(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+}

@@ -1,0 +1,192 @@
+use crate::{Aabb, Interval, Ray, TriangleMesh};
+use glam::{DVec2, DVec3};
+use std::ops::{BitOr, BitOrAssign};
+
+/// What a shape turns itself into: the only two things that an accelerator sees. Its number in the
+/// scene (`shape_id`) is the place of its table in the file.
+#[non_exhaustive]
+pub enum Shape {
+    /// Triangles in world space.
+    Triangles(TriangleMesh),
+    /// Anything else that can intersect a ray.
+    Opaque(Box<dyn Primitive>),
+}
+
+/// A thing that rays hit and that is not made of triangles, in world space.
+///
+/// **Purity law**: what is returned depends on the ray, the skipped primitive and the object only; the
+/// interval merely filters. Without it, images would depend on the order in which an accelerator visits
+/// its nodes.
+pub trait Primitive: Send + Sync {
+    /// A box that holds every point that a ray can hit; infinite for endless shapes.
+    fn bounds(&self) -> Aabb;
+
+    /// The nearest hit inside the interval. `leaves` names the sub-primitive that the ray was spawned
+    /// on, if it is one of this object's: a planar one is not hit again; a curved one ignores the root
+    /// that is the start itself.
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit>;
+
+    /// The surface at a hit that `closest` returned for this ray. Only what `needs` names must be
+    /// right in the result.
+    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
+}
+
+/// A hit as a primitive sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PrimitiveHit {
+    /// Ray parameter.
+    pub t: f64,
+    /// Number of the sub-primitive (the face of a box); 0 where there is one only.
+    pub primitive: u32,
+    /// Two surface parameters; their meaning is the primitive's own.
+    pub params: DVec2,
+}
+
+/// Which copy of a shape was hit: [`InstancePath::WORLD`] for what is not instanced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct InstancePath(pub u32);
+
+impl InstancePath {
+    /// Not inside any instance.
+    pub const WORLD: Self = Self(0);
+}
+
+/// A hit as an accelerator returns it: no normals, no texture coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RawHit {
+    /// Ray parameter.
+    pub t: f64,
+    /// Two surface parameters; for triangles the barycentric weights of the second and third vertex.
+    pub params: DVec2,
+    /// Copy of the shape.
+    pub instance: InstancePath,
+    /// Number of the shape in the scene.
+    pub shape: u32,
+    /// Number of the primitive in the shape.
+    pub primitive: u32,
+}
+
+impl RawHit {
+    /// The order in which hits at the same distance win: lowest first.
+    pub fn id(&self) -> (InstancePath, u32, u32) {
+        (self.instance, self.shape, self.primitive)
+    }
+
+    /// Whether this hit is to be preferred to `other`: nearer, or equally near and lower in number.
+    pub fn beats(&self, other: &Self) -> bool {
+        self.t < other.t || (self.t == other.t && self.id() < other.id())
+    }
+}
+
+/// The primitive that a spawned ray starts on, so that it is not hit again by rounding.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Skip(Option<(InstancePath, u32, u32)>);
+
+impl Skip {
+    /// A camera ray: nothing is skipped.
+    pub const NOTHING: Self = Self(None);
+
+    /// A ray that leaves the primitive of `hit`.
+    pub fn leaving(hit: &RawHit) -> Self {
+        Self(Some(hit.id()))
+    }
+
+    /// The sub-primitive of this shape that is left, if it is one of this shape's.
+    #[inline]
+    pub fn of_shape(&self, instance: InstancePath, shape: u32) -> Option<u32> {
+        match self.0 {
+            Some((i, s, primitive)) if i == instance && s == shape => Some(primitive),
+            _ => None,
+        }
+    }
+}
+
+/// What a consumer of surface points wants computed, as a set.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Needs(u32);
+
+impl Needs {
+    /// Position, error bound and geometric normal only: these are always given.
+    pub const NOTHING: Self = Self(0);
+    /// The interpolated normal; without it the shading normal equals the geometric one.
+    pub const SHADING_NORMAL: Self = Self(1);
+    /// Texture coordinates.
+    pub const UV: Self = Self(2);
+
+    /// Whether all of `other` is in this set.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+impl BitOr for Needs {
+    type Output = Self;
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl BitOrAssign for Needs {
+    fn bitor_assign(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+}
+
+/// A point on a surface, in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// On the surface up to `error`.
+    pub position: DVec3,
+    /// Bound on the distance of `position` from the surface, in metres, along its normal: rays leave
+    /// from this far above the surface.
+    pub error: f64,
+    /// Unit normal of the geometry; it points outside.
+    pub n_g: DVec3,
+    /// Unit normal for shading.
+    pub n_s: DVec3,
+    /// Texture coordinates.
+    pub uv: DVec2,
+}
+
+impl SurfacePoint {
+    /// A point whose shading normal is the geometric one and whose texture coordinates are zero.
+    pub const fn new(position: DVec3, error: f64, n_g: DVec3) -> Self {
+        Self {
+            position,
+            error,
+            n_g,
+            n_s: n_g,
+            uv: DVec2::ZERO,
+        }
+    }
+
+    /// Where a ray in direction `d` leaves: on that side of the surface, beyond its error bound.
+    pub fn leave(&self, d: DVec3) -> DVec3 {
+        self.position + (self.error * self.n_g.dot(d).signum()) * self.n_g
+    }
+
+    /// Rule S of the model: the shading normal, made to agree with the geometric one about the side
+    /// that the viewer (in direction `view`) is on.
+    #[must_use]
+    pub fn seen_from(mut self, view: DVec3) -> Self {
+        if self.n_s.dot(view) * self.n_g.dot(view) < 0.0 {
+            self.n_s = -self.n_s;
+        }
+        self
+    }
+
+    /// The shading normal turned towards a viewer in direction `view`; after [`Self::seen_from`].
+    pub fn n_towards(&self, view: DVec3) -> DVec3 {
+        if self.n_g.dot(view) >= 0.0 { self.n_s } else { -self.n_s }
+    }
+
+    /// Rule G of the model for directions that must be on the viewer's side of the geometry.
+    pub fn same_side(&self, a: DVec3, b: DVec3) -> bool {
+        self.n_g.dot(a) * self.n_g.dot(b) > 0.0
+    }
+
+    /// Rule G for transmitted directions.
+    pub fn opposite_sides(&self, a: DVec3, b: DVec3) -> bool {
+        self.n_g.dot(a) * self.n_g.dot(b) < 0.0
+    }
+}

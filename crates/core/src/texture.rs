@@ -1,0 +1,44 @@
+use crate::{Needs, Rgb, SurfacePoint};
+use std::sync::Arc;
+
+/// A colour that varies over a surface.
+pub trait Texture: Send + Sync {
+    /// What it reads of a surface point.
+    fn needs(&self) -> Needs;
+
+    /// The linear value at a point.
+    fn value(&self, point: &SurfacePoint) -> Rgb;
+}
+
+/// A colour parameter of a plugin: a constant costs no call.
+#[derive(Clone)]
+pub enum ColorSource {
+    /// The same everywhere.
+    Constant(Rgb),
+    /// Looked up at each point.
+    Texture(Arc<dyn Texture>),
+}
+
+impl ColorSource {
+    /// The value at a point.
+    #[inline]
+    pub fn value(&self, point: &SurfacePoint) -> Rgb {
+        match self {
+            Self::Constant(value) => *value,
+            Self::Texture(texture) => texture.value(point),
+        }
+    }
+
+    /// What it reads of a surface point.
+    pub fn needs(&self) -> Needs {
+        match self {
+            Self::Constant(_) => Needs::NOTHING,
+            Self::Texture(texture) => texture.needs(),
+        }
+    }
+
+    /// Whether it is zero everywhere, as far as is known without looking at points.
+    pub fn is_black(&self) -> bool {
+        matches!(self, Self::Constant(value) if value.is_black())
+    }
+}

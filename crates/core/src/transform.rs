@@ -1,0 +1,119 @@
+use crate::{Aabb, Ray};
+use glam::{DAffine3, DMat3, DVec3};
+
+/// An invertible affine map between a shape's own space and world space, with its inverse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transform {
+    world_from_object: DAffine3,
+    object_from_world: DAffine3,
+}
+
+impl Transform {
+    /// The map that changes nothing.
+    pub const IDENTITY: Self = Self {
+        world_from_object: DAffine3::IDENTITY,
+        object_from_world: DAffine3::IDENTITY,
+    };
+
+    /// From `world_from_object`; `None` if it is singular or its inverse is not finite.
+    ///
+    /// Singular means that the volume of the image of the unit cube is zero relative to the product
+    /// of its edge lengths (at 1e-15), so the scale of the scene does not matter.
+    pub fn new(world_from_object: DAffine3) -> Option<Self> {
+        let m = world_from_object.matrix3;
+        let lengths = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
+        let object_from_world = world_from_object.inverse();
+        let invertible = m.determinant().abs() > 1e-15 * lengths;
+        (invertible && world_from_object.is_finite() && object_from_world.is_finite()).then_some(
+            Self {
+                world_from_object,
+                object_from_world,
+            },
+        )
+    }
+
+    /// The matrix from object to world space.
+    pub fn world_from_object(&self) -> &DAffine3 {
+        &self.world_from_object
+    }
+
+    /// The matrix from world to object space.
+    pub fn object_from_world(&self) -> &DAffine3 {
+        &self.object_from_world
+    }
+
+    /// A point of object space, in world space.
+    pub fn point_to_world(&self, p: DVec3) -> DVec3 {
+        self.world_from_object.transform_point3(p)
+    }
+
+    /// A direction of object space, in world space; not normalised.
+    pub fn vector_to_world(&self, v: DVec3) -> DVec3 {
+        self.world_from_object.transform_vector3(v)
+    }
+
+    /// A normal of object space as a *unit* normal in world space: by the inverse transpose, which
+    /// keeps outside outside under mirroring.
+    pub fn normal_to_world(&self, n: DVec3) -> DVec3 {
+        (self.object_from_world.matrix3.transpose() * n).normalize()
+    }
+
+    /// The ray in object space. Its parameter t is the same as in world space.
+    pub fn ray_to_object(&self, ray: &Ray) -> Ray {
+        Ray {
+            origin: self.object_from_world.transform_point3(ray.origin),
+            direction: self.object_from_world.transform_vector3(ray.direction),
+        }
+    }
+
+    /// World-space box around a box of object space.
+    pub fn aabb_to_world(&self, aabb: &Aabb) -> Aabb {
+        let corner = |i: usize| {
+            DVec3::new(
+                if i & 1 == 0 { aabb.min.x } else { aabb.max.x },
+                if i & 2 == 0 { aabb.min.y } else { aabb.max.y },
+                if i & 4 == 0 { aabb.min.z } else { aabb.max.z },
+            )
+        };
+        Aabb::around((0..8).map(|i| self.point_to_world(corner(i))))
+    }
+
+    /// The scale factor if the map is a similarity (rotation or mirroring, uniform scale,
+    /// translation) to a relative 1e-9; `None` otherwise.
+    pub fn similarity_scale(&self) -> Option<f64> {
+        let m: DMat3 = self.world_from_object.matrix3;
+        let scale = m.x_axis.length();
+        let gram = m.transpose() * m;
+        let expected = DMat3::from_diagonal(DVec3::splat(scale * scale));
+        gram.abs_diff_eq(expected, 1e-9 * scale * scale)
+            .then_some(scale)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn singular_maps_are_refused_and_tiny_ones_are_not() {
+        let flat = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
+        assert!(Transform::new(flat).is_none());
+        assert!(Transform::new(DAffine3::from_scale(DVec3::splat(1e-30))).is_some());
+    }
+
+    #[test]
+    fn mirroring_keeps_the_outside_outside() {
+        let mirror = Transform::new(DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0))).unwrap();
+        assert_eq!(mirror.normal_to_world(DVec3::X), DVec3::NEG_X);
+        assert_eq!(mirror.normal_to_world(DVec3::Z), DVec3::Z);
+    }
+
+    #[test]
+    fn similarity_is_told_from_shear_and_stretch() {
+        let turn = DAffine3::from_axis_angle(DVec3::Y, 0.7) * DAffine3::from_scale(DVec3::splat(3.0));
+        let scale = Transform::new(turn).unwrap().similarity_scale();
+        approx::assert_relative_eq!(scale.unwrap(), 3.0, max_relative = 1e-14);
+        let stretch = DAffine3::from_scale(DVec3::new(1.0, 1.0, 1.1));
+        assert_eq!(Transform::new(stretch).unwrap().similarity_scale(), None);
+    }
+}

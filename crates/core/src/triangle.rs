@@ -1,0 +1,161 @@
+//! The watertight ray-triangle test, the one place where the workspace intersects triangles.
+//!
+//! Woop, Benthin, Wald, *Watertight Ray/Triangle Intersection*, JCGT 2(1), 2013, in `f64`. The ray is
+//! turned into +z by a permutation and a shear that depend on the ray alone, so an edge shared by two
+//! triangles is seen at the same two points by both, and its edge function differs only in sign. Rust
+//! never contracts `a * b - c * d` into a fused multiply-add by itself, which would break that symmetry
+//! (one fused operation lets 1.6% of the rays at edges through).
+//!
+//! A ray exactly through an edge or a vertex hits every triangle there; accelerators keep the lowest
+//! (shape, primitive).
+
+use crate::Ray;
+use glam::DVec3;
+
+/// What the watertight test needs of a ray, computed once a ray.
+#[derive(Clone, Copy, Debug)]
+pub struct ShearedRay {
+    origin: DVec3,
+    axes: [usize; 3],
+    shear: DVec3,
+}
+
+/// Where a ray meets a triangle (a, b, c).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TriangleHit {
+    /// Ray parameter; may be negative or zero: the caller tests its interval.
+    pub t: f64,
+    /// Barycentric weight of b.
+    pub u: f64,
+    /// Barycentric weight of c.
+    pub v: f64,
+}
+
+impl ShearedRay {
+    /// Section 3.2 of the paper: the axis in which the direction is largest becomes z; the other two
+    /// keep their handedness.
+    pub fn new(ray: &Ray) -> Self {
+        let d = ray.direction;
+        let a = d.abs();
+        let z = if a.x > a.y {
+            if a.x > a.z { 0 } else { 2 }
+        } else if a.y > a.z {
+            1
+        } else {
+            2
+        };
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        if d[z] < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        Self {
+            origin: ray.origin,
+            axes: [x, y, z],
+            shear: DVec3::new(d[x] / d[z], d[y] / d[z], 1.0 / d[z]),
+        }
+    }
+
+    /// The hit with the plane of the triangle if it lies inside or on the border; either side counts.
+    /// `None` for a degenerate triangle and for one seen edge-on.
+    #[inline]
+    pub fn intersect(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<TriangleHit> {
+        let [x, y, z] = self.axes;
+        let (a, b, c) = (a - self.origin, b - self.origin, c - self.origin);
+        let (ax, ay) = (a[x] - self.shear.x * a[z], a[y] - self.shear.y * a[z]);
+        let (bx, by) = (b[x] - self.shear.x * b[z], b[y] - self.shear.y * b[z]);
+        let (cx, cy) = (c[x] - self.shear.x * c[z], c[y] - self.shear.y * c[z]);
+        // Scaled barycentric coordinates: edge functions opposite a, b and c.
+        let weight_a = cx * by - cy * bx;
+        let weight_b = ax * cy - ay * cx;
+        let weight_c = bx * ay - by * ax;
+        let any_negative = weight_a < 0.0 || weight_b < 0.0 || weight_c < 0.0;
+        let any_positive = weight_a > 0.0 || weight_b > 0.0 || weight_c > 0.0;
+        if any_negative && any_positive {
+            return None;
+        }
+        let determinant = weight_a + weight_b + weight_c;
+        // Written so that a NaN (from infinite coordinates) is no hit either.
+        if !(determinant != 0.0 && determinant.is_finite()) {
+            return None;
+        }
+        let reciprocal = 1.0 / determinant;
+        let depth = weight_a * a[z] + weight_b * b[z] + weight_c * c[z];
+        Some(TriangleHit {
+            t: depth * self.shear.z * reciprocal,
+            u: weight_b * reciprocal,
+            v: weight_c * reciprocal,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const A: DVec3 = DVec3::new(0.0, 0.0, 0.0);
+    const B: DVec3 = DVec3::new(1.0, 0.0, 0.0);
+    const C: DVec3 = DVec3::new(0.0, 1.0, 0.0);
+
+    fn hit(origin: [f64; 3], direction: [f64; 3]) -> Option<TriangleHit> {
+        ShearedRay::new(&Ray::new(origin.into(), direction.into())).intersect(A, B, C)
+    }
+
+    #[test]
+    fn inside_outside_and_behind() {
+        let found = hit([0.25, 0.5, 2.0], [0.0, 0.0, -1.0]).unwrap();
+        assert_eq!(found, TriangleHit { t: 2.0, u: 0.25, v: 0.5 });
+        assert!(hit([0.75, 0.5, 2.0], [0.0, 0.0, -1.0]).is_none());
+        assert_eq!(hit([0.25, 0.5, 2.0], [0.0, 0.0, 1.0]).unwrap().t, -2.0);
+        assert!(hit([0.25, 0.5, 2.0], [1.0, 0.0, 0.0]).is_none());
+    }
+
+    #[test]
+    fn degenerate_triangles_are_never_hit() {
+        let ray = ShearedRay::new(&Ray::new(DVec3::Z, DVec3::NEG_Z));
+        assert!(ray.intersect(A, A, A).is_none());
+        assert!(ray.intersect(A, B, B).is_none());
+        assert!(ray.intersect(A, B, DVec3::splat(f64::NAN)).is_none());
+    }
+
+    proptest! {
+        /// A fan around a vertex, rays aimed at the vertex and along its edges: none may pass.
+        #[test]
+        fn a_fan_does_not_leak(
+            eye in prop::array::uniform3(-10.0..10.0f64),
+            apex in prop::array::uniform3(-1.0..1.0f64),
+            along in 0.0..1.0f64,
+            spoke in 0usize..7,
+        ) {
+            let eye = DVec3::from(eye) + DVec3::Z * 20.0;
+            let apex = DVec3::from(apex);
+            let rim: Vec<DVec3> = (0..7)
+                .map(|i| {
+                    let (s, c) = (i as f64 * std::f64::consts::TAU / 7.0).sin_cos();
+                    DVec3::new(3.0 * c, 3.0 * s, 0.3 * c * s)
+                })
+                .collect();
+            for target in [apex, apex.lerp(rim[spoke], along * 0.999)] {
+                let ray = ShearedRay::new(&Ray::new(eye, target - eye));
+                let hits = (0..7).filter(|&i| {
+                    ray.intersect(apex, rim[i], rim[(i + 1) % 7]).is_some()
+                });
+                prop_assert!(hits.count() >= 1);
+            }
+        }
+
+        /// The hit that is reported lies on the ray and on the triangle.
+        #[test]
+        fn the_hit_is_where_it_says(
+            origin in prop::array::uniform3(-5.0..5.0f64),
+            (u, v) in (0.01..0.48f64, 0.01..0.48f64),
+        ) {
+            let (a, b, c) = (DVec3::new(-1.0, 0.2, 7.0), DVec3::new(2.0, -0.5, 8.0), DVec3::new(0.1, 2.0, 6.5));
+            let target = (1.0 - u - v) * a + u * b + v * c;
+            let ray = Ray::new(origin.into(), target - DVec3::from(origin));
+            let hit = ShearedRay::new(&ray).intersect(a, b, c).unwrap();
+            prop_assert!((hit.t - 1.0).abs() < 1e-12);
+            prop_assert!((hit.u - u).abs() < 1e-11 && (hit.v - v).abs() < 1e-11);
+        }
+    }
+}
