@@ -1,0 +1,159 @@
+//! A sphere.
+//!
+//! Roots: Haines, Günther, Akenine-Möller, *Precision improvements for ray/sphere intersection*, Ray
+//! Tracing Gems (2019), ch. 7. Their discriminant through the perpendicular distance wins for far small
+//! spheres and *loses* for huge ones near the eye, so the form is chosen for each ray.
+//!
+//! - Twin: Mitsuba `sphere` (native).
+//! - Example: `scenes/shapes/sphere.toml`.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::f64::consts::TAU;
+use whitstone_core::config::{Positive, Vector3};
+use whitstone_core::{
+    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
+    SceneErrors, Shape, Shapes, SurfacePoint, Transform,
+};
+
+/// A sphere; the outside is away from its center.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Center in object space, in metres.
+    #[serde(default = "origin")]
+    center: Vector3,
+    /// Radius in metres.
+    #[serde(default = "one")]
+    radius: Positive,
+}
+
+fn origin() -> Vector3 {
+    Vector3::new(0.0, 0.0, 0.0)
+}
+
+fn one() -> Positive {
+    Positive::new(1.0).expect("1 is positive")
+}
+
+/// In world space.
+pub struct Sphere {
+    center: DVec3,
+    radius: f64,
+    /// For texture coordinates, which turn with the object.
+    transform: Transform,
+}
+
+impl Plugin<Shapes> for Sphere {
+    const TYPE: &'static str = "sphere";
+    type Config = Config;
+
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        let scale = transform.similarity_scale().ok_or_else(|| {
+            SceneError::anywhere("the transform of a sphere must scale equally in all directions")
+        })?;
+        Ok(Shape::Opaque(Box::new(Self {
+            center: transform.point_to_world(config.center.get()),
+            radius: config.radius.get() * scale,
+            transform,
+        })))
+    }
+}
+
+impl Sphere {
+    /// Both roots in ascending order.
+    fn roots(&self, ray: &Ray) -> Option<[f64; 2]> {
+        let (l, d) = (ray.origin - self.center, ray.direction);
+        let a = d.length_squared();
+        let b = l.dot(d);
+        let distance = l.length();
+        // |l|² - r², without the cancellation of the squares.
+        let c = (distance - self.radius) * (distance + self.radius);
+        let discriminant = if distance < 2.0 * self.radius {
+            b * b - a * c
+        } else {
+            let perpendicular = (l - (b / a) * d).length();
+            a * (self.radius - perpendicular) * (self.radius + perpendicular)
+        };
+        if discriminant.is_nan() || discriminant < 0.0 {
+            return None;
+        }
+        // The sum that does not cancel gives one root, the product of the roots the other.
+        let q = -(b + discriminant.sqrt().copysign(b));
+        let (first, second) = (c / q, q / a);
+        Some(if first < second { [first, second] } else { [second, first] })
+    }
+}
+
+impl Primitive for Sphere {
+    fn bounds(&self) -> Aabb {
+        Aabb {
+            min: self.center - self.radius,
+            max: self.center + self.radius,
+        }
+        // The corners are rounded: a rounding error of the coordinates to the safe side.
+        .padded(2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius))
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        let mut roots = self.roots(ray)?;
+        if leaves.is_some() {
+            // One of the roots is the start itself, moved off zero by rounding: the smaller one.
+            let start = usize::from(roots[1].abs() < roots[0].abs());
+            roots[start] = f64::NAN;
+        }
+        let t = roots.into_iter().find(|t| interval.contains(*t))?;
+        Some(PrimitiveHit {
+            t,
+            primitive: 0,
+            params: DVec2::ZERO,
+        })
+    }
+
+    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let n = (ray.at(hit.t) - self.center).normalize();
+        // Projected onto the sphere, the point is as accurate as its coordinates allow, from however
+        // far the ray came.
+        let position = self.center + self.radius * n;
+        let error = 2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius);
+        let mut point = SurfacePoint::new(position, error, n);
+        if needs.contains(Needs::UV) {
+            let local = self.transform.object_from_world().transform_vector3(n).normalize();
+            let phi = local.y.atan2(local.x);
+            let phi = if phi < 0.0 { phi + TAU } else { phi };
+            // acos loses half the digits near the poles; atan2 of both legs does not.
+            let theta = local.truncate().length().atan2(local.z);
+            point.uv = DVec2::new(phi / TAU, 1.0 - theta / std::f64::consts::PI);
+        }
+        point
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unit() -> Sphere {
+        Sphere {
+            center: DVec3::ZERO,
+            radius: 1.0,
+            transform: Transform::IDENTITY,
+        }
+    }
+
+    #[test]
+    fn a_ray_that_leaves_meets_the_far_side_only() {
+        let ray = Ray::new(DVec3::X, DVec3::NEG_X);
+        let hit = unit().closest(&ray, Interval::FORWARD, Some(0)).unwrap();
+        assert_eq!(hit.t, 2.0);
+        let away = Ray::new(DVec3::X, DVec3::X);
+        assert_eq!(unit().closest(&away, Interval::FORWARD, Some(0)), None);
+    }
+
+    #[test]
+    fn a_far_sphere_is_hit_where_it_is() {
+        let ray = Ray::new(DVec3::new(1e7, 0.6, 0.0), DVec3::NEG_X);
+        let hit = unit().closest(&ray, Interval::FORWARD, None).unwrap();
+        assert!((hit.t - (1e7 - 0.8)).abs() < 4e-9);
+    }
+}
