@@ -1,0 +1,40 @@
+"""AOVs: what the first surface behind each pixel's centre is (model §11)."""
+
+from __future__ import annotations
+
+from typing import Dict
+
+import numpy as np
+
+from .driver import LANES, Tracer
+
+CENTRE = np.array([[0.5, 0.5]])
+
+
+def render(tracer: Tracer, x: np.ndarray, y: np.ndarray) -> Dict[str, np.ndarray]:
+    """EXR channels, each (n,) float32, for the AOVs that the film asks for."""
+    wanted = tracer.document.aovs
+    parts: Dict[str, list] = {}
+    for first in range(0, len(x), LANES):
+        span = slice(first, first + LANES)
+        count = len(x[span])
+        hits = tracer.intersect(tracer.camera_rays(x[span], y[span], np.zeros(count, dtype=np.int64), CENTRE))
+        valid = hits.valid.numpy()[:count]
+
+        def add(name: str, values: np.ndarray, nothing: float = 0.0) -> None:
+            shown = np.where(valid, values[:count].astype(np.float32), np.float32(nothing))
+            parts.setdefault(name, []).append(shown.astype(np.float32))
+
+        if "depth" in wanted:
+            add("depth.Z", hits.t.numpy())
+        if "normal" in wanted:
+            for axis, letter in enumerate("XYZ"):
+                add(f"normal.{letter}", hits.n_raw[axis].numpy())
+        if "uv" in wanted:
+            add("uv.U", hits.uv.x.numpy())
+            add("uv.V", hits.uv.y.numpy())
+        if "shape_id" in wanted:
+            add("shape_id.I", hits.shape.numpy(), -1.0)
+        if "primitive_id" in wanted:
+            add("primitive_id.I", hits.primitive.numpy(), -1.0)
+    return {name: np.concatenate(values) for name, values in parts.items()}

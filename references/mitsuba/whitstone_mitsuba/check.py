@@ -1,0 +1,123 @@
+"""The driver against Mitsuba's own C++ integrators, on the driver's own camera rays (op `check`).
+
+`direct` integrates direct light by emitter sampling; with delta emitters that is exact, so it must agree with the driver's local
+terms (without the ambient one). `path` follows one branch a hit; where every hit has one branch (mirrors) it is exact as well.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import Any, Dict, List, Tuple
+
+import numpy as np
+
+from .driver import LANES, Rays, Tracer
+from .runtime import dr, mi
+from .scene import Built, load_shapes
+from .settings import Setting
+
+_CENTRE = np.array([[0.5, 0.5]])
+
+
+def run(built: Built, setting: Setting) -> Dict[str, Any]:
+    """The answer of op `check`."""
+    why: Dict[str, str] = {}
+    answer: Dict[str, Any] = {}
+    for name, compare in (("direct", _direct), ("path", _path)):
+        try:
+            answer[name] = compare(built, setting)
+        except NotApplicable as reason:
+            answer[name], why[name] = None, str(reason)
+    return {**answer, "why": why}
+
+
+class NotApplicable(Exception):
+    """An integrator that has nothing to say about a scene; the text says why."""
+
+
+def _compare(ours: np.ndarray, theirs: np.ndarray) -> Dict[str, Any]:
+    """Largest difference over RGB, relative to |theirs| + a tenth of their mean: 1e-3 is the harness's pixel tolerance."""
+    difference = np.abs(ours.astype(np.float64) - theirs)
+    relative = difference / (np.abs(theirs) + 0.1 * np.abs(theirs).mean() + 1e-30)
+    worst = relative.max(axis=1)
+    return {
+        "pixels": len(worst),
+        "median_rel": float(np.median(worst)),
+        "max_rel": float(worst.max()),
+        "over_1e3": int((worst > 1e-3).sum()),
+    }
+
+
+def _pixels(built: Built) -> Tuple[np.ndarray, np.ndarray]:
+    """All pixels, or an even choice of them where the image is large."""
+    count = built.document.width * built.document.height
+    chosen = np.arange(0, count, max(1, -(-count // LANES)))
+    return chosen % built.document.width, chosen // built.document.width
+
+
+def _sample(integrator: dict, scene: Any, rays: Rays) -> np.ndarray:
+    """(n, 3): `Integrator.sample` on the driver's rays."""
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, dr.width(rays.o))
+    ray = mi.RayDifferential3f(mi.Ray3f(rays.o, rays.d))
+    value, _, _ = mi.load_dict(integrator).sample(scene, sampler, ray)
+    return mi.Color3f(value).numpy().T[: rays.real]
+
+
+def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
+    document = built.document
+    used = {shape.material for shape in document.shapes}
+    if not any(document.materials[number].smooth for number in used):
+        raise NotApplicable("no surface reflects the lights")
+    if not document.lights.lamps:
+        raise NotApplicable("no light has a direction")
+    if not document.integrator.shadows:
+        raise NotApplicable('shadows = "none": Mitsuba always has them')
+    bare = copy.copy(built)
+    bare.document = replace(document, integrator=replace(document.integrator, follow=False))
+    bare.ambient_light = mi.Color3f(dr.opaque(mi.Float, 0.0))
+    tracer = Tracer(bare, [setting])
+    tracer.native_uv = True  # Mitsuba's integrators know nothing of the model's uv
+    x, y = _pixels(built)
+    rays = tracer.camera_rays(x, y, np.zeros(len(x), dtype=np.int64), _CENTRE)
+    level, _ = tracer._level(rays, 0)
+    smooth = np.array([material.smooth for material in document.materials] + [False])
+    material = level.hits.material.numpy()[: rays.real]
+    lit = smooth[np.minimum(material, len(document.materials))]
+    if not lit.any():
+        raise NotApplicable("no pixel shows a surface that reflects the lights")
+    theirs = np.zeros((rays.real, 3))
+    # One emitter at a time: of several, the integrator would choose one at random.
+    for emitter in built.emitters:
+        scene, _ = load_shapes(document, built.bsdfs, setting.robust, {"zz_emitter": emitter})
+        theirs += _sample({"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}, scene, rays)
+    return _compare(level.hits.local.numpy().T[: rays.real][lit], theirs[lit])
+
+
+def _path(built: Built, setting: Setting) -> Dict[str, Any]:
+    document = built.document
+    kinds = {document.materials[shape.material].type for shape in document.shapes}
+    others: List[str] = sorted(kinds - {"mirror"})
+    if others:
+        raise NotApplicable(
+            f"path follows one branch a hit and lights diffuse surfaces indirectly: only mirrors agree, here is {', '.join(others)}"
+        )
+    if not kinds:
+        raise NotApplicable("there is no surface")
+    if not document.integrator.follow:
+        raise NotApplicable("the integrator follows no branches")
+    if max(document.lights.background) == 0:
+        raise NotApplicable("there is no background to be seen in the mirrors")
+    bare = copy.copy(built)
+    # Mitsuba sees black beyond the last bounce, and has no threshold.
+    bare.document = replace(document, integrator=replace(document.integrator, limit_background=False, min_contribution=0.0))
+    tracer = Tracer(bare, [setting])
+    tracer.native_uv = True
+    x, y = _pixels(built)
+    rays = tracer.camera_rays(x, y, np.zeros(len(x), dtype=np.int64), _CENTRE)
+    ours = tracer.trace(rays, 0).numpy().T[: rays.real]
+    bounces = document.integrator.max_depth
+    scene, _ = load_shapes(document, built.bsdfs, setting.robust, {"zz_emitter": built.background})
+    theirs = _sample({"type": "path", "max_depth": bounces + 1, "rr_depth": bounces + 2}, scene, rays)
+    return _compare(ours, theirs)

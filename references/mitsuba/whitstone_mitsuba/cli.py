@@ -1,0 +1,95 @@
+"""The same operations as commands for people: `python -m whitstone_mitsuba render SCENE.toml -o OUT.exr` and so on."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from typing import List, Optional
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="whitstone_mitsuba", description="Mitsuba 3 as a deterministic Whitted tracer.")
+    commands = parser.add_subparsers(dest="op", required=True)
+    commands.add_parser("serve", help="answer JSON requests, one a line, on standard input")
+    commands.add_parser("hello", help="versions and the machine")
+
+    def add(name: str, text: str, setting: bool = True) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=text, description=text)
+        command.add_argument("scene", help="a flattened scene document (TOML)")
+        command.add_argument("--threads", type=int, default=0, help="0: all (default)")
+        command.add_argument("--k", type=float, default=4.0, help="spawn offset, in units of 2^-24 (1 + max abs of p)")
+        command.add_argument("--not-robust", action="store_true", help="without embree_use_robust_intersections")
+        command.add_argument("--dx", type=float, default=0.0, help="shift of every sample, in pixels")
+        command.add_argument("--dy", type=float, default=0.0, help="shift of every sample, in pixels, downward")
+        command.add_argument("--ulps", type=float, default=0.0, help="perturbation of every ray, in units of 2^-24")
+        command.add_argument("--seed", type=int, default=0, help="of the perturbation")
+        return command
+
+    add("render", "trace the scene into an EXR file").add_argument("-o", "--out", required=True)
+    add("probe", "values of some pixels").add_argument("pixels", nargs="+", metavar="X,Y")
+    tree = add("tree", "the ray tree of one sample of a pixel")
+    tree.add_argument("pixel", metavar="X,Y")
+    tree.add_argument("--sample", type=int, default=0)
+    add("check", "the driver against Mitsuba's own direct and path integrators")
+    timing = add("time", "warm run times of the driver and of Mitsuba's path")
+    timing.add_argument("--repeats", type=int, default=3)
+    timing.add_argument("--path-depth", type=int)
+    return parser
+
+
+def _pair(text: str) -> List[int]:
+    try:
+        x, y = (int(part) for part in text.split(","))
+    except ValueError:
+        raise SystemExit(f"expected a pixel as X,Y, found {text!r}") from None
+    return [x, y]
+
+
+def _request(arguments: argparse.Namespace) -> dict:
+    """The protocol's request for a command line."""
+    request: dict = {"op": arguments.op}
+    if arguments.op == "hello":
+        return request
+    with open(arguments.scene, encoding="utf-8") as file:
+        request["scene"] = file.read()
+    request["base"] = os.path.dirname(os.path.abspath(arguments.scene))
+    request["threads"] = arguments.threads
+    setting = {key: getattr(arguments, key) for key in ("k", "dx", "dy", "ulps", "seed")}
+    setting["robust"] = not arguments.not_robust
+    request["setting"] = setting
+    for key in ("out", "sample", "repeats", "path_depth"):
+        if getattr(arguments, key, None) is not None:
+            request[key] = getattr(arguments, key)
+    if arguments.op == "probe":
+        request["pixels"], request["settings"] = [_pair(text) for text in arguments.pixels], [setting]
+    if arguments.op == "tree":
+        request["pixel"] = _pair(arguments.pixel)
+    return request
+
+
+def main(argv: Optional[List[str]] = None) -> int:
+    """Exit codes as everywhere in Whitstone: 0 done, 2 the scene or the request is wrong, 3 this machine cannot."""
+    arguments = _parser().parse_args(argv)
+    if arguments.op == "serve":
+        from .serve import run
+
+        return run()
+    try:
+        request = _request(arguments)
+    except OSError as error:
+        print(f"{arguments.scene}: {error.strerror}", file=sys.stderr)
+        return 2
+    try:
+        from .operations import answer
+    except Exception as error:
+        print(error, file=sys.stderr)
+        return 3
+    reply = answer(request)
+    if not reply["ok"]:
+        print(f"{reply['kind']}: {reply['error']}", file=sys.stderr)
+        return 3 if reply["kind"] == "internal" else 2
+    del reply["ok"]
+    print(json.dumps(reply, indent=2))
+    return 0

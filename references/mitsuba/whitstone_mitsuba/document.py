@@ -1,0 +1,156 @@
+"""The scene document (flattened TOML) read and checked, following `docs/whitted-model.md` §2-§10 and nothing else."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any, List, Optional, Tuple
+
+import numpy as np
+
+from . import cameras, lights, materials, shapes, textures
+from .errors import SceneError, Unsupported
+from .fields import Fields, nearest
+from .files import Folder
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+AOVS = ("depth", "normal", "uv", "shape_id", "primitive_id")
+TABLES = ("film", "camera", "sampler", "integrator", "accelerator", "light", "texture", "material", "shape", "expect")
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """Model §6."""
+
+    follow: bool
+    max_depth: int
+    min_contribution: float
+    limit_background: bool
+    shadows: bool
+
+
+@dataclass(frozen=True)
+class Document:
+    """A scene as the document says it, with the model's defaults filled in."""
+
+    width: int
+    height: int
+    aovs: Tuple[str, ...]
+    # (n, 2): positions inside the pixel, in the model's order.
+    samples: np.ndarray
+    camera: cameras.Camera
+    integrator: Integrator
+    lights: lights.Lights
+    materials: Tuple[materials.Material, ...]
+    shapes: Tuple[shapes.Shape, ...]
+    folder: Folder
+
+    def hosted(self) -> List[dict]:
+        """What is not Mitsuba's own, and why: dictionaries of type, twin and reason."""
+        found = {}
+        used = {shape.material for shape in self.shapes}
+        sources = [self.materials[number].hosted() for number in sorted(used)] + [lamp.hosted() for lamp in self.lights.lamps]
+        for entry in sources:
+            if entry is not None:
+                found[entry[0]] = {"type": entry[0], "twin": "hosted", "reason": entry[1]}
+        camera = self.camera.hosted()
+        if camera is not None:
+            found[camera[0]] = {"type": camera[0], "twin": "formula", "reason": camera[1]}
+        if self.lights.ambients and any(self.materials[number].ambient is not None for number in used):
+            reason = "Mitsuba has no ambient term: the driver multiplies the reflectance by the ambient radiance"
+            found["ambient"] = {"type": "ambient", "twin": "formula", "reason": reason}
+        if any(self.materials[number].interior != (0, 0, 0) or self.materials[number].exterior != (0, 0, 0) for number in used):
+            reason = "exp(-a t) is computed by the driver: Mitsuba's media need a volume integrator"
+            found["absorption"] = {"type": "absorption", "twin": "formula", "reason": reason}
+        return list(found.values())
+
+    def twin(self) -> str:
+        """The least independent twin in use: native, hosted or formula."""
+        kinds = {entry["twin"] for entry in self.hosted()}
+        return next((kind for kind in ("formula", "hosted") if kind in kinds), "native")
+
+
+def _film(table: Any, errors: List[str]) -> Tuple[int, int, Tuple[str, ...]]:
+    fields = Fields(table, "film", errors)
+    width, height = fields.integer("width", 512, 1, 65536), fields.integer("height", 512, 1, 65536)
+    if width * height > 2**28:
+        fields.error(None, f"at most 2^28 pixels in all, found {width} x {height}")
+    names = fields.take("aovs", [])
+    if not isinstance(names, list) or any(name not in AOVS for name in names):
+        fields.error("aovs", f"expected a list out of {', '.join(AOVS)}, found {names!r}")
+        names = []
+    fields.close()
+    return width, height, tuple(name for name in AOVS if name in names)
+
+
+def _sampler(table: Any, errors: List[str], unsupported: List[str]) -> np.ndarray:
+    fields = Fields(table, "sampler", errors)
+    kind = fields.kind()
+    positions = np.array([[0.5, 0.5]])
+    if kind == "grid":
+        n = fields.integer("n", 2, 1, 64)
+        steps = (np.arange(n) + 0.5) / n
+        positions = np.column_stack([np.tile(steps, n), np.repeat(steps, n)])
+    elif kind != "center" and kind is not None:
+        unsupported.append(f"sampler: no twin for a sampler of type {kind!r}; {nearest(kind, ['center', 'grid'])}")
+        return positions
+    fields.close()
+    return positions
+
+
+def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Optional[Integrator]:
+    fields = Fields(table, "integrator", errors)
+    kind = fields.kind()
+    if kind not in ("whitted", "appel"):
+        if kind is not None:
+            known = ["whitted", "appel"]
+            unsupported.append(f"integrator: no twin for an integrator of type {kind!r}; {nearest(kind, known)}")
+        return None
+    shadows = fields.choice("shadows", "opaque", ("opaque", "none")) == "opaque"
+    depth, cut, limit = 0, 0.0, False
+    if kind == "whitted":
+        depth = fields.integer("max_depth", 6, 0, 100000)
+        cut = fields.number("min_contribution", 0.0, lambda value: value >= 0, "a number >= 0")
+        limit = fields.choice("at_max_depth", "background", ("background", "black")) == "background"
+    fields.close()
+    return Integrator(kind == "whitted", depth, cut, limit, shadows)
+
+
+def _shared(value: Any, name: str, errors: List[str]) -> dict:
+    if isinstance(value, dict):
+        return value
+    errors.append(f"{name}: expected tables, [{name}.ID]")
+    return {}
+
+
+def parse(text: str, base: str) -> Document:
+    """Reads a document. Raises `SceneError` with every problem, or `Unsupported` where only twins are missing."""
+    try:
+        root = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"not valid TOML: {error}") from error
+    folder = Folder(base)
+    errors: List[str] = []
+    unsupported: List[str] = []
+    for key in root:
+        if key not in TABLES:
+            errors.append(f"{key}: unknown table; {nearest(key, TABLES)}")
+    width, height, aovs = _film(root.get("film", {}), errors)
+    camera = cameras.read(root.get("camera"), width, height, errors, unsupported)
+    samples = _sampler(root.get("sampler", {"type": "center"}), errors, unsupported)
+    integrator = _integrator(root.get("integrator", {"type": "whitted"}), errors, unsupported)
+    lamps = lights.read(root.get("light", []), errors, unsupported)
+    texture_reader = textures.Textures(_shared(root.get("texture", {}), "texture", errors), folder, errors, unsupported)
+    material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
+    shape_list = shapes.read(root.get("shape", []), material_reader, folder, errors, unsupported)
+    # A document can be wrong and unsupported at once: what it gets wrong comes first.
+    if errors:
+        raise SceneError("\n".join(errors))
+    if unsupported:
+        raise Unsupported("\n".join(unsupported))
+    assert camera is not None and integrator is not None
+    return Document(width, height, aovs, samples, camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder)

@@ -1,0 +1,544 @@
+"""The Whitted driver: model §6 breadth first, on Mitsuba's intersections, BSDFs and emitters, without any random number.
+
+All rays of one depth are traced together (a *level*), forward until no ray is left. Then radiance is gathered backward, from the
+deepest level to the camera, exactly as the model's recursion adds it: each node takes its reflected child first, then its
+transmitted one. No two lanes ever write to the same place, so the bytes do not depend on threads or on how the pixels were cut
+into chunks. (Embree's result for a ray does not depend on the rays next to it: measured, lane for lane.)
+
+Every number that can change from request to request enters as an evaluated array, never as a literal: literals become part
+of the kernel's code, and each new value would be compiled again. Arrays of one entry also make kernels of their own; index lists
+are therefore padded to two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from .runtime import ULP, dr, mi
+from .scene import NOTHING, Built
+from .settings import Setting
+
+# Lanes traced together at most. A level takes about 300 bytes for each.
+LANES = 1 << 20
+
+# A spawned ray that comes back to its own primitive within this many times K units counts as a re-hit (PROTOCOL.md).
+REHIT_UNITS = 64.0
+
+# Shadow rays end this much (relative) before a lamp: rounding must not put a surface at the lamp in front of it.
+BEFORE_LAMP = 1 - 4 * ULP
+
+_BRANCH_FLAGS = {"R": mi.BSDFFlags.DeltaReflection, "T": mi.BSDFFlags.DeltaTransmission}
+_BRANCH_NUMBERS = {"R": 1, "T": 2}
+
+
+def mix(h: Any) -> Any:
+    """A 32-bit integer hash (lowbias32, C. Wellons 2018)."""
+    h = h ^ (h >> 16)
+    h = h * 0x7FEB352D
+    h = h ^ (h >> 15)
+    h = h * 0x846CA68B
+    return h ^ (h >> 16)
+
+
+def pad(indices: np.ndarray) -> "mi.UInt32":
+    """An index list for Dr.Jit; a single index twice (writing the same value twice changes nothing)."""
+    if len(indices) == 1:
+        indices = np.repeat(indices, 2)
+    return mi.UInt32(np.ascontiguousarray(indices, dtype=np.uint32))
+
+
+@dataclass
+class Rays:
+    """A level's rays, one lane each; all arrays evaluated. `real` counts those that are not padding."""
+
+    o: Any
+    d: Any
+    throughput: Any
+    # Absorption per metre of the medium that the ray travels in.
+    medium: Any
+    # Hash of pixel and sample; hash of the branches taken; index of the setting.
+    key: Any
+    path: Any
+    setting: Any
+    # What the ray left (shape and primitive) and the distance below which to meet it again is a re-hit.
+    left_shape: Any
+    left_primitive: Any
+    left_within: Any
+    real: int = 0
+
+    def arrays(self) -> List[Any]:
+        return [
+            self.o, self.d, self.throughput, self.medium, self.key, self.path, self.setting,
+            self.left_shape, self.left_primitive, self.left_within,
+        ]  # fmt: skip
+
+    def gather(self, indices: np.ndarray) -> "Rays":
+        """Some of the rays, in the order of `indices`."""
+        lanes = pad(indices)
+        taken = Rays(*[dr.gather(type(array), array, lanes) for array in self.arrays()], real=len(indices))
+        dr.eval(taken.arrays())
+        return taken
+
+    @staticmethod
+    def concatenate(parts: Sequence["Rays"]) -> "Rays":
+        """All rays of all parts."""
+        if len(parts) == 1:
+            return parts[0]
+
+        def join(arrays: List[Any]) -> Any:
+            kind = type(arrays[0])
+            if dr.depth_v(kind) == 1:
+                return dr.concat(arrays)
+            return kind(*[dr.concat([array[axis] for array in arrays]) for axis in range(3)])
+
+        joined = Rays(*[join(list(arrays)) for arrays in zip(*[part.arrays() for part in parts])])
+        dr.eval(joined.arrays())
+        return joined
+
+
+@dataclass
+class Hits:
+    """The surfaces that a level's rays meet, after rules S of the model; all arrays evaluated."""
+
+    valid: Any
+    t: Any
+    p: Any
+    n_g: Any
+    n_s: Any
+    # n_s before rule S, for the AOV.
+    n_raw: Any
+    uv: Any
+    shape: Any
+    primitive: Any
+    material: Any
+    # Transmittance of the segment travelled, and the throughput with it.
+    transmittance: Any
+    throughput: Any
+    # Background where nothing is hit; local terms are added here.
+    local: Any
+    rehit: Any
+
+
+@dataclass
+class Level:
+    """What the way back needs of a level, and (for `tree`) what was there to see."""
+
+    rays: Rays
+    hits: Hits
+    # Per branch letter: parents (lane here), weights, children (lane in the next level); children None at the depth limit.
+    links: List[Tuple[str, np.ndarray, Any, Optional[np.ndarray], Any]] = field(default_factory=list)
+    # Per lamp (lanes, visible, contribution): kept only when recording.
+    lamps: List[Tuple[np.ndarray, int, Any, Any]] = field(default_factory=list)
+    ambient: List[Tuple[np.ndarray, Any]] = field(default_factory=list)
+
+
+@dataclass
+class Counts:
+    """Rays traced and re-hits seen."""
+
+    closest: int = 0
+    shadow: int = 0
+    rehits: int = 0
+
+
+class Tracer:
+    """Traces rays through one built scene under one or several settings (which may differ in all but `robust`)."""
+
+    def __init__(self, built: Built, settings: Sequence[Setting], record: bool = False, rehits: bool = False) -> None:
+        assert all(setting.robust == built.robust for setting in settings)
+        self.built = built
+        self.document = built.document
+        self.settings = list(settings)
+        self.record = record
+        self.count_rehits = rehits
+        self.native_uv = False
+        self.counts = Counts()
+        self.levels: List[Level] = []
+        table = self.settings + [self.settings[-1]]
+        self._k = mi.Float(np.array([setting.k * ULP for setting in table], dtype=np.float32))
+        self._noise = mi.Float(np.array([setting.ulps * ULP for setting in table], dtype=np.float32))
+        self._seed = mi.UInt32(np.array([setting.seed for setting in table], dtype=np.uint32))
+        self._cut = dr.opaque(mi.Float, float(self.document.integrator.min_contribution))
+        self._pending: List[Any] = []
+
+    # ---- pixels --------------------------------------------------------------------------------------------------
+
+    def pixels(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray) -> np.ndarray:
+        """(n, 3) float32: values of pixels (x[i], y[i]) under settings[setting[i]], the mean over the sampler's positions."""
+        samples = self.document.samples
+        step = max(1, LANES // len(samples))
+        parts = []
+        for first in range(0, len(x), step):
+            span = slice(first, first + step)
+            radiance = self.samples(x[span], y[span], setting[span], samples)
+            total = np.zeros((radiance.shape[0], 3))
+            for number in range(len(samples)):  # one after another: a fixed order of additions
+                total += radiance[:, number]
+            parts.append((total / len(samples)).astype(np.float32))
+        self._settle()
+        return np.concatenate(parts) if parts else np.zeros((0, 3), dtype=np.float32)
+
+    def samples(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: np.ndarray) -> np.ndarray:
+        """(n, samples, 3) float32: radiance at each position of each pixel."""
+        radiance = self.trace(self.camera_rays(x, y, setting, samples), 0)
+        return radiance.numpy().T[: len(x) * len(samples)].reshape(len(x), len(samples), 3)
+
+    def camera_rays(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: np.ndarray, first: int = 0) -> Rays:
+        """Rays through positions `samples` (numbered from `first`) of pixels, samples of a pixel side by side."""
+        count = len(x) * len(samples)
+        shift = np.array([(s.dx, s.dy) for s in self.settings])[setting]
+        raster_x = (x[:, None] + samples[None, :, 0] + shift[:, None, 0]).ravel()
+        raster_y = (y[:, None] + samples[None, :, 1] + shift[:, None, 1]).ravel()
+        number = np.tile(np.arange(first, first + len(samples)), len(x))
+        pixel = np.repeat(y.astype(np.int64) * self.document.width + x, len(samples))
+        which = np.repeat(setting, len(samples))
+        if count == 1:
+            raster_x, raster_y, number, pixel, which = (np.repeat(a, 2) for a in (raster_x, raster_y, number, pixel, which))
+        width = len(raster_x)
+        o, d = self.document.camera.rays(self.built.sensor, raster_x, raster_y)
+        key = mix(mi.UInt32(pixel.astype(np.uint32)) + mix(mi.UInt32(number.astype(np.uint32))))
+        rays = Rays(
+            o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),
+            mi.UInt32(which.astype(np.uint32)), dr.full(mi.UInt32, NOTHING, width), dr.full(mi.UInt32, NOTHING, width),
+            dr.zeros(mi.Float, width), real=count,
+        )  # fmt: skip
+        # Every lane its own memory: arrays of one value repeated would be another kind of kernel input.
+        for array in rays.arrays():
+            dr.make_opaque(array)
+        rays.o, rays.d = self._perturb(rays.o, rays.d, rays.key, rays.path, rays.setting)
+        dr.eval(rays.arrays())
+        return rays
+
+    # ---- rays ----------------------------------------------------------------------------------------------------
+
+    def trace(self, rays: Rays, depth: int) -> Any:
+        """Radiance along each ray (Color3f, evaluated)."""
+        levels: List[Level] = []
+        radiance: Any = None
+        while True:
+            level, children = self._level(rays, depth)
+            levels.append(level)
+            if self.record:
+                self.levels.append(level)
+            if children is None:
+                break
+            depth += 1
+            if children.real > LANES:
+                # Each part is followed to its end before the next one starts, which bounds the memory.
+                pieces = [
+                    self.trace(children.gather(np.arange(first, min(first + LANES, children.real))), depth)
+                    for first in range(0, children.real, LANES)
+                ]
+                radiance = mi.Color3f(*[dr.concat([piece[channel] for piece in pieces]) for channel in range(3)])
+                dr.eval(radiance)
+                break
+            rays = children
+        for level in reversed(levels):
+            radiance = self._backward(level, radiance)
+        return radiance
+
+    def _backward(self, level: Level, deeper: Any) -> Any:
+        """The level's radiance from that of the next one: local terms, plus children by weight, times transmittance."""
+        radiance = level.hits.local
+        for _, parents, weight, children, limit in level.links:
+            lanes = pad(parents)
+            value = limit if children is None else dr.gather(mi.Color3f, deeper, pad(children))
+            sum_ = dr.gather(mi.Color3f, radiance, lanes) + weight * value
+            radiance = mi.Color3f(radiance)
+            dr.scatter(radiance, sum_, lanes)
+            dr.eval(radiance)
+        radiance = radiance * level.hits.transmittance
+        dr.eval(radiance)
+        return radiance
+
+    def _level(self, rays: Rays, depth: int) -> Tuple[Level, Optional[Rays]]:
+        """Intersects and shades one level; gives the rays of the next one, or None."""
+        hits = self.intersect(rays)
+        self.counts.closest += rays.real
+        if self.count_rehits:
+            self._pending.append(("rehits", dr.count(hits.rehit)))
+        level = Level(rays, hits)
+        # Lanes by material: a stable sort of their numbers.
+        numbers = hits.material.numpy()[: max(rays.real, 1)]
+        order = np.argsort(numbers, kind="stable").astype(np.uint32)
+        starts = np.searchsorted(numbers[order], np.arange(len(self.document.materials) + 1))
+        groups = {
+            number: order[starts[number] : starts[number + 1]]
+            for number in range(len(self.document.materials))
+            if starts[number + 1] > starts[number]
+        }
+        self._local(level, {number: lanes for number, lanes in groups.items() if self.document.materials[number].smooth})
+        children = self._branches(level, groups, depth) if self.document.integrator.follow else None
+        return level, children
+
+    def intersect(self, rays: Rays) -> Hits:
+        """The nearest surfaces, with the model's normals, uv and numbers."""
+        b = self.built
+        si = b.scene.ray_intersect(mi.Ray3f(rays.o, rays.d))
+        valid = si.is_valid()
+        registry = dr.reinterpret_array(mi.UInt32, si.shape)
+        shape = dr.select(valid, dr.gather(mi.UInt32, b.shape_of_registry, registry, valid), NOTHING)
+        n_g = mi.Vector3f(si.n) * dr.gather(mi.Float, b.flip, shape, valid)
+        n_raw = dr.select(dr.gather(mi.UInt32, b.smooth_normals, shape, valid) == 1, mi.Vector3f(si.sh_frame.n), n_g)
+        # Rule S: seen from one side of n_g, n_s must be seen from the same.
+        n_s = dr.select(dr.dot(rays.d, n_raw) * dr.dot(rays.d, n_g) < 0, -n_raw, n_raw)
+        rule = dr.gather(mi.UInt32, b.primitive_rule, shape, valid)
+        primitive = dr.select(rule == 1, si.prim_index, dr.select(rule == 2, si.prim_index >> 1, 0))
+        uv = mi.Point2f(si.uv)
+        if not self.native_uv:
+            rule = dr.gather(mi.UInt32, b.uv_rule, shape, valid)
+            uv.y = dr.select(rule == 1, 1 - uv.y, uv.y)
+            row = [dr.gather(mi.Float, b.plane_rows, shape * 8 + entry, valid & (rule == 2)) for entry in range(8)]
+            x = row[0] * si.p.x + row[1] * si.p.y + row[2] * si.p.z + row[3]
+            y = row[4] * si.p.x + row[5] * si.p.y + row[6] * si.p.z + row[7]
+            uv = dr.select(rule == 2, mi.Point2f(x, y), uv)
+        t = dr.select(valid, si.t, dr.inf)
+        endless = dr.select(rays.medium == 0, mi.Color3f(1), mi.Color3f(0))
+        transmittance = dr.select(valid, dr.exp(-rays.medium * si.t), endless)
+        background = b.background.eval(dr.zeros(mi.SurfaceInteraction3f, dr.width(rays.o)))
+        hits = Hits(
+            valid=valid,
+            t=t,
+            p=mi.Point3f(si.p),
+            n_g=n_g,
+            n_s=n_s,
+            n_raw=n_raw,
+            uv=uv,
+            shape=shape,
+            primitive=primitive,
+            material=dr.select(valid, dr.gather(mi.UInt32, b.material_of_shape, shape, valid), NOTHING),
+            transmittance=transmittance,
+            throughput=rays.throughput * transmittance,
+            local=dr.select(valid, mi.Color3f(0), background),
+            rehit=valid & (shape == rays.left_shape) & (primitive == rays.left_primitive) & (t < rays.left_within),
+        )
+        dr.eval([getattr(hits, name) for name in hits.__dataclass_fields__])
+        return hits
+
+    def _interaction(self, level: Level, lanes: Any) -> Any:
+        """Mitsuba's surface interaction at some lanes, with the model's frame and uv, as BSDFs and emitters want it."""
+        hits = level.hits
+        si = dr.zeros(mi.SurfaceInteraction3f, dr.width(lanes))
+        si.t = dr.gather(mi.Float, hits.t, lanes)
+        si.p = dr.gather(mi.Point3f, hits.p, lanes)
+        si.n = mi.Normal3f(dr.gather(mi.Vector3f, hits.n_g, lanes))
+        si.uv = dr.gather(mi.Point2f, hits.uv, lanes)
+        si.sh_frame = mi.Frame3f(dr.gather(mi.Vector3f, hits.n_s, lanes))
+        si.wi = si.to_local(-dr.gather(mi.Vector3f, level.rays.d, lanes))
+        return si
+
+    # ---- local terms ---------------------------------------------------------------------------------------------
+
+    def _local(self, level: Level, groups: Dict[int, np.ndarray]) -> None:
+        """Adds ambient terms and lamps at the lanes of materials that are not purely specular."""
+        if not groups:
+            return
+        lanes_all = np.concatenate(list(groups.values()))
+        lit = [self._lamp(level, number, pad(lanes_all)) for number in range(len(self.built.emitters))]
+        first = 0
+        context = mi.BSDFContext()
+        for number, lanes in groups.items():
+            here, inner = pad(lanes), pad(np.arange(first, first + len(lanes)))
+            first += len(lanes)
+            si = self._interaction(level, here)
+            total = mi.Color3f(0)
+            if self.built.ambients[number] is not None:
+                total = total + self.built.ambients[number].eval(si) * self.built.ambient_light
+            if self.record:
+                dr.eval(total)
+                level.ambient.append((lanes, mi.Color3f(total)))
+            for lamp, (direction, irradiance, visible) in enumerate(lit):
+                wo = si.to_local(dr.gather(mi.Vector3f, direction, inner))
+                value = self.built.bsdfs[number].eval(context, si, wo) * dr.gather(mi.Color3f, irradiance, inner)
+                total = total + value
+                if self.record:
+                    seen = dr.gather(mi.Bool, visible, inner)
+                    dr.eval(value, seen)
+                    level.lamps.append((lanes, self.document.lights.lamps[lamp].index, seen, value))
+            dr.scatter(level.hits.local, total, here)
+            dr.eval(level.hits.local)
+
+    def _lamp(self, level: Level, number: int, lanes: Any) -> Tuple[Any, Any, Any]:
+        """(direction, irradiance, visible) of a lamp at some lanes; the irradiance is 0 where it does not count (rule G)."""
+        lamp, emitter = self.document.lights.lamps[number], self.built.emitters[number]
+        hits, rays = level.hits, level.rays
+        si = dr.zeros(mi.SurfaceInteraction3f, dr.width(lanes))
+        si.p = dr.gather(mi.Point3f, hits.p, lanes)
+        si.t = mi.Float(1)
+        n_g, n_s = dr.gather(mi.Vector3f, hits.n_g, lanes), dr.gather(mi.Vector3f, hits.n_s, lanes)
+        v = -dr.gather(mi.Vector3f, rays.d, lanes)
+        ds, irradiance = emitter.sample_direction(si, mi.Point2f(0.5), True)
+        l = mi.Vector3f(ds.d)  # noqa: E741 (the model's name)
+        side = dr.dot(n_g, v)
+        n = dr.select(side >= 0, n_s, -n_s)
+        counts = (dr.dot(n_g, l) * side > 0) & (dr.dot(n, l) > 0) & (dr.max(irradiance) > 0)
+        if lamp.finite:
+            counts &= ds.dist > 0
+        visible = counts
+        if self.document.integrator.shadows:
+            visible = counts & ~self._shadowed(level, lanes, number, si.p, n_g, l, ds.p if lamp.finite else None, counts)
+        irradiance = dr.select(visible, irradiance, 0)
+        # Where the lamp does not count, the direction may be no number; the product with 0 must be 0.
+        l = dr.select(counts, l, n)  # noqa: E741
+        dr.eval(l, irradiance, visible)
+        return l, irradiance, visible
+
+    def _shadowed(self, level: Level, lanes: Any, number: int, p: Any, n_g: Any, l: Any, goal: Any, active: Any) -> Any:  # noqa: E741
+        """Whether something lies strictly between the surface and the lamp (at `goal`, or infinitely far along `l`)."""
+        rays = level.rays
+        setting = dr.gather(mi.UInt32, rays.setting, lanes)
+        key, path = dr.gather(mi.UInt32, rays.key, lanes), dr.gather(mi.UInt32, rays.path, lanes)
+        path = mix(path + dr.opaque(mi.UInt32, 0x80000000 + number))
+        o, unit = self._leave(p, n_g, l, setting)
+        d, reach = l, dr.full(mi.Float, dr.largest(mi.Float), dr.width(lanes))
+        if goal is not None:
+            towards = goal - o
+            reach = dr.norm(towards)
+            d = towards / reach
+            reach = reach * BEFORE_LAMP
+        o, d = self._perturb(o, d, key, path, setting)
+        ray = mi.Ray3f(o, d, reach, mi.Float(0), [])
+        shadowed = self.built.scene.ray_test(ray, active)
+        self._pending.append(("shadow", dr.count(active)))
+        if self.count_rehits:
+            within = unit * REHIT_UNITS
+            dr.eval(ray, shadowed, active, within)
+            blocked = np.flatnonzero((shadowed & active).numpy())
+            if len(blocked):
+                self._shadow_rehits(level, ray, within, lanes, blocked)
+        return shadowed
+
+    def _shadow_rehits(self, level: Level, ray: Any, within: Any, lanes: Any, blocked: np.ndarray) -> None:
+        """Counts shadow rays that were blocked by the very primitive they left."""
+        some = pad(blocked)
+        again = mi.Ray3f(
+            dr.gather(mi.Point3f, ray.o, some), dr.gather(mi.Vector3f, ray.d, some), dr.gather(mi.Float, ray.maxt, some), mi.Float(0), []
+        )
+        pi = self.built.scene.ray_intersect_preliminary(again)
+        valid = pi.is_valid()
+        shape = dr.gather(mi.UInt32, self.built.shape_of_registry, dr.reinterpret_array(mi.UInt32, pi.shape), valid)
+        rule = dr.gather(mi.UInt32, self.built.primitive_rule, shape, valid)
+        primitive = dr.select(rule == 1, pi.prim_index, dr.select(rule == 2, pi.prim_index >> 1, 0))
+        lane = dr.gather(mi.UInt32, lanes, some)
+        same = (shape == dr.gather(mi.UInt32, level.hits.shape, lane)) & (primitive == dr.gather(mi.UInt32, level.hits.primitive, lane))
+        rehit = (valid & same & (pi.t < dr.gather(mi.Float, within, some))).numpy()
+        self.counts.rehits += int(rehit[: len(blocked)].sum())
+
+    # ---- branches ------------------------------------------------------------------------------------------------
+
+    def _branches(self, level: Level, groups: Dict[int, np.ndarray], depth: int) -> Optional[Rays]:
+        """The level's delta branches: links back to it, and the next level's rays."""
+        integrator = self.document.integrator
+        last = depth >= integrator.max_depth
+        if last and not integrator.limit_background:
+            return None
+        parts: List[Rays] = []
+        found: Dict[str, List[Tuple[np.ndarray, np.ndarray, Any]]] = {"R": [], "T": []}
+        offset = 0
+        for letter in "RT":
+            for number, lanes in groups.items():
+                if letter not in self.document.materials[number].branches:
+                    continue
+                rays, weight, keep = self._branch(level, number, letter, pad(lanes))
+                kept = np.flatnonzero(keep.numpy()[: len(lanes)])
+                if len(kept) == 0:
+                    continue
+                parts.append(rays)
+                found[letter].append((lanes[kept], kept + offset, weight))
+                offset += dr.width(keep)
+        if not parts:
+            return None
+        everything = Rays.concatenate(parts)
+        weights = _join_colors([weight for letter in "RT" for _, _, weight in found[letter]])
+        first = 0
+        chosen: List[np.ndarray] = []
+        for letter in "RT":
+            if not found[letter]:
+                continue
+            parents = np.concatenate([entry[0] for entry in found[letter]])
+            places = np.concatenate([entry[1] for entry in found[letter]])
+            weight = dr.gather(mi.Color3f, weights, pad(places))
+            limit, children = None, None
+            if last:
+                medium = dr.gather(mi.Color3f, everything.medium, pad(places))
+                background = self.built.background.eval(dr.zeros(mi.SurfaceInteraction3f, dr.width(weight)))
+                limit = dr.select(medium == 0, background, 0)
+                dr.eval(limit)
+            else:
+                children = np.arange(first, first + len(places))
+            dr.eval(weight)
+            level.links.append((letter, parents, weight, children, limit))
+            chosen.append(places)
+            first += len(places)
+        return None if last else everything.gather(np.concatenate(chosen))
+
+    def _branch(self, level: Level, number: int, letter: str, lanes: Any) -> Tuple[Rays, Any, Any]:
+        """One branch of one material at its lanes: (rays, weight, which of them to follow)."""
+        hits, rays = level.hits, level.rays
+        si = self._interaction(level, lanes)
+        context = mi.BSDFContext()
+        context.type_mask = _BRANCH_FLAGS[letter]
+        sample, weight = self.built.bsdfs[number].sample(context, si, mi.Float(0.5), mi.Point2f(0.5), True)
+        weight = mi.Color3f(weight)
+        direction = mi.Vector3f(si.to_world(sample.wo))
+        n_g = mi.Vector3f(si.n)
+        side = -dr.dot(n_g, dr.gather(mi.Vector3f, rays.d, lanes))
+        leaving = dr.dot(n_g, direction) * side
+        throughput = dr.gather(mi.Color3f, hits.throughput, lanes) * weight
+        strength = dr.max(throughput)
+        keep = (strength > 0) & (strength >= self._cut) & ((leaving > 0) if letter == "R" else (leaving < 0))
+        medium = dr.gather(mi.Color3f, rays.medium, lanes)
+        if letter == "T":
+            material = dr.gather(mi.UInt32, hits.material, lanes)
+            inside = [dr.gather(mi.Float, self.built.media, material * 6 + channel) for channel in range(3)]
+            outside = [dr.gather(mi.Float, self.built.media, material * 6 + 3 + channel) for channel in range(3)]
+            medium = dr.select(side > 0, mi.Color3f(*inside), mi.Color3f(*outside))
+        setting = dr.gather(mi.UInt32, rays.setting, lanes)
+        key = dr.gather(mi.UInt32, rays.key, lanes)
+        path = mix(dr.gather(mi.UInt32, rays.path, lanes) * 4 + _BRANCH_NUMBERS[letter])
+        o, unit = self._leave(si.p, n_g, direction, setting)
+        o, direction = self._perturb(o, direction, key, path, setting)
+        spawned = Rays(
+            o, direction, throughput, medium, key, path, setting,
+            dr.gather(mi.UInt32, hits.shape, lanes), dr.gather(mi.UInt32, hits.primitive, lanes), unit * REHIT_UNITS,
+        )  # fmt: skip
+        dr.eval(spawned.arrays(), weight, keep)
+        return spawned, weight, keep
+
+    # ---- numbers -------------------------------------------------------------------------------------------------
+
+    def _leave(self, p: Any, n_g: Any, direction: Any, setting: Any) -> Tuple[Any, Any]:
+        """(origin, step): the point moved K units along n_g to the side that `direction` leaves to (never `si.spawn_ray`)."""
+        step = (1 + dr.max(dr.abs(p))) * dr.gather(mi.Float, self._k, setting)
+        return mi.Point3f(p + n_g * (step * dr.sign(dr.dot(n_g, direction)))), step
+
+    def _perturb(self, o: Any, d: Any, key: Any, path: Any, setting: Any) -> Tuple[Any, Any]:
+        """Origin and direction with each component times 1 + ulps * 2^-24 * r, r a hash in [-1, 1]; ulps = 0 is exact."""
+        noise = dr.gather(mi.Float, self._noise, setting)
+        base = mix(dr.gather(mi.UInt32, self._seed, setting) + mix(key + mix(path)))
+
+        def moved(value: Any, component: int) -> Any:
+            r = mi.Float(mi.Int32(mix(base + component * 0x1B873593))) * 2.0**-31
+            return value + value * (noise * r)
+
+        return (
+            mi.Point3f(*[moved(o[axis], axis) for axis in range(3)]),
+            mi.Vector3f(*[moved(d[axis], 3 + axis) for axis in range(3)]),
+        )
+
+    def _settle(self) -> None:
+        """Adds up what was counted along the way (kept lazy so as not to wait for it in between)."""
+        for name, count in self._pending:
+            setattr(self.counts, name, getattr(self.counts, name) + int(count[0]))
+        self._pending.clear()
+
+
+def _join_colors(parts: Sequence[Any]) -> Any:
+    if len(parts) == 1:
+        return parts[0]
+    joined = mi.Color3f(*[dr.concat([part[channel] for part in parts]) for channel in range(3)])
+    dr.eval(joined)
+    return joined

@@ -1,0 +1,50 @@
+"""Image files as linear RGB float32 arrays (model §10: decoded *before* any filtering)."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from .errors import SceneError
+from .runtime import mi
+
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".exr")
+
+
+def srgb_to_linear(value: np.ndarray) -> np.ndarray:
+    """IEC 61966-2-1 decoding, in the precision of `value`."""
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def _pick_rgb(pixels: np.ndarray, names: list, path: str) -> np.ndarray:
+    """Three colour channels out of whatever the file has: alpha ignored, grey repeated."""
+    where = {name.split(".")[-1].upper(): index for index, name in enumerate(names)}
+    if all(name in where for name in "RGB"):
+        return pixels[:, :, [where["R"], where["G"], where["B"]]]
+    if "Y" in where:
+        return np.repeat(pixels[:, :, where["Y"], None], 3, axis=2)
+    raise SceneError(f"{path}: expected channels R, G, B or Y, found {', '.join(names)}")
+
+
+def load(path: str, color_space: str) -> np.ndarray:
+    """(height, width, 3) float32, top row first. `color_space`: "auto", "srgb", "linear"."""
+    extension = os.path.splitext(path)[1].lower()
+    if extension not in EXTENSIONS:
+        raise SceneError(f"{path}: expected an image file ending in {', '.join(EXTENSIONS)}")
+    if not os.path.isfile(path):
+        raise SceneError(f"{path}: there is no such file")
+    try:
+        bitmap = mi.Bitmap(path)
+        names = [field.name for field in bitmap.struct_()]
+        pixels = np.atleast_3d(np.array(bitmap))
+    except Exception as error:  # Mitsuba raises RuntimeError with its own text
+        raise SceneError(f"{path}: cannot be read as an image: {error}") from error
+    # Integer texels are fractions of the type's largest value; float32 ones are values.
+    scale = float(np.iinfo(pixels.dtype).max) if np.issubdtype(pixels.dtype, np.integer) else 1.0
+    values = _pick_rgb(pixels, names, path).astype(np.float64) / scale
+    if color_space == "srgb" or (color_space == "auto" and extension != ".exr"):
+        values = srgb_to_linear(values)
+    if not np.all(np.isfinite(values)):
+        raise SceneError(f"{path}: has texels that are not finite")
+    return np.ascontiguousarray(values, dtype=np.float32)

@@ -1,0 +1,204 @@
+"""The operations of PROTOCOL.md: a request in, an answer out, both as plain dictionaries."""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import sys
+import time
+from typing import Any, Callable, Dict, List
+
+import numpy as np
+
+from . import aovs, check, document, exr, timing, tree
+from .driver import Tracer
+from .errors import DriverError
+from .runtime import LLVM, VARIANT, dr, mi, set_threads
+from .scene import Built, Cache
+from .settings import Setting
+
+Request = Dict[str, Any]
+Answer = Dict[str, Any]
+
+_documents = Cache(16)
+_scenes = Cache(8)
+
+
+def _get(request: Request, key: str, kind: type, default: Any = None) -> Any:
+    """A key of the request, of the right kind; required where there is no default."""
+    value = request.get(key, default)
+    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        raise DriverError(f"{key}: expected {kind.__name__}, found {value!r}")
+    return value
+
+
+def _load(request: Request, robust: bool) -> Built:
+    """The request's scene, from the cache where neither its text nor its files changed."""
+    key = (_get(request, "scene", str), _get(request, "base", str, "."))
+    parsed = _documents.get(key, lambda: document.parse(*key))
+    if not parsed.folder.unchanged():
+        _documents.forget(key)
+        parsed = _documents.get(key, lambda: document.parse(*key))
+    # Keyed by identity: a document read again is another one. (The entry keeps the document alive, so ids are not reused.)
+    return _scenes.get((id(parsed), robust), lambda: Built(parsed, robust))
+
+
+def _threads(request: Request) -> None:
+    set_threads(_get(request, "threads", int, 0))
+
+
+def _all_pixels(built: Built) -> Any:
+    y, x = np.divmod(np.arange(built.document.width * built.document.height), built.document.width)
+    return x, y
+
+
+def hello(request: Request) -> Answer:
+    """Versions and the machine."""
+    return {
+        "mitsuba": mi.__version__,
+        "drjit": dr.__version__,
+        "variant": VARIANT,
+        "python": platform.python_version(),
+        "libllvm": os.path.basename(LLVM.path),
+        "llvm_version": LLVM.version,
+        "cpu": _cpu(),
+        "threads": dr.thread_count(),
+    }
+
+
+def _cpu() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            for line in file:
+                if line.startswith("model name"):
+                    return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def render(request: Request) -> Answer:
+    """Traces all pixels and writes the EXR."""
+    setting = Setting.read(request.get("setting"))
+    out = _get(request, "out", str)
+    _threads(request)
+    begin = time.perf_counter()
+    built = _load(request, setting.robust)
+    loaded = time.perf_counter()
+    doc = built.document
+    x, y = _all_pixels(built)
+    tracer = Tracer(built, [setting], rehits=True)
+    values = tracer.pixels(x, y, np.zeros(len(x), dtype=np.int64))
+    traced = time.perf_counter()
+    channels = {letter: values[:, number] for number, letter in enumerate("RGB")}
+    if doc.aovs:
+        channels.update(aovs.render(Tracer(built, [setting]), x, y))
+    try:
+        exr.write(out, {name: plane.reshape(doc.height, doc.width) for name, plane in channels.items()})
+    except OSError as error:
+        raise DriverError(f"{out}: cannot be written: {error.strerror}") from error
+    return {
+        "seconds": {"load": loaded - begin, "trace": traced - loaded},
+        "rays": {"closest": tracer.counts.closest, "shadow": tracer.counts.shadow},
+        "width": doc.width,
+        "height": doc.height,
+        "samples": len(doc.samples),
+        "twin": doc.twin(),
+        "hosted": doc.hosted(),
+        "rehits": tracer.counts.rehits,
+        "setting": setting.to_json(),
+    }
+
+
+def probe(request: Request) -> Answer:
+    """Some pixels under some settings; all settings that share a scene are traced together."""
+    pixels = _get(request, "pixels", list)
+    settings = [Setting.read(value) for value in _get(request, "settings", list, [None])]
+    _threads(request)
+    values: List[Any] = [None] * len(settings)
+    for robust in sorted({setting.robust for setting in settings}):
+        built = _load(request, robust)
+        xy = np.array([_pixel(pixel, built) for pixel in pixels], dtype=np.int64).reshape(-1, 2)
+        mine = [number for number, setting in enumerate(settings) if setting.robust == robust]
+        tracer = Tracer(built, [settings[number] for number in mine])
+        which = np.repeat(np.arange(len(mine)), len(xy))
+        radiance = tracer.pixels(np.tile(xy[:, 0], len(mine)), np.tile(xy[:, 1], len(mine)), which)
+        for number, rows in zip(mine, radiance.reshape(len(mine), len(xy), 3)):
+            values[number] = rows.tolist()
+    return {"values": values}
+
+
+def _pixel(value: Any, built: Built) -> Any:
+    doc = built.document
+    good = isinstance(value, list) and len(value) == 2 and all(isinstance(n, int) and not isinstance(n, bool) for n in value)
+    if not good or not (0 <= value[0] < doc.width and 0 <= value[1] < doc.height):
+        raise DriverError(f"pixel: expected [x, y] inside the film of {doc.width} x {doc.height}, found {value!r}")
+    return value
+
+
+def tree_(request: Request) -> Answer:
+    """The ray tree of one sample of one pixel."""
+    setting = Setting.read(request.get("setting"))
+    _threads(request)
+    built = _load(request, setting.robust)
+    x, y = _pixel(request.get("pixel"), built)
+    return {"nodes": tree.grow(built, setting, x, y, _get(request, "sample", int, 0))}
+
+
+def check_(request: Request) -> Answer:
+    """The driver against Mitsuba's own integrators."""
+    setting = Setting.read(request.get("setting"))
+    _threads(request)
+    return check.run(_load(request, setting.robust), setting)
+
+
+def time_(request: Request) -> Answer:
+    """Warm run times."""
+    setting = Setting.read(request.get("setting"))
+    _threads(request)
+    repeats = _get(request, "repeats", int, 3)
+    if repeats < 1:
+        raise DriverError(f"repeats: expected at least 1, found {repeats}")
+    depth = None if request.get("path_depth") is None else _get(request, "path_depth", int)
+    return timing.run(_load(request, setting.robust), setting, repeats, depth)
+
+
+OPERATIONS: Dict[str, Callable[[Request], Answer]] = {
+    "hello": hello,
+    "render": render,
+    "probe": probe,
+    "tree": tree_,
+    "check": check_,
+    "time": time_,
+}
+
+
+def plain(value: Any) -> Any:
+    """The answer as JSON can hold it: numpy's numbers as Python's, numbers that are not finite as texts."""
+    if isinstance(value, dict):
+        return {key: plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, (bool, str, int)) or value is None:
+        return value
+    number = float(value)
+    if math.isfinite(number):
+        return number
+    return "nan" if math.isnan(number) else ("inf" if number > 0 else "-inf")
+
+
+def answer(request: Any) -> Answer:
+    """Carries out one request; never raises."""
+    try:
+        if not isinstance(request, dict):
+            raise DriverError(f"expected a JSON object, found {type(request).__name__}")
+        operation = OPERATIONS.get(request.get("op", ""))
+        if operation is None:
+            raise DriverError(f"unknown op {request.get('op')!r}; known: {', '.join(OPERATIONS)}")
+        return {"ok": True, **plain(operation(request))}
+    except DriverError as error:
+        return {"ok": False, "kind": error.kind, "error": str(error)}
+    except Exception as error:  # the process must survive whatever Mitsuba raises
+        print(f"whitstone_mitsuba: {type(error).__name__}: {error}", file=sys.stderr)
+        return {"ok": False, "kind": "internal", "error": f"{type(error).__name__}: {error}"}

@@ -1,0 +1,110 @@
+"""A document turned into Mitsuba objects, and the tables that give the model's surface from Mitsuba's."""
+
+from __future__ import annotations
+
+from typing import Any, List, Optional, Sequence
+
+import numpy as np
+
+from . import shapes as shape_module
+from .document import Document
+from .runtime import dr, mi
+
+NOTHING = 0xFFFFFFFF
+
+
+def _anchors() -> "mi.Scene":
+    """Two shapes of every kind that the driver can use, kept alive for the life of the process.
+
+    `ray_intersect` compiles code for every kind of shape that exists, whatever the scene. With these always there, that code
+    never changes, so that one kernel, compiled once and found in Dr.Jit's cache, serves all scenes.
+    """
+    points, faces, uvs = np.eye(3), np.array([[0, 1, 2]]), np.zeros((3, 2))
+    flat = [shape_module.make_mesh(points, faces, uvs, None, None) for _ in range(2)]
+    smooth = [shape_module.make_mesh(points, faces, uvs, np.eye(3), None) for _ in range(2)]
+    native = [mi.load_dict({"type": kind}) for kind in ("sphere", "disk", "rectangle") for _ in range(2)]
+    everything = {f"anchor{number:02d}": shape for number, shape in enumerate(flat + smooth + native)}
+    return mi.load_dict({"type": "scene", **everything}, parallel=False, optimize=False)
+
+
+_ANCHORS: Optional["mi.Scene"] = None
+
+
+def load_shapes(document: Document, bsdfs: Sequence["mi.BSDF"], robust: bool, extra: Optional[dict] = None) -> Any:
+    """(scene, shapes in the document's order). `extra`: emitters or a sensor for the check against Mitsuba's integrators."""
+    global _ANCHORS
+    if _ANCHORS is None:
+        _ANCHORS = _anchors()
+    built = [shape.build(bsdfs[shape.material]) for shape in document.shapes]
+    content = {f"shape{number:08d}": shape for number, shape in enumerate(built)}
+    # Never optimised: merging would change the numbers of shapes and primitives.
+    scene = mi.load_dict(
+        {"type": "scene", "embree_use_robust_intersections": robust, **content, **(extra or {})}, parallel=False, optimize=False
+    )
+    return scene, built
+
+
+def _floats(values: Any) -> "mi.Float":
+    return mi.Float(np.ascontiguousarray(np.ravel(values), dtype=np.float32))
+
+
+def _integers(values: Any) -> "mi.UInt32":
+    return mi.UInt32(np.ascontiguousarray(np.ravel(values), dtype=np.uint32))
+
+
+class Built:
+    """A scene ready to be traced. Tables end with a spare entry, so that they never have the size 1 (another kernel)."""
+
+    def __init__(self, document: Document, robust: bool) -> None:
+        self.document = document
+        self.robust = robust
+        self.bsdfs = [material.build() for material in document.materials]
+        self.ambients = [None if material.ambient is None else material.ambient.build() for material in document.materials]
+        self.emitters = [lamp.build() for lamp in document.lights.lamps]
+        self.background = document.lights.background_emitter()
+        self.sensor = document.camera.build() if document.camera.native() else None
+        self.scene, self._shapes = load_shapes(document, self.bsdfs, robust)
+        self._tables()
+
+    def _tables(self) -> None:
+        shapes = self.document.shapes
+        rules = [shape.rules for shape in shapes] + [shape_module.Rules()] * 2
+        # Dr.Jit numbers all shapes of the process; this gives back the document's number.
+        registry = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in self._shapes]
+        number_of = np.full(max(registry, default=0) + 2, NOTHING, dtype=np.uint32)
+        number_of[registry] = np.arange(len(shapes))
+        self.shape_of_registry = _integers(number_of)
+        self.flip = _floats([-1.0 if rule.flip else 1.0 for rule in rules])
+        self.smooth_normals = _integers([int(rule.smooth) for rule in rules])
+        self.uv_rule = _integers([rule.uv for rule in rules])
+        self.primitive_rule = _integers([rule.primitive for rule in rules])
+        planes = [np.zeros((2, 4)) if rule.plane is None else rule.plane for rule in rules]
+        self.plane_rows = _floats(planes)
+        self.material_of_shape = _integers([shape.material for shape in shapes] + [0, 0])
+        media = [(material.interior, material.exterior) for material in self.document.materials] + [((0, 0, 0), (0, 0, 0))] * 2
+        # Six numbers for each material: absorption inside, outside.
+        self.media = _floats(media)
+        self.ambient_light = mi.Color3f(*[dr.opaque(mi.Float, float(value)) for value in self.document.lights.ambient])
+        dr.eval(self.ambient_light)
+
+
+class Cache:
+    """The scenes used last, so that probing after rendering is cheap. Bounded: Embree's structures can be large."""
+
+    def __init__(self, size: int = 8) -> None:
+        self._size = size
+        self._entries: dict = {}
+
+    def get(self, key: Any, make: Any) -> Any:
+        """The entry for `key`, made by `make()` where it is new; the least recently used one goes first."""
+        if key in self._entries:
+            self._entries[key] = self._entries.pop(key)
+        else:
+            self._entries[key] = make()
+            while len(self._entries) > self._size:
+                self._entries.pop(next(iter(self._entries)))
+        return self._entries[key]
+
+    def forget(self, key: Any) -> None:
+        """Drops an entry."""
+        self._entries.pop(key, None)

@@ -1,0 +1,41 @@
+"""Serve mode: one JSON object a line in, one a line out (PROTOCOL.md)."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from typing import Any, Callable
+
+from .errors import DriverError
+
+
+def _answerer() -> Callable[[Any], dict]:
+    """`operations.answer`, or where Mitsuba cannot run, a function that says why to every request."""
+    try:
+        from .operations import answer
+
+        return answer
+    except (DriverError, ImportError) as error:
+        text = str(error)
+        return lambda request: {"ok": False, "kind": "internal", "error": text}
+
+
+def run() -> int:
+    """Answers requests until the input ends."""
+    # Libraries print to file descriptor 1; answers must stay alone there. So keep it for ourselves, and give them 2 in its place.
+    out = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
+    os.dup2(2, 1)
+    answer = _answerer()
+    for line in sys.stdin:
+        if not line.strip():
+            continue
+        try:
+            request = json.loads(line)
+        except ValueError as error:
+            reply = {"ok": False, "kind": "internal", "error": f"the request is not JSON: {error}"}
+        else:
+            reply = answer(request)
+        out.write(json.dumps(reply, allow_nan=False) + "\n")
+        out.flush()
+    return 0

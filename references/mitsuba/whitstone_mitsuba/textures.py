@@ -1,0 +1,176 @@
+"""Textures: constant, checker, image (model §10), each with its native Mitsuba twin.
+
+`read` gives a small value that knows its range (to check against the material that uses it) and how to build the twin.
+Coordinates are the model's, v up; what Mitsuba has otherwise (v down in bitmaps) goes into the twin's `to_uv`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Dict, List, Optional, Tuple
+
+import numpy as np
+
+from . import images
+from .errors import SceneError
+from .fields import REQUIRED, Fields, Vector, as_color, is_number, nearest
+from .files import Folder
+from .runtime import mi
+
+
+def _to_uv(scale: Vector, offset: Vector) -> "mi.ScalarTransform3f":
+    """(u, v) -> scale * (u, v) + offset."""
+    return mi.ScalarTransform3f(np.array([[scale[0], 0, offset[0]], [0, scale[1], offset[1]], [0, 0, 1]]))
+
+
+def _color(value: Vector) -> Dict[str, Any]:
+    """A colour without an upper limit (Mitsuba's plain `rgb` refuses more than 1 where it expects a reflectance)."""
+    return {"type": "srgb", "color": mi.ScalarColor3f(*value), "unbounded": True}
+
+
+@dataclass(frozen=True)
+class Constant:
+    """The same colour everywhere. Twin: `srgb` (what Mitsuba makes of `rgb` in an RGB variant)."""
+
+    value: Vector
+
+    def range(self) -> Tuple[float, float]:
+        return min(self.value), max(self.value)
+
+    def build(self) -> "mi.Texture":
+        return mi.load_dict(_color(self.value))
+
+
+@dataclass(frozen=True)
+class Checker:
+    """a where floor(u') + floor(v') is even, else b. Twin: `checkerboard`, whose cells are half a unit wide."""
+
+    a: Vector
+    b: Vector
+    scale: Vector
+    offset: Vector
+
+    def range(self) -> Tuple[float, float]:
+        return min(self.a + self.b), max(self.a + self.b)
+
+    def build(self) -> "mi.Texture":
+        half = [0.5 * number for number in self.scale], [0.5 * number for number in self.offset]
+        return mi.load_dict(
+            {"type": "checkerboard", "color0": _color(self.a), "color1": _color(self.b), "to_uv": _to_uv(*half)}
+        )
+
+
+@dataclass(frozen=True)
+class Image:
+    """An image file. Twin: `bitmap`, raw (the texels are linear already), rows counted from the top: v -> 1 - v."""
+
+    pixels: np.ndarray
+    filter: str
+    wrap: str
+    scale: Vector
+    offset: Vector
+
+    def range(self) -> Tuple[float, float]:
+        return float(self.pixels.min()), float(self.pixels.max())
+
+    def build(self) -> "mi.Texture":
+        return mi.load_dict(
+            {
+                "type": "bitmap",
+                "bitmap": mi.Bitmap(self.pixels),
+                "raw": True,
+                "filter_type": self.filter,
+                "wrap_mode": self.wrap,
+                "to_uv": _to_uv((self.scale[0], -self.scale[1]), (self.offset[0], 1 - self.offset[1])),
+            }
+        )
+
+
+class Textures:
+    """Reads texture values, resolving names of shared ones; each shared texture is read once."""
+
+    def __init__(self, shared: Dict[str, Any], base: Folder, errors: List[str], unsupported: List[str]) -> None:
+        self._tables = shared
+        self._base = base
+        self._errors = errors
+        self._unsupported = unsupported
+        self._read: Dict[str, Any] = {}
+        for name, table in shared.items():
+            self._read[name] = self._table(table, f"texture.{name}")
+
+    def value(self, fields: Fields, key: str, default: Any, low: float, high: float) -> Any:
+        """The texture under `key`: a number, a colour, a name or an inline table; its values within [low, high]."""
+        raw = fields.take(key, default)
+        where = f"{fields.where}.{key}"
+        if raw is None:
+            return Constant((0.0, 0.0, 0.0))
+        if isinstance(raw, str):
+            if raw not in self._read:
+                fields.error(key, f"no texture is called {raw!r}; {nearest(raw, list(self._tables))}")
+                return Constant((0.0, 0.0, 0.0))
+            texture = self._read[raw]
+        elif isinstance(raw, dict):
+            texture = self._table(raw, where)
+        else:
+            color = as_color(raw)
+            if color is None:
+                fields.error(key, f"expected a colour, the name of a texture or a table, found {raw!r}")
+                return Constant((0.0, 0.0, 0.0))
+            texture = Constant(color)
+        least, most = texture.range()
+        if least < low or most > high:
+            span = f">= {low:g}" if high == float("inf") else f"from {low:g} to {high:g}"
+            fields.error(key, f"expected values {span}, found {least:g} to {most:g}")
+        return texture
+
+    def _table(self, table: Any, where: str) -> Any:
+        fields = Fields(table, where, self._errors)
+        kind = fields.kind()
+        reader = READERS.get(kind or "")
+        if reader is None:
+            if kind is not None:
+                self._unsupported.append(f"{where}: no twin for a texture of type {kind!r}; {nearest(kind, list(READERS))}")
+            return Constant((0.0, 0.0, 0.0))
+        texture = reader(fields, self._base)
+        fields.close()
+        return texture
+
+
+def _pair(fields: Fields, key: str, default: Vector, number_allowed: bool) -> Vector:
+    """Two numbers; one number means both, where the model says so."""
+    raw = fields.take(key, default)
+    if number_allowed and is_number(raw):
+        return (float(raw), float(raw))
+    return fields.vector(key, default, 2)
+
+
+def _constant(fields: Fields, base: Folder) -> Constant:
+    return Constant(fields.color("value", REQUIRED, -float("inf")))
+
+
+def _checker(fields: Fields, base: Folder) -> Checker:
+    return Checker(
+        fields.color("a", 0.8, -float("inf")),
+        fields.color("b", 0.2, -float("inf")),
+        _pair(fields, "scale", (1.0, 1.0), True),
+        _pair(fields, "offset", (0.0, 0.0), False),
+    )
+
+
+def _image(fields: Fields, base: Folder) -> Any:
+    name = fields.string("file", REQUIRED)
+    filtering = fields.choice("filter", "bilinear", ("bilinear", "nearest"))
+    wrap = fields.choice("wrap", "repeat", ("repeat", "clamp", "mirror"))
+    space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
+    scale = _pair(fields, "scale", (1.0, 1.0), True)
+    offset = _pair(fields, "offset", (0.0, 0.0), False)
+    if not name:
+        return Constant((0.0, 0.0, 0.0))
+    try:
+        return Image(images.load(base.path(name), space), filtering, wrap, scale, offset)
+    except SceneError as error:
+        fields.error("file", str(error))
+        return Constant((0.0, 0.0, 0.0))
+
+
+READERS = {"constant": _constant, "checker": _checker, "image": _image}
