@@ -181,6 +181,53 @@ number!(
     |x| (0.0..=1.0).contains(&x)
 );
 
+/// An integer from `MIN` to `MAX`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct IntegerIn<const MIN: u32, const MAX: u32>(u32);
+
+impl<const MIN: u32, const MAX: u32> IntegerIn<MIN, MAX> {
+    /// The value if it is in range.
+    pub fn new(value: u32) -> Option<Self> {
+        (MIN..=MAX).contains(&value).then_some(Self(value))
+    }
+
+    /// The value.
+    pub const fn get(self) -> u32 {
+        self.0
+    }
+}
+
+impl<'de, const MIN: u32, const MAX: u32> Deserialize<'de> for IntegerIn<MIN, MAX> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct InRange<const MIN: u32, const MAX: u32>;
+        impl<const MIN: u32, const MAX: u32> Visitor<'_> for InRange<MIN, MAX> {
+            type Value = IntegerIn<MIN, MAX>;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "an integer from {MIN} to {MAX}")
+            }
+            fn visit_i64<E: Error>(self, value: i64) -> Result<Self::Value, E> {
+                u32::try_from(value)
+                    .ok()
+                    .and_then(IntegerIn::new)
+                    .ok_or_else(|| E::custom(format!("expected an integer from {MIN} to {MAX}, found {value}")))
+            }
+        }
+        deserializer.deserialize_any(InRange::<MIN, MAX>)
+    }
+}
+
+impl<const MIN: u32, const MAX: u32> JsonSchema for IntegerIn<MIN, MAX> {
+    fn schema_name() -> Cow<'static, str> {
+        format!("IntegerFrom{MIN}To{MAX}").into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "integer", "minimum": MIN, "maximum": MAX })
+    }
+}
+
 struct NumberVisitor(&'static str);
 
 impl Visitor<'_> for NumberVisitor {

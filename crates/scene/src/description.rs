@@ -1,0 +1,384 @@
+use crate::document::{self, Flattened, Value, type_name};
+use crate::{Sources, transform};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+use whitstone_core::config::{PluginRef, Positive, Table, decode, inline_reference};
+use whitstone_core::{FilmSize, SceneError, SceneErrors, SourceSpan, Transform, nearest};
+
+/// Most pixels that an image may have.
+const MAX_PIXELS: u64 = 1 << 28;
+
+/// A scene as it is written: every table known for what it is, no plugin looked at yet.
+pub struct Description<'s> {
+    /// Where the text came from.
+    pub sources: &'s Sources,
+    /// The image.
+    pub film: FilmTable,
+    /// How to look.
+    pub camera: PluginTable<'s>,
+    /// Where in a pixel.
+    pub sampler: PluginTable<'s>,
+    /// What to compute.
+    pub integrator: PluginTable<'s>,
+    /// How to find hits; the type may be "auto".
+    pub accelerator: PluginTable<'s>,
+    /// In the order of the file.
+    pub lights: Vec<PluginTable<'s>>,
+    /// In the order of the file, which is their number.
+    pub shapes: Vec<ShapeTable<'s>>,
+    /// Shared materials by id.
+    pub materials: BTreeMap<String, PluginTable<'s>>,
+    /// Shared textures by id.
+    pub textures: BTreeMap<String, PluginTable<'s>>,
+    /// Plugins written inside others, by the number in the reference that stands in their place.
+    pub inline: Vec<PluginTable<'s>>,
+    /// What validation must show.
+    pub expect: Expect,
+    /// The same scene as one document.
+    pub flattened: Flattened,
+}
+
+/// A plugin's type and parameters.
+#[derive(Clone, Debug)]
+pub struct PluginTable<'s> {
+    /// The TOML `type`.
+    pub name: String,
+    /// Place of the type, or of the table if the type was not written.
+    pub name_span: SourceSpan,
+    /// The parameters, without `type` and the keys common to its family.
+    pub table: Table<'s>,
+}
+
+/// A shape with the keys that all shapes have.
+#[derive(Clone, Debug)]
+pub struct ShapeTable<'s> {
+    /// Type and parameters.
+    pub plugin: PluginTable<'s>,
+    /// A name for people and for `--set`.
+    pub id: Option<String>,
+    /// `None` for the default material.
+    pub material: Option<(SourceSpan, PluginRef)>,
+    /// From object to world space.
+    pub transform: Transform,
+}
+
+/// The `[film]` table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FilmTable {
+    /// Pixels.
+    pub size: FilmSize,
+    /// Layers to write beside the radiance, in the order asked for.
+    pub aovs: Vec<Aov>,
+}
+
+/// A layer of arbitrary output values; section 11 of the model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Aov {
+    /// Distance from the camera ray's origin, in metres.
+    Depth,
+    /// Shading normal in world space.
+    Normal,
+    /// Texture coordinates.
+    Uv,
+    /// Number of the shape.
+    ShapeId,
+    /// Number of the primitive in the shape.
+    PrimitiveId,
+}
+
+/// The `[expect]` table: where a scene must differ from the default limits, the number and the reason.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Expect {
+    /// Largest `rel_rmse_interior` that passes.
+    pub rel_rmse_interior: Option<Positive>,
+    /// Largest number of explained pixels that passes.
+    pub explained: Option<u32>,
+    /// Why the numbers differ from the default; required with any of them.
+    pub reason: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawFilm {
+    width: Option<Spanned<i64>>,
+    height: Option<Spanned<i64>>,
+    #[serde(default)]
+    aovs: Vec<Spanned<Aov>>,
+}
+
+impl<'s> Description<'s> {
+    /// Reads the tables; all errors at once.
+    pub fn parse(sources: &'s Sources) -> Result<Self, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let mut merged = match document::merge(sources) {
+            Ok(merged) => merged,
+            // A document that is not TOML has too many consequences to go on.
+            Err(errors) => return Err(errors),
+        };
+        let flattened = errors.take(Flattened::new(&merged, sources));
+        let mut inline = Vec::new();
+        let mut reader = Reader {
+            inline: &mut inline,
+            errors: &mut errors,
+        };
+        let film = reader.film(merged.remove("film"));
+        let expect = reader.expect(merged.remove("expect"));
+        let camera = merged.remove("camera");
+        if camera.is_none() {
+            let error = SceneError::anywhere("the scene has no camera");
+            reader.errors.0.push(error.with_help("add a [camera] table with type = \"perspective\""));
+        }
+        let camera = camera.and_then(|value| reader.plugin(value, "camera"));
+        let sampler = reader.plugin_or(merged.remove("sampler"), "sampler", "center");
+        let integrator = reader.plugin_or(merged.remove("integrator"), "integrator", "whitted");
+        let accelerator = reader.plugin_or(merged.remove("accelerator"), "accelerator", "auto");
+        let lights = reader.list(merged.remove("light"), "light");
+        let textures = reader.shared(merged.remove("texture"), "texture");
+        let materials = reader.shared(merged.remove("material"), "material");
+        let shapes = reader.shapes(merged.remove("shape"));
+        match (camera, sampler, integrator, accelerator, film, flattened, expect) {
+            (
+                Some(camera),
+                Some(sampler),
+                Some(integrator),
+                Some(accelerator),
+                Some(film),
+                Some(flattened),
+                Some(expect),
+            ) if errors.0.is_empty() => Ok(Self {
+                sources,
+                film,
+                camera,
+                sampler,
+                integrator,
+                accelerator,
+                lights,
+                shapes,
+                materials,
+                textures,
+                inline,
+                expect,
+                flattened,
+            }),
+            _ => Err(errors),
+        }
+    }
+}
+
+/// Takes tables apart and collects errors and inline plugins.
+struct Reader<'a, 's> {
+    inline: &'a mut Vec<PluginTable<'s>>,
+    errors: &'a mut SceneErrors,
+}
+
+impl<'s> Reader<'_, 's> {
+    fn error(&mut self, span: SourceSpan, message: impl Into<String>) {
+        self.errors.0.push(SceneError::at(span, message));
+    }
+
+    fn table(&mut self, value: Value<'s>, what: &str) -> Option<Table<'s>> {
+        let span = value.span();
+        match value.into_inner() {
+            DeValue::Table(table) => Some(Spanned::new(span, table)),
+            other => {
+                self.error(span, format!("expected the table of a {what}, found {}", type_name(&other)));
+                None
+            }
+        }
+    }
+
+    fn film(&mut self, value: Option<Value<'s>>) -> Option<FilmTable> {
+        let raw = match value {
+            None => RawFilm {
+                width: None,
+                height: None,
+                aovs: Vec::new(),
+            },
+            Some(value) => {
+                let table = self.table(value, "film")?;
+                self.errors.take(decode::<RawFilm>(&table))?
+            }
+        };
+        let pixels = |value: &Option<Spanned<i64>>| value.as_ref().map_or(512, |v| *v.get_ref());
+        let (width, height) = (pixels(&raw.width), pixels(&raw.height));
+        for value in [&raw.width, &raw.height].into_iter().flatten() {
+            if !(1..=65536).contains(value.get_ref()) {
+                let found = value.get_ref();
+                self.error(value.span(), format!("expected a size from 1 to 65536 pixels, found {found}"));
+                return None;
+            }
+        }
+        if let Some(at) = raw.width.as_ref().or(raw.height.as_ref())
+            && width as u64 * height as u64 > MAX_PIXELS
+        {
+            self.error(at.span(), format!("{width} x {height} is more than {MAX_PIXELS} pixels"));
+            return None;
+        }
+        let mut aovs = Vec::new();
+        for aov in raw.aovs {
+            if aovs.contains(aov.get_ref()) {
+                self.error(aov.span(), "this layer is already in the list");
+            } else {
+                aovs.push(aov.into_inner());
+            }
+        }
+        Some(FilmTable {
+            size: FilmSize {
+                width: width as u32,
+                height: height as u32,
+            },
+            aovs,
+        })
+    }
+
+    fn expect(&mut self, value: Option<Value<'s>>) -> Option<Expect> {
+        let Some(value) = value else {
+            return Some(Expect::default());
+        };
+        let table = self.table(value, "expect")?;
+        let expect: Expect = self.errors.take(decode(&table))?;
+        let changes = expect.rel_rmse_interior.is_some() || expect.explained.is_some();
+        if changes && expect.reason.is_none() {
+            self.error(table.span(), "a changed limit needs its `reason`");
+        }
+        Some(expect)
+    }
+
+    fn plugin_or(&mut self, value: Option<Value<'s>>, what: &str, default: &str) -> Option<PluginTable<'s>> {
+        match value {
+            Some(value) => self.plugin(value, what),
+            None => Some(PluginTable {
+                name: default.to_owned(),
+                name_span: 0..0,
+                table: Spanned::new(0..0, DeTable::new()),
+            }),
+        }
+    }
+
+    fn plugin(&mut self, value: Value<'s>, what: &str) -> Option<PluginTable<'s>> {
+        let mut table = self.table(value, what)?;
+        let Some(name) = table.get_mut().remove("type") else {
+            let error = SceneError::at(table.span(), format!("this {what} has no `type`"));
+            let near = table.get_ref().keys().find(|key| nearest(key.get_ref(), ["type"]).is_some());
+            self.errors.0.push(match near {
+                Some(key) => error.with_help(format!("did you mean `type` instead of `{}`?", key.get_ref())),
+                None => error.with_help(format!("`whitstone list {what}s` shows the types")),
+            });
+            return None;
+        };
+        let name_span = name.span();
+        let name = match name.into_inner() {
+            DeValue::String(name) => name.into_owned(),
+            other => {
+                self.error(name_span, format!("expected a type in quotes, found {}", type_name(&other)));
+                return None;
+            }
+        };
+        let entries = std::mem::take(table.get_mut());
+        let hoisted = entries
+            .into_iter()
+            .map(|(key, value)| (key, self.hoist(value)))
+            .collect();
+        *table.get_mut() = hoisted;
+        Some(PluginTable {
+            name,
+            name_span,
+            table,
+        })
+    }
+
+    /// Takes plugins written inside a table out of it: tables with a `type`.
+    fn hoist(&mut self, value: Value<'s>) -> Value<'s> {
+        let span = value.span();
+        let value = match value.into_inner() {
+            DeValue::Table(table) if table.contains_key("type") => {
+                let plugin = self.plugin(Spanned::new(span.clone(), DeValue::Table(table)), "plugin");
+                let reference = inline_reference(self.inline.len());
+                self.inline.extend(plugin);
+                DeValue::String(reference.into())
+            }
+            DeValue::Array(items) => DeValue::Array(items.into_iter().map(|item| self.hoist(item)).collect()),
+            other => other,
+        };
+        Spanned::new(span, value)
+    }
+
+    fn list(&mut self, value: Option<Value<'s>>, what: &str) -> Vec<PluginTable<'s>> {
+        self.items(value, what)
+            .into_iter()
+            .filter_map(|item| self.plugin(item, what))
+            .collect()
+    }
+
+    fn items(&mut self, value: Option<Value<'s>>, what: &str) -> Vec<Value<'s>> {
+        let Some(value) = value else {
+            return Vec::new();
+        };
+        let span = value.span();
+        match value.into_inner() {
+            DeValue::Array(items) => items.into_iter().collect(),
+            other => {
+                self.error(span, format!("expected a list of {what}s, found {}", type_name(&other)));
+                Vec::new()
+            }
+        }
+    }
+
+    fn shared(&mut self, value: Option<Value<'s>>, what: &str) -> BTreeMap<String, PluginTable<'s>> {
+        let Some(value) = value else {
+            return BTreeMap::new();
+        };
+        let Some(table) = self.table(value, what) else {
+            return BTreeMap::new();
+        };
+        table
+            .into_inner()
+            .into_iter()
+            .filter_map(|(id, value)| Some((id.into_inner().into_owned(), self.plugin(value, what)?)))
+            .collect()
+    }
+
+    fn shapes(&mut self, value: Option<Value<'s>>) -> Vec<ShapeTable<'s>> {
+        let mut ids: BTreeMap<String, usize> = BTreeMap::new();
+        let mut shapes = Vec::new();
+        for (number, item) in self.items(value, "shape").into_iter().enumerate() {
+            let Some(mut plugin) = self.plugin(item, "shape") else {
+                continue;
+            };
+            let id = plugin.table.get_mut().remove("id").and_then(|id| self.text(id, "an id"));
+            if let Some((span, id)) = &id
+                && let Some(first) = ids.insert(id.clone(), number)
+            {
+                self.error(span.clone(), format!("the id \"{id}\" is already that of shape {first}"));
+            }
+            let material = plugin.table.get_mut().remove("material");
+            let material = material.and_then(|value| self.text(value, "the id of a material or a table with a `type`"));
+            let transform = match plugin.table.get_mut().remove("transform") {
+                None => Some(Transform::IDENTITY),
+                Some(value) => self.errors.take(transform::parse(&value)),
+            };
+            shapes.push(ShapeTable {
+                plugin,
+                id: id.map(|(_, id)| id),
+                material: material.map(|(span, text)| (span, PluginRef::from(text.as_str()))),
+                transform: transform.unwrap_or(Transform::IDENTITY),
+            });
+        }
+        shapes
+    }
+
+    fn text(&mut self, value: Value<'s>, expected: &str) -> Option<(SourceSpan, String)> {
+        let span = value.span();
+        match value.into_inner() {
+            DeValue::String(text) => Some((span, text.into_owned())),
+            other => {
+                self.error(span, format!("expected {expected}, found {}", type_name(&other)));
+                None
+            }
+        }
+    }
+}

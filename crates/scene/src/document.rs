@@ -1,0 +1,359 @@
+//! The merged TOML document of a scene, with places.
+
+use crate::Sources;
+use std::borrow::Cow;
+use std::path::Path;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+use whitstone_core::{SceneError, SceneErrors, SourceSpan, nearest};
+
+pub(crate) type Value<'s> = Spanned<DeValue<'s>>;
+
+/// Every key that the top level of a scene may have.
+const TOP_LEVEL: [&str; 11] = [
+    "include",
+    "film",
+    "camera",
+    "sampler",
+    "integrator",
+    "accelerator",
+    "light",
+    "texture",
+    "material",
+    "shape",
+    "expect",
+];
+
+/// The top-level table nearest in name, if `name` is none of them.
+pub fn nearest_top_level(name: &str) -> Option<&'static str> {
+    nearest(name, TOP_LEVEL)
+}
+
+/// The `include`s of a text and every syntax error in it.
+pub(crate) fn includes(padded: &str) -> (Vec<(SourceSpan, String)>, SceneErrors) {
+    let (table, errors) = parse(padded);
+    let mut errors = errors;
+    let mut found = Vec::new();
+    let list: Vec<&Value<'_>> = match table.get("include").map(|value| (value, value.get_ref())) {
+        None => Vec::new(),
+        Some((_, DeValue::Array(items))) => items.iter().collect(),
+        Some((value, _)) => vec![value],
+    };
+    for item in list {
+        match item.get_ref() {
+            DeValue::String(path) => found.push((item.span(), path.to_string())),
+            other => errors.0.push(SceneError::at(
+                item.span(),
+                format!("expected the path of a scene file, found {}", type_name(other)),
+            )),
+        }
+    }
+    (found, errors)
+}
+
+fn parse(padded: &str) -> (DeTable<'_>, SceneErrors) {
+    let (table, errors) = DeTable::parse_recoverable(padded);
+    let errors = errors
+        .into_iter()
+        .map(|error| SceneError {
+            span: error.span(),
+            message: error.message().trim().to_owned(),
+            help: None,
+        })
+        .collect();
+    (table.into_inner(), SceneErrors(errors))
+}
+
+/// All files merged, overrides applied.
+///
+/// A file comes after what it includes: its `[[shape]]`s and `[[light]]`s are added behind, its shared
+/// materials and textures replace those of the same id, its other tables replace whole tables.
+pub(crate) fn merge(sources: &Sources) -> Result<DeTable<'_>, SceneErrors> {
+    let mut merged = DeTable::new();
+    let mut errors = SceneErrors::default();
+    for padded in sources.padded_files() {
+        let (table, syntax) = parse(padded);
+        errors.0.extend(syntax.0);
+        for (key, value) in table {
+            match key.get_ref().as_ref() {
+                "include" => {}
+                name if !TOP_LEVEL.contains(&name) => errors.0.push(unknown_top_level(&key)),
+                "shape" | "light" => append(&mut merged, key, value, &mut errors),
+                "material" | "texture" => insert_all(&mut merged, key, value, &mut errors),
+                _ => {
+                    merged.insert(key, value);
+                }
+            }
+        }
+    }
+    for (start, padded, value) in sources.overrides() {
+        if let Err(error) = apply(&mut merged, start, padded, value) {
+            errors.0.push(error);
+        }
+    }
+    errors.into_result(merged)
+}
+
+fn unknown_top_level(key: &Spanned<Cow<'_, str>>) -> SceneError {
+    let error = SceneError::at(key.span(), format!("unknown table `{}`", key.get_ref()));
+    error.with_help(match nearest_top_level(key.get_ref()) {
+        Some(name) => format!("did you mean `{name}`?"),
+        None => format!("a scene has the tables {}", TOP_LEVEL.join(", ")),
+    })
+}
+
+fn append<'s>(
+    merged: &mut DeTable<'s>,
+    key: Spanned<Cow<'s, str>>,
+    value: Value<'s>,
+    errors: &mut SceneErrors,
+) {
+    let span = value.span();
+    let DeValue::Array(items) = value.into_inner() else {
+        let name = key.get_ref();
+        let error = SceneError::at(key.span(), format!("expected a list of {name}s"));
+        errors.0.push(error.with_help(format!("write [[{name}]], with two brackets")));
+        return;
+    };
+    let list = merged
+        .entry(key)
+        .or_insert_with(|| Spanned::new(span, DeValue::Array(Default::default())));
+    if let DeValue::Array(list) = list.get_mut() {
+        for item in items {
+            list.push(item);
+        }
+    }
+}
+
+fn insert_all<'s>(
+    merged: &mut DeTable<'s>,
+    key: Spanned<Cow<'s, str>>,
+    value: Value<'s>,
+    errors: &mut SceneErrors,
+) {
+    let span = value.span();
+    let DeValue::Table(items) = value.into_inner() else {
+        let name = key.get_ref();
+        let error = SceneError::at(key.span(), format!("expected {name}s by id"));
+        errors.0.push(error.with_help(format!("write [{name}.ID], then its keys")));
+        return;
+    };
+    let table = merged
+        .entry(key)
+        .or_insert_with(|| Spanned::new(span, DeValue::Table(DeTable::new())));
+    if let DeValue::Table(table) = table.get_mut() {
+        table.extend(items);
+    }
+}
+
+/// Applies `path=value`: the path is keys and indices with dots; a list is entered by index or by the
+/// `id` of an element. The value is TOML; what is not is taken as a string.
+fn apply<'s>(
+    merged: &mut DeTable<'s>,
+    start: usize,
+    padded: &'s str,
+    padded_value: &'s str,
+) -> Result<(), SceneError> {
+    let whole = start..padded.len();
+    let Some(equals) = padded.find('=') else {
+        let error = SceneError::at(whole, "expected path=value");
+        return Err(error.with_help("for example --set camera.fov=30"));
+    };
+    let parsed = DeTable::parse(padded_value).ok().map(Spanned::into_inner);
+    let value = parsed
+        .filter(|table| table.len() == 1)
+        .and_then(|mut table| table.remove("v"))
+        .unwrap_or_else(|| {
+            let text = Cow::Borrowed(padded[equals + 1..].trim());
+            Spanned::new(equals + 1..padded.len(), DeValue::String(text))
+        });
+
+    let mut keys: Vec<(SourceSpan, &str)> = Vec::new();
+    let mut from = start;
+    for part in padded[start..equals].split(['.', '[']) {
+        let key = part.trim().trim_end_matches(']');
+        keys.push((from..from + part.len(), key));
+        from += part.len() + 1;
+    }
+    if let Some((span, _)) = keys.iter().find(|(_, key)| key.is_empty()) {
+        return Err(SceneError::at(span.start..span.end.max(span.start + 1), "empty key in the path"));
+    }
+    let (first_span, first) = keys[0].clone();
+    if !TOP_LEVEL.contains(&first) || first == "include" {
+        return Err(unknown_top_level(&Spanned::new(first_span, Cow::Borrowed(first))));
+    }
+    set_in_table(merged, &keys, value)
+}
+
+fn set_in_table<'s>(
+    table: &mut DeTable<'s>,
+    keys: &[(SourceSpan, &'s str)],
+    value: Value<'s>,
+) -> Result<(), SceneError> {
+    let (span, key) = keys[0].clone();
+    let spanned_key = Spanned::new(span.clone(), Cow::Borrowed(key));
+    let [_, rest @ ..] = keys else {
+        unreachable!("paths have at least one key")
+    };
+    if rest.is_empty() {
+        table.remove(key);
+        table.insert(spanned_key, value);
+        return Ok(());
+    }
+    let entry = table
+        .entry(spanned_key)
+        .or_insert_with(|| Spanned::new(span.clone(), DeValue::Table(DeTable::new())));
+    set_in_value(entry, &span, rest, value)
+}
+
+fn set_in_value<'s>(
+    entry: &mut Value<'s>,
+    parent: &SourceSpan,
+    keys: &[(SourceSpan, &'s str)],
+    value: Value<'s>,
+) -> Result<(), SceneError> {
+    match entry.get_mut() {
+        DeValue::Table(table) => set_in_table(table, keys, value),
+        DeValue::Array(items) => {
+            let (span, key) = keys[0].clone();
+            let has_id = |item: &Value<'_>| {
+                item.get_ref().get("id").and_then(|id| id.get_ref().as_str()) == Some(key)
+            };
+            let index = key
+                .parse::<usize>()
+                .ok()
+                .or_else(|| items.iter().position(has_id))
+                .filter(|index| *index < items.len());
+            let Some(index) = index else {
+                return Err(SceneError::at(
+                    span,
+                    format!("no element `{key}`: expected an id, or an index below {}", items.len()),
+                ));
+            };
+            let element = items.iter_mut().nth(index).expect("the index is in range");
+            if keys.len() == 1 {
+                *element = value;
+                return Ok(());
+            }
+            set_in_value(element, &span, &keys[1..], value)
+        }
+        other => Err(SceneError::at(
+            parent.clone(),
+            format!("this is {} and has no keys", type_name(other)),
+        )),
+    }
+}
+
+/// What kind of value it is, with its article.
+pub(crate) fn type_name(value: &DeValue<'_>) -> &'static str {
+    match value {
+        DeValue::String(_) => "a string",
+        DeValue::Integer(_) => "an integer",
+        DeValue::Float(_) => "a number",
+        DeValue::Boolean(_) => "a boolean",
+        DeValue::Datetime(_) => "a date",
+        DeValue::Array(_) => "an array",
+        DeValue::Table(_) => "a table",
+    }
+}
+
+/// The one document that every renderer gets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Flattened {
+    /// TOML with includes resolved and overrides applied, no defaults filled in. Paths of files are
+    /// relative to the base folder.
+    pub text: String,
+    /// Of everything that the image depends on: the document without `accelerator` and `expect`, and the
+    /// bytes of every file that it names.
+    pub hash: String,
+}
+
+impl Flattened {
+    /// From the merged document.
+    pub(crate) fn new(merged: &DeTable<'_>, sources: &Sources) -> Result<Self, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let mut files = Vec::new();
+        let mut table = toml::Table::new();
+        for (key, value) in merged.iter() {
+            let value = plain(value, Some(key.get_ref()), sources, &mut files, &mut errors);
+            table.insert(key.get_ref().to_string(), value);
+        }
+        let text = to_text(&table);
+        table.remove("accelerator");
+        table.remove("expect");
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(to_text(&table).as_bytes());
+        for path in &files {
+            hasher.update(&content_hash(&sources.base().join(path)));
+        }
+        let hash = hasher.finalize().to_hex()[..32].to_owned();
+        errors.into_result(Self { text, hash })
+    }
+}
+
+/// Hash of a file's bytes; zeros for one that cannot be read: the plugin that needs it says so.
+fn content_hash(path: &Path) -> [u8; 32] {
+    let read = || {
+        // Opening a pipe would wait for a writer.
+        if !path.is_file() {
+            return None;
+        }
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(std::fs::File::open(path).ok()?).ok()?;
+        Some(*hasher.finalize().as_bytes())
+    };
+    read().unwrap_or_default()
+}
+
+fn to_text(table: &toml::Table) -> String {
+    toml::to_string(table).expect("a table of plain values can be written")
+}
+
+/// The value without places; paths under the key `file` made relative to the base and collected.
+fn plain(
+    value: &Value<'_>,
+    key: Option<&str>,
+    sources: &Sources,
+    files: &mut Vec<String>,
+    errors: &mut SceneErrors,
+) -> toml::Value {
+    match value.get_ref() {
+        DeValue::String(text) if key == Some("file") => {
+            let path = slashes(&sources.relative_to_base(&value.span(), text));
+            files.push(path.clone());
+            toml::Value::String(path)
+        }
+        DeValue::String(text) => toml::Value::String(text.to_string()),
+        DeValue::Integer(number) => match i64::from_str_radix(number.as_str(), number.radix()) {
+            Ok(number) => toml::Value::Integer(number),
+            Err(_) => {
+                let message = format!("{} is not a 64-bit integer", number.as_str());
+                errors.0.push(SceneError::at(value.span(), message));
+                toml::Value::Integer(0)
+            }
+        },
+        DeValue::Float(number) => toml::Value::Float(number.as_str().parse().unwrap_or(f64::NAN)),
+        DeValue::Boolean(flag) => toml::Value::Boolean(*flag),
+        DeValue::Datetime(time) => toml::Value::Datetime(*time),
+        DeValue::Array(items) => toml::Value::Array(
+            items
+                .iter()
+                .map(|item| plain(item, None, sources, files, errors))
+                .collect(),
+        ),
+        DeValue::Table(table) => toml::Value::Table(
+            table
+                .iter()
+                .map(|(key, item)| {
+                    let name = key.get_ref().to_string();
+                    let item = plain(item, Some(&name), sources, files, errors);
+                    (name, item)
+                })
+                .collect(),
+        ),
+    }
+}
+
+fn slashes(path: &Path) -> String {
+    path.to_string_lossy().replace('\\', "/")
+}

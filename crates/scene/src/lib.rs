@@ -1,0 +1,20 @@
+//! From a scene file to a picture, in steps that each have a type:
+//! [`Sources`] (text) -> [`Description`] (tables) -> [`Plan`] (what is needed) -> [`Pipeline`] (built)
+//! -> [`Film`] (rendered).
+//!
+//! This crate knows the registry, not the plugins.
+
+mod description;
+mod document;
+mod film;
+mod pipeline;
+mod plan;
+mod sources;
+mod transform;
+
+pub use description::{Aov, Description, Expect, FilmTable, PluginTable, ShapeTable};
+pub use document::{Flattened, nearest_top_level};
+pub use film::{Film, Progress, RenderOptions};
+pub use pipeline::Pipeline;
+pub use plan::{LeftOut, Plan};
+pub use sources::{LoadError, Position, Sources};

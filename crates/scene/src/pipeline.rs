@@ -1,0 +1,330 @@
+use crate::{Description, FilmTable, LeftOut, Plan, PluginTable};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+use toml::Spanned;
+use toml::de::DeTable;
+use whitstone_core::config::{FilePath, PluginRef, TextureRef, TextureValue};
+use whitstone_core::{
+    Accelerators, Camera, Cameras, ColorSource, Context, FamilyName, Geometry, Integrator,
+    Integrators, LightGives, Lights, Lobes, Material, Materials, Registry, Sampler, Samplers, SceneError,
+    SceneErrors, Shapes, SourceSpan, Texture, Textures, World, nearest,
+};
+
+/// Up to this many elements, trying each is faster than any structure over them.
+const BRUTE_FORCE_LIMIT: usize = 4;
+
+/// A scene that is built and ready to render.
+pub struct Pipeline {
+    /// Image and layers.
+    pub film: FilmTable,
+    /// Rays.
+    pub camera: Box<dyn Camera>,
+    /// Where in a pixel.
+    pub sampler: Box<dyn Sampler>,
+    /// What to compute.
+    pub integrator: Box<dyn Integrator>,
+    /// What it sees.
+    pub world: World,
+    /// Hash of the flattened scene.
+    pub scene_hash: String,
+    /// The accelerator in use, and why if the scene left the choice.
+    pub accelerator: (String, String),
+    /// What was not built, with the reasons.
+    pub left_out: Vec<LeftOut>,
+    /// Not errors, but worth knowing.
+    pub warnings: Vec<SceneError>,
+    /// Time that building took, reading files included.
+    pub build_seconds: f64,
+}
+
+impl Pipeline {
+    /// Builds what the plan says; all errors at once.
+    pub fn build(plan: &Plan<'_, '_>, registry: &Registry) -> Result<Self, SceneErrors> {
+        let start = Instant::now();
+        let description = plan.description;
+        let mut errors = SceneErrors::default();
+        let mut builder = Builder {
+            description,
+            registry,
+            textures: BTreeMap::new(),
+            open: Vec::new(),
+            warnings: Vec::new(),
+        };
+        let size = description.film.size;
+        let camera = errors.take(builder.plugin::<Cameras>(&description.camera, size));
+        let sampler = errors.take(builder.plugin::<Samplers>(&description.sampler, ()));
+        let integrator = errors.take(builder.plugin::<Integrators>(&description.integrator, ()));
+
+        let mut lights = Vec::new();
+        for light in &description.lights {
+            lights.extend(errors.take(builder.plugin::<Lights>(light, ())));
+        }
+        let materials = builder.materials(plan, &mut errors);
+        let mut shapes = Vec::new();
+        for shape in &description.shapes {
+            shapes.extend(errors.take(builder.plugin::<Shapes>(&shape.plugin, shape.transform)));
+        }
+        let complete = shapes.len() == description.shapes.len();
+        let geometry = Arc::new(Geometry::new(shapes));
+        let (name, why) = choose_accelerator(description, &geometry, registry);
+        let table = PluginTable {
+            name: name.clone(),
+            ..description.accelerator.clone()
+        };
+        // Over half of the shapes it would be built for nothing.
+        let accelerator = if complete {
+            errors.take(builder.plugin::<Accelerators>(&table, geometry.clone()))
+        } else {
+            None
+        };
+        let mut left_out = plan.left_out.clone();
+        left_out.extend(builder.unused_textures());
+        if let Some(integrator) = &integrator {
+            left_out.extend(unused_parts(description, &lights, &materials, integrator.as_ref()));
+        }
+        let warnings = builder.warnings;
+        match (camera, sampler, integrator, accelerator) {
+            (Some(camera), Some(sampler), Some(integrator), Some(accelerator)) if errors.0.is_empty() => {
+                Ok(Self {
+                    film: description.film.clone(),
+                    camera,
+                    sampler,
+                    integrator,
+                    world: World::new(geometry, accelerator, materials, lights),
+                    scene_hash: description.flattened.hash.clone(),
+                    accelerator: (name, why),
+                    left_out,
+                    warnings,
+                    build_seconds: start.elapsed().as_secs_f64(),
+                })
+            }
+            _ => Err(errors),
+        }
+    }
+}
+
+/// The type to use and the reason.
+fn choose_accelerator(
+    description: &Description<'_>,
+    geometry: &Geometry,
+    registry: &Registry,
+) -> (String, String) {
+    if description.accelerator.name != "auto" {
+        return (description.accelerator.name.clone(), "named by the scene".to_owned());
+    }
+    let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1).count();
+    let few = elements <= BRUTE_FORCE_LIMIT;
+    let (wanted, why) = if few {
+        ("brute_force", format!("{elements} elements: trying each is fastest"))
+    } else {
+        ("bvh", format!("more than {BRUTE_FORCE_LIMIT} elements"))
+    };
+    let other = if few { "bvh" } else { "brute_force" };
+    let available = |name: &str| registry.get(FamilyName::Accelerator, name).is_ok();
+    if !available(wanted) && available(other) {
+        (other.to_owned(), format!("\"{wanted}\" is not built in"))
+    } else {
+        (wanted.to_owned(), why)
+    }
+}
+
+/// Parts of the pipeline that this scene does not run.
+fn unused_parts(
+    description: &Description<'_>,
+    lights: &[Arc<dyn whitstone_core::Light>],
+    materials: &[Arc<dyn Material>],
+    integrator: &dyn Integrator,
+) -> Vec<LeftOut> {
+    let any = |lobes| materials.iter().any(|material| material.lobes().intersects(lobes));
+    let mut parts = Vec::new();
+    let mut leave_out = |what: &str, why: &str| {
+        parts.push(LeftOut {
+            what: what.to_owned(),
+            why: why.to_owned(),
+        });
+    };
+    let sampled = lights.iter().any(|light| light.gives().contains(LightGives::SAMPLES));
+    if !any(Lobes::LOCAL) {
+        leave_out("shadow rays", "no material in use reflects light by itself");
+    } else if !sampled {
+        leave_out("shadow rays", "no light shines from a place or a direction");
+    }
+    if !integrator.follows_branches() {
+        leave_out("reflected and refracted rays", "the integrator does not follow them");
+    } else {
+        if !any(Lobes::REFLECTION) {
+            leave_out("reflected rays", "no material in use mirrors");
+        }
+        if !any(Lobes::TRANSMISSION) {
+            leave_out("refracted rays", "no material in use transmits");
+        }
+    }
+    let needs = materials
+        .iter()
+        .fold(whitstone_core::Needs::NOTHING, |needs, material| needs | material.needs());
+    if !needs.contains(whitstone_core::Needs::UV) {
+        leave_out("texture coordinates", "no texture in use reads them");
+    }
+    if description.film.aovs.is_empty() {
+        leave_out("output layers", "the film asks for none");
+    }
+    parts
+}
+
+/// Builds plugins and what they refer to.
+struct Builder<'d, 's> {
+    description: &'d Description<'s>,
+    registry: &'d Registry,
+    /// Textures by id or place: `None` where the building failed and the error is reported.
+    textures: BTreeMap<TextureKey, Option<Arc<dyn Texture>>>,
+    /// Textures being built: one of them again is a cycle.
+    open: Vec<TextureKey>,
+    warnings: Vec<SceneError>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum TextureKey {
+    Shared(String),
+    Inline(usize),
+}
+
+impl<'d, 's> Builder<'d, 's> {
+    fn plugin<F: whitstone_core::Family>(
+        &mut self,
+        plugin: &PluginTable<'s>,
+        input: F::Input<'_>,
+    ) -> Result<F::Product, SceneErrors> {
+        let registry = self.registry;
+        registry.get(F::NAME, &plugin.name).map_err(|mut error| {
+            error.span = Some(plugin.name_span.clone());
+            SceneErrors::from(error)
+        })?;
+        registry.build::<F>(&plugin.name, &plugin.table, input, self)
+    }
+
+    /// The material of each shape, those that are shared built once.
+    fn materials(&mut self, plan: &Plan<'d, 's>, errors: &mut SceneErrors) -> Vec<Arc<dyn Material>> {
+        let description = self.description;
+        let mut shared: BTreeMap<&str, Option<Arc<dyn Material>>> = BTreeMap::new();
+        for &id in &plan.materials {
+            if let Some(plugin) = description.materials.get(id) {
+                shared.insert(id, errors.take(self.plugin::<Materials>(plugin, ())));
+            }
+        }
+        let mut default: Option<Arc<dyn Material>> = None;
+        let mut materials = Vec::new();
+        for shape in &description.shapes {
+            match &shape.material {
+                None => {
+                    if default.is_none() {
+                        default = errors.take(self.default_material(&shape.plugin));
+                    }
+                    materials.extend(default.clone());
+                }
+                Some((_, PluginRef::Inline(index))) => {
+                    if let Some(plugin) = description.inline.get(*index) {
+                        materials.extend(errors.take(self.plugin::<Materials>(plugin, ())));
+                    }
+                }
+                Some((span, PluginRef::Shared(id))) => match shared.get(id.as_str()) {
+                    Some(material) => materials.extend(material.clone()),
+                    None => {
+                        let known = description.materials.keys();
+                        errors.0.push(unknown_id("material", span, id, known));
+                    }
+                },
+            }
+        }
+        materials
+    }
+
+    fn default_material(&mut self, shape: &PluginTable<'s>) -> Result<Arc<dyn Material>, SceneErrors> {
+        let table = Spanned::new(shape.table.span(), DeTable::new());
+        self.registry.build::<Materials>("matte", &table, (), self)
+    }
+
+    fn unused_textures(&self) -> Vec<LeftOut> {
+        self.description
+            .textures
+            .keys()
+            .filter(|id| !self.textures.contains_key(&TextureKey::Shared((*id).clone())))
+            .map(|id| LeftOut {
+                what: format!("texture \"{id}\""),
+                why: "no material in use names it".to_owned(),
+            })
+            .collect()
+    }
+
+    /// The texture, built on first use. The error is empty where it was reported before.
+    fn shared_texture(&mut self, key: TextureKey, span: &SourceSpan) -> Result<Arc<dyn Texture>, SceneErrors> {
+        if let Some(built) = self.textures.get(&key) {
+            return built.clone().ok_or_else(SceneErrors::default);
+        }
+        if self.open.contains(&key) {
+            return Err(SceneError::at(span.clone(), "this texture refers to itself").into());
+        }
+        let description = self.description;
+        let plugin = match &key {
+            TextureKey::Inline(index) => description.inline.get(*index),
+            TextureKey::Shared(id) => description.textures.get(id),
+        };
+        let Some(plugin) = plugin else {
+            let TextureKey::Shared(id) = &key else {
+                return Err(SceneErrors::default());
+            };
+            return Err(unknown_id("texture", span, id, description.textures.keys()).into());
+        };
+        self.open.push(key.clone());
+        let result = self.plugin::<Textures>(plugin, ());
+        self.open.pop();
+        self.textures.insert(key, result.as_ref().ok().cloned());
+        result
+    }
+}
+
+fn unknown_id<'a>(
+    what: &str,
+    span: &SourceSpan,
+    id: &str,
+    known: impl Iterator<Item = &'a String>,
+) -> SceneError {
+    let known: Vec<&str> = known.map(String::as_str).collect();
+    let error = SceneError::at(span.clone(), format!("no {what} has the id \"{id}\""));
+    error.with_help(match nearest(id, known.iter().copied()) {
+        Some(near) => format!("did you mean \"{near}\"?"),
+        None if known.is_empty() => format!("add [{what}.{id}], or write the {what} inline"),
+        None => format!("the scene has the {what}s {}", known.join(", ")),
+    })
+}
+
+impl Context for Builder<'_, '_> {
+    fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors> {
+        let span = reference.span.clone().unwrap_or(0..0);
+        let key = match &reference.value {
+            TextureValue::Constant(color) => return Ok(ColorSource::Constant(*color)),
+            TextureValue::Plugin(PluginRef::Shared(id)) => TextureKey::Shared(id.clone()),
+            TextureValue::Plugin(PluginRef::Inline(index)) => TextureKey::Inline(*index),
+        };
+        self.shared_texture(key, &span).map(ColorSource::Texture)
+    }
+
+    fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {
+        let sources = self.description.sources;
+        let path = sources.base().join(sources.relative_to_base(&file.span, &file.path));
+        let fail = |why: String| {
+            let error = SceneError::at(file.span.clone(), format!("cannot read \"{}\": {why}", file.path));
+            Err(error.with_help(format!("looked for {}", path.display())))
+        };
+        match std::fs::metadata(&path) {
+            Err(error) => fail(error.to_string()),
+            Ok(metadata) if !metadata.is_file() => fail("not a regular file".to_owned()),
+            Ok(_) => Ok(path),
+        }
+    }
+
+    fn warn(&mut self, warning: SceneError) {
+        self.warnings.push(warning);
+    }
+}

@@ -1,0 +1,323 @@
+use crate::document;
+use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+use whitstone_core::{SceneError, SceneErrors, SourceSpan};
+
+/// Largest scene file that is read, in bytes: scenes are written by hand or by small programs; data
+/// belongs into the files that they name.
+const MAX_FILE_BYTES: u64 = 16 << 20;
+/// Most files that one scene may include.
+const MAX_FILES: usize = 256;
+/// Deepest nesting of includes.
+const MAX_DEPTH: usize = 32;
+
+/// The text of a scene: the file, what it includes, and the overrides of the command line.
+///
+/// Places in the text are byte ranges over all of them, one behind the other. To get such places from
+/// the TOML parser, each text is parsed behind as many spaces as the texts before it have bytes.
+#[derive(Debug, Default)]
+pub struct Sources {
+    /// In the order of merging: a file comes after what it includes, overrides last.
+    files: Vec<Source>,
+    /// Folder of the scene file; paths in the flattened document are relative to it.
+    base: PathBuf,
+    end: usize,
+}
+
+#[derive(Debug)]
+struct Source {
+    /// As shown to people.
+    name: String,
+    /// Folder that paths in it are relative to, relative to the base; empty for the base itself.
+    folder: PathBuf,
+    /// Where its text begins.
+    start: usize,
+    /// The text behind `start` spaces.
+    padded: String,
+    /// Of an override, the same with a `v` in place of its path: a document with one value.
+    padded_value: String,
+    kind: SourceKind,
+}
+
+#[derive(Debug, PartialEq, Eq)]
+enum SourceKind {
+    File,
+    Override,
+}
+
+/// Why a scene could not be read, with what was read so far, so that places can be shown.
+#[derive(Debug, Error)]
+#[error("{errors}")]
+pub struct LoadError {
+    /// For [`Sources::report`].
+    pub sources: Sources,
+    /// What is wrong.
+    pub errors: SceneErrors,
+}
+
+/// A place for people.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Position {
+    /// Path of the file, or the override.
+    pub file: String,
+    /// From 1.
+    pub line: usize,
+    /// From 1, in characters.
+    pub column: usize,
+}
+
+impl Sources {
+    /// Reads a scene file and, recursively, what it includes. `overrides` are `path=value`, as given
+    /// to `--set`.
+    pub fn load(path: &Path, overrides: &[String]) -> Result<Self, Box<LoadError>> {
+        let mut loader = Loader {
+            sources: Self {
+                base: path.parent().unwrap_or(Path::new("")).to_owned(),
+                ..Self::default()
+            },
+            errors: SceneErrors::default(),
+            open: Vec::new(),
+            done: Vec::new(),
+        };
+        loader.file(path.to_owned(), PathBuf::new(), path.display().to_string(), None);
+        loader.finish(overrides)
+    }
+
+    /// A scene from memory: `name` stands for the file in messages, `base` is the folder that its
+    /// paths are relative to.
+    pub fn from_text(
+        name: &str,
+        text: &str,
+        base: &Path,
+        overrides: &[String],
+    ) -> Result<Self, Box<LoadError>> {
+        let mut loader = Loader {
+            sources: Self {
+                base: base.to_owned(),
+                ..Self::default()
+            },
+            errors: SceneErrors::default(),
+            open: Vec::new(),
+            done: Vec::new(),
+        };
+        loader.text(text, name.to_owned(), PathBuf::new());
+        loader.finish(overrides)
+    }
+
+    /// Folder of the scene file.
+    pub fn base(&self) -> &Path {
+        &self.base
+    }
+
+    /// Name of the scene file.
+    pub fn name(&self) -> &str {
+        let main = self.files.iter().rev().find(|s| s.kind == SourceKind::File);
+        main.map_or("scene", |source| &source.name)
+    }
+
+    /// The files, each after what it includes, as the parser wants them.
+    pub(crate) fn padded_files(&self) -> impl Iterator<Item = &str> {
+        self.files
+            .iter()
+            .filter(|source| source.kind == SourceKind::File)
+            .map(|source| source.padded.as_str())
+    }
+
+    /// The overrides in the order given, each as (start, padded text, padded value).
+    pub(crate) fn overrides(&self) -> impl Iterator<Item = (usize, &str, &str)> {
+        self.files
+            .iter()
+            .filter(|source| source.kind == SourceKind::Override)
+            .map(|source| (source.start, source.padded.as_str(), source.padded_value.as_str()))
+    }
+
+    /// A path written at a place, relative to the base.
+    pub(crate) fn relative_to_base(&self, span: &SourceSpan, path: &str) -> PathBuf {
+        match self.source_at(span.start) {
+            Some(source) => source.folder.join(path),
+            None => PathBuf::from(path),
+        }
+    }
+
+    fn source_at(&self, offset: usize) -> Option<&Source> {
+        self.files
+            .iter()
+            .filter(|source| source.start <= offset)
+            .max_by_key(|source| source.start)
+    }
+
+    /// File, line and column of the start of a place.
+    pub fn position(&self, span: &SourceSpan) -> Option<Position> {
+        let source = self.source_at(span.start)?;
+        let text = &source.padded[source.start..];
+        let before = text.get(..span.start - source.start)?;
+        let line_start = before.rfind('\n').map_or(0, |i| i + 1);
+        Some(Position {
+            file: source.name.clone(),
+            line: before.matches('\n').count() + 1,
+            column: before[line_start..].chars().count() + 1,
+        })
+    }
+
+    /// The errors for people, each with its place, the line, and advice. With `color` in ANSI colours.
+    pub fn report(&self, errors: &SceneErrors, color: bool) -> String {
+        self.report_at(Level::ERROR, errors.0.iter(), color)
+    }
+
+    /// Warnings, in the same form.
+    pub fn report_warnings(&self, warnings: &[SceneError], color: bool) -> String {
+        self.report_at(Level::WARNING, warnings.iter(), color)
+    }
+
+    fn report_at<'a>(
+        &self,
+        level: Level<'static>,
+        items: impl Iterator<Item = &'a SceneError>,
+        color: bool,
+    ) -> String {
+        let renderer = if color { Renderer::styled() } else { Renderer::plain() };
+        let mut sorted: Vec<&SceneError> = items.collect();
+        sorted.sort_by_key(|error| error.span.as_ref().map_or(usize::MAX, |span| span.start));
+        let reports: Vec<String> = sorted
+            .into_iter()
+            .map(|error| {
+                let mut group = Group::with_title(level.clone().primary_title(&error.message));
+                if let Some(span) = &error.span
+                    && let Some(source) = self.source_at(span.start)
+                {
+                    let text = &source.padded[source.start..];
+                    let end = (span.end - source.start).min(text.len());
+                    let start = (span.start - source.start).min(end);
+                    let snippet = Snippet::source(text)
+                        .path(&source.name)
+                        .annotation(AnnotationKind::Primary.span(start..end));
+                    group = group.element(snippet);
+                }
+                if let Some(help) = &error.help {
+                    group = group.element(Level::HELP.message(help));
+                }
+                renderer.render(&[group])
+            })
+            .collect();
+        reports.join("\n\n")
+    }
+}
+
+struct Loader {
+    sources: Sources,
+    errors: SceneErrors,
+    /// Files that are being read: including one of them again is a cycle.
+    open: Vec<PathBuf>,
+    /// Files that have been read: including one of them again adds nothing.
+    done: Vec<PathBuf>,
+}
+
+impl Loader {
+    fn finish(mut self, overrides: &[String]) -> Result<Sources, Box<LoadError>> {
+        for text in overrides {
+            let name = format!("--set {text}");
+            self.push(text, name, PathBuf::new(), SourceKind::Override);
+        }
+        if self.errors.0.is_empty() {
+            Ok(self.sources)
+        } else {
+            Err(Box::new(LoadError {
+                sources: self.sources,
+                errors: self.errors,
+            }))
+        }
+    }
+
+    fn fail(&mut self, at: Option<&SourceSpan>, message: String) {
+        self.errors.0.push(SceneError {
+            span: at.cloned(),
+            message,
+            help: None,
+        });
+    }
+
+    fn file(&mut self, path: PathBuf, folder: PathBuf, name: String, at: Option<&SourceSpan>) {
+        let identity = path.canonicalize().unwrap_or_else(|_| path.clone());
+        if self.done.contains(&identity) {
+            return;
+        }
+        if self.open.contains(&identity) {
+            return self.fail(at, format!("\"{name}\" includes itself"));
+        }
+        if self.open.len() >= MAX_DEPTH || self.sources.files.len() >= MAX_FILES {
+            return self.fail(
+                at,
+                format!("too many includes: at most {MAX_DEPTH} deep and {MAX_FILES} in all"),
+            );
+        }
+        match read_text(&path) {
+            Err(problem) => self.fail(at, format!("cannot read scene \"{name}\": {problem}")),
+            Ok(text) => {
+                self.open.push(identity);
+                self.text(&text, name, folder);
+                self.done.extend(self.open.pop());
+            }
+        }
+    }
+
+    fn text(&mut self, text: &str, name: String, folder: PathBuf) {
+        let index = self.push(text, name, folder.clone(), SourceKind::File);
+        let (includes, errors) = document::includes(&self.sources.files[index].padded);
+        self.errors.0.extend(errors.0);
+        for (span, include) in includes {
+            let relative = folder.join(&include);
+            let path = self.sources.base.join(&relative);
+            let folder = relative.parent().unwrap_or(Path::new("")).to_owned();
+            self.file(path.clone(), folder, path.display().to_string(), Some(&span));
+        }
+        // Merging goes from first to last, and a file overrides what it includes.
+        let file = self.sources.files.remove(index);
+        self.sources.files.push(file);
+    }
+
+    fn push(&mut self, text: &str, name: String, folder: PathBuf, kind: SourceKind) -> usize {
+        // A byte order mark is no part of the text.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let start = self.sources.end;
+        let padded_value = match text.split_once('=') {
+            Some((path, value)) if kind == SourceKind::Override => {
+                " ".repeat((start + path.len()).saturating_sub(1)) + "v=" + value
+            }
+            _ => String::new(),
+        };
+        self.sources.files.push(Source {
+            name,
+            folder,
+            start,
+            padded: " ".repeat(start) + text,
+            padded_value,
+            kind,
+        });
+        // One byte between texts, so that the end of one is not the start of the next.
+        self.sources.end = start + text.len() + 1;
+        self.sources.files.len() - 1
+    }
+}
+
+fn read_text(path: &Path) -> Result<String, String> {
+    let metadata = fs::metadata(path).map_err(|error| error.to_string())?;
+    if !metadata.is_file() {
+        return Err("not a regular file".into());
+    }
+    let file = fs::File::open(path).map_err(|error| error.to_string())?;
+    let mut bytes = Vec::new();
+    file.take(MAX_FILE_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|error| error.to_string())?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(format!("larger than {} MiB", MAX_FILE_BYTES >> 20));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = valid.iter().filter(|byte| **byte == b'\n').count() + 1;
+        format!("not UTF-8 text (line {line})")
+    })
+}
