@@ -87,7 +87,7 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     lit = smooth[np.minimum(material, len(document.materials))]
     if not lit.any():
         raise NotApplicable("no pixel shows a surface that reflects the lights")
-    theirs = np.zeros((rays.real, 3))
+    theirs = np.zeros((rays.real, 3), dtype=np.float32)  # added up as the driver does
     # One emitter at a time: of several, the integrator would choose one at random.
     for emitter in built.emitters:
         scene, _ = load_shapes(document, built.bsdfs, setting.robust, {"zz_emitter": emitter})

@@ -259,7 +259,7 @@ class Tracer:
         hits = self.intersect(rays)
         self.counts.closest += rays.real
         if self.count_rehits:
-            self._pending.append(("rehits", dr.count(hits.rehit)))
+            self._count("rehits", hits.rehit, rays.real)
         level = Level(rays, hits)
         # Lanes by material: a stable sort of their numbers.
         numbers = hits.material.numpy()[: max(rays.real, 1)]
@@ -337,7 +337,7 @@ class Tracer:
         if not groups:
             return
         lanes_all = np.concatenate(list(groups.values()))
-        lit = [self._lamp(level, number, pad(lanes_all)) for number in range(len(self.built.emitters))]
+        lit = [self._lamp(level, number, lanes_all) for number in range(len(self.built.emitters))]
         first = 0
         context = mi.BSDFContext()
         for number, lanes in groups.items():
@@ -361,10 +361,11 @@ class Tracer:
             dr.scatter(level.hits.local, total, here)
             dr.eval(level.hits.local)
 
-    def _lamp(self, level: Level, number: int, lanes: Any) -> Tuple[Any, Any, Any]:
+    def _lamp(self, level: Level, number: int, lanes_here: np.ndarray) -> Tuple[Any, Any, Any]:
         """(direction, irradiance, visible) of a lamp at some lanes; the irradiance is 0 where it does not count (rule G)."""
         lamp, emitter = self.document.lights.lamps[number], self.built.emitters[number]
         hits, rays = level.hits, level.rays
+        lanes = pad(lanes_here)
         si = dr.zeros(mi.SurfaceInteraction3f, dr.width(lanes))
         si.p = dr.gather(mi.Point3f, hits.p, lanes)
         si.t = mi.Float(1)
@@ -380,6 +381,7 @@ class Tracer:
         visible = counts
         if self.document.integrator.shadows:
             visible = counts & ~self._shadowed(level, lanes, number, si.p, n_g, l, ds.p if lamp.finite else None, counts)
+            self._count("shadow", counts, len(lanes_here))
         irradiance = dr.select(visible, irradiance, 0)
         # Where the lamp does not count, the direction may be no number; the product with 0 must be 0.
         l = dr.select(counts, l, n)  # noqa: E741
@@ -402,7 +404,6 @@ class Tracer:
         o, d = self._perturb(o, d, key, path, setting)
         ray = mi.Ray3f(o, d, reach, mi.Float(0), [])
         shadowed = self.built.scene.ray_test(ray, active)
-        self._pending.append(("shadow", dr.count(active)))
         if self.count_rehits:
             within = unit * REHIT_UNITS
             dr.eval(ray, shadowed, active, within)
@@ -529,10 +530,14 @@ class Tracer:
             mi.Vector3f(*[moved(d[axis], 3 + axis) for axis in range(3)]),
         )
 
+    def _count(self, name: str, mask: Any, real: int) -> None:
+        """Notes to add the lanes where `mask` holds; a single lane was padded by its own double."""
+        self._pending.append((name, dr.count(mask), 2 if real == 1 else 1))
+
     def _settle(self) -> None:
         """Adds up what was counted along the way (kept lazy so as not to wait for it in between)."""
-        for name, count in self._pending:
-            setattr(self.counts, name, getattr(self.counts, name) + int(count[0]))
+        for name, count, copies in self._pending:
+            setattr(self.counts, name, getattr(self.counts, name) + int(count[0]) // copies)
         self._pending.clear()
 
 

@@ -1,0 +1,284 @@
+"""Cameras, shapes, their normals, uv and numbers (model §4, §9, §11)."""
+
+import math
+import os
+import tempfile
+import unittest
+
+import numpy as np
+from support import DOWN, FLOOR, Case, film
+
+from whitstone_mitsuba import meshes
+from whitstone_mitsuba.runtime import mi
+
+AOVS = ("depth", "normal", "uv", "shape_id", "primitive_id")
+
+
+def looking(origin, target=(0, 0, 0), up=(0, 1, 0), more=""):
+    """A camera whose single pixel looks from `origin` to `target`."""
+    origin, target, up = ([float(number) for number in vector] for vector in (origin, target, up))
+    look = f"look_at = {{ origin = {origin}, target = {target}, up = {up} }}\n"
+    return film() + '[camera]\ntype = "perspective"\n' + look + more
+
+
+class Cameras(Case):
+    def directions(self, camera, width=8, height=4):
+        """Directions of the rays through all pixels, told from where they hit a huge sphere around the eye."""
+        ball = '[[shape]]\ntype = "sphere"\nradius = 100\ncenter = [1, 2, 3]\n'
+        channels, answer = self.render(film(width, height, ["normal", "depth"]) + camera + ball)
+        return np.stack([channels[f"normal.{axis}"] for axis in "XYZ"], axis=2), channels["depth.Z"], answer
+
+    def test_perspective(self):
+        look = 'type = "perspective"\nlook_at = { origin = [1, 2, 3], target = [1, 2, 0] }\n'
+        x = (np.arange(8) + 0.5) / 4 - 1
+        y = 1 - (np.arange(4) + 0.5) / 2
+        cases = {
+            "fov = 90\n": (1, 0.5),
+            'fov = 90\nfov_axis = "y"\n': (2, 1),
+            'fov = 90\nfov_axis = "smaller"\n': (2, 1),
+            'fov = 90\nfov_axis = "larger"\n': (1, 0.5),
+            "": (math.tan(math.radians(22.5)), math.tan(math.radians(22.5)) / 2),
+        }
+        for text, (half_x, half_y) in cases.items():
+            found, depth, answer = self.directions("[camera]\n" + look + text)
+            expected = np.stack(np.broadcast_arrays(x[None, :] * half_x, y[:, None] * half_y, -1.0), axis=2)
+            self.near(found, expected / np.linalg.norm(expected, axis=2, keepdims=True), atol=1e-6)
+            self.near(depth, np.full((4, 8), 100.0))
+            self.assertEqual(answer["twin"], "native")
+
+    def test_perspective_windows(self):
+        look = 'type = "perspective"\nlook_at = { origin = [1, 2, 3], target = [1, 2, 0] }\n'
+        for window, twin in (((-1, 3, 0.5, 2.5, 2), "native"), ((-1, 1, -2, 1, 1), "formula")):
+            left, right, bottom, top, distance = window
+            text = f"window = {{ l = {left}, r = {right}, b = {bottom}, t = {top}, d = {distance} }}\n"
+            found, _, answer = self.directions("[camera]\n" + look + text)
+            a = left + (right - left) * (np.arange(8) + 0.5) / 8
+            c = top - (top - bottom) * (np.arange(4) + 0.5) / 4
+            expected = np.stack(np.broadcast_arrays(a[None, :], c[:, None], -float(distance)), axis=2)
+            self.near(found, expected / np.linalg.norm(expected, axis=2, keepdims=True), atol=1e-6)
+            self.assertEqual(answer["twin"], twin)
+
+    def test_orthographic(self):
+        wall = '[[shape]]\ntype = "plane"\n'
+        look = '[camera]\ntype = "orthographic"\nlook_at = { origin = [1, 2, 3], target = [1, 2, 0] }\n'
+        for text, (left, right, bottom, top) in (
+            ("", (-1, 1, -0.5, 0.5)),
+            ("width = 8\n", (-4, 4, -2, 2)),
+            ("window = { l = 1, r = 2, b = -3, t = 4 }\n", (1, 2, -3, 4)),
+        ):
+            channels, answer = self.render(film(8, 4, ["uv", "depth"]) + look + text + wall)
+            a = 1 + left + (right - left) * (np.arange(8) + 0.5) / 8
+            c = 2 + top - (top - bottom) * (np.arange(4) + 0.5) / 4
+            self.near(channels["uv.U"], np.broadcast_to(a, (4, 8)))
+            self.near(channels["uv.V"], np.broadcast_to(c[:, None], (4, 8)))
+            self.near(channels["depth.Z"], np.full((4, 8), 3.0))
+            self.assertEqual(answer["twin"], "native")
+
+    def test_nothing_is_too_near(self):
+        near = '[[shape]]\ntype = "plane"\ntransform = { translate = [0, 0, 2.999] }\n'
+        node = self.nodes(looking([0, 0, 3]) + near)[0]
+        self.assertEqual(node["shape"], 0)
+        self.near(node["t"], 0.001, rel=1e-3)
+
+    def test_grid(self):
+        """A checker edge through the middle of a pixel: half of the positions see each side."""
+        floor = FLOOR + 'material = { type = "matte", reflectance = { type = "checker", a = 1, b = 0 } }\n'
+        scene = film() + '[sampler]\ntype = "grid"\nn = 4\n' + DOWN.replace("fov = 90", "fov = 1")
+        self.near(self.value(scene + '[[light]]\ntype = "ambient"\nradiance = 1\n' + floor), [0.5] * 3)
+
+
+class Shapes(Case):
+    def test_sphere(self):
+        theta, phi = 1.1, 4.0
+        direction = np.array([math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)])
+        shape = '[[shape]]\ntype = "sphere"\ncenter = [1, 2, 3]\nradius = 2\n'
+        node = self.nodes(looking(np.array([1, 2, 3]) + 5 * direction, (1, 2, 3)) + shape)[0]
+        self.near(node["uv"], [phi / (2 * math.pi), (math.pi - theta) / math.pi])
+        self.near(node["n_g"], direction)
+        self.near(node["t"], 3, rel=1e-5)
+        # From within, the outside stays outside.
+        node = self.nodes(looking([1, 2, 3], np.array([1, 2, 3]) + direction) + shape)[0]
+        self.near(node["n_g"], direction)
+        self.near(node["t"], 2)
+
+    def test_sphere_transforms(self):
+        shape = '[[shape]]\ntype = "sphere"\nradius = 2\ntransform = [{ scale = [1, 1, -1] }, { scale = 0.5 }]\n'
+        node = self.nodes(looking([0, 3, 4]) + shape)[0]
+        self.near(node["n_g"], [0, 0.6, 0.8], atol=1e-6)
+        self.near(node["t"], 4, rel=1e-5)
+        self.near(node["uv"], [0.25, (math.pi - math.acos(-0.8)) / math.pi])
+        turned = '[[shape]]\ntype = "sphere"\ntransform = { rotate = { axis = [0, 0, 1], degrees = 90 } }\n'
+        # Object x now points along world y.
+        self.near(self.nodes(looking([-3, 4, 0], up=[0, 0, 1]) + turned)[0]["uv"][0], math.atan2(3, 4) / (2 * math.pi))
+        self.refuse(looking([0, 3, 4]) + shape.replace("scale = 0.5", "scale = [1, 2, 1]"), "scene", "similarity")
+
+    def test_plane(self):
+        shape = '[[shape]]\ntype = "plane"\ntransform = [{ scale = 2 }, { translate = [10, 0, 1] }]\n'
+        node = self.nodes(looking([3, 4, 5], (1, 6, 1)) + shape)[0]
+        self.near(node["uv"], [(1 - 10) / 2, 3.0])
+        self.assertEqual(node["n_g"], [0, 0, 1])
+
+    def test_rectangle_and_disk(self):
+        for mirror, sign in (("[1, 1, 1]", 1), ("[-1, 1, 1]", 1), ("[1, 1, -1]", -1), ("[-1, -1, -1]", -1)):
+            steps = f"transform = {{ scale = {mirror} }}\n"
+            x, y = eval(mirror)[0] * 0.3, eval(mirror)[1] * 0.4
+            for origin in ([0.3, 0.4, 5], [0.3, 0.4, -5]):
+                node = self.nodes(looking(origin, (0.3, 0.4, 0)) + '[[shape]]\ntype = "rectangle"\n' + steps)[0]
+                self.near(node["uv"], [(x + 1) / 2, (y + 1) / 2])
+                self.assertEqual(node["n_g"], [0, 0, sign])
+                self.assertEqual((node["n_s"], node["primitive"]), (node["n_g"], 0))
+                node = self.nodes(looking(origin, (0.3, 0.4, 0)) + '[[shape]]\ntype = "disk"\n' + steps)[0]
+                self.near(node["uv"], [0.5, math.atan2(y, x) / (2 * math.pi) % 1])
+                self.assertEqual(node["n_g"], [0, 0, sign])
+        self.refuse(looking([0, 0, 5]) + '[[shape]]\ntype = "disk"\ntransform = { scale = [1, 2, 1] }\n', "scene", "x and y")
+
+    def test_box(self):
+        for mirror in ("[1, 1, 1]", "[-1, 1, 1]", "[1, -2, 1]"):
+            scale = np.array(eval(mirror))
+            for face in range(6):
+                axis, sign = face // 2, 2 * (face % 2) - 1
+                b, c = (axis + 1) % 3, (axis + 2) % 3
+                point = np.zeros(3)
+                point[axis], point[b], point[c] = sign, 0.2, -0.6
+                normal = np.zeros(3)
+                normal[axis] = sign * np.sign(scale[axis])
+                up = np.eye(3)[b]
+                shape = f'[[shape]]\ntype = "box"\ntransform = {{ scale = {mirror} }}\n'
+                node = self.nodes(looking(point * scale + 4 * normal, point * scale, up) + shape)[0]
+                self.assertEqual(node["primitive"], face)
+                self.near(node["uv"], [0.6, 0.2])
+                self.near(node["n_g"], normal)
+
+    def test_triangle(self):
+        shape = '[[shape]]\ntype = "triangle"\nvertices = [[0, 0, 0], [4, 0, 0], [0, 2, 0]]\n'
+        camera = looking([1, 0.5, 3], (1, 0.5, 0))
+        node = self.nodes(camera + shape)[0]
+        self.near(node["uv"], [0.25, 0.25])
+        self.assertEqual((node["n_g"], node["n_s"]), ([0, 0, 1], [0, 0, 1]))
+        mirrored = shape + "transform = { scale = [1, 1, -1] }\n"
+        node = self.nodes(camera + mirrored)[0]
+        self.assertEqual(node["n_g"], [0, 0, -1])
+        self.near(node["uv"], [0.25, 0.25])
+        normals = shape + "normals = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]\nuvs = [[0, 0], [0, 8], [4, 0]]\n"
+        node = self.nodes(camera + normals)[0]
+        n = np.array([0.25, 0.25, 0.5])
+        self.near(node["n_s"], n / np.linalg.norm(n))
+        self.near(node["uv"], [1, 2])
+        # Rule S: from behind, the shading normal turns to the side of n_g that the viewer is on.
+        behind = looking([1.6, 0.5, -0.1], (1, 0.5, 0)) + normals
+        node = self.nodes(behind)[0]
+        self.near(node["n_s"], -n / np.linalg.norm(n))
+        self.assertEqual(node["n_g"], [0, 0, 1])
+
+    def test_numbers_and_misses(self):
+        ball = '[[shape]]\ntype = "sphere"\nradius = 0.1\ncenter = [{}, 0, 0]\n'
+        camera = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\nwidth = 3\n'
+        channels, _ = self.render(film(3, 1, AOVS) + camera + ball.format(-1) + ball.format(1))
+        self.assertEqual(channels["shape_id.I"].tolist(), [[0, -1, 1]])
+        self.assertEqual(channels["primitive_id.I"].tolist(), [[0, -1, 0]])
+        self.near(channels["depth.Z"], [[4.9, 0, 4.9]])
+        self.near(channels["normal.Z"], [[1, 0, 1]])
+        self.assertEqual(channels["uv.U"][0, 1], 0)
+
+    def test_no_shapes(self):
+        self.assertEqual(list(self.value(film() + DOWN)), [0, 0, 0])
+
+
+OBJ = """
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+v 3 0 0
+v 4 0 0
+v 4 1 1
+vt 0 0
+vt 1 0
+vt 1 0.5
+f 1 2 3 4
+g other
+usemtl nothing
+f 5/1 6/2 -1/-1
+f 1 1 1
+"""
+
+
+class Meshes(Case):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.base = folder.name
+
+    def write(self, name, text):
+        with open(os.path.join(self.base, name), "wb") as file:
+            file.write(text.encode() if isinstance(text, str) else text)
+        return os.path.join(self.base, name)
+
+    def test_obj(self):
+        triangles = meshes.load(self.write("a.obj", OBJ))
+        corners = triangles.positions[triangles.faces].tolist()
+        self.assertEqual(len(corners), 4)
+        self.assertEqual(corners[1], [[0, 0, 0], [1, 1, 0], [0, 1, 0]])
+        self.assertEqual(corners[2], [[3, 0, 0], [4, 0, 0], [4, 1, 1]])
+        self.assertEqual(triangles.uvs[triangles.faces][2].tolist(), [[0, 0], [1, 0], [1, 0.5]])
+        self.assertEqual(triangles.uvs[triangles.faces][0].tolist(), [[0, 0]] * 3)
+        self.assertIsNone(triangles.normals)
+        shape = '[[shape]]\ntype = "mesh"\nfile = "a.obj"\n'
+        node = self.nodes(looking([0.2, 0.7, 3], (0.2, 0.7, 0)) + shape, base=self.base)[0]
+        self.assertEqual((node["primitive"], node["n_s"]), (1, [0, 0, 1]))
+        node = self.nodes(looking([3.8, 0.4, 3], (3.8, 0.4, 0)) + shape, base=self.base)[0]
+        self.assertEqual(node["primitive"], 2)
+        self.near(node["uv"], [0.8, 0.2])
+
+    def test_ply_forms(self):
+        header = "ply\nformat {} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        header += "property float nx\nproperty float ny\nproperty float nz\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n"
+        points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype="<f4")
+        rows = np.hstack([points, np.tile([0, 0.6, 0.8], (4, 1))])
+        lines = "".join(" ".join(map(str, row)) + "\n" for row in rows)
+        ascii_ = meshes.load(self.write("a.ply", header.format("ascii", 1) + lines + "4 0 1 2 3\n"))
+        little = header.format("binary_little_endian", 2).encode() + rows.astype("<f4").tobytes()
+        face = [np.array([3], dtype="u1").tobytes() + np.array(corners, dtype="<i4").tobytes() for corners in ((0, 1, 2), (0, 2, 3))]
+        binary = meshes.load(self.write("b.ply", little + b"".join(face)))
+        big = header.format("binary_big_endian", 1).encode() + rows.astype(">f4").tobytes()
+        fan = meshes.load(self.write("c.ply", big + np.array([4], dtype="u1").tobytes() + np.arange(4, dtype=">i4").tobytes()))
+        for triangles in (ascii_, binary, fan):
+            self.assertEqual(triangles.faces.tolist(), [[0, 1, 2], [0, 2, 3]])
+            np.testing.assert_allclose(triangles.positions, points)
+            np.testing.assert_allclose(triangles.normals, np.tile([0, 0.6, 0.8], (4, 1)), rtol=1e-6)
+        shape = '[[shape]]\ntype = "mesh"\nfile = "b.ply"\n'
+        camera = looking([0.2, 0.7, 3], (0.2, 0.7, 0))
+        self.near(self.nodes(camera + shape, base=self.base)[0]["n_s"], [0, 0.6, 0.8])
+        self.near(self.nodes(camera + shape + 'shading = "flat"\n', base=self.base)[0]["n_s"], [0, 0, 1])
+
+    def test_same_order_as_mitsuba(self):
+        """Mitsuba's own loader, on a file where both must agree: triangles in file order, none merged."""
+        generator = np.random.default_rng(3)
+        points = generator.normal(size=(40, 3))
+        text = "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in points)
+        faces = np.array([generator.choice(40, 3, replace=False) for _ in range(60)])
+        text += "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces)
+        ours = meshes.load(self.write("m.obj", text))
+        theirs = mi.traverse(mi.load_dict({"type": "obj", "filename": os.path.join(self.base, "m.obj"), "face_normals": True}))
+        positions = np.array(theirs["vertex_positions"]).reshape(-1, 3)[np.array(theirs["faces"]).reshape(-1, 3)]
+        np.testing.assert_allclose(ours.positions[ours.faces], positions, atol=1e-6)
+
+    def test_broken_files(self):
+        head = looking([0, 0, 3]) + '[[shape]]\ntype = "mesh"\nfile = "x.EXT"\n'
+        self.refuse(head.replace("EXT", "obj"), "scene", "cannot be read", base=self.base)
+        self.write("x.obj", "v 0 0 0\nf 1 2 3\n")
+        self.refuse(head.replace("EXT", "obj"), "scene", "out of range", base=self.base)
+        self.write("x.ply", "ply\nformat ascii 1.0\nelement vertex 1\n")
+        self.refuse(head.replace("EXT", "ply"), "scene", "malformed", base=self.base)
+        self.refuse(head.replace("EXT", "stl"), "scene", ".obj or .ply", base=self.base)
+
+    def test_a_changed_file_is_read_again(self):
+        scene = looking([0.2, 0.2, 3], (0.2, 0.2, 0)) + '[[shape]]\ntype = "mesh"\nfile = "a.obj"\n'
+        self.write("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+        self.near(self.nodes(scene, base=self.base)[0]["t"], 3)
+        self.write("a.obj", "v 0 0 -1.5\nv 1 0 -1.5\nv 0 1 -1.5\nf 1 2 3\n")
+        self.near(self.nodes(scene, base=self.base)[0]["t"], 4.5)
+
+
+if __name__ == "__main__":
+    unittest.main()

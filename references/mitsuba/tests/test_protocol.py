@@ -1,0 +1,96 @@
+"""Serve mode as a child process, and the commands for people."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+from support import DOWN, FLOOR, ROOT, film
+
+SCENE = film(4, 4) + DOWN + FLOOR + '[[light]]\ntype = "ambient"\nradiance = 1\n'
+
+
+def run(*arguments, text="", **variables):
+    environment = {**os.environ, "PYTHONPATH": ROOT, **variables}
+    command = [sys.executable, "-m", "whitstone_mitsuba", *arguments]
+    return subprocess.run(command, input=text, capture_output=True, text=True, env=environment, timeout=300, check=False)
+
+
+class Serve(unittest.TestCase):
+    def test_conversation(self):
+        probe = {"op": "probe", "base": ".", "pixels": [[1, 2]], "settings": [{}]}
+        requests = [
+            json.dumps({"op": "hello"}),
+            "{ this is not JSON",
+            json.dumps(["no", "object"]),
+            json.dumps({"op": "paint"}),
+            json.dumps({"op": ["list"]}),
+            json.dumps({**probe, "scene": SCENE}),
+            json.dumps({**probe, "scene": "[camera"}),
+            json.dumps({**probe, "scene": SCENE + '[[shape]]\ntype = "sphere"\nradius = -1\ncolour = 2\n'}),
+            json.dumps({**probe, "scene": SCENE + '[[shape]]\ntype = "gyroid"\n'}),
+            json.dumps({**probe, "scene": SCENE, "pixels": [[4, 0]]}),
+            json.dumps({**probe, "scene": SCENE, "settings": [{"q": 1}]}),
+            json.dumps({"op": "render", "scene": SCENE, "base": ".", "out": "/nowhere/at/all.exr"}),
+            json.dumps({"op": "tree", "scene": film() + DOWN, "base": ".", "pixel": [0, 0]}),
+        ]
+        child = run("serve", text="\n".join(requests) + "\n")
+        self.assertEqual(child.returncode, 0, child.stderr)
+        answers = [json.loads(line) for line in child.stdout.splitlines()]
+        self.assertEqual(len(answers), len(requests))
+        hello = answers[0]
+        self.assertEqual((hello["ok"], hello["mitsuba"], hello["variant"]), (True, "3.9.1", "llvm_ad_rgb"))
+        self.assertGreaterEqual(int(hello["llvm_version"].split(".")[0]), 16)
+        kinds = [answer.get("kind") for answer in answers]
+        internal = ["internal"]
+        self.assertEqual(kinds, [None] + internal * 4 + [None, "scene", "scene", "unsupported"] + internal * 3 + [None])
+        self.assertEqual(answers[5]["values"], [[[0.5, 0.5, 0.5]]])
+        for word in ("radius", "colour", "unknown key"):
+            self.assertIn(word, answers[7]["error"])
+        self.assertIn("gyroid", answers[8]["error"])
+        self.assertEqual((answers[12]["nodes"][0]["shape"], answers[12]["nodes"][0]["t"]), (-1, "inf"))
+
+    def test_without_llvm(self):
+        """A missing library is an answer with what to do, not a crash."""
+        with tempfile.TemporaryDirectory() as empty:
+            code = (
+                "import sys; from whitstone_mitsuba import llvm; llvm.candidates = lambda: iter([]);"
+                "from whitstone_mitsuba.cli import main; sys.exit(main(['serve']))"
+            )
+            child = subprocess.run(
+                [sys.executable, "-c", code],
+                input='{"op": "hello"}\n',
+                capture_output=True,
+                text=True,
+                env={**os.environ, "PYTHONPATH": ROOT},
+                cwd=empty,
+                timeout=300,
+                check=False,
+            )
+        answer = json.loads(child.stdout)
+        self.assertEqual((answer["ok"], answer["kind"]), (False, "internal"))
+        self.assertIn("DRJIT_LIBLLVM_PATH", answer["error"])
+
+
+class Commands(unittest.TestCase):
+    def test_render_and_errors(self):
+        with tempfile.TemporaryDirectory() as folder:
+            scene, out = os.path.join(folder, "s.toml"), os.path.join(folder, "o.exr")
+            with open(scene, "w", encoding="utf-8") as file:
+                file.write(SCENE)
+            child = run("render", scene, "-o", out)
+            self.assertEqual(child.returncode, 0, child.stderr)
+            self.assertEqual(json.loads(child.stdout)["width"], 4)
+            self.assertTrue(os.path.exists(out))
+            self.assertEqual(run("probe", scene, "9,9").returncode, 3)
+            with open(scene, "a", encoding="utf-8") as file:
+                file.write("[film2]\n")
+            child = run("probe", scene, "0,0")
+            self.assertEqual(child.returncode, 2)
+            self.assertIn("film2", child.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
