@@ -1,1 +1,27 @@
-//! The cameras.
+//! Cameras: one file is one plugin is one Cargo feature is one TOML `type`.
+//!
+//! All are described in section 4 of `docs/whitted-model.md`.
+
+#![cfg_attr(
+    not(feature = "all"),
+    allow(unused, reason = "some parts serve single plugins")
+)]
+
+use whitstone_core::{Cameras, DuplicateType, Registry};
+
+mod view;
+
+#[cfg(feature = "orthographic")]
+pub mod orthographic;
+#[cfg(feature = "perspective")]
+pub mod perspective;
+
+/// Adds every camera whose feature is on.
+pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
+    let from = env!("CARGO_PKG_NAME");
+    #[cfg(feature = "orthographic")]
+    registry.add::<Cameras, orthographic::Orthographic>(from)?;
+    #[cfg(feature = "perspective")]
+    registry.add::<Cameras, perspective::Perspective>(from)?;
+    Ok(())
+}

@@ -99,11 +99,10 @@ impl World {
             }
             if shadows {
                 scratch.counters.shadow += 1;
-                let ray = Ray::new(point.leave(sample.direction), sample.direction);
-                if self
-                    .accelerator
-                    .occluded(&ray, Interval::up_to(sample.distance), skip)
-                {
+                let start = point.leave(sample.direction);
+                let ray = Ray::new(start, sample.direction);
+                let free = distance_to_light(point, start, sample);
+                if self.accelerator.occluded(&ray, Interval::up_to(free), skip) {
                     continue;
                 }
             }
@@ -113,6 +112,18 @@ impl World {
             });
         }
     }
+}
+
+/// How far a shadow ray from `start` must be free. The way that the start was moved along the ray is taken
+/// off, and some roundings of the coordinates: a surface that holds the light does not hide it, as the
+/// model demands of anything that is not strictly between.
+fn distance_to_light(point: &SurfacePoint, start: DVec3, sample: &LightSample) -> f64 {
+    if sample.distance == f64::INFINITY {
+        return f64::INFINITY;
+    }
+    let moved = (start - point.position).dot(sample.direction);
+    let coordinates = point.position.abs().max_element() + sample.distance;
+    sample.distance - moved - 8.0 * f64::EPSILON * coordinates
 }
 
 /// Working memory of one thread.

@@ -1,1 +1,27 @@
-//! The integrators.
+//! Integrators: one file is one plugin is one Cargo feature is one TOML `type`.
+//!
+//! All are described in section 6 of `docs/whitted-model.md`.
+
+#![cfg_attr(
+    not(feature = "all"),
+    allow(unused, reason = "some parts serve single plugins")
+)]
+
+use whitstone_core::{DuplicateType, Integrators, Registry};
+
+mod shadows;
+
+#[cfg(feature = "appel")]
+pub mod appel;
+#[cfg(feature = "whitted")]
+pub mod whitted;
+
+/// Adds every integrator whose feature is on.
+pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
+    let from = env!("CARGO_PKG_NAME");
+    #[cfg(feature = "appel")]
+    registry.add::<Integrators, appel::Appel>(from)?;
+    #[cfg(feature = "whitted")]
+    registry.add::<Integrators, whitted::Whitted>(from)?;
+    Ok(())
+}

@@ -1,1 +1,39 @@
-//! The lights.
+//! Lights: one file is one plugin is one Cargo feature is one TOML `type`.
+//!
+//! All are described in section 7 of `docs/whitted-model.md`.
+
+#![cfg_attr(
+    not(feature = "all"),
+    allow(unused, reason = "some parts serve single plugins")
+)]
+
+use whitstone_core::{DuplicateType, Lights, Registry};
+
+mod emission;
+
+#[cfg(feature = "ambient")]
+pub mod ambient;
+#[cfg(feature = "background")]
+pub mod background;
+#[cfg(feature = "directional")]
+pub mod directional;
+#[cfg(feature = "point")]
+pub mod point;
+#[cfg(feature = "spot")]
+pub mod spot;
+
+/// Adds every light whose feature is on.
+pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
+    let from = env!("CARGO_PKG_NAME");
+    #[cfg(feature = "ambient")]
+    registry.add::<Lights, ambient::Ambient>(from)?;
+    #[cfg(feature = "background")]
+    registry.add::<Lights, background::Background>(from)?;
+    #[cfg(feature = "directional")]
+    registry.add::<Lights, directional::Directional>(from)?;
+    #[cfg(feature = "point")]
+    registry.add::<Lights, point::Point>(from)?;
+    #[cfg(feature = "spot")]
+    registry.add::<Lights, spot::Spot>(from)?;
+    Ok(())
+}

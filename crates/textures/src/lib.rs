@@ -1,1 +1,25 @@
-//! The textures.
+//! Textures: one file is one plugin is one Cargo feature is one TOML `type`.
+//!
+//! All are described in section 10 of `docs/whitted-model.md`.
+
+#![cfg_attr(
+    not(feature = "all"),
+    allow(unused, reason = "some parts serve single plugins")
+)]
+
+use whitstone_core::{DuplicateType, Registry, Textures};
+
+#[cfg(feature = "checker")]
+pub mod checker;
+#[cfg(feature = "constant")]
+pub mod constant;
+
+/// Adds every texture whose feature is on.
+pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
+    let from = env!("CARGO_PKG_NAME");
+    #[cfg(feature = "checker")]
+    registry.add::<Textures, checker::Checker>(from)?;
+    #[cfg(feature = "constant")]
+    registry.add::<Textures, constant::Constant>(from)?;
+    Ok(())
+}

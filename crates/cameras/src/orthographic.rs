@@ -1,0 +1,139 @@
+//! A camera with parallel rays.
+//!
+//! The window (l, r, b, t) is that of the lecture notes, without a distance.
+//!
+//! - Twin: Mitsuba `orthographic` (native).
+//! - Example: `scenes/cameras/orthographic.toml`.
+
+use crate::view::{self, Frame, LookAt};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use toml::Spanned;
+use whitstone_core::config::{Finite, Positive};
+use whitstone_core::{Camera, Cameras, Context, DVec2, FilmSize, Plugin, Ray, SceneError, SceneErrors};
+
+/// A camera with parallel rays, by its width or by a window.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Where the camera stands, what it looks at and what is up.
+    #[schemars(with = "LookAt")]
+    look_at: Spanned<LookAt>,
+    /// Width of the view in metres; 2 if there is no `window`.
+    #[serde(default)]
+    #[schemars(with = "Positive")]
+    width: Option<Spanned<Positive>>,
+    /// The window through which the camera looks, instead of `width`.
+    #[serde(default)]
+    #[schemars(with = "Window")]
+    window: Option<Spanned<Window>>,
+}
+
+/// A rectangle around the origin of the camera, in metres.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct Window {
+    /// Left edge, measured to the right from the view axis.
+    l: Finite,
+    /// Right edge, greater than `l`.
+    r: Finite,
+    /// Bottom edge, measured upwards from the view axis.
+    b: Finite,
+    /// Top edge, greater than `b`.
+    t: Finite,
+}
+
+/// In world space.
+pub struct Orthographic {
+    frame: Frame,
+    window: view::Window,
+    film: DVec2,
+}
+
+impl Plugin<Cameras> for Orthographic {
+    const TYPE: &'static str = "orthographic";
+    type Config = Config;
+
+    fn build(config: Config, film: FilmSize, _: &mut dyn Context) -> Result<Box<dyn Camera>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let frame = errors.take(config.look_at.get_ref().frame(&config.look_at.span()));
+        let window = match (&config.window, &config.width) {
+            (None, width) => {
+                let width = width.as_ref().map_or(2.0, |width| width.get_ref().get());
+                Some(view::Window::of_half_width(0.5 * width, film))
+            }
+            (Some(window), width) => {
+                if let Some(width) = width {
+                    let error = SceneError::at(width.span(), "`width` and `window` exclude each other");
+                    errors.0.push(error.with_help("remove one of them"));
+                }
+                let Window { l, r, b, t } = window.get_ref();
+                let [l, r, b, t] = [l, r, b, t].map(|value| value.get());
+                errors.take(view::Window { l, r, b, t }.check(&window.span()))
+            }
+        };
+        let (Some(frame), Some(window)) = (frame, window) else {
+            return Err(errors);
+        };
+        errors.into_result(Box::new(Self {
+            frame,
+            window,
+            film: view::extent(film),
+        }))
+    }
+}
+
+impl Camera for Orthographic {
+    fn ray(&self, raster: DVec2) -> Ray {
+        let DVec2 { x: a, y: c } = self.window.at(raster, self.film);
+        let Frame {
+            origin,
+            right,
+            up,
+            backwards,
+        } = self.frame;
+        Ray::new(origin + a * right + c * up, -backwards)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::DVec3;
+    use whitstone_testkit::{build, camera_laws};
+
+    const FILM: FilmSize = FilmSize { width: 4, height: 2 };
+    const LOOK: &str = "look_at = { origin = [1, 2, 3], target = [1, 2, -1] }";
+
+    fn camera(text: &str) -> Result<Box<dyn Camera>, SceneErrors> {
+        build::<Cameras, Orthographic>(&format!("{LOOK}\n{text}"), FILM)
+    }
+
+    #[test]
+    fn laws() {
+        for text in ["", "width = 1e-6", "window = { l = -3, r = 1, b = 0, t = 1 }"] {
+            camera_laws(&*camera(text).unwrap(), FILM);
+        }
+    }
+
+    #[test]
+    fn rays_are_parallel_and_start_in_the_window() {
+        let ray = camera("width = 8").unwrap().ray(DVec2::ZERO);
+        assert_eq!(ray, Ray::new(DVec3::new(-3.0, 4.0, 3.0), DVec3::NEG_Z));
+        let ray = camera("window = { l = 0, r = 1, b = 0, t = 6 }")
+            .unwrap()
+            .ray(DVec2::new(4.0, 1.0));
+        assert_eq!(ray, Ray::new(DVec3::new(2.0, 5.0, 3.0), DVec3::NEG_Z));
+    }
+
+    #[test]
+    fn faults_are_reported_at_their_places() {
+        let text = "look_at = { origin = [0, 9, 0], target = [0, 0, 0] }\nwidth = 3\n\
+            window = { l = 1, r = 0, b = 0, t = 1 }\n";
+        let errors = build::<Cameras, Orthographic>(text, FILM).err().unwrap();
+        let found: Vec<&str> = errors.0.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
+        let look = "{ origin = [0, 9, 0], target = [0, 0, 0] }";
+        assert_eq!(found, [look, "3", "{ l = 1, r = 0, b = 0, t = 1 }"]);
+        assert!(camera("width = 0").is_err());
+    }
+}

@@ -1,0 +1,80 @@
+//! What the lights with a position share: directions and distances at any scale, and the falloff.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use whitstone_core::{DVec3, LightSample, Rgb};
+
+/// How the light of a source with a position falls off with the distance d.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Falloff {
+    /// With 1/d².
+    #[default]
+    InverseSquare,
+    /// Not at all, as in the lecture notes.
+    None,
+}
+
+/// Unit direction and length of a vector; `None` for zero.
+pub(crate) fn direction_and_length(v: DVec3) -> Option<(DVec3, f64)> {
+    let largest = v.abs().max_element();
+    // Outside of this range squares over- or underflow; inside, scaling would only cost.
+    if (1e-140..1e140).contains(&largest) {
+        let length = v.length();
+        return Some((v / length, length));
+    }
+    if largest == 0.0 {
+        return None;
+    }
+    let scaled = v / largest;
+    let length = scaled.length();
+    Some((scaled / length, length * largest))
+}
+
+/// The light of a source at `position` that arrives at `point`; none at the source itself.
+pub(crate) fn sample(position: DVec3, point: DVec3, intensity: Rgb, falloff: Falloff) -> Option<LightSample> {
+    let (direction, distance) = direction_and_length(position - point)?;
+    let irradiance = match falloff {
+        // Divided twice, since d² may underflow where the quotient is still a number; what then exceeds
+        // all numbers is the largest one, lest an infinity meet a zero.
+        Falloff::InverseSquare => intensity.map(|i| (i / distance / distance).min(f64::MAX)),
+        Falloff::None => intensity,
+    };
+    Some(LightSample {
+        direction,
+        distance,
+        irradiance,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_are_right_at_any_scale() {
+        for scale in [5e-324, 1e-200, 1.0, 1e200, 3e307] {
+            let (direction, length) = direction_and_length(DVec3::new(0.0, 3.0, -4.0) * scale).unwrap();
+            assert!((direction.length() - 1.0).abs() < 1e-15);
+            assert!((length / scale - 5.0).abs() < 1e-14, "{scale}: {length}");
+        }
+        assert_eq!(direction_and_length(DVec3::ZERO), None);
+    }
+
+    #[test]
+    fn nearness_does_not_overflow() {
+        let sample = |d: f64| {
+            sample(
+                DVec3::ZERO,
+                DVec3::new(0.0, d, 0.0),
+                Rgb::new(1.0, 0.0, 1e-30),
+                Falloff::InverseSquare,
+            )
+        };
+        assert_eq!(
+            sample(1e-300).unwrap().irradiance,
+            Rgb::new(f64::MAX, 0.0, f64::MAX)
+        );
+        assert_eq!(sample(0.0), None);
+    }
+}

@@ -1,0 +1,102 @@
+//! A point that shines equally in all directions.
+//!
+//! - Twin: Mitsuba `point` (native); `falloff = "none"` through the driver.
+//! - Example: `scenes/lights/point.toml`.
+
+use crate::emission::{self, Falloff};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::{Color, Vector3};
+use whitstone_core::{Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneErrors};
+
+/// A point that shines equally in all directions.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Where it is, in metres.
+    position: Vector3,
+    /// Radiant intensity in W/sr.
+    intensity: Color,
+    /// How the irradiance depends on the distance d: "inverse_square" (I/d²) or "none" (I).
+    #[serde(default)]
+    falloff: Falloff,
+}
+
+/// See the module.
+pub struct Point {
+    position: DVec3,
+    intensity: Rgb,
+    falloff: Falloff,
+}
+
+impl Plugin<Lights> for Point {
+    const TYPE: &'static str = "point";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
+        Ok(Arc::new(Self {
+            position: config.position.get(),
+            intensity: config.intensity.get(),
+            falloff: config.falloff,
+        }))
+    }
+}
+
+impl Light for Point {
+    fn gives(&self) -> LightGives {
+        LightGives::SAMPLES
+    }
+
+    fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
+        out.extend(emission::sample(
+            self.position,
+            point,
+            self.intensity,
+            self.falloff,
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::{build, light_laws, light_near_laws};
+
+    #[test]
+    fn laws() {
+        for falloff in ["inverse_square", "none"] {
+            let text = format!("position = [0.5, 2, -1]\nintensity = [1, 0, 7]\nfalloff = \"{falloff}\"");
+            light_laws(&*build::<Lights, Point>(&text, ()).unwrap());
+        }
+        let light = build::<Lights, Point>("position = [0, 0, 0]\nintensity = 3", ()).unwrap();
+        light_near_laws(&*light, DVec3::ZERO, Rgb::splat(3.0), DVec3::new(0.6, 0.0, 0.8));
+    }
+
+    #[test]
+    fn it_falls_off_or_does_not() {
+        let irradiance = |falloff| {
+            let text = format!("position = [0, 4, 0]\nintensity = [16, 32, 0]\nfalloff = \"{falloff}\"");
+            let mut samples = Vec::new();
+            build::<Lights, Point>(&text, ())
+                .unwrap()
+                .samples(DVec3::ZERO, &mut samples);
+            assert_eq!((samples[0].direction, samples[0].distance), (DVec3::Y, 4.0));
+            samples[0].irradiance
+        };
+        assert_eq!(irradiance("inverse_square"), Rgb::new(1.0, 2.0, 0.0));
+        assert_eq!(irradiance("none"), Rgb::new(16.0, 32.0, 0.0));
+    }
+
+    #[test]
+    fn bad_values_are_refused() {
+        for text in [
+            "position = [0, inf, 0]\nintensity = 1",
+            "position = [0, 0, 0]\nintensity = -1",
+            "position = [0, 0, 0]",
+            "position = [0, 0, 0]\nintensity = 1\nfalloff = \"linear\"",
+        ] {
+            assert!(build::<Lights, Point>(text, ()).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! A point that shines into a cone.
+//!
+//! The angle from the axis comes from the lengths of the cross and the dot product: an arc cosine would
+//! lose half the digits in a narrow beam.
+//!
+//! - Twin: Mitsuba `spot` (native); `falloff = "none"` through the driver.
+//! - Example: `scenes/lights/spot.toml`.
+
+use crate::emission::{self, Falloff};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use toml::Spanned;
+use whitstone_core::config::{Color, Finite, Vector3};
+use whitstone_core::{
+    Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
+};
+
+/// A point that shines into a cone with a soft edge.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Where it is, in metres.
+    position: Vector3,
+    /// A point on the axis of the cone, in metres; not the position.
+    #[schemars(with = "Vector3")]
+    target: Spanned<Vector3>,
+    /// Radiant intensity in W/sr inside the beam.
+    intensity: Color,
+    /// Half angle of the cone in degrees, between 0 and 90; 20 if left out.
+    #[serde(default)]
+    #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 90))]
+    cutoff_angle: Option<Spanned<Finite>>,
+    /// Half angle in degrees up to which the intensity is full, at least 0 and less than `cutoff_angle`;
+    /// three quarters of that if left out.
+    #[serde(default)]
+    #[schemars(with = "Finite", extend("minimum" = 0, "exclusiveMaximum" = 90))]
+    beam_width: Option<Spanned<Finite>>,
+    /// How the irradiance depends on the distance d: "inverse_square" (I/d²) or "none" (I).
+    #[serde(default)]
+    falloff: Falloff,
+}
+
+/// Angles in radians.
+pub struct Spot {
+    position: DVec3,
+    /// Unit, the way the light goes.
+    axis: DVec3,
+    intensity: Rgb,
+    cutoff: f64,
+    beam: f64,
+    falloff: Falloff,
+}
+
+impl Plugin<Lights> for Spot {
+    const TYPE: &'static str = "spot";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let position = config.position.get();
+        let axis = emission::direction_and_length(config.target.get_ref().get() - position);
+        if axis.is_none() {
+            let error = SceneError::at(config.target.span(), "the target is where the light is");
+            errors
+                .0
+                .push(error.with_help("the light shines from `position` to `target`: move one of them"));
+        }
+        let value = |angle: &Spanned<Finite>| angle.get_ref().get();
+        let cutoff = config.cutoff_angle.as_ref().map_or(20.0, value);
+        if let Some(angle) = &config.cutoff_angle
+            && !(cutoff > 0.0 && cutoff < 90.0)
+        {
+            let message =
+                format!("expected an angle greater than 0 and less than 90 degrees, found {cutoff}");
+            errors.0.push(SceneError::at(angle.span(), message));
+        }
+        let beam = config.beam_width.as_ref().map_or(0.75 * cutoff, value);
+        if let Some(angle) = &config.beam_width
+            && !(beam >= 0.0 && beam < cutoff)
+        {
+            let message = format!(
+                "expected an angle of at least 0 and less than the cutoff of {cutoff} degrees, found {beam}"
+            );
+            errors.0.push(SceneError::at(angle.span(), message));
+        }
+        let Some((axis, _)) = axis else {
+            return Err(errors);
+        };
+        errors.into_result(Arc::new(Self {
+            position,
+            axis,
+            intensity: config.intensity.get(),
+            cutoff: cutoff.to_radians(),
+            beam: beam.to_radians(),
+            falloff: config.falloff,
+        }))
+    }
+}
+
+impl Light for Spot {
+    fn gives(&self) -> LightGives {
+        LightGives::SAMPLES
+    }
+
+    fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
+        let Some(mut sample) = emission::sample(self.position, point, self.intensity, self.falloff) else {
+            return;
+        };
+        let travel = -sample.direction;
+        let angle = self.axis.cross(travel).length().atan2(self.axis.dot(travel));
+        if angle >= self.cutoff {
+            return;
+        }
+        if angle > self.beam {
+            sample.irradiance = sample.irradiance * ((self.cutoff - angle) / (self.cutoff - self.beam));
+        }
+        out.push(sample);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::{build, light_laws, light_near_laws};
+
+    fn irradiance(light: &dyn Light, point: DVec3) -> f64 {
+        let mut samples = Vec::new();
+        light.samples(point, &mut samples);
+        samples.first().map_or(0.0, |sample| sample.irradiance.g)
+    }
+
+    #[test]
+    fn laws() {
+        for angles in ["", "cutoff_angle = 89.9\nbeam_width = 0", "cutoff_angle = 1e-6"] {
+            let text = format!("position = [0, 2, 0]\ntarget = [0, 0, 0.1]\nintensity = 1\n{angles}");
+            light_laws(&*build::<Lights, Spot>(&text, ()).unwrap());
+        }
+        let text = "position = [0, 0, 0]\ntarget = [3, 0, 4]\nintensity = 2";
+        let light = build::<Lights, Spot>(text, ()).unwrap();
+        light_near_laws(&*light, DVec3::ZERO, Rgb::splat(2.0), DVec3::new(0.6, 0.0, 0.8));
+    }
+
+    #[test]
+    fn the_edge_is_linear_in_the_angle() {
+        let text = "position = [0, 0, 0]\ntarget = [0, 0, -5]\nintensity = 8\ncutoff_angle = 30\n\
+            beam_width = 10\nfalloff = \"none\"";
+        let light = build::<Lights, Spot>(text, ()).unwrap();
+        for (degrees, expected) in [
+            (0.0, 8.0),
+            (9.9, 8.0),
+            (15.0, 6.0),
+            (20.0, 4.0),
+            (29.0, 0.4),
+            (30.1, 0.0),
+            (180.0, 0.0),
+        ] {
+            let (sin, cos) = f64::to_radians(degrees).sin_cos();
+            let found = irradiance(&*light, 7.0 * DVec3::new(0.6 * sin, 0.8 * sin, -cos));
+            assert!((found - expected).abs() < 1e-13, "{degrees} degrees: {found}");
+        }
+    }
+
+    #[test]
+    fn a_beam_of_a_millionth_of_a_degree_keeps_its_edge() {
+        let text =
+            "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 1\ncutoff_angle = 1e-6\nbeam_width = 0";
+        let light = build::<Lights, Spot>(text, ()).unwrap();
+        let half = 0.5e-6_f64.to_radians();
+        assert!((irradiance(&*light, DVec3::new(half, 0.0, -1.0)) - 0.5).abs() < 1e-14);
+    }
+
+    #[test]
+    fn all_faults_are_reported_at_their_places() {
+        let text =
+            "position = [0, 1, 0]\ntarget = [0, 1, 0]\nintensity = 1\ncutoff_angle = 90\nbeam_width = 95";
+        let errors = build::<Lights, Spot>(text, ()).err().unwrap();
+        let found: Vec<&str> = errors.0.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
+        assert_eq!(found, ["[0, 1, 0]", "90", "95"]);
+        let text = "position = [0, 1, 0]\ntarget = [0, 0, 0]\nintensity = 1\nbeam_width = 20";
+        assert!(build::<Lights, Spot>(text, ()).is_err());
+    }
+}

@@ -1,0 +1,200 @@
+//! Glass, water, diamond: reflection and refraction by Fresnel's equations.
+//!
+//! Cook and Torrance 1982 (Fresnel); the forms that do not cancel are derived in `optics.rs`. Transmitted
+//! radiance is scaled by the squared relative index: what is kept is L/n².
+//!
+//! - Twin: Mitsuba `dielectric` (native); absorption through the driver.
+//! - Example: `scenes/materials/dielectric.toml`.
+
+use crate::optics::{Interface, reflect};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::{Color, Positive};
+use whitstone_core::{
+    Branch, BranchKind, Branches, Context, DVec3, Lobes, Material, Materials, Needs, Plugin, Rgb,
+    SceneErrors, SurfacePoint,
+};
+
+/// A smooth transparent body: reflection and refraction by Fresnel's equations.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Index of refraction inside.
+    #[serde(default = "glass")]
+    interior_ior: Positive,
+    /// Index of refraction outside.
+    #[serde(default = "vacuum")]
+    exterior_ior: Positive,
+    /// Absorption coefficient inside, per metre.
+    #[serde(default = "clear")]
+    absorption: Color,
+    /// Absorption coefficient outside, per metre, of rays that leave the body.
+    #[serde(default = "clear")]
+    exterior_absorption: Color,
+}
+
+fn glass() -> Positive {
+    Positive::new(1.5).expect("1.5 is positive")
+}
+
+fn vacuum() -> Positive {
+    Positive::new(1.0).expect("1 is positive")
+}
+
+fn clear() -> Color {
+    Color::grey(0.0)
+}
+
+/// Interfaces are named by the side that the viewer is on.
+pub struct Dielectric {
+    outside: Interface,
+    inside: Interface,
+    interior_absorption: Rgb,
+    exterior_absorption: Rgb,
+}
+
+impl Plugin<Materials> for Dielectric {
+    const TYPE: &'static str = "dielectric";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        let (interior, exterior) = (config.interior_ior.get(), config.exterior_ior.get());
+        Ok(Arc::new(Self {
+            outside: Interface::new(exterior, interior),
+            inside: Interface::new(interior, exterior),
+            interior_absorption: config.absorption.get(),
+            exterior_absorption: config.exterior_absorption.get(),
+        }))
+    }
+}
+
+impl Material for Dielectric {
+    fn lobes(&self) -> Lobes {
+        if self.outside.is_open() {
+            Lobes::TRANSMISSION
+        } else {
+            Lobes::REFLECTION | Lobes::TRANSMISSION
+        }
+    }
+
+    fn needs(&self) -> Needs {
+        Needs::SHADING_NORMAL
+    }
+
+    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+        let n = point.n_towards(view);
+        let (interface, absorption) = if point.n_g.dot(view) > 0.0 {
+            (&self.outside, self.interior_absorption)
+        } else {
+            (&self.inside, self.exterior_absorption)
+        };
+        let reflection = |weight| Branch {
+            direction: reflect(n, view),
+            weight: Rgb::splat(weight),
+            kind: BranchKind::Reflection,
+        };
+        let Some(crossing) = interface.cross(n, view) else {
+            out.push(reflection(1.0));
+            return;
+        };
+        let fresnel = interface.fresnel(&crossing);
+        if fresnel.reflected > 0.0 {
+            out.push(reflection(fresnel.reflected));
+        }
+        out.push(Branch {
+            direction: crossing.direction,
+            // In this order, since eta² may overflow where the product is a number.
+            weight: Rgb::splat(fresnel.transmitted * interface.eta() * interface.eta()),
+            kind: BranchKind::Transmission { absorption },
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::{build, dielectric_laws, material_laws};
+
+    fn branches(text: &str, n_g: DVec3, view: DVec3) -> Vec<Branch> {
+        let mut out = Branches::default();
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, n_g);
+        build::<Materials, Dielectric>(text, ())
+            .unwrap()
+            .branches(&point, view, &mut out);
+        out.iter().copied().collect()
+    }
+
+    #[test]
+    fn laws() {
+        for (interior, exterior) in [
+            (1.5, 1.0),
+            (1.0, 1.5),
+            (1.0 + 1e-12, 1.0),
+            (1.3, 1.3),
+            (1e6, 1.0),
+            (0.5, 2.0),
+        ] {
+            let text =
+                format!("interior_ior = {interior:?}\nexterior_ior = {exterior:?}\nabsorption = [0, 1, 1e9]");
+            let material = build::<Materials, Dielectric>(&text, ()).unwrap();
+            material_laws(&*material);
+            dielectric_laws(&*material, interior, exterior);
+        }
+    }
+
+    #[test]
+    fn normal_incidence_on_glass() {
+        let outside = branches("absorption = 2\nexterior_absorption = 3", DVec3::Z, DVec3::Z);
+        let [r, t] = outside[..] else {
+            panic!("{outside:?}")
+        };
+        assert!((r.weight.g - 0.04).abs() < 1e-16);
+        assert!((t.weight.g - 0.96 / 2.25).abs() < 1e-16);
+        assert_eq!((r.direction, t.direction), (DVec3::Z, DVec3::NEG_Z));
+        assert_eq!(
+            t.kind,
+            BranchKind::Transmission {
+                absorption: Rgb::splat(2.0)
+            }
+        );
+        let inside = branches("absorption = 2\nexterior_absorption = 3", DVec3::NEG_Z, DVec3::Z);
+        assert!((inside[1].weight.g - 0.96 * 2.25).abs() < 1e-15);
+        assert_eq!(
+            inside[1].kind,
+            BranchKind::Transmission {
+                absorption: Rgb::splat(3.0)
+            }
+        );
+    }
+
+    #[test]
+    fn total_internal_reflection_is_one_branch() {
+        let found = branches("", DVec3::NEG_Z, DVec3::new(0.8, 0.0, 0.6));
+        let [r] = found[..] else { panic!("{found:?}") };
+        assert_eq!((r.weight, r.kind), (Rgb::WHITE, BranchKind::Reflection));
+    }
+
+    #[test]
+    fn equal_indices_are_not_there() {
+        let view = DVec3::new(0.3, 0.1, 0.7).normalize();
+        let found = branches("interior_ior = 1.2\nexterior_ior = 1.2", DVec3::Z, view);
+        let [t] = found[..] else { panic!("{found:?}") };
+        assert_eq!((t.direction, t.weight), (-view, Rgb::WHITE));
+        let material = build::<Materials, Dielectric>("interior_ior = 1", ()).unwrap();
+        assert_eq!(material.lobes(), Lobes::TRANSMISSION);
+    }
+
+    #[test]
+    fn bad_values_are_refused() {
+        for text in [
+            "interior_ior = 0",
+            "exterior_ior = -1",
+            "absorption = -1",
+            "interior_ior = inf",
+            "ior = 1",
+        ] {
+            assert!(build::<Materials, Dielectric>(text, ()).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! Diffuse reflection, equally bright from everywhere.
+//!
+//! Lambert 1760. With the 1/pi of radiometry, unlike the materials of the lecture notes.
+//!
+//! - Twin: Mitsuba `diffuse` in `twosided` (native).
+//! - Example: `scenes/materials/matte.toml`.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::f64::consts::FRAC_1_PI;
+use std::sync::Arc;
+use whitstone_core::config::TextureRef;
+use whitstone_core::{
+    ColorSource, Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneError,
+    SceneErrors, SurfacePoint,
+};
+
+/// Diffuse reflection, equally bright from everywhere.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Share of the light that is reflected, from 0 to 1; a texture or a colour.
+    #[serde(default = "half")]
+    reflectance: TextureRef,
+}
+
+fn half() -> TextureRef {
+    TextureRef::grey(0.5)
+}
+
+/// See the module.
+pub struct Matte {
+    reflectance: ColorSource,
+}
+
+impl Plugin<Materials> for Matte {
+    const TYPE: &'static str = "matte";
+    type Config = Config;
+
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        let reflectance = context.texture(&config.reflectance)?;
+        if let ColorSource::Constant(value) = reflectance
+            && value.max_component() > 1.0
+        {
+            let found = value.max_component();
+            let mut error =
+                SceneError::anywhere(format!("expected a reflectance from 0 to 1, found {found}"))
+                    .with_help("a matte surface cannot reflect more light than falls on it");
+            error.span = config.reflectance.span;
+            return Err(error.into());
+        }
+        Ok(Arc::new(Self { reflectance }))
+    }
+}
+
+impl Material for Matte {
+    fn lobes(&self) -> Lobes {
+        if self.reflectance.is_black() {
+            Lobes::NOTHING
+        } else {
+            Lobes::LOCAL
+        }
+    }
+
+    fn needs(&self) -> Needs {
+        Needs::SHADING_NORMAL | self.reflectance.needs()
+    }
+
+    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+        let n = point.n_towards(view);
+        let mut irradiance = Rgb::BLACK;
+        for incoming in light.lights {
+            irradiance += incoming.irradiance * n.dot(incoming.direction).max(0.0);
+        }
+        self.reflectance.value(point) * (light.ambient + irradiance * FRAC_1_PI)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::Incoming;
+    use whitstone_testkit::{build, material_laws};
+
+    #[test]
+    fn laws() {
+        for text in ["", "reflectance = [0, 0.3, 1]", "reflectance = 0"] {
+            material_laws(&*build::<Materials, Matte>(text, ()).unwrap());
+        }
+    }
+
+    #[test]
+    fn the_closed_form() {
+        let material = build::<Materials, Matte>("reflectance = 0.5", ()).unwrap();
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let lights = [
+            Incoming {
+                direction: DVec3::new(0.6, 0.0, 0.8),
+                irradiance: Rgb::splat(2.0),
+            },
+            Incoming {
+                direction: DVec3::Z,
+                irradiance: Rgb::new(1.0, 0.0, 0.0),
+            },
+        ];
+        let light = Illumination {
+            ambient: Rgb::splat(4.0),
+            lights: &lights,
+        };
+        let found = material.local(&point, DVec3::Z, &light);
+        assert!((found.r - (2.0 + 0.5 * 2.6 / std::f64::consts::PI)).abs() < 1e-15);
+        assert!((found.g - (2.0 + 0.5 * 1.6 / std::f64::consts::PI)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn lobes_are_exact() {
+        let lobes = |text| build::<Materials, Matte>(text, ()).unwrap().lobes();
+        assert_eq!(lobes("reflectance = [0, 0, 0]"), Lobes::NOTHING);
+        assert_eq!(lobes("reflectance = [0, 1e-9, 0]"), Lobes::LOCAL);
+    }
+
+    #[test]
+    fn a_reflectance_above_one_is_refused_at_its_place() {
+        let text = "reflectance = [0, 1.5, 1]";
+        let error = build::<Materials, Matte>(text, ()).err().unwrap().0.remove(0);
+        assert_eq!(&text[error.span.unwrap()], "[0, 1.5, 1]");
+        assert!(build::<Materials, Matte>("reflectance = -0.1", ()).is_err());
+    }
+}

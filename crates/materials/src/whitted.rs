@@ -1,0 +1,243 @@
+//! The material of the lecture notes: Phong shading plus constant shares of the reflected and of the
+//! refracted ray.
+//!
+//! Whitted 1980, *An improved illumination model for shaded display*: `k_refl` and `k_refr` do not depend on
+//! the angle, and the refracted ray is not scaled by the squared index.
+//!
+//! - Twin: through the driver, by the formula.
+//! - Example: `scenes/materials/whitted.toml`.
+
+use crate::gloss::{Gloss, Highlight};
+use crate::optics::{Interface, reflect};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::{Color, Positive, TextureRef};
+use whitstone_core::{
+    Branch, BranchKind, Branches, ColorSource, Context, DVec3, Illumination, Lobes, Material, Materials,
+    Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
+};
+
+/// Phong shading plus constant shares of the reflected and of the refracted ray.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Diffuse coefficient, per steradian; a texture or a colour.
+    #[serde(default = "nothing")]
+    k_d: TextureRef,
+    /// Coefficient of the highlight, per steradian; a texture or a colour.
+    #[serde(default = "nothing")]
+    k_s: TextureRef,
+    /// Sharpness of the highlight.
+    #[serde(default = "sharp")]
+    exponent: Positive,
+    /// Ambient coefficient; `k_d` if left out.
+    #[serde(default)]
+    #[schemars(with = "TextureRef")]
+    k_a: Option<TextureRef>,
+    /// Factor on what the reflected ray sees; a texture or a colour.
+    #[serde(default = "nothing")]
+    k_refl: TextureRef,
+    /// Factor on what the refracted ray sees; a texture or a colour.
+    #[serde(default = "nothing")]
+    k_refr: TextureRef,
+    /// Index of refraction inside.
+    #[serde(default = "glass")]
+    interior_ior: Positive,
+    /// Index of refraction outside.
+    #[serde(default = "vacuum")]
+    exterior_ior: Positive,
+    /// Absorption coefficient inside, per metre.
+    #[serde(default = "clear")]
+    absorption: Color,
+    /// Absorption coefficient outside, per metre, of rays that leave the body.
+    #[serde(default = "clear")]
+    exterior_absorption: Color,
+}
+
+fn nothing() -> TextureRef {
+    TextureRef::grey(0.0)
+}
+
+fn sharp() -> Positive {
+    Positive::new(32.0).expect("32 is positive")
+}
+
+fn glass() -> Positive {
+    Positive::new(1.5).expect("1.5 is positive")
+}
+
+fn vacuum() -> Positive {
+    Positive::new(1.0).expect("1 is positive")
+}
+
+fn clear() -> Color {
+    Color::grey(0.0)
+}
+
+/// Interfaces are named by the side that the viewer is on.
+pub struct Whitted {
+    gloss: Gloss,
+    k_refl: ColorSource,
+    k_refr: ColorSource,
+    outside: Interface,
+    inside: Interface,
+    interior_absorption: Rgb,
+    exterior_absorption: Rgb,
+}
+
+impl Plugin<Materials> for Whitted {
+    const TYPE: &'static str = "whitted";
+    type Config = Config;
+
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let exponent = config.exponent.get();
+        let gloss = Gloss::new(config.k_a.as_ref(), &config.k_d, &config.k_s, exponent, context);
+        let gloss = errors.take(gloss);
+        let k_refl = errors.take(context.texture(&config.k_refl));
+        let k_refr = errors.take(context.texture(&config.k_refr));
+        let (Some(gloss), Some(k_refl), Some(k_refr)) = (gloss, k_refl, k_refr) else {
+            return Err(errors);
+        };
+        let (interior, exterior) = (config.interior_ior.get(), config.exterior_ior.get());
+        Ok(Arc::new(Self {
+            gloss,
+            k_refl,
+            k_refr,
+            outside: Interface::new(exterior, interior),
+            inside: Interface::new(interior, exterior),
+            interior_absorption: config.absorption.get(),
+            exterior_absorption: config.exterior_absorption.get(),
+        }))
+    }
+}
+
+impl Material for Whitted {
+    fn lobes(&self) -> Lobes {
+        let mut lobes = Lobes::NOTHING;
+        if !self.gloss.is_black() {
+            lobes = lobes | Lobes::LOCAL;
+        }
+        if !self.k_refr.is_black() {
+            lobes = lobes | Lobes::TRANSMISSION;
+        }
+        // What cannot be transmitted is reflected.
+        let can_be_total = !self.k_refr.is_black() && !self.outside.is_open();
+        if !self.k_refl.is_black() || can_be_total {
+            lobes = lobes | Lobes::REFLECTION;
+        }
+        lobes
+    }
+
+    fn needs(&self) -> Needs {
+        self.gloss.needs() | self.k_refl.needs() | self.k_refr.needs()
+    }
+
+    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+        self.gloss.local(Highlight::Phong, point, view, light)
+    }
+
+    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+        let n = point.n_towards(view);
+        let (k_refl, k_refr) = (self.k_refl.value(point), self.k_refr.value(point));
+        let reflection = |weight| Branch {
+            direction: reflect(n, view),
+            weight,
+            kind: BranchKind::Reflection,
+        };
+        if k_refr.is_black() {
+            out.push(reflection(k_refl));
+            return;
+        }
+        let (interface, absorption) = if point.n_g.dot(view) > 0.0 {
+            (&self.outside, self.interior_absorption)
+        } else {
+            (&self.inside, self.exterior_absorption)
+        };
+        let Some(crossing) = interface.cross(n, view) else {
+            out.push(reflection(k_refl + k_refr));
+            return;
+        };
+        if !k_refl.is_black() {
+            out.push(reflection(k_refl));
+        }
+        out.push(Branch {
+            direction: crossing.direction,
+            weight: k_refr,
+            kind: BranchKind::Transmission { absorption },
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::{build, material_laws};
+
+    fn branches(text: &str, n_g: DVec3, view: DVec3) -> Vec<Branch> {
+        let mut out = Branches::default();
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, n_g);
+        build::<Materials, Whitted>(text, ())
+            .unwrap()
+            .branches(&point, view, &mut out);
+        out.iter().copied().collect()
+    }
+
+    #[test]
+    fn laws() {
+        for text in [
+            "",
+            "k_d = 0.3\nk_s = 0.4\nk_refl = [0, 0.5, 1]",
+            "k_refl = 0.25\nk_refr = [0.75, 0, 0.1]\ninterior_ior = 2.4\nabsorption = [1, 0, 0]",
+            "k_refr = 1\ninterior_ior = 1",
+        ] {
+            material_laws(&*build::<Materials, Whitted>(text, ()).unwrap());
+        }
+    }
+
+    #[test]
+    fn shares_do_not_depend_on_the_angle_and_are_not_scaled() {
+        for sin in [0.0, 0.5, 0.999_f64] {
+            let view = DVec3::new(sin, 0.0, (1.0 - sin * sin).sqrt());
+            let found = branches(
+                "k_refl = 0.25\nk_refr = [0.5, 0, 1]\nabsorption = 7",
+                DVec3::Z,
+                view,
+            );
+            let [r, t] = found[..] else { panic!("{found:?}") };
+            assert_eq!((r.weight, t.weight), (Rgb::splat(0.25), Rgb::new(0.5, 0.0, 1.0)));
+            assert_eq!(
+                t.kind,
+                BranchKind::Transmission {
+                    absorption: Rgb::splat(7.0)
+                }
+            );
+            assert!((t.direction.x + sin / 1.5).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_transmitted_is_reflected() {
+        let found = branches(
+            "k_refl = 0.25\nk_refr = [0.5, 0, 1]",
+            DVec3::NEG_Z,
+            DVec3::new(0.8, 0.0, 0.6),
+        );
+        let [r] = found[..] else { panic!("{found:?}") };
+        assert_eq!(
+            (r.weight, r.kind),
+            (Rgb::new(0.75, 0.25, 1.25), BranchKind::Reflection)
+        );
+    }
+
+    #[test]
+    fn lobes_are_exact() {
+        let lobes = |text| build::<Materials, Whitted>(text, ()).unwrap().lobes();
+        assert_eq!(lobes(""), Lobes::NOTHING);
+        assert_eq!(lobes("k_s = 1"), Lobes::LOCAL);
+        assert_eq!(lobes("k_refl = 1"), Lobes::REFLECTION);
+        assert_eq!(lobes("k_refr = 1"), Lobes::REFLECTION | Lobes::TRANSMISSION);
+        assert_eq!(lobes("k_refr = 1\nexterior_ior = 1.5"), Lobes::TRANSMISSION);
+    }
+}

@@ -1,0 +1,125 @@
+//! Two colours in squares.
+//!
+//! - Twin: Mitsuba `checkerboard` (native).
+//! - Example: `scenes/textures/checker.toml`.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::{Color, Scale2, Vector2};
+use whitstone_core::{Context, DVec2, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, Texture, Textures};
+
+/// Two colours in squares, like a chessboard.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Colour of the square at u, v in [0, 1) (without an offset).
+    #[serde(default = "light")]
+    a: Color,
+    /// Colour of its neighbours.
+    #[serde(default = "dark")]
+    b: Color,
+    /// Squares in a unit of u and of v.
+    #[serde(default = "one")]
+    scale: Scale2,
+    /// Added after scaling.
+    #[serde(default = "zero")]
+    offset: Vector2,
+}
+
+fn light() -> Color {
+    Color::grey(0.8)
+}
+
+fn dark() -> Color {
+    Color::grey(0.2)
+}
+
+fn one() -> Scale2 {
+    Scale2::splat(1.0)
+}
+
+fn zero() -> Vector2 {
+    Vector2::new(0.0, 0.0)
+}
+
+/// See the module.
+pub struct Checker {
+    a: Rgb,
+    b: Rgb,
+    scale: DVec2,
+    offset: DVec2,
+}
+
+impl Plugin<Textures> for Checker {
+    const TYPE: &'static str = "checker";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
+        Ok(Arc::new(Self {
+            a: config.a.get(),
+            b: config.b.get(),
+            scale: config.scale.get(),
+            offset: config.offset.get(),
+        }))
+    }
+}
+
+impl Texture for Checker {
+    fn needs(&self) -> Needs {
+        Needs::UV
+    }
+
+    fn value(&self, point: &SurfacePoint) -> Rgb {
+        let cell = (point.uv * self.scale + self.offset).floor();
+        // The remainder after division by 2, exact for every finite number; a sum of cell numbers could
+        // round. Without a cell (NaN) the colour is b.
+        let odd = cell - 2.0 * (0.5 * cell).floor();
+        if odd.x == odd.y { self.a } else { self.b }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::DVec3;
+    use whitstone_testkit::{build, texture_laws};
+
+    fn at(text: &str, u: f64, v: f64) -> f64 {
+        let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        point.uv = DVec2::new(u, v);
+        build::<Textures, Checker>(text, ()).unwrap().value(&point).g
+    }
+
+    #[test]
+    fn laws() {
+        for text in [
+            "",
+            "scale = [10, 1e300]\noffset = [0.5, -1e9]",
+            "a = 0\nb = [1, 2, 3]\nscale = -1",
+        ] {
+            texture_laws(&*build::<Textures, Checker>(text, ()).unwrap());
+        }
+    }
+
+    #[test]
+    fn squares_alternate_on_both_sides_of_zero() {
+        for (u, v, expected) in [
+            (0.5, 0.5, 0.8),
+            (1.0, 0.5, 0.2),
+            (-0.5, 0.5, 0.2),
+            (-0.5, -0.5, 0.8),
+            (1.5, 7.5, 0.8),
+            (9007199254740993.0, 0.0, 0.8),
+            (-4503599627370495.0, 1e300, 0.2),
+        ] {
+            assert_eq!(at("", u, v), expected, "{u} {v}");
+        }
+    }
+
+    #[test]
+    fn scale_comes_before_offset() {
+        assert_eq!(at("scale = [4, 1]\noffset = [0.5, 0]", 0.1, 0.0), 0.8);
+        assert_eq!(at("scale = [4, 1]\noffset = [0.5, 0]", 0.2, 0.0), 0.2);
+    }
+}
