@@ -1,1 +1,20 @@
-//! The accelerators.
+//! Accelerators: one file is one plugin is one Cargo feature is one TOML `type`.
+//!
+//! None of them changes an image: all return bit for bit what trying every element in order would return.
+
+use whitstone_core::{Accelerators, DuplicateType, Registry};
+
+#[cfg(feature = "brute_force")]
+pub mod brute_force;
+#[cfg(feature = "bvh")]
+pub mod bvh;
+
+/// Adds every accelerator whose feature is on.
+pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
+    let from = env!("CARGO_PKG_NAME");
+    #[cfg(feature = "brute_force")]
+    registry.add::<Accelerators, brute_force::BruteForce>(from)?;
+    #[cfg(feature = "bvh")]
+    registry.add::<Accelerators, bvh::Bvh>(from)?;
+    Ok(())
+}

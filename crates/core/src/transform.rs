@@ -61,7 +61,9 @@ impl Transform {
     /// The ray in object space. Its parameter t is the same as in world space.
     pub fn ray_to_object(&self, ray: &Ray) -> Ray {
         Ray {
-            origin: self.object_from_world.transform_point3(ray.origin),
+            // Relative to the object's own origin first: far from the world's origin this difference is
+            // exact, while the inverse's translation would cancel only up to a rounding of its size.
+            origin: self.object_from_world.matrix3 * (ray.origin - self.world_from_object.translation),
             direction: self.object_from_world.transform_vector3(ray.direction),
         }
     }

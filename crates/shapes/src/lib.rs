@@ -4,13 +4,38 @@
 
 use whitstone_core::{DuplicateType, Registry, Shapes};
 
+#[cfg(feature = "box")]
+#[path = "box.rs"]
+pub mod cuboid;
+#[cfg(feature = "disk")]
+pub mod disk;
+#[cfg(any(feature = "box", feature = "disk", feature = "plane", feature = "rectangle"))]
+mod frame;
+#[cfg(any(feature = "mesh", feature = "triangle"))]
+mod lower;
+#[cfg(feature = "plane")]
+pub mod plane;
+#[cfg(feature = "rectangle")]
+pub mod rectangle;
 #[cfg(feature = "sphere")]
 pub mod sphere;
+#[cfg(feature = "triangle")]
+pub mod triangle;
 
 /// Adds every shape whose feature is on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
+    #[cfg(feature = "box")]
+    registry.add::<Shapes, cuboid::Cuboid>(from)?;
+    #[cfg(feature = "disk")]
+    registry.add::<Shapes, disk::Disk>(from)?;
+    #[cfg(feature = "plane")]
+    registry.add::<Shapes, plane::Plane>(from)?;
+    #[cfg(feature = "rectangle")]
+    registry.add::<Shapes, rectangle::Rectangle>(from)?;
     #[cfg(feature = "sphere")]
     registry.add::<Shapes, sphere::Sphere>(from)?;
+    #[cfg(feature = "triangle")]
+    registry.add::<Shapes, triangle::Triangle>(from)?;
     Ok(())
 }

@@ -81,7 +81,11 @@ impl Sphere {
         // The sum that does not cancel gives one root, the product of the roots the other.
         let q = -(b + discriminant.sqrt().copysign(b));
         let (first, second) = (c / q, q / a);
-        Some(if first < second { [first, second] } else { [second, first] })
+        Some(if first < second {
+            [first, second]
+        } else {
+            [second, first]
+        })
     }
 }
 
@@ -118,7 +122,11 @@ impl Primitive for Sphere {
         let error = 2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius);
         let mut point = SurfacePoint::new(position, error, n);
         if needs.contains(Needs::UV) {
-            let local = self.transform.object_from_world().transform_vector3(n).normalize();
+            let local = self
+                .transform
+                .object_from_world()
+                .transform_vector3(n)
+                .normalize();
             let phi = local.y.atan2(local.x);
             let phi = if phi < 0.0 { phi + TAU } else { phi };
             // acos loses half the digits near the poles; atan2 of both legs does not.

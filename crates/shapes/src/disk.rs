@@ -1,0 +1,101 @@
+//! A flat disk.
+//!
+//! - Twin: Mitsuba `disk` (native).
+//! - Example: `scenes/shapes/disk.toml`.
+
+use crate::frame::{Frame, meet_plane};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::f64::consts::TAU;
+use whitstone_core::{
+    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
+    SceneErrors, Shape, Shapes, SurfacePoint, Transform,
+};
+
+/// The disk x² + y² <= 1 in the plane z = 0 of its object space; the outside is +z.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {}
+
+/// In world space.
+pub struct Disk {
+    frame: Frame,
+}
+
+impl Plugin<Shapes> for Disk {
+    const TYPE: &'static str = "disk";
+    type Config = Config;
+
+    fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        let m = transform.world_from_object().matrix3;
+        let (x, y) = (m.x_axis.length(), m.y_axis.length());
+        let round = (x - y).abs() <= 1e-9 * x && m.x_axis.dot(m.y_axis).abs() <= 1e-9 * x * y;
+        if !round {
+            return Err(
+                SceneError::anywhere("the transform of a disk must leave it round")
+                    .with_help("scale equally in x and y, and do not shear x against y")
+                    .into(),
+            );
+        }
+        let frame = Frame::new(transform);
+        Ok(Shape::Opaque(Box::new(Self { frame })))
+    }
+}
+
+impl Primitive for Disk {
+    fn bounds(&self) -> Aabb {
+        let [x, y, _] = self.frame.columns(DVec3::ONE);
+        // The disk reaches sqrt(x² + y²) along each world axis: exact if one of them is zero, else up to
+        // the rounding of the squares, their sum and the root.
+        let reach = |x: f64, y: f64| match (x, y) {
+            (0.0, other) | (other, 0.0) => other.abs(),
+            _ => x.hypot(y) * (1.0 + 2.0 * f64::EPSILON),
+        };
+        self.frame.around([0, 1, 2].map(|i| reach(x[i], y[i])))
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        let (t, params) = meet_plane(&self.frame.ray_to_object(ray));
+        let hit = leaves.is_none() && interval.contains(t) && params.length_squared() <= 1.0;
+        hit.then_some(PrimitiveHit {
+            t,
+            primitive: 0,
+            params,
+        })
+    }
+
+    fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let (position, error) = self.frame.point(hit.params.extend(0.0), 2);
+        let mut point = SurfacePoint::new(position, error, self.frame.normal(2));
+        if needs.contains(Needs::UV) {
+            let phi = hit.params.y.atan2(hit.params.x);
+            let phi = if phi < 0.0 { phi + TAU } else { phi };
+            point.uv = DVec2::new(hit.params.length(), phi / TAU);
+        }
+        point
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::{DAffine3, DMat3};
+    use whitstone_testkit::TestContext;
+    use whitstone_testkit::shapes::shape_laws;
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        shape_laws::<Disk>("", 2_000);
+    }
+
+    #[test]
+    fn a_transform_that_makes_an_ellipse_is_refused() {
+        let build = |m| {
+            let transform = Transform::new(DAffine3::from_mat3(m)).unwrap();
+            Disk::build(Config {}, transform, &mut TestContext::default())
+        };
+        assert!(build(DMat3::from_diagonal(DVec3::new(2.0, 3.0, 1.0))).is_err());
+        assert!(build(DMat3::from_cols(DVec3::X, DVec3::new(0.6, 0.8, 0.0), DVec3::Z)).is_err());
+        assert!(build(DMat3::from_diagonal(DVec3::new(2.0, -2.0, 5.0))).is_ok());
+    }
+}

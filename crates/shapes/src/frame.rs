@@ -1,0 +1,101 @@
+//! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common.
+
+use whitstone_core::{Aabb, DMat3, DVec3, Ray, Transform};
+
+/// Half the distance from 1 to the next number: the relative error of one rounding.
+const UNIT: f64 = 0.5 * f64::EPSILON;
+
+/// The object space of a shape whose faces lie in planes across the object axes.
+pub(crate) struct Frame {
+    transform: Transform,
+    /// Unit normals in world space of the planes across each object axis.
+    normals: [DVec3; 3],
+    /// For each plane: how far, in metres along its normal, a unit step along each object axis can lead
+    /// away from where rays meet it.
+    tilt: [DVec3; 3],
+}
+
+impl Frame {
+    pub(crate) fn new(transform: Transform) -> Self {
+        let forward = transform.world_from_object().matrix3;
+        let inverse = transform.object_from_world().matrix3;
+        // The inverse is rounded, so the planes that rays meet are tilted against those that the columns
+        // of the matrix span. The residual says by how much; its own rounding (three products and two
+        // sums, and the one subtracted) is added.
+        let residual = inverse * forward - DMat3::IDENTITY;
+        let terms = inverse.abs() * forward.abs();
+        let tilt = [0, 1, 2].map(|axis| {
+            let bound = residual.row(axis).abs() + 4.0 * UNIT * terms.row(axis);
+            bound / inverse.row(axis).length()
+        });
+        Self {
+            normals: DVec3::AXES.map(|axis| transform.normal_to_world(axis)),
+            tilt,
+            transform,
+        }
+    }
+
+    pub(crate) fn ray_to_object(&self, ray: &Ray) -> Ray {
+        self.transform.ray_to_object(ray)
+    }
+
+    /// Unit normal in world space of the planes across an object axis.
+    pub(crate) fn normal(&self, axis: usize) -> DVec3 {
+        self.normals[axis]
+    }
+
+    /// The point `p` of object space in world space, with a bound on its distance from the plane across
+    /// `axis` that rays meet.
+    ///
+    /// The bound: three products and three sums leave in each coordinate at most four roundings of the
+    /// sum of the absolute terms; the ray that leaves along the normal adds one more; then the tilt.
+    pub(crate) fn point(&self, p: DVec3, axis: usize) -> (DVec3, f64) {
+        let origin = self.transform.world_from_object().translation;
+        let [x, y, z] = self.columns(p);
+        let terms = origin.abs() + x.abs() + y.abs() + z.abs();
+        let rounding = 5.0 * UNIT * self.normals[axis].abs().dot(terms);
+        let error = rounding + self.tilt[axis].dot(p.abs());
+        (origin + (x + y + z), error)
+    }
+
+    /// World-space box of the points whose object coordinates are at most `half` in absolute value.
+    #[cfg(any(feature = "box", feature = "rectangle"))]
+    pub(crate) fn bounds(&self, half: DVec3) -> Aabb {
+        let [x, y, z] = self.columns(half).map(DVec3::abs);
+        self.around([0, 1, 2].map(|i| add_up(add_up(x[i], y[i]), z[i])))
+    }
+
+    /// World-space box that reaches this far from the origin of object space to either side.
+    #[cfg(any(feature = "box", feature = "rectangle", feature = "disk"))]
+    pub(crate) fn around(&self, reach: [f64; 3]) -> Aabb {
+        let center = self.transform.world_from_object().translation;
+        Aabb {
+            min: DVec3::from_array([0, 1, 2].map(|i| -add_up(-center[i], reach[i]))),
+            max: DVec3::from_array([0, 1, 2].map(|i| add_up(center[i], reach[i]))),
+        }
+    }
+
+    /// The columns of the matrix, multiplied by the coordinates of `p`.
+    pub(crate) fn columns(&self, p: DVec3) -> [DVec3; 3] {
+        let m = self.transform.world_from_object().matrix3;
+        [p.x * m.x_axis, p.y * m.y_axis, p.z * m.z_axis]
+    }
+}
+
+/// The sum, rounded up where it is not exact: bounds of what stands straight stay exact.
+#[cfg(any(feature = "box", feature = "rectangle", feature = "disk"))]
+fn add_up(a: f64, b: f64) -> f64 {
+    let sum = a + b;
+    // The rounding error, exactly (Knuth's TwoSum).
+    let b_seen = sum - a;
+    let lost = (a - (sum - b_seen)) + (b - b_seen);
+    if lost > 0.0 { sum.next_up() } else { sum }
+}
+
+/// Where a ray meets the plane z = 0 of object space: the ray parameter and x, y there. The parameter
+/// is infinite or NaN for a ray that runs in parallel, and so in no interval.
+#[cfg(any(feature = "plane", feature = "rectangle", feature = "disk"))]
+pub(crate) fn meet_plane(ray: &Ray) -> (f64, whitstone_core::DVec2) {
+    let t = -ray.origin.z / ray.direction.z;
+    (t, ray.origin.truncate() + t * ray.direction.truncate())
+}

@@ -1,0 +1,95 @@
+//! A rectangle, or a parallelogram by its transform.
+//!
+//! - Twin: Mitsuba `rectangle` (native).
+//! - Example: `scenes/shapes/rectangle.toml`.
+
+use crate::frame::{Frame, meet_plane};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use whitstone_core::{
+    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneErrors,
+    Shape, Shapes, SurfacePoint, Transform,
+};
+
+/// The square -1 <= x, y <= 1 in the plane z = 0 of its object space; the outside is +z.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {}
+
+/// In world space.
+pub struct Rectangle {
+    frame: Frame,
+}
+
+impl Plugin<Shapes> for Rectangle {
+    const TYPE: &'static str = "rectangle";
+    type Config = Config;
+
+    fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        let frame = Frame::new(transform);
+        Ok(Shape::Opaque(Box::new(Self { frame })))
+    }
+}
+
+impl Primitive for Rectangle {
+    fn bounds(&self) -> Aabb {
+        self.frame.bounds(DVec3::new(1.0, 1.0, 0.0))
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        let (t, params) = meet_plane(&self.frame.ray_to_object(ray));
+        let inside = params.abs().cmple(DVec2::ONE).all();
+        let hit = leaves.is_none() && interval.contains(t) && inside;
+        hit.then_some(PrimitiveHit {
+            t,
+            primitive: 0,
+            params,
+        })
+    }
+
+    fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let (position, error) = self.frame.point(hit.params.extend(0.0), 2);
+        let mut point = SurfacePoint::new(position, error, self.frame.normal(2));
+        if needs.contains(Needs::UV) {
+            point.uv = 0.5 * (hit.params + 1.0);
+        }
+        point
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::shapes::{shape_laws, standing};
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        shape_laws::<Rectangle>("", 2_000);
+    }
+
+    #[test]
+    fn the_border_belongs_to_it_and_bounds_are_exact() {
+        let Shape::Opaque(square) = standing::<Rectangle>("", Transform::IDENTITY) else {
+            unreachable!()
+        };
+        let down = |x, y| Ray::new(DVec3::new(x, y, 1.0), DVec3::NEG_Z);
+        assert!(
+            square
+                .closest(&down(1.0, -1.0), Interval::FORWARD, None)
+                .is_some()
+        );
+        assert!(
+            square
+                .closest(&down(1.0f64.next_up(), 0.0), Interval::FORWARD, None)
+                .is_none()
+        );
+        let corner = DVec3::new(1.0, 1.0, 0.0);
+        assert_eq!(
+            square.bounds(),
+            Aabb {
+                min: -corner,
+                max: corner
+            }
+        );
+    }
+}

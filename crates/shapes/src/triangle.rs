@@ -1,0 +1,63 @@
+//! A single triangle.
+//!
+//! It lowers itself to a mesh of one triangle, so that the watertight test of the core is the only one.
+//!
+//! - Twin: Mitsuba mesh of one triangle (native).
+//! - Example: `scenes/shapes/triangle.toml`.
+
+use crate::lower::{Lowered, Triangles, lower};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use whitstone_core::config::{Vector2, Vector3};
+use whitstone_core::{Context, DVec2, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
+
+/// A triangle; seen from outside, its corners run counter-clockwise.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The corners a, b, c in object space, in metres.
+    vertices: [Vector3; 3],
+    /// Shading normals at the corners in object space, of any length but zero; by default the normal of
+    /// the plane.
+    normals: Option<[Vector3; 3]>,
+    /// Texture coordinates at the corners; by default the barycentric weights of b and c.
+    uvs: Option<[Vector2; 3]>,
+}
+
+/// Becomes a mesh of one triangle.
+pub struct Triangle;
+
+impl Plugin<Shapes> for Triangle {
+    const TYPE: &'static str = "triangle";
+    type Config = Config;
+
+    fn build(config: Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        let normals = config
+            .normals
+            .map_or(vec![], |normals| normals.map(Vector3::get).to_vec());
+        let object = Triangles {
+            positions: config.vertices.map(Vector3::get).to_vec(),
+            normals,
+            uvs: match config.uvs {
+                Some(uvs) => uvs.map(Vector2::get).to_vec(),
+                None => vec![DVec2::ZERO, DVec2::X, DVec2::Y],
+            },
+            triangles: vec![[0, 1, 2]],
+        };
+        let lowered = lower(object, &transform);
+        let Lowered {
+            mesh,
+            flat,
+            zero_normals,
+        } = lowered.ok_or_else(|| {
+            SceneError::anywhere("the transform moves a corner of this triangle beyond all numbers")
+        })?;
+        if zero_normals > 0 {
+            return Err(SceneError::anywhere("a normal of a triangle must not have length zero").into());
+        }
+        if flat > 0 {
+            context.warn(SceneError::anywhere("this triangle has no area and is never hit"));
+        }
+        Ok(Shape::Triangles(mesh))
+    }
+}
