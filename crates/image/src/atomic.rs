@@ -1,0 +1,239 @@
+//! Files that are either complete or as they were before.
+
+use std::fs::{self, File};
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+/// A file could not be written. What was at the path before is still there, unless `step` is [`Step::SyncFolder`].
+#[derive(Debug, thiserror::Error)]
+#[error("{}: cannot {step}: {source}", path.display())]
+pub struct WriteError {
+    /// The file that was to be written.
+    pub path: PathBuf,
+    /// What failed.
+    pub step: Step,
+    /// The reason.
+    pub source: io::Error,
+}
+
+/// The steps of writing a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Step {
+    /// Look at what is at the path now: it must be a regular file or nothing.
+    Inspect,
+    /// Create the temporary file beside it.
+    Create,
+    /// Write the contents.
+    Fill,
+    /// Bring the contents to the disk.
+    Sync,
+    /// Put the temporary file in place.
+    Rename,
+    /// Bring the folder's entry to the disk. The new file is in place by then.
+    SyncFolder,
+}
+
+impl std::fmt::Display for Step {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Inspect => "replace this",
+            Self::Create => "create a temporary file beside it",
+            Self::Fill => "write",
+            Self::Sync => "sync",
+            Self::Rename => "move the temporary file to it",
+            Self::SyncFolder => "sync its folder",
+        })
+    }
+}
+
+/// Writes a file as a whole: `fill` writes a temporary file in the same folder (open for reading and writing, at its
+/// start), which is then synced and renamed to `path`. Whoever looks at `path` sees the old contents or the new, never
+/// a part.
+///
+/// The new file has the permissions that a plain creation gives (0666 less the umask, on Unix), also where it replaces
+/// a file with others. A symbolic link stays, and the file that it points to is replaced. What is neither a regular
+/// file nor absent (a folder, a device, a pipe) is refused.
+///
+/// # Errors
+/// [`WriteError`], which names the path and the step that failed; an error of `fill` is passed on as that of
+/// [`Step::Fill`].
+pub fn write(
+    path: impl AsRef<Path>,
+    fill: impl FnOnce(&mut File) -> io::Result<()>,
+) -> Result<(), WriteError> {
+    let path = path.as_ref();
+    let failed = |step| {
+        move |source| WriteError {
+            path: path.to_owned(),
+            step,
+            source,
+        }
+    };
+
+    let target = resolve(path).map_err(failed(Step::Inspect))?;
+    let folder = match target.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let mut temporary = create_in(folder).map_err(failed(Step::Create))?;
+    fill(temporary.as_file_mut()).map_err(failed(Step::Fill))?;
+    temporary.as_file().sync_all().map_err(failed(Step::Sync))?;
+    temporary
+        .persist(&target)
+        .map_err(|error| failed(Step::Rename)(error.error))?;
+    sync_folder(folder).map_err(failed(Step::SyncFolder))
+}
+
+/// As [`write()`], with the contents at hand.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_bytes(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), WriteError> {
+    write(path, |file| file.write_all(bytes))
+}
+
+/// The place that the rename goes to.
+fn resolve(path: &Path) -> io::Result<PathBuf> {
+    match fs::symlink_metadata(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(path.to_owned()),
+        Err(error) => Err(error),
+        Ok(found) => {
+            let target = if found.is_symlink() {
+                fs::canonicalize(path)?
+            } else {
+                path.to_owned()
+            };
+            // A rename would put a file in the place of a device such as /dev/null.
+            if fs::metadata(&target)?.is_file() {
+                Ok(target)
+            } else {
+                Err(io::Error::other("not a regular file"))
+            }
+        }
+    }
+}
+
+fn create_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".whitstone-").suffix(".tmp");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        // Temporary files are private by default, these are to become ordinary ones; the system applies the umask.
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(folder)
+}
+
+#[cfg(unix)]
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    match File::open(folder)?.sync_all() {
+        // Some file systems cannot sync a folder. The file is complete and in place all the same.
+        Err(error)
+            if matches!(
+                error.kind(),
+                io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported
+            ) =>
+        {
+            Ok(())
+        }
+        other => other,
+    }
+}
+
+#[cfg(not(unix))]
+fn sync_folder(_folder: &Path) -> io::Result<()> {
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entries(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn replaces_as_a_whole_and_leaves_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        write_bytes(&path, b"one").unwrap();
+        write_bytes(&path, b"second").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"second");
+        assert_eq!(entries(folder.path()), ["a.txt"]);
+    }
+
+    #[test]
+    fn a_failure_keeps_the_old_contents() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        write_bytes(&path, b"old").unwrap();
+        let error = write(&path, |file| {
+            file.write_all(b"half of the n")?;
+            Err(io::Error::other("disk full"))
+        })
+        .unwrap_err();
+        assert_eq!(error.step, Step::Fill);
+        assert!(
+            error.to_string().contains("a.txt") && error.to_string().contains("disk full"),
+            "{error}"
+        );
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(entries(folder.path()), ["a.txt"]);
+    }
+
+    #[test]
+    fn a_panic_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        let outcome = std::panic::catch_unwind(|| write(&path, |_| panic!("on purpose")));
+        assert!(outcome.is_err());
+        assert!(entries(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn a_missing_folder_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = write_bytes(folder.path().join("none/a.txt"), b"").unwrap_err();
+        assert_eq!(error.step, Step::Create);
+        assert!(error.to_string().contains("none"), "{error}");
+    }
+
+    #[test]
+    fn a_folder_is_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(write_bytes(folder.path(), b"").unwrap_err().step, Step::Inspect);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn permissions_are_those_of_a_plain_file() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let (ours, plain) = (folder.path().join("ours"), folder.path().join("plain"));
+        write_bytes(&ours, b"").unwrap();
+        fs::write(&plain, b"").unwrap();
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&ours), mode(&plain));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_stay_and_devices_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, link) = (folder.path().join("file"), folder.path().join("link"));
+        write_bytes(&file, b"old").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        write_bytes(&link, b"new").unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(fs::read(&file).unwrap(), b"new");
+        assert_eq!(write_bytes("/dev/null", b"x").unwrap_err().step, Step::Inspect);
+    }
+}

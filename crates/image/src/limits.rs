@@ -1,0 +1,153 @@
+//! What a file may ask of memory, and what can be wrong with a file.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Upper bounds that are checked against the header of a file, before its pixels are decoded.
+///
+/// The memory that a decoder needs on the way is a small multiple of `max_bytes`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Most columns.
+    pub max_width: usize,
+    /// Most rows.
+    pub max_height: usize,
+    /// Most bytes of the *decoded* values: 4 bytes for each sample of an image, 12 for each texel of a texture.
+    pub max_bytes: u64,
+}
+
+impl Limits {
+    /// For rendered images and references: 65536 x 65536, 4 GiB.
+    pub const IMAGE: Self = Self {
+        max_width: 65536,
+        max_height: 65536,
+        max_bytes: 4 << 30,
+    };
+    /// For textures: 16384 x 16384, 512 MiB.
+    pub const TEXTURE: Self = Self {
+        max_width: 16384,
+        max_height: 16384,
+        max_bytes: 512 << 20,
+    };
+
+    /// Refuses sizes beyond the limits, and empty ones.
+    pub(crate) fn check(&self, width: usize, height: usize, bytes_per_pixel: usize) -> Result<(), ReadFault> {
+        if width == 0 || height == 0 {
+            return Err(ReadFault::Empty { width, height });
+        }
+        let bytes = (width as u128) * (height as u128) * (bytes_per_pixel as u128);
+        let too_large =
+            width > self.max_width || height > self.max_height || bytes > u128::from(self.max_bytes);
+        if too_large || width.saturating_mul(height) > crate::planes::MAX_PIXELS {
+            return Err(ReadFault::TooLarge {
+                width,
+                height,
+                bytes,
+                limits: *self,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// A file could not be read.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {fault}", path.display())]
+pub struct ReadError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub fault: ReadFault,
+}
+
+/// What is wrong with a file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReadFault {
+    /// The operating system refused.
+    #[error("cannot read: {0}")]
+    Io(#[from] io::Error),
+    /// The first bytes are those of no format that is read here.
+    #[error("not {expected}")]
+    UnknownFormat {
+        /// The formats that are read.
+        expected: &'static str,
+    },
+    /// The file has no pixels.
+    #[error("the image is empty: {width} x {height} pixels")]
+    Empty {
+        /// Columns in the header.
+        width: usize,
+        /// Rows in the header.
+        height: usize,
+    },
+    /// The header asks for more than the limits allow. Nothing was decoded.
+    #[error(
+        "{width} x {height} pixels, {bytes} bytes decoded: the limits are {} x {} pixels, {} pixels in all and {} bytes",
+        limits.max_width, limits.max_height, crate::planes::MAX_PIXELS, limits.max_bytes
+    )]
+    TooLarge {
+        /// Columns in the header.
+        width: usize,
+        /// Rows in the header.
+        height: usize,
+        /// Bytes that the decoded values would take.
+        bytes: u128,
+        /// The limits that were in force.
+        limits: Limits,
+    },
+    /// A valid file of a kind that is not read here.
+    #[error("not supported: {0}")]
+    Unsupported(String),
+    /// The file is truncated or contradicts itself.
+    #[error("damaged: {0}")]
+    Damaged(String),
+    /// A texture has no colour channels.
+    #[error("no channels R, G, B and no Y; there are: {}", available.join(", "))]
+    NoColor {
+        /// The channels that there are.
+        available: Vec<String>,
+    },
+    /// A texture has a value that is NaN or infinite.
+    #[error(
+        "{count} values are not finite, the first is {value} in channel {channel} at column {x}, row {y}"
+    )]
+    NotFinite {
+        /// How many there are.
+        count: usize,
+        /// Channel of the first: `R`, `G` or `B`.
+        channel: &'static str,
+        /// Its column.
+        x: usize,
+        /// Its row.
+        y: usize,
+        /// Its value.
+        value: f32,
+    },
+}
+
+impl ReadFault {
+    /// The fault together with the file that has it.
+    pub(crate) fn at(self, path: &Path) -> ReadError {
+        ReadError {
+            path: path.to_owned(),
+            fault: self,
+        }
+    }
+}
+
+/// Runs a decoder of another crate, a panic in which is damage to the file and no more.
+///
+/// The panic's message still goes through the program's panic hook (that is, to standard error), because the hook
+/// belongs to the whole program and not to this library.
+pub(crate) fn no_panic<T>(decoder: impl FnOnce() -> Result<T, ReadFault>) -> Result<T, ReadFault> {
+    // Nothing that the closure borrows is used again after a panic.
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(decoder)).unwrap_or_else(|payload| {
+        let text = payload
+            .downcast_ref::<&str>()
+            .map(|text| (*text).to_owned())
+            .or_else(|| payload.downcast_ref::<String>().cloned())
+            .unwrap_or_else(|| "unknown reason".to_owned());
+        Err(ReadFault::Damaged(format!("the decoder gave up: {text}")))
+    })
+}

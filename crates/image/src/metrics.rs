@@ -1,0 +1,569 @@
+//! Numbers between an image and its reference.
+//!
+//! Everything is computed in `f64` over the channels R, G, B with compensated sums, in one fixed order. With
+//! `d = ours - reference` at one channel of one pixel, `N` = 3 * pixels, and
+//! `mean_reference` = (1/N) * sum |reference|:
+//!
+//! | name | definition |
+//! |---|---|
+//! | `rmse` | sqrt((1/N) sum d²) |
+//! | `mae` | (1/N) sum \|d\| |
+//! | `max_abs` | max \|d\| |
+//! | `signed_mean` | (1/N) sum d |
+//! | `relmse` | (1/N) sum d²/(reference² + 0.01) |
+//! | `psnr` | 20 log10(peak/rmse) dB |
+//! | relative residual | r = d/(\|reference\| + mean_reference) |
+//! | `rel_rmse_interior` | sqrt of the mean of r² over the pixels that are not excluded, and RGB |
+//! | `signed_block_bias` | of the means of r over blocks of 16 x 16 pixels and one channel, that with the largest magnitude |
+//! | over tolerance | on any channel \|d\| > rel*\|reference\| + abs*mean_reference, or a value that is not finite |
+//!
+//! In `r`, a denominator below the smallest normal `f32` (about 1.2e-38) counts as that, so that `r` stays finite for a
+//! black reference.
+
+use serde::Serialize;
+
+use crate::mask::Mask;
+use crate::planes::{Image, ImageError, Placement, RGB};
+use crate::sum::Sum;
+
+/// Side of the square blocks of [`Metrics::signed_block_bias`], in pixels. Blocks are aligned to the top left corner; those
+/// at the right and the bottom may be smaller.
+pub const BLOCK: usize = 16;
+
+/// Added to the squared reference in `relmse`.
+pub const RELMSE_EPSILON: f64 = 0.01;
+
+/// Smallest denominator of a relative residual.
+const SMALLEST_DENOMINATOR: f64 = f32::MIN_POSITIVE as f64;
+
+/// One of the two images of a comparison.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Side {
+    /// The image under test.
+    Ours,
+    /// What it is compared with.
+    Reference,
+}
+
+impl std::fmt::Display for Side {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Ours => "our image",
+            Self::Reference => "the reference",
+        })
+    }
+}
+
+/// Why two images cannot be compared.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CompareError {
+    /// The images differ in size. They are never resampled.
+    #[error("sizes differ: ours is {} x {} pixels, the reference {} x {}", ours.0, ours.1, reference.0, reference.1)]
+    Size {
+        /// Columns and rows of our image.
+        ours: (usize, usize),
+        /// Columns and rows of the reference.
+        reference: (usize, usize),
+    },
+    /// The images are different parts of a frame, or parts of different frames.
+    #[error(
+        "placements differ: ours is at ({}, {}) of {} x {} pixels, the reference at ({}, {}) of {} x {}",
+        ours.x, ours.y, ours.frame_width, ours.frame_height,
+        reference.x, reference.y, reference.frame_width, reference.frame_height
+    )]
+    Placement {
+        /// Placement of our image.
+        ours: Placement,
+        /// Placement of the reference.
+        reference: Placement,
+    },
+    /// One of the images lacks a channel.
+    #[error("{side}: {error}")]
+    Channel {
+        /// The image that lacks it.
+        side: Side,
+        /// Which channel, and what there is instead.
+        error: ImageError,
+    },
+    /// Some values are NaN or infinite, so that no mean has a meaning.
+    #[error(
+        "values that are not finite: {} in our image, {} in the reference; the first is in {} at column {}, row {}",
+        count.ours, count.reference, first.side, first.x, first.y
+    )]
+    NotFinite {
+        /// How many there are.
+        count: NotFinite,
+        /// Where the first is: our image before the reference, row by row.
+        first: FirstNotFinite,
+    },
+    /// The mask of excluded pixels is not of the size of the images.
+    #[error("the mask is of {} x {} pixels, the images of {} x {}", mask.0, mask.1, images.0, images.1)]
+    MaskSize {
+        /// Columns and rows of the mask.
+        mask: (usize, usize),
+        /// Columns and rows of the images.
+        images: (usize, usize),
+    },
+    /// A number among the options is out of its range.
+    #[error("{name} must be {range}, not {value}")]
+    Option {
+        /// Name of the option.
+        name: &'static str,
+        /// What it must be.
+        range: &'static str,
+        /// What it is.
+        value: f64,
+    },
+}
+
+/// How many values (channels of pixels) are NaN or infinite.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct NotFinite {
+    /// In our image.
+    pub ours: usize,
+    /// In the reference.
+    pub reference: usize,
+}
+
+/// Where a value that is not finite was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FirstNotFinite {
+    /// In which image.
+    pub side: Side,
+    /// Column.
+    pub x: usize,
+    /// Row.
+    pub y: usize,
+}
+
+/// When a pixel counts as different: |ours - reference| > relative*|reference| + absolute*mean_reference on any channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tolerance {
+    /// Fraction of the reference's value at the pixel, >= 0; 1e-3 by default.
+    pub relative: f64,
+    /// Fraction of the mean of the reference, >= 0; 1e-4 by default.
+    pub absolute: f64,
+}
+
+impl Default for Tolerance {
+    fn default() -> Self {
+        Self {
+            relative: 1e-3,
+            absolute: 1e-4,
+        }
+    }
+}
+
+/// What [`compare`] may be told.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct CompareOptions<'a> {
+    /// For counting pixels.
+    pub tolerance: Tolerance,
+    /// Pixels left out of `rel_rmse_interior` and `signed_block_bias` (explained edges), of no other number.
+    pub exclude: Option<&'a Mask>,
+    /// The peak of `psnr`, > 0; by default the largest value of the reference.
+    pub psnr_peak: Option<f64>,
+}
+
+/// What [`compare`] measures. All values are finite; those that have no meaning are `None`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Metrics {
+    /// Columns of both images.
+    pub width: usize,
+    /// Rows of both images.
+    pub height: usize,
+    /// Root of the mean squared difference, in units of radiance, over all pixels.
+    pub rmse: f64,
+    /// Relative residual's root mean square over the pixels not excluded; `None` if there are none, which is not a pass.
+    pub rel_rmse_interior: Option<f64>,
+    /// Pixels that `rel_rmse_interior` is over.
+    pub interior_pixels: usize,
+    /// Mean of the squared difference over (reference² + 0.01).
+    pub relmse: f64,
+    /// Mean of the absolute difference.
+    pub mae: f64,
+    /// Largest absolute difference.
+    pub max_abs: f64,
+    /// Mean of the difference, positive where ours is brighter.
+    pub signed_mean: f64,
+    /// Peak signal to noise ratio in dB; `None` if there is no difference or the peak is not above 0.
+    pub psnr: Option<f64>,
+    /// The peak that `psnr` refers to.
+    pub psnr_peak: f64,
+    /// Mean of |reference|.
+    pub mean_reference: f64,
+    /// The most biased block of 16 x 16 pixels; `None` if all pixels are excluded.
+    pub signed_block_bias: Option<BlockBias>,
+    /// Number of pixels over the tolerance.
+    pub pixels_over_tolerance: usize,
+}
+
+/// Mean relative residual of one channel over one block.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct BlockBias {
+    /// The mean, positive where ours is brighter.
+    pub bias: f64,
+    /// `R`, `G` or `B`.
+    pub channel: &'static str,
+    /// Column of the block's top left pixel.
+    pub x: usize,
+    /// Row of the block's top left pixel.
+    pub y: usize,
+    /// Pixels of the block that count, 1 to 256.
+    pub pixels: usize,
+}
+
+/// A pixel and how bad it is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct WorstPixel {
+    /// Column.
+    pub x: usize,
+    /// Row.
+    pub y: usize,
+    /// Our values (R, G, B).
+    pub ours: [f32; 3],
+    /// The reference's values (R, G, B).
+    pub reference: [f32; 3],
+    /// Largest magnitude of the relative residual over the channels; infinite if a value is not finite.
+    pub residual: f64,
+}
+
+/// Measures the difference of two images over R, G, B. Other channels play no part; see [`layers`](crate::layers).
+///
+/// # Errors
+/// [`CompareError`]: sizes, placements or channels that differ, values that are not finite, options out of range.
+pub fn compare(ours: &Image, reference: &Image, options: &CompareOptions) -> Result<Metrics, CompareError> {
+    let pair = Pair::new(ours, reference)?;
+    check_tolerance(options.tolerance)?;
+    check_mask(options.exclude, &pair)?;
+    check_peak(options.psnr_peak)?;
+    pair.check_finite()?;
+
+    let mean_reference = pair.mean_reference();
+    let count = pair.values() as f64;
+    let [
+        mut squares,
+        mut relative_squares,
+        mut absolutes,
+        mut differences,
+        mut interior,
+    ] = [Sum::default(); 5];
+    let (mut max_abs, mut largest) = (0.0_f64, f64::NEG_INFINITY);
+    let mut interior_pixels = 0;
+    for index in 0..pair.pixels() {
+        let inside = options.exclude.is_none_or(|mask| !mask.as_slice()[index]);
+        interior_pixels += usize::from(inside);
+        for (ours, reference) in pair.at(index) {
+            let difference = ours - reference;
+            squares.add(difference * difference);
+            relative_squares.add(difference * difference / (reference * reference + RELMSE_EPSILON));
+            absolutes.add(difference.abs());
+            differences.add(difference);
+            max_abs = max_abs.max(difference.abs());
+            largest = largest.max(reference);
+            if inside {
+                interior.add(relative_residual(ours, reference, mean_reference).powi(2));
+            }
+        }
+    }
+    let rmse = (squares.total() / count).sqrt();
+    let psnr_peak = options.psnr_peak.unwrap_or(largest);
+    Ok(Metrics {
+        width: ours.width(),
+        height: ours.height(),
+        rmse,
+        rel_rmse_interior: (interior_pixels > 0)
+            .then(|| (interior.total() / (RGB.len() * interior_pixels) as f64).sqrt()),
+        interior_pixels,
+        relmse: relative_squares.total() / count,
+        mae: absolutes.total() / count,
+        max_abs,
+        signed_mean: differences.total() / count,
+        psnr: (rmse > 0.0 && psnr_peak > 0.0).then(|| 20.0 * (psnr_peak / rmse).log10()),
+        psnr_peak,
+        mean_reference,
+        signed_block_bias: pair.block_bias(mean_reference, options.exclude),
+        pixels_over_tolerance: pair.over(options.tolerance, mean_reference).count(),
+    })
+}
+
+/// The pixels over a tolerance. Unlike [`compare`], this takes images with values that are not finite: pixels with such
+/// a value in either image are over, and the mean is that of the reference's finite values.
+///
+/// # Errors
+/// [`CompareError`]: sizes, placements or channels that differ, a tolerance out of range.
+pub fn over_tolerance(ours: &Image, reference: &Image, tolerance: Tolerance) -> Result<Mask, CompareError> {
+    let pair = Pair::new(ours, reference)?;
+    check_tolerance(tolerance)?;
+    Ok(pair.over(tolerance, pair.mean_reference()))
+}
+
+/// The `count` pixels with the largest relative residuals, worst first, only pixels of `within` where that is given.
+/// Pixels with a value that is not finite come first; of equals, the upper left one. Takes images as [`over_tolerance`].
+///
+/// # Errors
+/// [`CompareError`]: sizes, placements or channels that differ, a mask of another size.
+pub fn worst(
+    ours: &Image,
+    reference: &Image,
+    count: usize,
+    within: Option<&Mask>,
+) -> Result<Vec<WorstPixel>, CompareError> {
+    let pair = Pair::new(ours, reference)?;
+    check_mask(within, &pair)?;
+    let mean = pair.mean_reference();
+    let mut ranked: Vec<(usize, f64)> = (0..pair.pixels())
+        .filter(|&index| within.is_none_or(|mask| mask.as_slice()[index]))
+        .map(|index| (index, pair.residual(index, mean)))
+        .collect();
+    let order = |a: &(usize, f64), b: &(usize, f64)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
+    if count < ranked.len() {
+        ranked.select_nth_unstable_by(count, order);
+        ranked.truncate(count);
+    }
+    ranked.sort_unstable_by(order);
+    let pixel = |(index, residual): (usize, f64)| WorstPixel {
+        x: index % pair.width,
+        y: index / pair.width,
+        ours: pair.ours.map(|plane| plane[index]),
+        reference: pair.reference.map(|plane| plane[index]),
+        residual,
+    };
+    Ok(ranked.into_iter().map(pixel).collect())
+}
+
+/// Counts the values of R, G, B that are NaN or infinite.
+///
+/// # Errors
+/// [`CompareError`]: sizes, placements or channels that differ.
+pub fn count_not_finite(ours: &Image, reference: &Image) -> Result<NotFinite, CompareError> {
+    Ok(Pair::new(ours, reference)?.not_finite())
+}
+
+/// Mean of |reference| over R, G, B, values that are not finite left out; 0 if none is finite.
+///
+/// # Errors
+/// [`ImageError::MissingChannel`].
+pub fn mean_reference(reference: &Image) -> Result<f64, ImageError> {
+    Ok(mean_absolute(reference.rgb()?))
+}
+
+/// (ours - reference)/(|reference| + mean_reference), the denominator being at least the smallest normal `f32`.
+#[must_use]
+pub fn relative_residual(ours: f64, reference: f64, mean_reference: f64) -> f64 {
+    (ours - reference) / (reference.abs() + mean_reference).max(SMALLEST_DENOMINATOR)
+}
+
+fn mean_absolute(planes: [&[f32]; 3]) -> f64 {
+    let mut sum = Sum::default();
+    let mut count = 0_usize;
+    for &value in planes.into_iter().flatten().filter(|value| value.is_finite()) {
+        sum.add(f64::from(value.abs()));
+        count += 1;
+    }
+    if count == 0 {
+        0.0
+    } else {
+        sum.total() / count as f64
+    }
+}
+
+/// Two images that fit together.
+pub(crate) struct Pair<'a> {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    ours: [&'a [f32]; 3],
+    reference: [&'a [f32]; 3],
+}
+
+impl<'a> Pair<'a> {
+    pub(crate) fn new(ours: &'a Image, reference: &'a Image) -> Result<Self, CompareError> {
+        check_geometry(ours, reference)?;
+        let planes =
+            |image: &'a Image, side| image.rgb().map_err(|error| CompareError::Channel { side, error });
+        Ok(Self {
+            width: ours.width(),
+            height: ours.height(),
+            ours: planes(ours, Side::Ours)?,
+            reference: planes(reference, Side::Reference)?,
+        })
+    }
+
+    pub(crate) fn pixels(&self) -> usize {
+        self.width * self.height
+    }
+
+    fn values(&self) -> usize {
+        RGB.len() * self.pixels()
+    }
+
+    /// (ours, reference) of the three channels of a pixel.
+    pub(crate) fn at(&self, index: usize) -> [(f64, f64); 3] {
+        std::array::from_fn(|channel| {
+            (
+                f64::from(self.ours[channel][index]),
+                f64::from(self.reference[channel][index]),
+            )
+        })
+    }
+
+    pub(crate) fn mean_reference(&self) -> f64 {
+        mean_absolute(self.reference)
+    }
+
+    /// Largest magnitude of the relative residual over the channels of a pixel.
+    fn residual(&self, index: usize, mean: f64) -> f64 {
+        self.at(index)
+            .into_iter()
+            .fold(0.0, |worst: f64, (ours, reference)| {
+                if ours.is_finite() && reference.is_finite() {
+                    worst.max(relative_residual(ours, reference, mean).abs())
+                } else {
+                    f64::INFINITY
+                }
+            })
+    }
+
+    fn not_finite(&self) -> NotFinite {
+        let count = |planes: [&[f32]; 3]| {
+            planes
+                .into_iter()
+                .flatten()
+                .filter(|value| !value.is_finite())
+                .count()
+        };
+        NotFinite {
+            ours: count(self.ours),
+            reference: count(self.reference),
+        }
+    }
+
+    fn check_finite(&self) -> Result<(), CompareError> {
+        let first = |planes: [&[f32]; 3]| {
+            (0..self.pixels()).find(|&index| planes.iter().any(|plane| !plane[index].is_finite()))
+        };
+        let found = first(self.ours)
+            .map(|index| (Side::Ours, index))
+            .or_else(|| first(self.reference).map(|index| (Side::Reference, index)));
+        found.map_or(Ok(()), |(side, index)| {
+            let first = FirstNotFinite {
+                side,
+                x: index % self.width,
+                y: index / self.width,
+            };
+            Err(CompareError::NotFinite {
+                count: self.not_finite(),
+                first,
+            })
+        })
+    }
+
+    fn over(&self, tolerance: Tolerance, mean: f64) -> Mask {
+        Mask::from_fn(self.width, self.height, |x, y| {
+            self.at(y * self.width + x).into_iter().any(|(ours, reference)| {
+                let allowed = tolerance.relative * reference.abs() + tolerance.absolute * mean;
+                let within = (ours - reference).abs() <= allowed;
+                // Two equal infinities are over as well, and a comparison with NaN is never within.
+                !(within && ours.is_finite() && reference.is_finite())
+            })
+        })
+    }
+
+    /// The images must be finite.
+    fn block_bias(&self, mean: f64, exclude: Option<&Mask>) -> Option<BlockBias> {
+        let mut worst: Option<BlockBias> = None;
+        for y in (0..self.height).step_by(BLOCK) {
+            for x in (0..self.width).step_by(BLOCK) {
+                let mut sums = [Sum::default(); 3];
+                let mut pixels = 0;
+                for row in y..self.height.min(y + BLOCK) {
+                    for column in x..self.width.min(x + BLOCK) {
+                        let index = row * self.width + column;
+                        if exclude.is_some_and(|mask| mask.as_slice()[index]) {
+                            continue;
+                        }
+                        pixels += 1;
+                        for (sum, (ours, reference)) in sums.iter_mut().zip(self.at(index)) {
+                            sum.add(relative_residual(ours, reference, mean));
+                        }
+                    }
+                }
+                if pixels == 0 {
+                    continue;
+                }
+                for (channel, sum) in RGB.into_iter().zip(sums) {
+                    let bias = sum.total() / pixels as f64;
+                    if worst.is_none_or(|worst| bias.abs() > worst.bias.abs()) {
+                        worst = Some(BlockBias {
+                            bias,
+                            channel,
+                            x,
+                            y,
+                            pixels,
+                        });
+                    }
+                }
+            }
+        }
+        worst
+    }
+}
+
+/// Refuses images of different sizes or placements.
+pub(crate) fn check_geometry(ours: &Image, reference: &Image) -> Result<(), CompareError> {
+    let size = |image: &Image| (image.width(), image.height());
+    if size(ours) != size(reference) {
+        return Err(CompareError::Size {
+            ours: size(ours),
+            reference: size(reference),
+        });
+    }
+    if ours.placement() != reference.placement() {
+        return Err(CompareError::Placement {
+            ours: ours.placement(),
+            reference: reference.placement(),
+        });
+    }
+    Ok(())
+}
+
+fn check_mask(mask: Option<&Mask>, pair: &Pair) -> Result<(), CompareError> {
+    check_mask_size(mask, (pair.width, pair.height))
+}
+
+/// Refuses a mask of another size than the images.
+pub(crate) fn check_mask_size(mask: Option<&Mask>, images: (usize, usize)) -> Result<(), CompareError> {
+    match mask.map(|mask| (mask.width(), mask.height())) {
+        Some(mask) if mask != images => Err(CompareError::MaskSize { mask, images }),
+        _ => Ok(()),
+    }
+}
+
+fn check_tolerance(tolerance: Tolerance) -> Result<(), CompareError> {
+    for (name, value) in [("relative", tolerance.relative), ("absolute", tolerance.absolute)] {
+        if !(value >= 0.0 && value.is_finite()) {
+            return Err(CompareError::Option {
+                name,
+                range: "finite and >= 0",
+                value,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn check_peak(peak: Option<f64>) -> Result<(), CompareError> {
+    match peak {
+        Some(value) if !(value > 0.0 && value.is_finite()) => Err(CompareError::Option {
+            name: "psnr_peak",
+            range: "finite and > 0",
+            value,
+        }),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests;

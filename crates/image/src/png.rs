@@ -1,0 +1,183 @@
+//! 8-bit pictures for people to look at, as PNG files.
+//!
+//! These are previews: nothing is measured from them.
+
+use std::io;
+use std::path::Path;
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder as _};
+
+use crate::atomic::{self, WriteError};
+use crate::planes::{Image, ImageError};
+use crate::tone::ToneMap;
+
+/// Colour of pixels that are NaN or infinite in any channel: magenta, which no colour map here contains.
+pub const NOT_FINITE: [u8; 3] = [255, 0, 255];
+
+/// An 8-bit sRGB picture, row-major, top row first.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Raster {
+    width: usize,
+    height: usize,
+    pixels: Vec<[u8; 3]>,
+}
+
+impl Raster {
+    /// A picture of one colour; a side of 0 counts as 1.
+    #[must_use]
+    pub fn filled(width: usize, height: usize, color: [u8; 3]) -> Self {
+        let (width, height) = (width.max(1), height.max(1));
+        Self {
+            width,
+            height,
+            pixels: vec![color; width * height],
+        }
+    }
+
+    /// A picture with pixel `(x, y)` being `color(x, y)`; a side of 0 counts as 1.
+    #[must_use]
+    pub fn from_fn(width: usize, height: usize, color: impl Fn(usize, usize) -> [u8; 3]) -> Self {
+        let mut raster = Self::filled(width, height, [0; 3]);
+        for (index, pixel) in raster.pixels.iter_mut().enumerate() {
+            *pixel = color(index % raster.width, index / raster.width);
+        }
+        raster
+    }
+
+    /// What a screen shows of an image. A pixel with a channel that is NaN or infinite is [`NOT_FINITE`].
+    ///
+    /// # Errors
+    /// [`ImageError::MissingChannel`] if R, G or B is missing.
+    pub fn preview(image: &Image, tone: ToneMap) -> Result<Self, ImageError> {
+        let planes = image.rgb()?;
+        Ok(Self::from_fn(image.width(), image.height(), |x, y| {
+            let pixel = planes.map(|plane| plane[y * image.width() + x]);
+            if pixel.iter().all(|value| value.is_finite()) {
+                pixel.map(|value| tone.encode(f64::from(value)))
+            } else {
+                NOT_FINITE
+            }
+        }))
+    }
+
+    /// Columns, at least 1.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows, at least 1.
+    #[must_use]
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All pixels, row-major, top row first.
+    #[must_use]
+    pub fn pixels(&self) -> &[[u8; 3]] {
+        &self.pixels
+    }
+
+    /// A pixel, or `None` outside the picture.
+    #[must_use]
+    pub fn pixel(&self, x: usize, y: usize) -> Option<[u8; 3]> {
+        (x < self.width && y < self.height).then(|| self.pixels[y * self.width + x])
+    }
+
+    /// Changes a pixel; outside the picture this does nothing.
+    pub fn set(&mut self, x: usize, y: usize, color: [u8; 3]) {
+        if x < self.width && y < self.height {
+            self.pixels[y * self.width + x] = color;
+        }
+    }
+
+    /// Copies another picture into this one with its top left corner at `(x, y)`; what reaches outside is cut off.
+    pub fn draw(&mut self, other: &Self, x: usize, y: usize) {
+        for (index, &color) in other.pixels.iter().enumerate() {
+            self.set(
+                x.saturating_add(index % other.width),
+                y.saturating_add(index / other.width),
+                color,
+            );
+        }
+    }
+
+    /// The bytes of a PNG file (8-bit RGB). Equal pictures give equal bytes.
+    ///
+    /// # Errors
+    /// If a side is larger than a PNG file can have.
+    pub fn to_png(&self) -> io::Result<Vec<u8>> {
+        let side = |pixels: usize| u32::try_from(pixels).map_err(io::Error::other);
+        let mut bytes = Vec::new();
+        PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive)
+            .write_image(
+                self.pixels.as_flattened(),
+                side(self.width)?,
+                side(self.height)?,
+                ExtendedColorType::Rgb8,
+            )
+            .map_err(io::Error::other)?;
+        Ok(bytes)
+    }
+
+    /// Writes a PNG file, as a whole or not at all (see [`atomic`]).
+    ///
+    /// # Errors
+    /// [`WriteError`], which names the path.
+    pub fn write_png(&self, path: impl AsRef<Path>) -> Result<(), WriteError> {
+        atomic::write(path, |file| io::Write::write_all(file, &self.to_png()?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn previews_are_tone_mapped_and_flag_what_is_not_finite() {
+        let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+        let image = Image::from_fn(4, 1, |x, _| {
+            if x < 3 {
+                [0.5, bad[x], 0.5]
+            } else {
+                [0.0, 0.5, 2.0]
+            }
+        })
+        .unwrap();
+        let raster = Raster::preview(&image, ToneMap::default()).unwrap();
+        assert_eq!(
+            raster.pixels(),
+            [NOT_FINITE, NOT_FINITE, NOT_FINITE, [0, 188, 255]]
+        );
+        assert!(Raster::preview(&Image::new(1, 1).unwrap(), ToneMap::default()).is_err());
+    }
+
+    #[test]
+    fn png_round_trip_in_memory_and_on_disk() {
+        let raster = Raster::from_fn(5, 3, |x, y| [x as u8 * 50, y as u8 * 100, 7]);
+        let bytes = raster.to_png().unwrap();
+        assert_eq!(bytes, raster.to_png().unwrap());
+        let decoded = image::load_from_memory(&bytes).unwrap().into_rgb8();
+        assert_eq!(decoded.dimensions(), (5, 3));
+        assert_eq!(decoded.as_raw(), raster.pixels().as_flattened());
+
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        raster.write_png(&path).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), bytes);
+    }
+
+    #[test]
+    fn drawing_is_cut_off_at_the_border() {
+        let mut raster = Raster::filled(3, 3, [0; 3]);
+        raster.draw(&Raster::filled(2, 2, [9; 3]), 2, 1);
+        assert_eq!(
+            raster.pixels().iter().filter(|&&pixel| pixel == [9; 3]).count(),
+            2
+        );
+        assert_eq!(raster.pixel(2, 2), Some([9; 3]));
+        assert_eq!(raster.pixel(3, 0), None);
+        raster.draw(&Raster::filled(2, 2, [9; 3]), usize::MAX, 0);
+    }
+}

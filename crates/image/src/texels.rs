@@ -1,0 +1,221 @@
+//! Texture files: raw values, normalised, not decoded from sRGB.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Cursor, Read as _, Seek};
+use std::path::Path;
+
+use image::codecs::jpeg::JpegDecoder;
+use image::codecs::png::PngDecoder;
+use image::{DynamicImage, ImageDecoder, ImageError};
+
+use crate::exr_io;
+use crate::limits::{Limits, ReadError, ReadFault, no_panic};
+use crate::planes::{Image, RGB};
+
+/// How the values of a texture file are meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Encoding {
+    /// From 8-bit codes: values are `code / 255`, to be decoded with [`srgb_to_linear`](crate::tone::srgb_to_linear)
+    /// unless the scene says that they are linear.
+    Srgb8,
+    /// From 16-bit codes: values are `code / 65535`, otherwise as `Srgb8`.
+    Srgb16,
+    /// From floating-point numbers: values as in the file, linear, of any sign and size.
+    Linear,
+}
+
+/// A texture file in memory.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Texels {
+    /// Columns, at least 1.
+    pub width: usize,
+    /// Rows, at least 1.
+    pub height: usize,
+    /// `width * height` texels (R, G, B), row-major, top row first. All values are finite.
+    pub data: Vec<[f32; 3]>,
+    /// What kind of file the values are from.
+    pub encoding: Encoding,
+}
+
+/// Reads a PNG, JPEG or EXR file; the kind is known by the first bytes, not by the name. [`Limits::TEXTURE`] are the
+/// usual limits.
+///
+/// - Alpha is ignored (colours are not multiplied by it), grey is repeated to RGB, palettes and codes of fewer than 8 bits
+///   are expanded to 8.
+/// - Colour profiles, gamma chunks and EXIF orientation are ignored: the scene says what the values mean.
+/// - Of an animated PNG, the default image. Of an EXR file, the data window and the channels R, G, B, or else Y.
+///
+/// # Errors
+/// [`ReadError`] with a [`ReadFault`]: no such file, an unknown format, an empty, damaged or truncated one, sizes beyond
+/// the limits, no colour channels, or (EXR) values that are NaN or infinite.
+pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Texels, ReadError> {
+    let path = path.as_ref();
+    let read = || {
+        let file = File::open(path)?;
+        decode_from(BufReader::new(file), limits)
+    };
+    read().map_err(|fault| fault.at(path))
+}
+
+/// As [`read`], from memory.
+///
+/// # Errors
+/// As [`read`].
+pub fn decode(bytes: &[u8], limits: Limits) -> Result<Texels, ReadFault> {
+    decode_from(Cursor::new(bytes), limits)
+}
+
+fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits) -> Result<Texels, ReadFault> {
+    const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
+    const JPEG: &[u8] = b"\xff\xd8\xff";
+    let mut start = Vec::new();
+    (&mut source).take(PNG.len() as u64).read_to_end(&mut start)?;
+    source.rewind()?;
+    if start.starts_with(PNG) {
+        no_panic(|| {
+            let decoder = PngDecoder::with_limits(source, decoder_limits(limits)).map_err(to_fault)?;
+            from_integers(decoder, limits)
+        })
+    } else if start.starts_with(JPEG) {
+        no_panic(|| decode_jpeg(source, limits))
+    } else if start.starts_with(&exr_io::MAGIC) {
+        let (image, names) =
+            exr_io::decode_channels(source, limits, |name| RGB.contains(&name) || name == "Y")?;
+        from_floats(&image, names)
+    } else {
+        Err(ReadFault::UnknownFormat {
+            expected: "a PNG, JPEG or EXR file",
+        })
+    }
+}
+
+/// The size is checked by [`Limits::check`]; this bounds what the decoder takes on the way.
+fn decoder_limits(limits: Limits) -> image::Limits {
+    let mut bounds = image::Limits::no_limits();
+    bounds.max_alloc = Some(limits.max_bytes);
+    bounds
+}
+
+/// Bytes of a JPEG file that are read whatever the limits.
+const MAX_JPEG_EXTRAS: u64 = 64 << 20;
+
+fn decode_jpeg<R: BufRead + Seek>(mut source: R, limits: Limits) -> Result<Texels, ReadFault> {
+    let mut bytes = Vec::new();
+    // What is in a file besides the pixels may be more than these where the limit is small.
+    (&mut source)
+        .take(limits.max_bytes.max(MAX_JPEG_EXTRAS))
+        .read_to_end(&mut bytes)?;
+    let decoder = JpegDecoder::new(Cursor::new(&bytes)).map_err(to_fault)?;
+    let texels = from_integers(decoder, limits)?;
+    // The decoder paints what is missing at the end grey. The end marker cannot occur inside a scan, where 0xff is
+    // followed by 0 or a restart marker.
+    let scan = bytes
+        .windows(2)
+        .position(|pair| pair == [0xff, 0xda])
+        .unwrap_or(bytes.len());
+    if !bytes[scan..].windows(2).any(|pair| pair == [0xff, 0xd9]) {
+        return Err(ReadFault::Damaged("the file is truncated".to_owned()));
+    }
+    Ok(texels)
+}
+
+fn from_integers(decoder: impl ImageDecoder, limits: Limits) -> Result<Texels, ReadFault> {
+    let (width, height) = decoder.dimensions();
+    let (width, height) = (width as usize, height as usize);
+    limits.check(width, height, size_of::<[f32; 3]>())?;
+    let decoded = DynamicImage::from_decoder(decoder).map_err(to_fault)?;
+    let eight = |codes: [u8; 3]| codes.map(|code| f32::from(code) / 255.0);
+    let sixteen = |codes: [u16; 3]| codes.map(|code| f32::from(code) / 65535.0);
+    let (data, encoding) = match decoded {
+        DynamicImage::ImageLuma8(image) => (
+            image.pixels().map(|p| eight([p.0[0]; 3])).collect(),
+            Encoding::Srgb8,
+        ),
+        DynamicImage::ImageLumaA8(image) => (
+            image.pixels().map(|p| eight([p.0[0]; 3])).collect(),
+            Encoding::Srgb8,
+        ),
+        DynamicImage::ImageRgb8(image) => (image.pixels().map(|p| eight(p.0)).collect(), Encoding::Srgb8),
+        DynamicImage::ImageRgba8(image) => (
+            image.pixels().map(|p| eight(first_three(p.0))).collect(),
+            Encoding::Srgb8,
+        ),
+        DynamicImage::ImageLuma16(image) => (
+            image.pixels().map(|p| sixteen([p.0[0]; 3])).collect(),
+            Encoding::Srgb16,
+        ),
+        DynamicImage::ImageLumaA16(image) => (
+            image.pixels().map(|p| sixteen([p.0[0]; 3])).collect(),
+            Encoding::Srgb16,
+        ),
+        DynamicImage::ImageRgb16(image) => (image.pixels().map(|p| sixteen(p.0)).collect(), Encoding::Srgb16),
+        DynamicImage::ImageRgba16(image) => (
+            image.pixels().map(|p| sixteen(first_three(p.0))).collect(),
+            Encoding::Srgb16,
+        ),
+        other => {
+            return Err(ReadFault::Unsupported(format!(
+                "pixels of type {:?}",
+                other.color()
+            )));
+        }
+    };
+    Ok(Texels {
+        width,
+        height,
+        data,
+        encoding,
+    })
+}
+
+fn first_three<T: Copy>([r, g, b, _]: [T; 4]) -> [T; 3] {
+    [r, g, b]
+}
+
+fn from_floats(image: &Image, available: Vec<String>) -> Result<Texels, ReadFault> {
+    let planes = match (image.rgb(), image.channel("Y")) {
+        (Ok(planes), _) => planes,
+        (Err(_), Some(grey)) => [grey; 3],
+        (Err(_), None) => return Err(ReadFault::NoColor { available }),
+    };
+    let data: Vec<[f32; 3]> = (0..image.pixel_count())
+        .map(|index| planes.map(|plane| plane[index]))
+        .collect();
+    let bad = |texel: &[f32; 3]| texel.iter().filter(|value| !value.is_finite()).count();
+    if let Some(index) = data.iter().position(|texel| bad(texel) > 0) {
+        let channel = data[index]
+            .iter()
+            .position(|value| !value.is_finite())
+            .unwrap_or(0);
+        return Err(ReadFault::NotFinite {
+            count: data.iter().map(bad).sum(),
+            channel: RGB[channel],
+            x: index % image.width(),
+            y: index / image.width(),
+            value: data[index][channel],
+        });
+    }
+    Ok(Texels {
+        width: image.width(),
+        height: image.height(),
+        data,
+        encoding: Encoding::Linear,
+    })
+}
+
+fn to_fault(error: ImageError) -> ReadFault {
+    match error {
+        ImageError::IoError(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
+            ReadFault::Damaged("the file is truncated".to_owned())
+        }
+        ImageError::IoError(error) => ReadFault::Io(error),
+        ImageError::Unsupported(error) => ReadFault::Unsupported(error.to_string()),
+        ImageError::Limits(error) => {
+            ReadFault::Unsupported(format!("decoding needs more than the limits: {error}"))
+        }
+        other => ReadFault::Damaged(other.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests;
