@@ -12,7 +12,8 @@ are therefore padded to two.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -22,7 +23,11 @@ from .scene import NOTHING, Built
 from .settings import Setting
 
 # Lanes traced together at most. A level takes about 300 bytes for each.
-LANES = 1 << 20
+LANES = 1 << 19
+
+# Lanes over all levels that wait for the way back, at most; about 70 bytes each. Where rays live for thousands of levels (between
+# facing mirrors), fewer pixels are traced together instead.
+RECORDS = 1 << 24
 
 # A spawned ray that comes back to its own primitive within this many times K units counts as a re-hit (PROTOCOL.md).
 REHIT_UNITS = 64.0
@@ -126,13 +131,19 @@ class Hits:
 class Level:
     """What the way back needs of a level, and (for `tree`) what was there to see."""
 
-    rays: Rays
-    hits: Hits
+    rays: Optional[Rays]
+    hits: Optional[Hits]
+    local: Any
+    transmittance: Any
     # Per branch letter: parents (lane here), weights, children (lane in the next level); children None at the depth limit.
     links: List[Tuple[str, np.ndarray, Any, Optional[np.ndarray], Any]] = field(default_factory=list)
     # Per lamp (lanes, visible, contribution): kept only when recording.
     lamps: List[Tuple[np.ndarray, int, Any, Any]] = field(default_factory=list)
     ambient: List[Tuple[np.ndarray, Any]] = field(default_factory=list)
+
+
+class TooDeep(Exception):
+    """The levels of these rays do not fit into memory together."""
 
 
 @dataclass
@@ -154,7 +165,8 @@ class Tracer:
         self.settings = list(settings)
         self.record = record
         self.count_rehits = rehits
-        self.native_uv = False
+        # Mitsuba's own points and uv instead of the model's: for the check against its integrators.
+        self.native_surface = False
         self.counts = Counts()
         self.levels: List[Level] = []
         table = self.settings + [self.settings[-1]]
@@ -163,6 +175,7 @@ class Tracer:
         self._seed = mi.UInt32(np.array([setting.seed for setting in table], dtype=np.uint32))
         self._cut = dr.opaque(mi.Float, float(self.document.integrator.min_contribution))
         self._pending: List[Any] = []
+        self._budget: float = math.inf
 
     # ---- pixels --------------------------------------------------------------------------------------------------
 
@@ -171,9 +184,18 @@ class Tracer:
         samples = self.document.samples
         step = max(1, LANES // len(samples))
         parts = []
-        for first in range(0, len(x), step):
+        first = 0
+        while first < len(x):
             span = slice(first, first + step)
-            radiance = self.samples(x[span], y[span], setting[span], samples)
+            before = replace(self.counts), list(self._pending)
+            self._budget = RECORDS if step > 1 else math.inf
+            try:
+                radiance = self.samples(x[span], y[span], setting[span], samples)
+            except TooDeep:
+                step = max(1, step // 2)
+                self.counts, self._pending = before
+                continue
+            first += step
             total = np.zeros((radiance.shape[0], 3))
             for number in range(len(samples)):  # one after another: a fixed order of additions
                 total += radiance[:, number]
@@ -218,11 +240,17 @@ class Tracer:
         """Radiance along each ray (Color3f, evaluated)."""
         levels: List[Level] = []
         radiance: Any = None
+        kept = 0
         while True:
-            level, children = self._level(rays, depth)
+            level, children = self.level(rays, depth)
             levels.append(level)
             if self.record:
                 self.levels.append(level)
+            else:
+                level.rays = level.hits = None
+            kept += rays.real
+            if kept > self._budget:
+                raise TooDeep
             if children is None:
                 break
             depth += 1
@@ -242,7 +270,7 @@ class Tracer:
 
     def _backward(self, level: Level, deeper: Any) -> Any:
         """The level's radiance from that of the next one: local terms, plus children by weight, times transmittance."""
-        radiance = level.hits.local
+        radiance = level.local
         for _, parents, weight, children, limit in level.links:
             lanes = pad(parents)
             value = limit if children is None else dr.gather(mi.Color3f, deeper, pad(children))
@@ -250,17 +278,17 @@ class Tracer:
             radiance = mi.Color3f(radiance)
             dr.scatter(radiance, sum_, lanes)
             dr.eval(radiance)
-        radiance = radiance * level.hits.transmittance
+        radiance = radiance * level.transmittance
         dr.eval(radiance)
         return radiance
 
-    def _level(self, rays: Rays, depth: int) -> Tuple[Level, Optional[Rays]]:
+    def level(self, rays: Rays, depth: int) -> Tuple[Level, Optional[Rays]]:
         """Intersects and shades one level; gives the rays of the next one, or None."""
         hits = self.intersect(rays)
         self.counts.closest += rays.real
         if self.count_rehits:
             self._count("rehits", hits.rehit, rays.real)
-        level = Level(rays, hits)
+        level = Level(rays, hits, hits.local, hits.transmittance)
         # Lanes by material: a stable sort of their numbers.
         numbers = hits.material.numpy()[: max(rays.real, 1)]
         order = np.argsort(numbers, kind="stable").astype(np.uint32)
@@ -287,13 +315,16 @@ class Tracer:
         n_s = dr.select(dr.dot(rays.d, n_raw) * dr.dot(rays.d, n_g) < 0, -n_raw, n_raw)
         rule = dr.gather(mi.UInt32, b.primitive_rule, shape, valid)
         primitive = dr.select(rule == 1, si.prim_index, dr.select(rule == 2, si.prim_index >> 1, 0))
-        uv = mi.Point2f(si.uv)
-        if not self.native_uv:
+        uv, p = mi.Point2f(si.uv), mi.Point3f(si.p)
+        if not self.native_surface:
+            flat = [dr.gather(mi.Float, b.flats, shape * 4 + entry, valid) for entry in range(4)]
+            normal = mi.Vector3f(*flat[:3])
+            p = mi.Point3f(p - normal * (dr.dot(normal, p) - flat[3]))
             rule = dr.gather(mi.UInt32, b.uv_rule, shape, valid)
             uv.y = dr.select(rule == 1, 1 - uv.y, uv.y)
             row = [dr.gather(mi.Float, b.plane_rows, shape * 8 + entry, valid & (rule == 2)) for entry in range(8)]
-            x = row[0] * si.p.x + row[1] * si.p.y + row[2] * si.p.z + row[3]
-            y = row[4] * si.p.x + row[5] * si.p.y + row[6] * si.p.z + row[7]
+            x = row[0] * p.x + row[1] * p.y + row[2] * p.z + row[3]
+            y = row[4] * p.x + row[5] * p.y + row[6] * p.z + row[7]
             uv = dr.select(rule == 2, mi.Point2f(x, y), uv)
         t = dr.select(valid, si.t, dr.inf)
         endless = dr.select(rays.medium == 0, mi.Color3f(1), mi.Color3f(0))
@@ -302,7 +333,7 @@ class Tracer:
         hits = Hits(
             valid=valid,
             t=t,
-            p=mi.Point3f(si.p),
+            p=p,
             n_g=n_g,
             n_s=n_s,
             n_raw=n_raw,
@@ -358,8 +389,8 @@ class Tracer:
                     seen = dr.gather(mi.Bool, visible, inner)
                     dr.eval(value, seen)
                     level.lamps.append((lanes, self.document.lights.lamps[lamp].index, seen, value))
-            dr.scatter(level.hits.local, total, here)
-            dr.eval(level.hits.local)
+            dr.scatter(level.local, total, here)
+            dr.eval(level.local)
 
     def _lamp(self, level: Level, number: int, lanes_here: np.ndarray) -> Tuple[Any, Any, Any]:
         """(direction, irradiance, visible) of a lamp at some lanes; the irradiance is 0 where it does not count (rule G)."""

@@ -6,6 +6,7 @@ a file has none, flip v in OBJ files and split groups. A test compares the two o
 
 from __future__ import annotations
 
+import functools
 import os
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Tuple
@@ -26,7 +27,17 @@ class Triangles:
 
 
 def load(path: str) -> Triangles:
-    """The triangles of an .obj or .ply file."""
+    """The triangles of an .obj or .ply file; the last few files are kept, as long as they do not change."""
+    try:
+        status = os.stat(path)
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
+    return _load(path, status.st_mtime_ns, status.st_size)
+
+
+@functools.lru_cache(maxsize=8)
+def _load(path: str, modified: int, size: int) -> Triangles:
+    """Reads the file; `modified` and `size` are only part of the key."""
     reader = {".obj": _obj, ".ply": _ply}.get(os.path.splitext(path)[1].lower())
     if reader is None:
         raise SceneError(f"{path}: expected a file ending in .obj or .ply")

@@ -80,6 +80,8 @@ class Built:
         self.primitive_rule = _integers([rule.primitive for rule in rules])
         planes = [np.zeros((2, 4)) if rule.plane is None else rule.plane for rule in rules]
         self.plane_rows = _floats(planes)
+        flats = [np.zeros(4) if rule.project is None else rule.project for rule in rules]
+        self.flats = _floats(flats)
         self.material_of_shape = _integers([shape.material for shape in shapes] + [0, 0])
         media = [(material.interior, material.exterior) for material in self.document.materials] + [((0, 0, 0), (0, 0, 0))] * 2
         # Six numbers for each material: absorption inside, outside.

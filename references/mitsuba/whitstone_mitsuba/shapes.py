@@ -34,6 +34,9 @@ class Rules:
     smooth: bool = False
     uv: int = UV_NATIVE
     primitive: int = PRIMITIVE_ZERO
+    # World (n, c) of the flat surface n . p = c onto which hit points are moved. Mitsuba leaves a disk's hit at ray(t), off the
+    # surface by the rounding of t, which grows with the distance: shadow rays then start below the surface and hit it again.
+    project: Optional[np.ndarray] = None
     # For UV_PLANE: 2x4, object x and y from world coordinates.
     plane: Optional[np.ndarray] = None
 
@@ -109,11 +112,18 @@ def _sphere(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, An
     return Rules(flip=transforms.mirrors(matrix), uv=UV_SPHERE), _native("sphere", placed)
 
 
+def _flat(matrix: np.ndarray) -> np.ndarray:
+    """(n, c) of the image of the plane z = 0."""
+    normal = np.linalg.inv(matrix[:3, :3])[2]
+    normal = normal / np.linalg.norm(normal)
+    return np.array([*normal, normal @ matrix[:3, 3]])
+
+
 def _plane(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]:
     scale = _similarity(fields, matrix)
     placed = matrix.copy()
     placed[:3, :3] *= PLANE_RADIUS / scale
-    return Rules(uv=UV_PLANE, plane=np.linalg.inv(matrix)[:2]), _native("disk", placed)
+    return Rules(uv=UV_PLANE, project=_flat(matrix), plane=np.linalg.inv(matrix)[:2]), _native("disk", placed)
 
 
 def _rectangle(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]:
@@ -125,7 +135,7 @@ def _disk(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]
     square = x @ x
     if abs(square - y @ y) > 1e-9 * square or abs(x @ y) > 1e-9 * square:
         fields.error("transform", "must scale x and y equally")
-    return Rules(), _native("disk", matrix)
+    return Rules(project=_flat(matrix)), _native("disk", matrix)
 
 
 def box_triangles() -> meshes.Triangles:
