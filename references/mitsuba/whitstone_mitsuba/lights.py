@@ -123,7 +123,8 @@ def _spot(fields: Fields, index: int) -> Lamp:
     target = np.array(fields.vector("target", REQUIRED))
     intensity = fields.color("intensity", REQUIRED)
     cutoff = fields.number("cutoff_angle", 20.0, lambda angle: 0 < angle < 90, "a half angle between 0 and 90 degrees")
-    beam = fields.number("beam_width", 0.75 * cutoff, lambda angle: 0 <= angle < cutoff, f"a half angle from 0 to below the cutoff of {cutoff:g} degrees")
+    expected = f"a half angle from 0 to below the cutoff of {cutoff:g} degrees"
+    beam = fields.number("beam_width", 0.75 * cutoff, lambda angle: 0 <= angle < cutoff, expected)
     matrix = np.eye(4)
     matrix[:3, :3] = facing(_direction(fields, "target", target - position))
     matrix[:3, 3] = position

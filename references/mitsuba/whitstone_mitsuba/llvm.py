@@ -7,7 +7,6 @@ loaded in a child process, which asks it for its version: a library that crashes
 
 from __future__ import annotations
 
-import ctypes.util
 import glob
 import os
 import re

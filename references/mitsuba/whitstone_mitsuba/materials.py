@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Tuple
 
-from .fields import REQUIRED, Fields, Vector, nearest
+from .fields import Fields, Vector, nearest
 from .runtime import dr, mi
 from .textures import Constant, Textures
 

@@ -28,6 +28,8 @@ class Triangles:
 
 def load(path: str) -> Triangles:
     """The triangles of an .obj or .ply file; the last few files are kept, as long as they do not change."""
+    if os.path.splitext(path)[1].lower() not in _READERS:
+        raise SceneError(f"{path}: expected a file ending in .obj or .ply")
     try:
         status = os.stat(path)
     except OSError as error:
@@ -38,9 +40,7 @@ def load(path: str) -> Triangles:
 @functools.lru_cache(maxsize=8)
 def _load(path: str, modified: int, size: int) -> Triangles:
     """Reads the file; `modified` and `size` are only part of the key."""
-    reader = {".obj": _obj, ".ply": _ply}.get(os.path.splitext(path)[1].lower())
-    if reader is None:
-        raise SceneError(f"{path}: expected a file ending in .obj or .ply")
+    reader = _READERS[os.path.splitext(path)[1].lower()]
     try:
         with open(path, "rb") as file:
             data = file.read()
@@ -225,3 +225,6 @@ def _ply_values(
         return np.array(words[position : position + count], dtype=np.float64), position + count
     dtype = np.dtype(order + _PLY_TYPES[kind])
     return np.frombuffer(data, dtype, count, position), position + count * dtype.itemsize
+
+
+_READERS = {".obj": _obj, ".ply": _ply}

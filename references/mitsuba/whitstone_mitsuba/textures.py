@@ -7,7 +7,7 @@ Coordinates are the model's, v up; what Mitsuba has otherwise (v down in bitmaps
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
