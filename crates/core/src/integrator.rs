@@ -1,5 +1,5 @@
 use crate::{
-    Accelerator, Geometry, Incoming, Interval, Light, LightGives, LightSample, Material, Needs, RawHit,
+    Accelerator, BranchKind, Geometry, Incoming, Interval, Light, LightGives, LightSample, Material, Needs, RawHit,
     Ray, Rgb, Skip, SurfacePoint,
 };
 use glam::DVec3;
@@ -137,6 +137,63 @@ pub struct Scratch {
     pub pending: Vec<PathState>,
     /// Rays traced so far by this thread.
     pub counters: Counters,
+    /// Where integrators note every ray of the tree, if there is a list: for finding faults.
+    pub record: Option<Vec<TreeNode>>,
+}
+
+impl Scratch {
+    /// Notes a ray in the record, if there is one, and returns its number there.
+    pub fn note(
+        &mut self,
+        path: &PathState,
+        found: Option<(&RawHit, &SurfacePoint)>,
+        throughput: Rgb,
+        local: Rgb,
+    ) -> u32 {
+        let Some(nodes) = &mut self.record else {
+            return 0;
+        };
+        let name = path.origin.map_or_else(String::new, |(parent, kind)| {
+            let letter = match kind {
+                BranchKind::Reflection => 'R',
+                BranchKind::Transmission { .. } => 'T',
+            };
+            format!("{}{letter}", nodes[parent as usize].path)
+        });
+        let (hit, point) = found.unzip();
+        nodes.push(TreeNode {
+            path: name,
+            shape: hit.map_or(-1, |hit| i64::from(hit.shape)),
+            primitive: hit.map_or(-1, |hit| i64::from(hit.primitive)),
+            t: hit.map_or(f64::INFINITY, |hit| hit.t),
+            position: point.map_or(DVec3::ZERO, |point| point.position),
+            n_s: point.map_or(DVec3::ZERO, |point| point.n_s),
+            throughput,
+            local,
+        });
+        nodes.len() as u32 - 1
+    }
+}
+
+/// A ray of the tree under a camera ray and what it found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TreeNode {
+    /// "" for the camera ray, then a letter for each branch: R for reflection, T for transmission.
+    pub path: String,
+    /// Number of the shape that was hit; -1 for none.
+    pub shape: i64,
+    /// Number of the primitive in it; -1 for none.
+    pub primitive: i64,
+    /// Distance in metres; infinite for a miss.
+    pub t: f64,
+    /// The point that was hit.
+    pub position: DVec3,
+    /// Shading normal.
+    pub n_s: DVec3,
+    /// Factor on the node's radiance in the pixel.
+    pub throughput: Rgb,
+    /// Radiance that the node adds by itself: lights at a surface, or the background.
+    pub local: Rgb,
 }
 
 /// A ray of the tree under a camera ray, waiting to be traced.
@@ -152,6 +209,8 @@ pub struct PathState {
     pub absorption: Rgb,
     /// Bounces before it: 0 for a camera ray.
     pub depth: u32,
+    /// For [`Scratch::record`]: the node that it comes from, and which branch of it this is.
+    pub origin: Option<(u32, BranchKind)>,
 }
 
 /// Rays traced.

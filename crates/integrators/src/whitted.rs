@@ -89,6 +89,7 @@ impl Integrator for Whitted {
             throughput: Rgb::WHITE,
             absorption: Rgb::BLACK,
             depth: 0,
+            origin: None,
         };
         let mut sum = self.trace(world, &camera, scratch);
         while let Some(path) = scratch.pending.pop() {
@@ -103,7 +104,9 @@ impl Whitted {
     fn trace(&self, world: &World, path: &PathState, scratch: &mut Scratch) -> Rgb {
         scratch.counters.closest += 1;
         let Some(hit) = world.accelerator.closest(&path.ray, Interval::FORWARD, path.skip) else {
-            return path.throughput * endless(world, path.absorption, path.ray.direction);
+            let background = endless(world, path.absorption, path.ray.direction);
+            scratch.note(path, None, path.throughput, background);
+            return path.throughput * background;
         };
         let throughput = path.throughput * path.absorption.transmittance(hit.t);
         if throughput.is_black() {
@@ -114,18 +117,21 @@ impl Whitted {
         let skip = Skip::leaving(&hit);
         let material = &*world.materials[hit.shape as usize];
         let lobes = material.lobes();
-        let mut sum = Rgb::BLACK;
+        let mut local = Rgb::BLACK;
         if lobes.contains(Lobes::LOCAL) {
-            sum = throughput * self.shadows.local(world, material, &point, view, skip, scratch);
+            local = self.shadows.local(world, material, &point, view, skip, scratch);
         }
+        let node = scratch.note(path, Some((&hit, &point)), throughput, local);
+        let mut sum = throughput * local;
         if lobes.intersects(Lobes::REFLECTION | Lobes::TRANSMISSION) {
             let mut branches = Branches::default();
             material.branches(&point, view, &mut branches);
             // Backwards: what is pushed last is traced first.
             for branch in branches.iter().rev() {
-                let Some(child) = self.follow(path, branch, &point, view, skip, throughput) else {
+                let Some(mut child) = self.follow(path, branch, &point, view, skip, throughput) else {
                     continue;
                 };
+                child.origin = Some((node, branch.kind));
                 if path.depth < self.max_depth {
                     scratch.pending.push(child);
                 } else if self.at_max_depth == AtMaxDepth::Background {
@@ -165,6 +171,7 @@ impl Whitted {
             throughput,
             absorption,
             depth,
+            origin: None,
         })
     }
 }

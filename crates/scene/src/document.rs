@@ -2,7 +2,7 @@
 
 use crate::Sources;
 use std::borrow::Cow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 use whitstone_core::{SceneError, SceneErrors, SourceSpan, nearest};
@@ -263,6 +263,8 @@ pub struct Flattened {
     /// TOML with includes resolved and overrides applied, no defaults filled in. Paths of files are
     /// relative to the base folder.
     pub text: String,
+    /// Folder that the paths are relative to; absolute if the working folder is known.
+    pub base: PathBuf,
     /// Of everything that the image depends on: the document without `accelerator` and `expect`, and the
     /// bytes of every file that it names.
     pub hash: String,
@@ -287,7 +289,8 @@ impl Flattened {
             hasher.update(&content_hash(&sources.base().join(path)));
         }
         let hash = hasher.finalize().to_hex()[..32].to_owned();
-        errors.into_result(Self { text, hash })
+        let base = std::path::absolute(sources.base()).unwrap_or_else(|_| sources.base().to_owned());
+        errors.into_result(Self { text, base, hash })
     }
 }
 

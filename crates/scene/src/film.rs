@@ -2,6 +2,7 @@ use crate::{Aov, Pipeline};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
+use whitstone_image::{Image, ImageError};
 use whitstone_core::{Counters, DVec2, Interval, Needs, RawHit, Ray, Rgb, Scratch, Skip};
 
 /// Edge length of the square tiles that threads share out, in pixels.
@@ -211,5 +212,19 @@ impl Pipeline {
             Aov::ShapeId => vec![f64::from(hit.shape)],
             Aov::PrimitiveId => vec![f64::from(hit.primitive)],
         }
+    }
+}
+
+impl Film {
+    /// As an image with all layers and the attributes that say where it comes from.
+    pub fn to_image(&self, scene_hash: &str) -> Result<Image, ImageError> {
+        let mut image = Image::from_rgb(self.width as usize, self.height as usize, &self.rgb)?;
+        for (name, values) in &self.layers {
+            image.add_channel(name, values.clone())?;
+        }
+        image.set_attribute("scene_hash", scene_hash)?;
+        image.set_attribute("samples", self.samples.to_string())?;
+        image.set_attribute("version", env!("CARGO_PKG_VERSION"))?;
+        Ok(image)
     }
 }

@@ -1,0 +1,177 @@
+//! The private Python environment that Mitsuba runs in.
+
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+use thiserror::Error;
+
+/// How long installing may take: Mitsuba is some 100 MB to download.
+const INSTALL_LIMIT: Duration = Duration::from_secs(900);
+
+/// Where Mitsuba can be run.
+#[derive(Clone, Debug)]
+pub struct Environment {
+    /// The interpreter of the environment.
+    pub python: PathBuf,
+    /// Folder that holds the package `whitstone_mitsuba`.
+    pub package: PathBuf,
+}
+
+/// Why there is no environment, and what to do about it.
+#[derive(Debug, Error)]
+pub enum EnvironmentError {
+    /// No usable Python.
+    #[error("no Python 3.9 or newer was found (tried {tried}); install one, or name it in WHITSTONE_PYTHON")]
+    NoPython {
+        /// What was tried and what came of it.
+        tried: String,
+    },
+    /// The driver's package is not where it should be.
+    #[error("the Mitsuba driver is not in {}; run this inside the repository or pass --references", .0.display())]
+    NoPackage(PathBuf),
+    /// A step of making the environment failed.
+    #[error("cannot {step}:\n{output}")]
+    Step {
+        /// Which.
+        step: &'static str,
+        /// What it printed, or why it did not run.
+        output: String,
+    },
+}
+
+impl Environment {
+    /// The environment under `target`, made on first use: `say` is told what takes long.
+    ///
+    /// It is keyed by the pinned requirements and the Python that made it, so a change of either makes a
+    /// new one. Two processes at once wait for each other.
+    pub fn ensure(target: &Path, references: &Path, say: &dyn Fn(&str)) -> Result<Self, EnvironmentError> {
+        let package = references.join("mitsuba");
+        let requirements = package.join("requirements.txt");
+        let Ok(pinned) = fs::read(&requirements) else {
+            return Err(EnvironmentError::NoPackage(package));
+        };
+        let (python, version) = find_python()?;
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&pinned).update(version.as_bytes());
+        let key = &hasher.finalize().to_hex()[..12];
+        let folder = target.join(format!("python-{key}"));
+        let complete = folder.join("complete");
+        let environment = Self {
+            python: interpreter(&folder),
+            package,
+        };
+        if complete.is_file() && environment.python.exists() {
+            return Ok(environment);
+        }
+        let io = |step| {
+            move |error: std::io::Error| EnvironmentError::Step {
+                step,
+                output: error.to_string(),
+            }
+        };
+        fs::create_dir_all(target).map_err(io("make the folder of the Python environment"))?;
+        let lock = File::create(target.join(format!("python-{key}.lock")))
+            .map_err(io("lock the Python environment"))?;
+        lock.lock().map_err(io("lock the Python environment"))?;
+        if complete.is_file() {
+            return Ok(environment);
+        }
+        // What is left of an attempt that was broken off.
+        if folder.exists() {
+            fs::remove_dir_all(&folder).map_err(io("remove a broken Python environment"))?;
+        }
+        say(&format!("making a Python environment in {}", folder.display()));
+        run(
+            Command::new(&python).args(["-m", "venv"]).arg(&folder),
+            "make a Python environment (on Debian: apt-get install python3-venv)",
+        )?;
+        say("installing Mitsuba (once; about 100 MB)");
+        run(
+            Command::new(&environment.python)
+                .args(["-m", "pip", "install", "--disable-pip-version-check", "--no-input", "-q", "-r"])
+                .arg(&requirements),
+            "install Mitsuba (is PyPI reachable?)",
+        )?;
+        fs::write(&complete, version).map_err(io("mark the Python environment as complete"))?;
+        Ok(environment)
+    }
+}
+
+fn interpreter(folder: &Path) -> PathBuf {
+    if cfg!(windows) {
+        folder.join("Scripts").join("python.exe")
+    } else {
+        folder.join("bin").join("python")
+    }
+}
+
+/// The first Python that is new enough, and its version.
+fn find_python() -> Result<(PathBuf, String), EnvironmentError> {
+    let named = std::env::var_os("WHITSTONE_PYTHON").map(PathBuf::from);
+    let candidates = match named {
+        Some(python) => vec![python],
+        None => ["python3", "python"].map(PathBuf::from).to_vec(),
+    };
+    let mut tried = Vec::new();
+    for python in candidates {
+        let script = "import sys; print('%d.%d.%d' % sys.version_info[:3])";
+        let version = match Command::new(&python).args(["-c", script]).stdin(Stdio::null()).output() {
+            Ok(output) if output.status.success() => {
+                String::from_utf8_lossy(&output.stdout).trim().to_owned()
+            }
+            Ok(output) => format!("fails with {}", output.status),
+            Err(error) => error.to_string(),
+        };
+        let mut numbers = version.split('.').map(|part| part.parse::<u32>().unwrap_or(0));
+        if (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0)) >= (3, 9) {
+            return Ok((python, version));
+        }
+        tried.push(format!("{}: {version}", python.display()));
+    }
+    Err(EnvironmentError::NoPython {
+        tried: tried.join("; "),
+    })
+}
+
+/// Runs a step to its end or the time limit.
+fn run(command: &mut Command, step: &'static str) -> Result<(), EnvironmentError> {
+    let fail = |output: String| EnvironmentError::Step { step, output };
+    let mut child = command
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(|error| fail(error.to_string()))?;
+    let stderr = child.stderr.take();
+    let reader = thread::spawn(move || {
+        let mut text = Vec::new();
+        if let Some(stderr) = stderr {
+            // What was read before an error is still worth showing.
+            let _ = stderr.take(1 << 20).read_to_end(&mut text);
+        }
+        String::from_utf8_lossy(&text).into_owned()
+    });
+    let start = Instant::now();
+    let status = loop {
+        match child.try_wait() {
+            Ok(Some(status)) => break status,
+            Ok(None) if start.elapsed() < INSTALL_LIMIT => thread::sleep(Duration::from_millis(50)),
+            Ok(None) => {
+                let _ = child.kill();
+                let _ = child.wait();
+                return Err(fail(format!("no end after {} s", INSTALL_LIMIT.as_secs())));
+            }
+            Err(error) => return Err(fail(error.to_string())),
+        }
+    };
+    if status.success() {
+        return Ok(());
+    }
+    let text = reader.join().unwrap_or_default();
+    let lines: Vec<&str> = text.lines().collect();
+    let tail = lines[lines.len().saturating_sub(20)..].join("\n");
+    Err(fail(format!("{status}\n{tail}")))
+}

@@ -1,0 +1,48 @@
+//! How exact the reference itself is in a scene.
+//!
+//! The reference computes in single precision and guards against self-intersection by moving ray
+//! origins. Its own error shows when these are varied: another spawn offset, the other traversal, and
+//! rays perturbed by units in the last place. A limit below that would test luck.
+
+use crate::driver::Setting;
+use whitstone_image::{CompareError, CompareOptions, Image, Tolerance, compare, metrics};
+
+/// A few roundings of single precision, which every shading formula has (2^-21): no floor is taken to be below
+/// it, even if a scene's variations happen to cancel.
+pub(crate) const SMALLEST_FLOOR: f64 = 4.8e-7;
+/// Largest limit of a scene without textures.
+const LARGEST_LIMIT: f64 = 5e-5;
+/// Largest limit of a scene with textures, whose coordinates the reference has in single precision.
+const LARGEST_LIMIT_TEXTURED: f64 = 2e-4;
+
+/// The variations that the floor is measured with.
+pub(crate) fn settings() -> [Setting; 4] {
+    let base = Setting::default();
+    [
+        Setting { k: 4.0 * base.k, ..base },
+        Setting { robust: !base.robust, ..base },
+        Setting { ulps: 2.0, seed: 1, ..base },
+        Setting { ulps: 2.0, seed: 2, ..base },
+    ]
+}
+
+/// The relative error between two images by the same reference, without the pixels where an edge moved.
+pub(crate) fn between(reference: &Image, varied: &Image) -> Result<f64, CompareError> {
+    let edges = metrics::over_tolerance(varied, reference, Tolerance::default())?;
+    let options = CompareOptions {
+        exclude: Some(&edges),
+        ..CompareOptions::default()
+    };
+    let measured = compare(varied, reference, &options)?;
+    Ok(measured.rel_rmse_interior.unwrap_or(0.0))
+}
+
+/// The largest `rel_rmse_interior` that passes: twice the floor, and never above the cap.
+pub(crate) fn limit(floor: f64, textured: bool) -> f64 {
+    (2.0 * floor).min(cap(textured))
+}
+
+/// What no limit exceeds, however inexact the reference; also the limit of the block bias.
+pub(crate) fn cap(textured: bool) -> f64 {
+    if textured { LARGEST_LIMIT_TEXTURED } else { LARGEST_LIMIT }
+}

@@ -1,0 +1,19 @@
+//! The validation harness: the same scene through Whitstone and through a reference, compared, every
+//! differing pixel explained or called a bug.
+
+pub mod driver;
+pub mod environment;
+pub mod explain;
+pub mod floor;
+mod live;
+pub mod report;
+mod result;
+pub mod stored;
+pub mod tree;
+mod validator;
+
+pub use live::{Live, LiveError};
+pub use result::{
+    CaseResult, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel,
+};
+pub use validator::{Mode, NoLive, Options, Validator, find_scenes, scene_key};

@@ -1,0 +1,291 @@
+//! A live Mitsuba, and what it rendered before.
+
+use crate::driver::{Driver, DriverError, Hello, SceneText, Setting};
+use crate::environment::Environment;
+use crate::explain::{Range, Trial, trials};
+use crate::floor;
+use crate::stored::{Meta, Stored, StoredError};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use thiserror::Error;
+use whitstone_image::{Image, Limits, Tolerance, atomic, exr_io, metrics};
+
+/// A driver that is started when it is needed, and a folder of what it answered.
+pub struct Live {
+    environment: Environment,
+    driver: Option<Driver>,
+    hello: Hello,
+    /// Of the driver's source: another driver's answers are not reused.
+    driver_hash: String,
+    cache: PathBuf,
+    reuse: bool,
+    limit: Duration,
+}
+
+/// Why a live reference could not be had.
+#[derive(Debug, Error)]
+pub enum LiveError {
+    /// The driver.
+    #[error(transparent)]
+    Driver(#[from] DriverError),
+    /// The files of the cache.
+    #[error(transparent)]
+    Stored(#[from] StoredError),
+    /// The driver's image.
+    #[error("the driver's image: {0}")]
+    Image(String),
+}
+
+#[derive(Default, Serialize, Deserialize)]
+struct ProbeCache {
+    /// "x,y" to the values of all trials. Numbers that JSON lacks are absent values.
+    pixels: BTreeMap<String, Vec<Vec<[Option<f64>; 3]>>>,
+}
+
+impl Live {
+    /// Starts the driver once, to know its versions. `cache` is a folder for its answers, which are used
+    /// again if `reuse` is set.
+    pub fn start(
+        environment: Environment,
+        cache: PathBuf,
+        reuse: bool,
+        limit: Duration,
+    ) -> Result<Self, LiveError> {
+        let driver_hash = hash_sources(&environment.package);
+        let hello_path = cache.join(format!("hello-{driver_hash}.json"));
+        let known = std::fs::read(&hello_path).ok().filter(|_| reuse);
+        let mut live = Self {
+            environment,
+            driver: None,
+            hello: Hello::default(),
+            driver_hash,
+            cache,
+            reuse,
+            limit,
+        };
+        live.hello = match known.and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
+            Some(hello) => hello,
+            None => {
+                let hello = live.driver()?.hello()?;
+                let text = serde_json::to_vec(&hello).map_err(|error| LiveError::Image(error.to_string()))?;
+                write(&hello_path, &text)?;
+                hello
+            }
+        };
+        Ok(live)
+    }
+
+    /// Versions.
+    pub fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// The driver, started now if it is not running.
+    pub fn driver(&mut self) -> Result<&mut Driver, DriverError> {
+        let driver = match self.driver.take() {
+            Some(driver) => driver,
+            None => Driver::start(&self.environment, self.limit)?,
+        };
+        Ok(self.driver.insert(driver))
+    }
+
+    /// Asks the driver; one that failed in itself is not asked again, the next question starts another.
+    fn ask<T>(
+        &mut self,
+        question: impl FnOnce(&mut Driver) -> Result<T, DriverError>,
+    ) -> Result<T, DriverError> {
+        let result = question(self.driver()?);
+        if !matches!(result, Ok(_) | Err(DriverError::Refused(_) | DriverError::Unsupported(_))) {
+            self.driver = None;
+        }
+        result
+    }
+
+    fn folder(&self, scene_hash: &str) -> PathBuf {
+        self.cache.join(format!("{scene_hash}-{}", self.driver_hash))
+    }
+
+    /// The reference of a scene with its measured floor: rendered, or taken from an earlier run.
+    pub fn reference(&mut self, scene: SceneText<'_>, scene_hash: &str) -> Result<Stored, LiveError> {
+        let folder = self.folder(scene_hash);
+        if self.reuse
+            && let Ok(stored) = Stored::read(&folder, scene_hash)
+        {
+            return Ok(stored);
+        }
+        let (image, rendered) = self.render(scene, Setting::default())?;
+        let mut worst = floor::SMALLEST_FLOOR;
+        for setting in floor::settings() {
+            let (varied, _) = self.render(scene, setting)?;
+            let between = floor::between(&image, &varied).map_err(|e| LiveError::Image(e.to_string()))?;
+            worst = worst.max(between);
+        }
+        let stored = Stored {
+            image,
+            meta: Meta {
+                renderer: "mitsuba".to_owned(),
+                version: self.hello.mitsuba.clone(),
+                variant: self.hello.variant.clone(),
+                k: Setting::default().k,
+                libllvm: format!("{} ({})", self.hello.libllvm, self.hello.llvm_version),
+                cpu: self.hello.cpu.clone(),
+                scene_hash: scene_hash.to_owned(),
+                twin: rendered.twin,
+                floor: worst,
+                samples: rendered.samples,
+                seconds: rendered.seconds.trace,
+                rays: [rendered.rays.closest, rendered.rays.shadow],
+            },
+        };
+        stored.write(&folder)?;
+        Ok(stored)
+    }
+
+    fn render(
+        &mut self,
+        scene: SceneText<'_>,
+        setting: Setting,
+    ) -> Result<(Image, crate::driver::Rendered), LiveError> {
+        std::fs::create_dir_all(&self.cache).map_err(DriverError::Io)?;
+        // Two runs at once must not share the file.
+        let folder = tempfile::tempdir_in(&self.cache).map_err(DriverError::Io)?;
+        // The driver runs in this folder's parent too, but may be started elsewhere.
+        let out = std::path::absolute(folder.path().join("image.exr")).map_err(DriverError::Io)?;
+        let rendered = self.ask(|driver| driver.render(scene, &out, setting, 0))?;
+        let image = exr_io::read(&out, Limits::IMAGE).map_err(|e| LiveError::Image(e.to_string()))?;
+        Ok((image, rendered))
+    }
+
+    /// The values of pixels under all trials: `[pixel][trial][setting]`.
+    pub fn probe(
+        &mut self,
+        scene: SceneText<'_>,
+        scene_hash: &str,
+        pixels: &[[usize; 2]],
+    ) -> Result<Vec<Vec<Vec<[f64; 3]>>>, LiveError> {
+        let path = self.folder(scene_hash).join("probes.json");
+        let mut cache: ProbeCache = std::fs::read(&path)
+            .ok()
+            .filter(|_| self.reuse)
+            .and_then(|bytes| serde_json::from_slice(&bytes).ok())
+            .unwrap_or_default();
+        let key = |[x, y]: [usize; 2]| format!("{x},{y}");
+        let trials = trials();
+        let missing: Vec<[usize; 2]> = pixels
+            .iter()
+            .copied()
+            .filter(|pixel| cache.pixels.get(&key(*pixel)).is_none_or(|found| !fits(found, &trials)))
+            .collect();
+        if !missing.is_empty() {
+            let settings: Vec<Setting> = trials.iter().flat_map(|trial| trial.settings.clone()).collect();
+            let values = self.ask(|driver| driver.probe(scene, &missing, &settings))?;
+            for (index, pixel) in missing.iter().enumerate() {
+                let mut of_pixel = values.iter().map(|setting| setting[index].map(finite));
+                let grouped = trials
+                    .iter()
+                    .map(|trial| of_pixel.by_ref().take(trial.settings.len()).collect())
+                    .collect();
+                cache.pixels.insert(key(*pixel), grouped);
+            }
+            let text = serde_json::to_vec(&cache).map_err(|error| LiveError::Image(error.to_string()))?;
+            write(&path, &text)?;
+        }
+        let plain = |pixel: &[usize; 2]| -> Vec<Vec<[f64; 3]>> {
+            cache.pixels[&key(*pixel)]
+                .iter()
+                .map(|trial| trial.iter().map(|v| v.map(|c| c.unwrap_or(f64::NAN))).collect())
+                .collect()
+        };
+        Ok(pixels.iter().map(plain).collect())
+    }
+
+    /// A reference to be stored: with the ranges that explain edges without a live Mitsuba.
+    ///
+    /// `progress` is told how many of how many renderings are done.
+    pub fn reference_with_ranges(
+        &mut self,
+        scene: SceneText<'_>,
+        scene_hash: &str,
+        progress: &dyn Fn(usize, usize),
+    ) -> Result<Stored, LiveError> {
+        let mut stored = self.reference(scene, scene_hash)?;
+        let image_error = |error: &dyn std::fmt::Display| LiveError::Image(error.to_string());
+        let pixels = stored.image.pixel_count();
+        let at = |image: &Image, index: usize| -> Option<[f64; 3]> {
+            let planes = image.rgb().ok()?;
+            Some(planes.map(|plane| f64::from(plane[index])))
+        };
+        let mut ranges: Vec<Range> = (0..pixels)
+            .map(|index| Range::of(at(&stored.image, index).unwrap_or([0.0; 3])))
+            .collect();
+        let settings: Vec<Setting> = largest_of_each_kind(&trials())
+            .into_iter()
+            .flat_map(|trial| trial.settings)
+            .collect();
+        for (done, setting) in settings.iter().enumerate() {
+            progress(done, settings.len());
+            let (varied, _) = self.render(scene, *setting)?;
+            for (index, range) in ranges.iter_mut().enumerate() {
+                if let Some(value) = at(&varied, index) {
+                    range.include(value);
+                }
+            }
+        }
+        let mean = metrics::mean_reference(&stored.image).map_err(|error| image_error(&error))?;
+        let Tolerance { relative, absolute } = Tolerance::default();
+        // Ranges below the tolerance explain nothing that is over it; a quarter leaves a margin.
+        let wide = |range: &Range| {
+            (0..3).any(|c| {
+                range.max[c] - range.min[c] > 0.25 * (relative * range.min[c].abs() + absolute * mean)
+            })
+        };
+        let kept: Vec<Option<Range>> = ranges.into_iter().map(|range| wide(&range).then_some(range)).collect();
+        Stored::add_ranges(&mut stored.image, &kept)?;
+        Ok(stored)
+    }
+}
+
+/// The last trial of each kind, whose range holds those before it.
+fn largest_of_each_kind(trials: &[Trial]) -> Vec<Trial> {
+    let kind = |trial: &Trial| std::mem::discriminant(&trial.reason);
+    trials
+        .iter()
+        .enumerate()
+        .filter(|(i, trial)| trials.get(i + 1).is_none_or(|next| kind(next) != kind(trial)))
+        .map(|(_, trial)| trial.clone())
+        .collect()
+}
+
+fn fits(values: &[Vec<[Option<f64>; 3]>], trials: &[Trial]) -> bool {
+    values.len() == trials.len() && values.iter().zip(trials).all(|(v, t)| v.len() == t.settings.len())
+}
+
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(DriverError::Io)?;
+    }
+    atomic::write_bytes(path, bytes).map_err(|error| LiveError::Image(error.to_string()))
+}
+
+/// Hash of the driver's Python files and requirements.
+fn hash_sources(package: &Path) -> String {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(package.join("whitstone_mitsuba"))
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.extension().is_some_and(|extension| extension == "py"))
+        .chain([package.join("requirements.txt")])
+        .collect();
+    files.sort();
+    let mut hasher = blake3::Hasher::new();
+    for path in files {
+        hasher.update(&std::fs::read(&path).unwrap_or_default());
+    }
+    hasher.finalize().to_hex()[..12].to_owned()
+}

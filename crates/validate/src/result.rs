@@ -1,0 +1,222 @@
+//! What a validation found, as `results.json` has it.
+
+use crate::driver::Hello;
+use crate::explain::Reason;
+use serde::Serialize;
+use whitstone_image::metrics::BlockBias;
+
+/// All cases of a run.
+#[derive(Debug, Serialize)]
+pub struct Results {
+    /// Counts and medians.
+    pub summary: Summary,
+    /// Where and with what it was run.
+    pub provenance: Provenance,
+    /// One a (scene, configuration, reference).
+    pub results: Vec<CaseResult>,
+}
+
+/// Over all cases.
+#[derive(Debug, Serialize)]
+pub struct Summary {
+    /// Number of cases.
+    pub cases: usize,
+    /// Of these, how many passed.
+    pub passed: usize,
+    /// How many did not.
+    pub failed: usize,
+    /// Pixels that nothing explains, in all.
+    pub unexplained: usize,
+    /// Pixels over tolerance that the reference's own variation explains, in all.
+    pub explained: usize,
+    /// Values that are not finite, in all.
+    pub nonfinite: usize,
+    /// Median of `rel_rmse_interior` over the cases that have one.
+    pub median_rel_rmse_interior: Option<f64>,
+    /// "live" or "stored": where the references came from; with the reason if not live.
+    pub references: String,
+    /// Wall time in seconds.
+    pub seconds: f64,
+}
+
+/// Versions and the machine.
+#[derive(Debug, Serialize)]
+pub struct Provenance {
+    /// Of Whitstone.
+    pub whitstone: String,
+    /// Threads that Whitstone used.
+    pub threads: usize,
+    /// The live Mitsuba, if there was one.
+    pub mitsuba: Option<Hello>,
+}
+
+/// Whether a case is as it must be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// All limits are kept.
+    Pass,
+    /// Something differs, or there was nothing to compare with.
+    Fail,
+}
+
+/// What the image was compared with.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Reference {
+    /// "mitsuba".
+    pub name: String,
+    /// Its version.
+    pub version: String,
+    /// Its variant.
+    pub variant: String,
+    /// "live" (rendered by this run or by an earlier one of the same driver) or "stored".
+    pub source: String,
+    /// Spawn offset of the reference, in units of 2^-24 (1 + max |p|).
+    pub k: f64,
+}
+
+/// A scene against a reference. Numbers are absent where no comparison was possible.
+#[derive(Debug, Default, Serialize)]
+pub struct CaseResult {
+    /// Path of the scene below `scenes/`, without `.toml`.
+    pub scene: String,
+    /// "default".
+    pub config: String,
+    /// The other side.
+    pub reference: Option<Reference>,
+    /// "native", "hosted" or "formula": how independent the reference is.
+    pub twin: String,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// A pixel.
+    pub samples: u32,
+    /// Over all pixels and RGB.
+    pub rmse: Option<f64>,
+    /// Over the pixels that are not explained edges, relative.
+    pub rel_rmse_interior: Option<f64>,
+    /// Largest `rel_rmse_interior` that passes.
+    pub limit: f64,
+    /// The reference's own error in this scene.
+    pub floor: f64,
+    /// Why the limit differs from the default, if it does.
+    pub limit_reason: Option<String>,
+    /// Mean relative squared error.
+    pub relmse: Option<f64>,
+    /// Mean absolute error.
+    pub mae: Option<f64>,
+    /// Largest absolute error.
+    pub max_abs: Option<f64>,
+    /// Mean of |reference|.
+    pub mean_reference: Option<f64>,
+    /// Most biased block of 16 x 16 pixels.
+    pub signed_block_bias: Option<BlockBias>,
+    /// Largest |signed_block_bias| that passes.
+    pub bias_limit: f64,
+    /// NaN or infinite values in either image.
+    pub nonfinite: usize,
+    /// Pixels over tolerance.
+    pub pixels_over_tolerance: usize,
+    /// Of these, explained by the reference's own variation.
+    pub explained: usize,
+    /// Largest number of explained pixels that passes.
+    pub explained_limit: usize,
+    /// Largest shift that an explanation needed, in pixels; 0 if none needed one.
+    pub explained_radius_px: f64,
+    /// Pixels that nothing explains.
+    pub unexplained: usize,
+    /// The worst pixels over tolerance, worst first.
+    pub worst: Vec<WorstPixel>,
+    /// Layers beside the radiance.
+    pub layers: Vec<LayerResult>,
+    /// RMS relative difference of a live reference from the stored one, if both are there.
+    pub drift: Option<f64>,
+    /// Time to build our pipeline.
+    pub build_s: f64,
+    /// Time to render ours.
+    pub render_s: f64,
+    /// Time that the reference took to trace.
+    pub reference_s: Option<f64>,
+    /// Rays that ours traced, shadow rays included.
+    pub rays: u64,
+    /// Our rays a second, in millions.
+    pub mrays_per_s: f64,
+    /// The verdict.
+    pub status: Option<Status>,
+    /// Why it failed, and what to do; empty for a pass.
+    pub problems: Vec<String>,
+    /// What our pipeline did without.
+    pub left_out: Vec<String>,
+    /// The command that runs this case alone.
+    pub command: String,
+    /// Pictures for the report.
+    #[serde(skip)]
+    pub pictures: Option<Pictures>,
+}
+
+/// PNG files in memory.
+#[derive(Debug)]
+pub struct Pictures {
+    /// Ours, tone mapped.
+    pub ours: Vec<u8>,
+    /// The reference, tone mapped alike.
+    pub reference: Vec<u8>,
+    /// The relative error on a fixed colour scale.
+    pub error: Vec<u8>,
+}
+
+/// A pixel that differs.
+#[derive(Clone, Debug, Serialize)]
+pub struct WorstPixel {
+    /// Column.
+    pub x: usize,
+    /// Row.
+    pub y: usize,
+    /// Our value.
+    pub ours: [f32; 3],
+    /// The reference's.
+    pub reference: [f32; 3],
+    /// What explains it; none for an unexplained pixel.
+    pub reason: Option<Reason>,
+    /// For unexplained pixels: where the two ray trees part.
+    pub first_difference: Option<String>,
+}
+
+/// A layer of both images.
+#[derive(Clone, Debug, Serialize)]
+pub struct LayerResult {
+    /// EXR channel.
+    pub name: String,
+    /// Pixels whose ids differ, for layers of ids.
+    pub differing: Option<usize>,
+    /// RMS difference, for layers of numbers, over the pixels where both see the same primitive.
+    pub rms: Option<f64>,
+    /// Largest difference over the same.
+    pub max_abs: Option<f64>,
+}
+
+impl Summary {
+    /// Counts over some cases.
+    pub fn of(cases: &[CaseResult], references: String, seconds: f64) -> Self {
+        let passed = cases.iter().filter(|case| case.status == Some(Status::Pass)).count();
+        let mut errors: Vec<f64> = cases.iter().filter_map(|case| case.rel_rmse_interior).collect();
+        errors.sort_by(f64::total_cmp);
+        let middle = |values: &[f64]| match values.len() {
+            0 => None,
+            n if n % 2 == 1 => Some(values[n / 2]),
+            n => Some(0.5 * (values[n / 2 - 1] + values[n / 2])),
+        };
+        Self {
+            cases: cases.len(),
+            passed,
+            failed: cases.len() - passed,
+            unexplained: cases.iter().map(|case| case.unexplained).sum(),
+            explained: cases.iter().map(|case| case.explained).sum(),
+            nonfinite: cases.iter().map(|case| case.nonfinite).sum(),
+            median_rel_rmse_interior: middle(&errors),
+            references,
+            seconds,
+        }
+    }
+}

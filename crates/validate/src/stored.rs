@@ -1,0 +1,150 @@
+//! Stored references: `references/images/<scene>/{mitsuba.exr,meta.toml}`.
+//!
+//! Beside the image, the file holds for each pixel the range of values that the reference took under
+//! [`crate::explain::trials`], where that range is wider than the tolerance: so edges can be told from
+//! faults without a live Mitsuba.
+
+use crate::explain::Range;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+use whitstone_image::{Image, Limits, atomic, exr_io};
+
+/// Channels of the ranges, smallest then largest of R, G, B.
+const RANGE_CHANNELS: [&str; 6] = ["min.R", "min.G", "min.B", "max.R", "max.G", "max.B"];
+
+/// What made a stored reference.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Meta {
+    /// "mitsuba".
+    pub renderer: String,
+    /// Of the renderer.
+    pub version: String,
+    /// Such as `llvm_ad_rgb`.
+    pub variant: String,
+    /// Spawn offset.
+    pub k: f64,
+    /// LLVM library and version.
+    pub libllvm: String,
+    /// Of the machine.
+    pub cpu: String,
+    /// Hash of the flattened scene.
+    pub scene_hash: String,
+    /// How independent it is: "native", "hosted" or "formula".
+    pub twin: String,
+    /// Its own error: see [`crate::floor`].
+    pub floor: f64,
+    /// Samples a pixel.
+    pub samples: u32,
+    /// Time of the rendering, for the record.
+    pub seconds: f64,
+    /// Rays traced: nearest hit and shadow.
+    pub rays: [u64; 2],
+}
+
+/// A stored reference.
+pub struct Stored {
+    /// Radiance, layers and ranges.
+    pub image: Image,
+    /// What made it.
+    pub meta: Meta,
+}
+
+/// Why a stored reference cannot be used.
+#[derive(Debug, Error)]
+pub enum StoredError {
+    /// It is not there.
+    #[error("no stored reference in {}", .0.display())]
+    Missing(PathBuf),
+    /// It is of another scene.
+    #[error("the stored reference is of another version of this scene (hash {stored}, now {current})")]
+    Stale {
+        /// In the metadata.
+        stored: String,
+        /// Of the scene.
+        current: String,
+    },
+    /// It cannot be read or written.
+    #[error("{}: {problem}", path.display())]
+    Broken {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+fn broken(path: &Path, problem: impl ToString) -> StoredError {
+    StoredError::Broken {
+        path: path.to_owned(),
+        problem: problem.to_string(),
+    }
+}
+
+impl Stored {
+    /// Reads the reference in a folder and checks that it belongs to the scene.
+    pub fn read(folder: &Path, scene_hash: &str) -> Result<Self, StoredError> {
+        let stored = Self::read_any(folder)?;
+        if stored.meta.scene_hash == scene_hash {
+            Ok(stored)
+        } else {
+            Err(StoredError::Stale {
+                stored: stored.meta.scene_hash,
+                current: scene_hash.to_owned(),
+            })
+        }
+    }
+
+    /// Reads the reference in a folder, of whatever version of the scene.
+    pub fn read_any(folder: &Path) -> Result<Self, StoredError> {
+        let (exr, meta) = (folder.join("mitsuba.exr"), folder.join("meta.toml"));
+        if !exr.is_file() || !meta.is_file() {
+            return Err(StoredError::Missing(folder.to_owned()));
+        }
+        let text = std::fs::read_to_string(&meta).map_err(|error| broken(&meta, error))?;
+        let meta = toml::from_str(&text).map_err(|error| broken(&meta, error))?;
+        let image = exr_io::read(&exr, Limits::IMAGE).map_err(|error| broken(&exr, error))?;
+        Ok(Self { image, meta })
+    }
+
+    /// Writes it to a folder.
+    pub fn write(&self, folder: &Path) -> Result<(), StoredError> {
+        std::fs::create_dir_all(folder).map_err(|error| broken(folder, error))?;
+        let exr = folder.join("mitsuba.exr");
+        exr_io::write(&exr, &self.image).map_err(|error| broken(&exr, error))?;
+        let path = folder.join("meta.toml");
+        let text = toml::to_string(&self.meta).map_err(|error| broken(&path, error))?;
+        atomic::write_bytes(&path, text.as_bytes()).map_err(|error| broken(&path, error))
+    }
+
+    /// Adds the ranges of all pixels to an image. Pixels without one are written as zeros.
+    pub fn add_ranges(image: &mut Image, ranges: &[Option<Range>]) -> Result<(), StoredError> {
+        for (index, name) in RANGE_CHANNELS.into_iter().enumerate() {
+            let value = |range: &Option<Range>| {
+                let range = range.as_ref()?;
+                let side = if index < 3 { range.min } else { range.max };
+                Some(side[index % 3] as f32)
+            };
+            let samples = ranges.iter().map(|range| value(range).unwrap_or(0.0)).collect();
+            image
+                .add_channel(name, samples)
+                .map_err(|error| broken(Path::new("mitsuba.exr"), error))?;
+        }
+        Ok(())
+    }
+
+    /// The range of a pixel, by its index in the planes; `None` where the reference does not vary.
+    pub fn range(&self, index: usize) -> Option<Range> {
+        let mut values = [0.0; 6];
+        for (value, name) in values.iter_mut().zip(RANGE_CHANNELS) {
+            *value = f64::from(*self.image.channel(name)?.get(index)?);
+        }
+        let [a, b, c, d, e, f] = values;
+        let range = Range {
+            min: [a, b, c],
+            max: [d, e, f],
+        };
+        (range.min != range.max).then_some(range)
+    }
+}

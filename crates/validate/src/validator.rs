@@ -1,0 +1,521 @@
+use crate::driver::{DriverError, SceneText};
+use crate::environment::Environment;
+use crate::explain::{Reason, explain, trials};
+use crate::live::{Live, LiveError};
+use crate::result::{CaseResult, LayerResult, Pictures, Reference, Status, WorstPixel};
+use crate::stored::{Stored, StoredError};
+use crate::{floor, tree};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use whitstone_core::{Needs, Registry, SceneErrors};
+use whitstone_image::error_map::{ErrorView, Quantity, Scale, error_map};
+use whitstone_image::{
+    CompareError, CompareOptions, Image, Mask, Raster, ToneMap, Tolerance, compare, layers, metrics,
+};
+use whitstone_scene::{Description, Flattened, Pipeline, Plan, RenderOptions, Sources};
+
+/// Of an image, at least so many pixels may be explained edges.
+const EXPLAINED_PIXELS: usize = 8;
+/// And this fraction of a large one.
+const EXPLAINED_FRACTION: f64 = 5e-4;
+/// How many worst pixels a result lists.
+const WORST: usize = 20;
+/// For how many unexplained pixels the ray trees are compared.
+const TREES: usize = 3;
+
+/// Where references come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// Live if possible, else stored, and say so.
+    #[default]
+    Auto,
+    /// Live or an error.
+    Live,
+    /// Stored only.
+    Stored,
+}
+
+/// How to validate.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Folder that scene names are relative to.
+    pub scenes: PathBuf,
+    /// Folder with `mitsuba/` and `images/`.
+    pub references: PathBuf,
+    /// Folder for the environment, caches and the report.
+    pub target: PathBuf,
+    /// Where references come from.
+    pub mode: Mode,
+    /// Whether live references of earlier runs may be used if scene and driver are unchanged.
+    pub reuse: bool,
+    /// For our renderer; 0 for all cores.
+    pub threads: usize,
+    /// `path=value`, applied to every scene.
+    pub overrides: Vec<String>,
+    /// How long one answer of the driver may take.
+    pub time_limit: Duration,
+    /// How the user calls this program, for commands in messages.
+    pub program: String,
+}
+
+/// Validates scenes.
+pub struct Validator<'a> {
+    registry: &'a Registry,
+    options: Options,
+    live: Option<Live>,
+    /// Why there is no live Mitsuba, if there is none.
+    not_live: Option<String>,
+}
+
+/// A live Mitsuba was asked for and cannot be had: exit code 3.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct NoLive(pub String);
+
+/// A reference with its provenance.
+struct Against {
+    stored: Stored,
+    live: bool,
+}
+
+/// Our side of a case.
+struct Ours {
+    image: Image,
+    flattened: Flattened,
+    pipeline: Pipeline,
+}
+
+impl<'a> Validator<'a> {
+    /// Makes the Python environment if needed; `say` is told what takes long.
+    pub fn new(registry: &'a Registry, options: Options, say: &dyn Fn(&str)) -> Result<Self, NoLive> {
+        let (live, not_live) = match options.mode {
+            Mode::Stored => (None, Some("stored references were asked for".to_owned())),
+            Mode::Auto | Mode::Live => match start_live(&options, say) {
+                Ok(live) => (Some(live), None),
+                Err(problem) if options.mode == Mode::Live => return Err(NoLive(problem)),
+                Err(problem) => (None, Some(problem)),
+            },
+        };
+        Ok(Self {
+            registry,
+            options,
+            live,
+            not_live,
+        })
+    }
+
+    /// Why references are stored ones, if they are.
+    pub fn not_live(&self) -> Option<&str> {
+        self.not_live.as_deref()
+    }
+
+    /// The live Mitsuba.
+    pub fn live(&mut self) -> Option<&mut Live> {
+        self.live.as_mut()
+    }
+
+    /// Renders a scene, compares it with its reference, and explains what differs.
+    pub fn validate(&mut self, path: &Path) -> CaseResult {
+        let scene = scene_key(path, &self.options.scenes);
+        let mut case = CaseResult {
+            command: format!("{} validate {}", self.options.program, path.display()),
+            scene,
+            config: "default".to_owned(),
+            ..CaseResult::default()
+        };
+        match self.render(path, &mut case) {
+            Err(report) => case.problems.push(report),
+            Ok(ours) => match self.reference(path, &ours, &mut case) {
+                Err(problem) => case.problems.push(problem),
+                Ok(against) => {
+                    if let Err(error) = self.judge(&mut case, &ours, &against) {
+                        case.problems.push(error.to_string());
+                    }
+                }
+            },
+        }
+        case.status = Some(if case.problems.is_empty() { Status::Pass } else { Status::Fail });
+        case
+    }
+
+    fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, String> {
+        let sources = Sources::load(path, &self.options.overrides)
+            .map_err(|error| error.sources.report(&error.errors, false))?;
+        let report = |errors: SceneErrors| sources.report(&errors, false);
+        let description = Description::parse(&sources).map_err(report)?;
+        let plan = Plan::new(&description, self.registry).map_err(report)?;
+        let pipeline = Pipeline::build(&plan, self.registry).map_err(report)?;
+        let film = pipeline.render(RenderOptions {
+            threads: self.options.threads,
+            progress: None,
+        });
+        let image = film.to_image(&pipeline.scene_hash).map_err(|error| error.to_string())?;
+        case.width = image.width();
+        case.height = image.height();
+        case.samples = film.samples;
+        case.build_s = pipeline.build_seconds;
+        case.render_s = film.render_seconds;
+        case.rays = film.counters.total();
+        case.mrays_per_s = case.rays as f64 / film.render_seconds / 1e6;
+        case.left_out = pipeline
+            .left_out
+            .iter()
+            .map(|part| format!("{}: {}", part.what, part.why))
+            .collect();
+        case.limit_reason = description.expect.reason.clone();
+        case.explained_limit = description.expect.explained.map_or_else(
+            || {
+                let fraction = EXPLAINED_FRACTION * image.pixel_count() as f64;
+                EXPLAINED_PIXELS.max(fraction as usize)
+            },
+            |count| count as usize,
+        );
+        // Taken as it is; without it the floor decides, once it is known.
+        case.limit = description.expect.rel_rmse_interior.map_or(0.0, |limit| limit.get());
+        Ok(Ours {
+            image,
+            flattened: description.flattened.clone(),
+            pipeline,
+        })
+    }
+
+    /// The folder of a scene's stored reference.
+    pub fn stored_folder(&self, path: &Path) -> PathBuf {
+        let key = scene_key(path, &self.options.scenes);
+        self.options.references.join("images").join(key)
+    }
+
+    fn reference(&mut self, path: &Path, ours: &Ours, case: &mut CaseResult) -> Result<Against, String> {
+        let hash = ours.flattened.hash.clone();
+        let stored = Stored::read(&self.stored_folder(path), &hash);
+        let text = SceneText {
+            text: &ours.flattened.text,
+            base: &ours.flattened.base,
+        };
+        if let Some(live) = &mut self.live {
+            match live.reference(text, &hash) {
+                Ok(reference) => {
+                    if let Ok(stored) = &stored {
+                        case.drift = floor::between(&stored.image, &reference.image).ok();
+                    }
+                    return Ok(Against {
+                        stored: reference,
+                        live: true,
+                    });
+                }
+                // Whether the scene has a twin does not depend on the run.
+                Err(error @ LiveError::Driver(DriverError::Unsupported(_))) => return Err(error.to_string()),
+                Err(error) if self.options.mode == Mode::Live => return Err(error.to_string()),
+                Err(error) => case.left_out.push(format!("live reference: {error}")),
+            }
+        }
+        let accept = format!("{} reference --accept {}", self.options.program, path.display());
+        match stored {
+            Ok(stored) => Ok(Against {
+                stored,
+                live: false,
+            }),
+            Err(error @ (StoredError::Missing(_) | StoredError::Stale { .. })) => {
+                Err(format!("{error}; render a new one by: {accept}"))
+            }
+            Err(error) => Err(error.to_string()),
+        }
+    }
+
+    fn judge(&mut self, case: &mut CaseResult, ours: &Ours, against: &Against) -> Result<(), CompareError> {
+        let Stored { image: reference, meta } = &against.stored;
+        case.reference = Some(Reference {
+            name: meta.renderer.clone(),
+            version: meta.version.clone(),
+            variant: meta.variant.clone(),
+            source: if against.live { "live" } else { "stored" }.to_owned(),
+            k: meta.k,
+        });
+        case.twin = meta.twin.clone();
+        case.floor = meta.floor;
+        case.reference_s = Some(meta.seconds);
+        let textured = ours.pipeline.world.needs.contains(Needs::UV);
+        if case.limit == 0.0 {
+            case.limit = floor::limit(meta.floor, textured);
+        }
+        case.bias_limit = floor::cap(textured);
+        case.pictures = pictures(&ours.image, reference);
+
+        let not_finite = metrics::count_not_finite(&ours.image, reference)?;
+        case.nonfinite = not_finite.ours + not_finite.reference;
+        let tolerance = Tolerance::default();
+        let over = metrics::over_tolerance(&ours.image, reference, tolerance)?;
+        case.pixels_over_tolerance = over.count();
+        let reasons = self.explain(ours, against, &over, tolerance, case);
+        let mut explained = Mask::new(over.width(), over.height());
+        for ([x, y], reason) in &reasons {
+            if let Some(reason) = reason {
+                explained.set(*x, *y, true);
+                if let Reason::Shift { radius_px } = reason {
+                    case.explained_radius_px = case.explained_radius_px.max(*radius_px);
+                }
+            }
+        }
+        case.explained = explained.count();
+        case.unexplained = case.pixels_over_tolerance - case.explained;
+        self.list_worst(case, ours, reference, &over, &reasons)?;
+        self.compare_layers(case, &ours.image, reference, &explained)?;
+
+        if case.nonfinite == 0 {
+            let options = CompareOptions {
+                tolerance,
+                exclude: Some(&explained),
+                psnr_peak: None,
+            };
+            let measured = compare(&ours.image, reference, &options)?;
+            case.rmse = Some(measured.rmse);
+            case.rel_rmse_interior = measured.rel_rmse_interior;
+            case.relmse = Some(measured.relmse);
+            case.mae = Some(measured.mae);
+            case.max_abs = Some(measured.max_abs);
+            case.mean_reference = Some(measured.mean_reference);
+            case.signed_block_bias = measured.signed_block_bias;
+        }
+        check_limits(case);
+        Ok(())
+    }
+
+    /// For each pixel over tolerance, why the reference could have taken our value.
+    fn explain(
+        &mut self,
+        ours: &Ours,
+        against: &Against,
+        over: &Mask,
+        tolerance: Tolerance,
+        case: &mut CaseResult,
+    ) -> Vec<([usize; 2], Option<Reason>)> {
+        let pixels: Vec<[usize; 2]> = over.pixels().map(|(x, y)| [x, y]).collect();
+        let reference = &against.stored.image;
+        let mean = metrics::mean_reference(reference).unwrap_or(0.0);
+        let value = |image: &Image, [x, y]: [usize; 2]| -> [f64; 3] {
+            let index = y * image.width() + x;
+            image.rgb().map_or([f64::NAN; 3], |planes| planes.map(|plane| f64::from(plane[index])))
+        };
+        let allowed = |nominal: [f64; 3]| nominal.map(|v| tolerance.relative * v.abs() + tolerance.absolute * mean);
+        // Thousands of differing pixels are a fault, not edges; the worst of them are enough to see it.
+        let most = 20 * case.explained_limit.max(EXPLAINED_PIXELS);
+        let (asked, beyond) = pixels.split_at(pixels.len().min(most));
+        let mut reasons: Vec<([usize; 2], Option<Reason>)> = Vec::new();
+        if !against.live {
+            for &pixel in asked {
+                let [x, y] = pixel;
+                let nominal = value(reference, pixel);
+                let range = against.stored.range(y * reference.width() + x);
+                let held = range.is_some_and(|range| range.holds(value(&ours.image, pixel), allowed(nominal)));
+                let finite = value(&ours.image, pixel).iter().all(|v| v.is_finite());
+                reasons.push((pixel, (held && finite).then_some(Reason::StoredRange)));
+            }
+        } else if !asked.is_empty() {
+            let text = SceneText {
+                text: &ours.flattened.text,
+                base: &ours.flattened.base,
+            };
+            let answer = self.live.as_mut().map(|live| live.probe(text, &ours.flattened.hash, asked));
+            match answer {
+                Some(Ok(values)) => {
+                    let trials = trials();
+                    for (&pixel, variants) in asked.iter().zip(&values) {
+                        let nominal = value(reference, pixel);
+                        let ours = value(&ours.image, pixel);
+                        reasons.push((pixel, explain(ours, nominal, allowed(nominal), &trials, variants)));
+                    }
+                }
+                Some(Err(error)) => {
+                    case.problems.push(format!("pixels could not be traced again: {error}"));
+                    reasons.extend(asked.iter().map(|pixel| (*pixel, None)));
+                }
+                None => reasons.extend(asked.iter().map(|pixel| (*pixel, None))),
+            }
+        }
+        reasons.extend(beyond.iter().map(|pixel| (*pixel, None)));
+        reasons
+    }
+
+    fn list_worst(
+        &mut self,
+        case: &mut CaseResult,
+        ours: &Ours,
+        reference: &Image,
+        over: &Mask,
+        reasons: &[([usize; 2], Option<Reason>)],
+    ) -> Result<(), CompareError> {
+        let unexplained = Mask::from_fn(over.width(), over.height(), |x, y| {
+            reasons.iter().any(|(pixel, reason)| *pixel == [x, y] && reason.is_none())
+        });
+        let mut worst = metrics::worst(&ours.image, reference, WORST, Some(&unexplained))?;
+        let rest = metrics::worst(&ours.image, reference, WORST, Some(over))?;
+        worst.extend(rest.into_iter().filter(|pixel| !unexplained.contains(pixel.x, pixel.y)));
+        worst.truncate(WORST);
+        for (rank, pixel) in worst.iter().enumerate() {
+            let place = [pixel.x, pixel.y];
+            let reason = reasons.iter().find(|(p, _)| *p == place).and_then(|(_, reason)| *reason);
+            let first_difference = if reason.is_none() && rank < TREES {
+                self.first_difference(ours, place)
+            } else {
+                None
+            };
+            case.worst.push(WorstPixel {
+                x: pixel.x,
+                y: pixel.y,
+                ours: pixel.ours,
+                reference: pixel.reference,
+                reason,
+                first_difference,
+            });
+        }
+        Ok(())
+    }
+
+    /// Where our ray tree and the live reference's part, in words.
+    fn first_difference(&mut self, ours: &Ours, pixel: [usize; 2]) -> Option<String> {
+        let driver = self.live.as_mut()?.driver().ok()?;
+        let text = SceneText {
+            text: &ours.flattened.text,
+            base: &ours.flattened.base,
+        };
+        let samples = ours.pipeline.sampler.count();
+        for sample in 0..samples {
+            let theirs = driver.tree(text, pixel, sample).ok()?;
+            let mine = tree::ours(&ours.pipeline, pixel, sample);
+            if let Some(difference) = tree::first_difference(&mine, &theirs) {
+                return Some(format!("sample {sample}: {difference}"));
+            }
+        }
+        Some("the ray trees agree: the difference is in how they are summed".to_owned())
+    }
+
+    fn compare_layers(
+        &self,
+        case: &mut CaseResult,
+        ours: &Image,
+        reference: &Image,
+        explained: &Mask,
+    ) -> Result<(), CompareError> {
+        let names: Vec<String> = ours
+            .channels()
+            .map(|(name, _)| name.to_owned())
+            .filter(|name| name.contains('.'))
+            .collect();
+        // Numbers can only agree where both see the same thing.
+        let mut apart = explained.clone();
+        for name in names.iter().filter(|name| name.ends_with(".I")) {
+            let ids = layers::compare_ids(ours, reference, name, None)?;
+            for (x, y) in ids.differing.pixels() {
+                apart.set(x, y, true);
+            }
+            case.layers.push(LayerResult {
+                name: name.clone(),
+                differing: Some(ids.differing.count()),
+                rms: None,
+                max_abs: None,
+            });
+        }
+        for name in names.iter().filter(|name| !name.ends_with(".I")) {
+            let numbers = layers::compare_floats(ours, reference, name, Some(&apart))?;
+            case.layers.push(LayerResult {
+                name: name.clone(),
+                differing: None,
+                rms: Some(numbers.rms),
+                max_abs: Some(numbers.max_abs),
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Compares every number with its limit.
+fn check_limits(case: &mut CaseResult) {
+    let mut problems = Vec::new();
+    if case.nonfinite > 0 {
+        problems.push(format!("{} values are not finite", case.nonfinite));
+    }
+    if case.unexplained > 0 {
+        problems.push(format!("{} pixels differ and nothing explains it", case.unexplained));
+    }
+    if case.explained > case.explained_limit {
+        problems.push(format!(
+            "{} pixels differ explainably, more than {}",
+            case.explained, case.explained_limit
+        ));
+    }
+    match case.rel_rmse_interior {
+        None if case.nonfinite == 0 => problems.push("there is no interior to compare".to_owned()),
+        Some(error) if error > case.limit => {
+            problems.push(format!("rel_rmse_interior {error:.2e} is above the limit {:.2e}", case.limit));
+        }
+        _ => {}
+    }
+    if let Some(block) = case.signed_block_bias
+        && block.bias.abs() > case.bias_limit
+    {
+        problems.push(format!(
+            "the block at ({}, {}) is biased by {:.2e} in {}, above the limit {:.2e}",
+            block.x, block.y, block.bias, block.channel, case.bias_limit
+        ));
+    }
+    for layer in &case.layers {
+        if let Some(count) = layer.differing
+            && count > case.explained_limit
+        {
+            problems.push(format!("{} differs at {count} pixels", layer.name));
+        }
+    }
+    case.problems.extend(problems);
+}
+
+fn pictures(ours: &Image, reference: &Image) -> Option<Pictures> {
+    let tone = ToneMap::default();
+    let view = ErrorView {
+        quantity: Quantity::Relative,
+        scale: Scale::Log { min: 1e-7, max: 1e-1 },
+    };
+    let png = |raster: Raster| raster.to_png().ok();
+    Some(Pictures {
+        ours: png(Raster::preview(ours, tone).ok()?)?,
+        reference: png(Raster::preview(reference, tone).ok()?)?,
+        error: png(error_map(ours, reference, view).ok()?)?,
+    })
+}
+
+fn start_live(options: &Options, say: &dyn Fn(&str)) -> Result<Live, String> {
+    let environment =
+        Environment::ensure(&options.target, &options.references, say).map_err(|error| error.to_string())?;
+    let cache = options.target.join("live");
+    Live::start(environment, cache, options.reuse, options.time_limit).map_err(|error| error.to_string())
+}
+
+/// Name of a scene: its path below `root` without the extension; the whole path for one elsewhere.
+pub fn scene_key(path: &Path, root: &Path) -> String {
+    let absolute = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let (path, root) = (absolute(path), absolute(root));
+    let relative = path.strip_prefix(&root).map_or_else(
+        |_| path.file_name().map(PathBuf::from).unwrap_or_default(),
+        Path::to_owned,
+    );
+    relative.with_extension("").to_string_lossy().replace('\\', "/")
+}
+
+/// All scene files at or below the given paths, sorted; folders named `assets` and `parts` hold none.
+pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    let mut open: Vec<PathBuf> = paths.to_vec();
+    while let Some(path) = open.pop() {
+        let is_part = path.file_name().is_some_and(|name| name == "assets" || name == "parts");
+        if path.is_dir() {
+            if !is_part {
+                for entry in std::fs::read_dir(&path)? {
+                    open.push(entry?.path());
+                }
+            }
+        } else if paths.contains(&path) || path.extension().is_some_and(|e| e == "toml") {
+            found.push(path);
+        }
+    }
+    found.sort();
+    Ok(found)
+}

@@ -1,0 +1,95 @@
+//! The commands, one file each.
+
+pub mod render;
+pub mod validate;
+
+use crate::terminal::{self, Exit, Failure};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use whitstone_core::{DuplicateType, Registry, SceneErrors};
+use whitstone_scene::{Description, Pipeline, Plan, Sources};
+
+/// A Whitted ray tracer that is validated against Mitsuba 3, pixel by pixel.
+///
+/// Exit codes: 0 pass, 1 differs, 2 usage or scene, 3 environment.
+#[derive(Parser)]
+#[command(version, arg_required_else_help = true, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Render(render::Arguments),
+    Validate(validate::Arguments),
+}
+
+/// The command line with its plugins.
+pub struct Cli {
+    program: &'static str,
+    registry: Registry,
+    duplicate: Option<DuplicateType>,
+}
+
+impl Cli {
+    /// With all plugins that are built in. `program` is how messages call it.
+    pub fn new(program: &'static str) -> Self {
+        Self {
+            program,
+            registry: crate::registry(),
+            duplicate: None,
+        }
+    }
+
+    /// Adds the plugins of a `register` function.
+    #[must_use]
+    pub fn with(mut self, register: fn(&mut Registry) -> Result<(), DuplicateType>) -> Self {
+        if let Err(duplicate) = register(&mut self.registry) {
+            self.duplicate.get_or_insert(duplicate);
+        }
+        self
+    }
+
+    /// Reads the arguments of the process and runs the command.
+    pub fn run(self) -> ExitCode {
+        if let Some(duplicate) = self.duplicate {
+            return terminal::finish(Err(Failure::usage(duplicate)));
+        }
+        let matches = Arguments::command().name(self.program).get_matches();
+        let arguments = match Arguments::from_arg_matches(&matches) {
+            Ok(arguments) => arguments,
+            Err(error) => error.exit(),
+        };
+        terminal::finish(match arguments.command {
+            Command::Render(arguments) => render::run(&arguments, &self.registry),
+            Command::Validate(arguments) => validate::run(&arguments, &self.registry, self.program),
+        })
+    }
+}
+
+/// A scene on the command line.
+#[derive(Args, Clone, Debug)]
+pub struct SceneArguments {
+    /// The scene file (TOML)
+    pub scene: PathBuf,
+    /// Change a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`, `film={width=64,height=64}`
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    pub overrides: Vec<String>,
+}
+
+/// A scene that is built, or all that is wrong with it as a report.
+pub fn build(arguments: &SceneArguments, registry: &Registry) -> Result<Pipeline, Failure> {
+    let color = terminal::color();
+    let sources = Sources::load(&arguments.scene, &arguments.overrides)
+        .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
+    let report = |errors: SceneErrors| Failure::usage(sources.report(&errors, color));
+    let description = Description::parse(&sources).map_err(report)?;
+    let plan = Plan::new(&description, registry).map_err(report)?;
+    let pipeline = Pipeline::build(&plan, registry).map_err(report)?;
+    if !pipeline.warnings.is_empty() {
+        eprintln!("{}", sources.report_warnings(&pipeline.warnings, color));
+    }
+    Ok(pipeline)
+}

@@ -1,0 +1,186 @@
+//! `validate`: scenes against a reference, with a report.
+
+use crate::terminal::{Exit, Failure, progress};
+use clap::{Args, ValueEnum};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use whitstone_core::Registry;
+use whitstone_image::atomic;
+use whitstone_validate::{
+    CaseResult, Mode, Options, Provenance, Results, Status, Summary, Validator, find_scenes, report,
+};
+
+/// Render scenes with Whitstone and with Mitsuba, compare them, and explain every differing pixel
+///
+/// The reference is a live Mitsuba in a private Python environment that is made on first use. Where that
+/// cannot be had, the stored references of the repository serve, and the report says so.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// Scene files, or folders of them
+    #[arg(default_value = "scenes")]
+    pub paths: Vec<PathBuf>,
+    /// Where references come from
+    #[arg(long, value_enum, default_value_t = ReferenceMode::Auto)]
+    pub reference: ReferenceMode,
+    /// Change a value of every scene: PATH=VALUE
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    pub overrides: Vec<String>,
+    /// Render all references anew, also those of unchanged scenes
+    #[arg(long)]
+    pub fresh: bool,
+    /// Folder for the environment, live references and the report
+    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
+    pub target: PathBuf,
+    /// Folder with the Mitsuba driver and the stored references
+    #[arg(long, default_value = "references", value_name = "DIR")]
+    pub references: PathBuf,
+    /// Threads; 0 for one a core
+    #[arg(long, default_value_t = 0)]
+    pub threads: usize,
+    /// How long the driver may take for one answer, in seconds
+    #[arg(long, default_value_t = 300, value_name = "SECONDS")]
+    pub time_limit: u64,
+    /// Write the results to this file too
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// See [`Mode`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ReferenceMode {
+    /// Live if possible, else stored
+    Auto,
+    /// Live, or exit code 3
+    Live,
+    /// Stored only
+    Stored,
+}
+
+impl Arguments {
+    /// As the library has them. `program` is how messages call this command line.
+    pub fn options(&self, program: &str) -> Options {
+        Options {
+            scenes: PathBuf::from("scenes"),
+            references: self.references.clone(),
+            target: self.target.clone(),
+            mode: match self.reference {
+                ReferenceMode::Auto => Mode::Auto,
+                ReferenceMode::Live => Mode::Live,
+                ReferenceMode::Stored => Mode::Stored,
+            },
+            reuse: !self.fresh,
+            threads: self.threads,
+            overrides: self.overrides.clone(),
+            time_limit: Duration::from_secs(self.time_limit),
+            program: program.to_owned(),
+        }
+    }
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
+    let start = Instant::now();
+    let scenes = find_scenes(&arguments.paths).map_err(Failure::usage)?;
+    if scenes.is_empty() {
+        return Err(Failure::usage("no scenes were found"));
+    }
+    let mut validator = Validator::new(registry, arguments.options(program), &|text| eprintln!("{text}"))
+        .map_err(Failure::environment)?;
+    if let Some(why) = validator.not_live() {
+        eprintln!("warning: no live Mitsuba: {why}\nwarning: comparing with the stored references");
+    }
+    let bar = progress(scenes.len() as u64, "validating");
+    let mut cases = Vec::new();
+    for path in &scenes {
+        bar.set_message(path.display().to_string());
+        let case = validator.validate(path);
+        bar.suspend(|| print_case(&case));
+        cases.push(case);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let mitsuba = validator.live().map(|live| live.hello().clone());
+    let references = match validator.not_live() {
+        None => "live".to_owned(),
+        Some(why) => format!("stored ({why})"),
+    };
+    let results = Results {
+        summary: Summary::of(&cases, references, start.elapsed().as_secs_f64()),
+        provenance: Provenance {
+            whitstone: env!("CARGO_PKG_VERSION").to_owned(),
+            threads: arguments.threads,
+            mitsuba,
+        },
+        results: cases,
+    };
+    let folder = arguments.target.join("validate");
+    write_results(&results, &folder, arguments.json.as_deref())?;
+    print_summary(&results.summary, &folder);
+    let passed = results.results.iter().all(|case| case.status == Some(Status::Pass));
+    Ok(if passed { Exit::Pass } else { Exit::Differs })
+}
+
+fn write_results(results: &Results, folder: &Path, json: Option<&Path>) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+    let text = serde_json::to_string_pretty(results).map_err(Failure::environment)? + "\n";
+    for path in [Some(folder.join("results.json").as_path()), json].into_iter().flatten() {
+        atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
+    }
+    let page = report::html(results);
+    atomic::write_bytes(folder.join("index.html"), page.as_bytes()).map_err(Failure::environment)
+}
+
+fn print_case(case: &CaseResult) {
+    let status = match case.status {
+        Some(Status::Pass) => "pass",
+        _ => "FAIL",
+    };
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2e}"));
+    let source = case.reference.as_ref().map_or("-", |reference| reference.source.as_str());
+    println!(
+        "{status}  {:<32} rmse {:>8}  interior {:>8} <= {:.2e}  over {:>4}  explained {:>3} <= {:<3}  unexplained {:>4}  {:>6.3} s  {:>6} s  {source} {}",
+        case.scene,
+        number(case.rmse),
+        number(case.rel_rmse_interior),
+        case.limit,
+        case.pixels_over_tolerance,
+        case.explained,
+        case.explained_limit,
+        case.unexplained,
+        case.render_s,
+        case.reference_s.map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
+        case.twin,
+    );
+    for problem in &case.problems {
+        println!("      {}", problem.replace('\n', "\n      "));
+    }
+    for pixel in case.worst.iter().filter(|pixel| pixel.reason.is_none()).take(3) {
+        println!(
+            "      pixel ({}, {}): ours {:?}, reference {:?}{}",
+            pixel.x,
+            pixel.y,
+            pixel.ours,
+            pixel.reference,
+            pixel.first_difference.as_ref().map_or_else(String::new, |text| format!("\n        {text}")),
+        );
+    }
+    if !case.problems.is_empty() {
+        println!("      again: {}", case.command);
+    }
+}
+
+fn print_summary(summary: &Summary, folder: &Path) {
+    println!(
+        "\n{} cases: {} passed, {} failed; {} pixels explained, {} unexplained, {} values not finite; median interior error {}; references {}; {:.1} s",
+        summary.cases,
+        summary.passed,
+        summary.failed,
+        summary.explained,
+        summary.unexplained,
+        summary.nonfinite,
+        summary.median_rel_rmse_interior.map_or_else(|| "-".to_owned(), |m| format!("{m:.2e}")),
+        summary.references,
+        summary.seconds,
+    );
+    println!("report: {}", folder.join("index.html").display());
+}
