@@ -13,6 +13,8 @@ pub mod disk;
 mod frame;
 #[cfg(any(feature = "mesh", feature = "triangle"))]
 mod lower;
+#[cfg(feature = "mesh")]
+pub mod mesh;
 #[cfg(feature = "plane")]
 pub mod plane;
 #[cfg(feature = "rectangle")]
@@ -29,6 +31,8 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Shapes, cuboid::Cuboid>(from)?;
     #[cfg(feature = "disk")]
     registry.add::<Shapes, disk::Disk>(from)?;
+    #[cfg(feature = "mesh")]
+    registry.add::<Shapes, mesh::Mesh>(from)?;
     #[cfg(feature = "plane")]
     registry.add::<Shapes, plane::Plane>(from)?;
     #[cfg(feature = "rectangle")]

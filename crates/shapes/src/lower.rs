@@ -17,8 +17,6 @@ pub(crate) struct Lowered {
     pub(crate) mesh: TriangleMesh,
     /// Triangles without an area.
     pub(crate) flat: usize,
-    /// Normals of length zero.
-    pub(crate) zero_normals: usize,
 }
 
 /// Into world space; `None` if a position is no longer finite there.
@@ -36,15 +34,9 @@ pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered>
         }
     }
     // Normals that have no direction stay zero: they add nothing where they are interpolated.
-    let mut zero_normals = 0;
     for n in &mut normals {
-        match n.try_normalize() {
-            Some(unit) => *n = transform.normal_to_world(unit),
-            None => {
-                *n = DVec3::ZERO;
-                zero_normals += 1;
-            }
-        }
+        let unit = n.try_normalize();
+        *n = unit.map_or(DVec3::ZERO, |unit| transform.normal_to_world(unit));
     }
     let mut flat = 0;
     for triangle in &mut triangles {
@@ -66,7 +58,6 @@ pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered>
     Some(Lowered {
         mesh,
         flat,
-        zero_normals,
     })
 }
 
@@ -92,12 +83,13 @@ mod tests {
     fn flat_triangles_are_counted_and_collapsed() {
         let object = Triangles {
             positions: vec![DVec3::ZERO, DVec3::splat(0.1), DVec3::splat(0.3), DVec3::X],
-            normals: vec![DVec3::ZERO; 4],
+            normals: vec![DVec3::ZERO, DVec3::ZERO, 2.0 * DVec3::Z, DVec3::X],
             triangles: vec![[0, 1, 2], [0, 1, 3], [3, 3, 1]],
             ..Triangles::default()
         };
         let lowered = lower(object, &Transform::IDENTITY).unwrap();
-        assert_eq!((lowered.flat, lowered.zero_normals), (2, 4));
+        assert_eq!(lowered.flat, 2);
         assert_eq!(lowered.mesh.triangles, [[0, 0, 0], [0, 1, 3], [3, 3, 3]]);
+        assert_eq!(lowered.mesh.normals, [DVec3::ZERO, DVec3::ZERO, DVec3::Z, DVec3::X]);
     }
 }

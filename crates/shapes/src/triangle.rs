@@ -44,17 +44,12 @@ impl Plugin<Shapes> for Triangle {
             },
             triangles: vec![[0, 1, 2]],
         };
-        let lowered = lower(object, &transform);
-        let Lowered {
-            mesh,
-            flat,
-            zero_normals,
-        } = lowered.ok_or_else(|| {
-            SceneError::anywhere("the transform moves a corner of this triangle beyond all numbers")
-        })?;
-        if zero_normals > 0 {
+        if object.normals.iter().any(|n| n.try_normalize().is_none()) {
             return Err(SceneError::anywhere("a normal of a triangle must not have length zero").into());
         }
+        let Lowered { mesh, flat } = lower(object, &transform).ok_or_else(|| {
+            SceneError::anywhere("the transform moves a corner of this triangle beyond all numbers")
+        })?;
         if flat > 0 {
             context.warn(SceneError::anywhere("this triangle has no area and is never hit"));
         }

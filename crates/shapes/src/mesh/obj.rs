@@ -1,0 +1,216 @@
+//! Wavefront OBJ: `v`, `vt`, `vn` and `f`; everything else is ignored.
+//!
+//! Not by a library: those that there are hand out groups as separate meshes, in single precision, forget
+//! the line of an error, and misalign corners of which only some have a normal.
+
+use super::{FileError, Triangles, fan};
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::str::SplitAsciiWhitespace;
+use whitstone_core::{DVec2, DVec3};
+
+/// Position, texture coordinates and normal of a corner, numbered from 0.
+type Corner = (u32, Option<u32>, Option<u32>);
+
+#[derive(Default)]
+struct File {
+    positions: Vec<DVec3>,
+    uvs: Vec<DVec2>,
+    normals: Vec<DVec3>,
+    corners: Vec<Corner>,
+    /// For each polygon its line and where its corners end.
+    polygons: Vec<(usize, usize)>,
+}
+
+pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
+    let mut file = File::default();
+    let mut lines = bytes.split(|&byte| byte == b'\n').zip(1..);
+    while let Some((line, number)) = lines.next() {
+        let mut line = Cow::Borrowed(line.trim_ascii());
+        // A line that ends in a backslash goes on in the next.
+        while line.last() == Some(&b'\\') {
+            let line = line.to_mut();
+            line.pop();
+            line.push(b' ');
+            let Some((more, _)) = lines.next() else { break };
+            line.extend_from_slice(more.trim_ascii());
+        }
+        file.statement(&line, number)?;
+    }
+    file.triangles()
+}
+
+impl File {
+    fn statement(&mut self, line: &[u8], number: usize) -> Result<(), FileError> {
+        // Comments and names may be in any encoding.
+        let keyword = line.split(u8::is_ascii_whitespace).next();
+        if !matches!(keyword, Some(b"v" | b"vt" | b"vn" | b"f")) {
+            return Ok(());
+        }
+        let text = std::str::from_utf8(line).map_err(|_| FileError::at(number, "expected UTF-8 text"))?;
+        // A comment may follow on the same line.
+        let text = text.split('#').next().unwrap_or_default();
+        let mut words = text.split_ascii_whitespace();
+        match words.next() {
+            Some("v") => self.positions.push(numbers::<3>(&mut words, 3, number)?.into()),
+            Some("vn") => self.normals.push(numbers::<3>(&mut words, 3, number)?.into()),
+            Some("vt") => self.uvs.push(numbers::<2>(&mut words, 1, number)?.into()),
+            _ => {
+                let first = self.corners.len();
+                for word in words {
+                    let corner = self.corner(word).ok_or_else(|| {
+                        let expected = "expected a corner as v, v/vt, v//vn or v/vt/vn in whole numbers";
+                        FileError::at(number, format!("{expected} other than 0, found \"{}\"", shorten(word)))
+                    })?;
+                    self.corners.push(corner);
+                }
+                let count = self.corners.len() - first;
+                if count < 3 {
+                    let message = format!("expected a face of at least 3 corners, found {count}");
+                    return Err(FileError::at(number, message));
+                }
+                self.polygons.push((number, self.corners.len()));
+            }
+        }
+        Ok(())
+    }
+
+    fn corner(&self, word: &str) -> Option<Corner> {
+        let mut parts = word.split('/');
+        let v = index(parts.next()?, self.positions.len())?;
+        let mut optional = |count| match parts.next() {
+            None | Some("") => Some(None),
+            Some(text) => index(text, count).map(Some),
+        };
+        let (vt, vn) = (optional(self.uvs.len())?, optional(self.normals.len())?);
+        parts.next().is_none().then_some((v, vt, vn))
+    }
+
+    /// Corners that agree in everything become one vertex.
+    fn triangles(self) -> Result<Triangles, FileError> {
+        let with_uvs = self.corners.iter().any(|corner| corner.1.is_some());
+        let with_normals = self.corners.iter().any(|corner| corner.2.is_some());
+        let mut object = Triangles::default();
+        let mut vertices: HashMap<Corner, u32> = HashMap::new();
+        let mut polygon = Vec::new();
+        let mut first = 0;
+        for &(line, end) in &self.polygons {
+            polygon.clear();
+            for &corner in &self.corners[first..end] {
+                let (v, vt, vn) = corner;
+                check(v, self.positions.len(), "vertex", line)?;
+                vt.map_or(Ok(()), |vt| check(vt, self.uvs.len(), "texture vertex", line))?;
+                vn.map_or(Ok(()), |vn| check(vn, self.normals.len(), "normal", line))?;
+                let next = object.positions.len() as u32;
+                let vertex = *vertices.entry(corner).or_insert(next);
+                if vertex == next {
+                    object.positions.push(self.positions[v as usize]);
+                    if with_uvs {
+                        object.uvs.push(vt.map_or(DVec2::ZERO, |vt| self.uvs[vt as usize]));
+                    }
+                    if with_normals {
+                        object.normals.push(vn.map_or(DVec3::ZERO, |vn| self.normals[vn as usize]));
+                    }
+                }
+                polygon.push(vertex);
+            }
+            object.triangles.extend(fan(&polygon));
+            first = end;
+        }
+        Ok(object)
+    }
+}
+
+/// Counted from 1, or backwards from -1 for the one defined last, into counted from 0. Whether it is in
+/// range is known at the end of the file only, save for what lies before the first.
+fn index(text: &str, count: usize) -> Option<u32> {
+    let index: i64 = text.parse().ok()?;
+    match index {
+        0 => None,
+        1.. => u32::try_from(index - 1).ok(),
+        // What lies before the first one is out of range of all.
+        _ => Some(u32::try_from(count as i64 + index).unwrap_or(u32::MAX)),
+    }
+}
+
+fn check(index: u32, count: usize, what: &str, line: usize) -> Result<(), FileError> {
+    if (index as usize) < count {
+        return Ok(());
+    }
+    let found = if index == u32::MAX { "one before the first".to_owned() } else { format!("{}", index + 1) };
+    Err(FileError::at(line, format!("expected one of the file's {count} {what} numbers, found {found}")))
+}
+
+/// Up to N finite numbers, at least `required`; the others are zero. What follows them is ignored.
+fn numbers<const N: usize>(
+    words: &mut SplitAsciiWhitespace<'_>,
+    required: usize,
+    line: usize,
+) -> Result<[f64; N], FileError> {
+    let mut values = [0.0; N];
+    for (i, value) in values.iter_mut().enumerate() {
+        let Some(word) = words.next() else {
+            if i >= required {
+                break;
+            }
+            return Err(FileError::at(line, format!("expected {required} numbers, found {i}")));
+        };
+        *value = word.parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(|| {
+            FileError::at(line, format!("expected a finite number, found \"{}\"", shorten(word)))
+        })?;
+    }
+    Ok(values)
+}
+
+/// The beginning of a word, for messages.
+fn shorten(word: &str) -> Cow<'_, str> {
+    match word.char_indices().nth(40) {
+        Some((end, _)) => format!("{}...", &word[..end]).into(),
+        None => word.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fails(text: &str) -> (Option<usize>, String) {
+        let error = parse(text.as_bytes()).unwrap_err();
+        (error.line, error.message)
+    }
+
+    #[test]
+    fn polygons_become_fans_and_corners_are_merged() {
+        let text = "# caf\u{e9}\nv 0 0 0\nv 1 0 0\nv 1 1 0 1\nv 0 1 0\nvn 0 0 1\nvn 0 0 -1\nvt 0.5\n\
+                    g a\nf 1//1 2//1 3//1 4//1\nusemtl b\nf -4//1 -3/1/1 \\\n -2//2\n";
+        let object = parse(text.as_bytes()).unwrap();
+        assert_eq!(object.triangles, [[0, 1, 2], [0, 2, 3], [0, 4, 5]]);
+        assert_eq!(object.normals[5], DVec3::NEG_Z);
+        assert_eq!(object.uvs[4], DVec2::new(0.5, 0.0));
+        assert_eq!(object.positions[5], DVec3::new(1.0, 1.0, 0.0));
+    }
+
+    #[test]
+    fn corners_without_a_normal_have_none() {
+        let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1 2 3\nf 1//1 2 3\n";
+        let object = parse(text.as_bytes()).unwrap();
+        assert_eq!(object.triangles, [[0, 1, 2], [3, 1, 2]]);
+        assert_eq!(object.normals, [DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, DVec3::Z]);
+    }
+
+    #[test]
+    fn faults_are_told_with_their_line() {
+        let start = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+        assert_eq!(fails("v 0 0\n").0, Some(1));
+        assert_eq!(fails("v 0 0 nan\n").1, "expected a finite number, found \"nan\"");
+        assert_eq!(fails("\nv 0 0 1e999\n").0, Some(2));
+        let out_of_range = "expected one of the file's 3 vertex numbers, found";
+        assert_eq!(fails(&format!("{start}f 1 2 4\n")), (Some(4), format!("{out_of_range} 4")));
+        assert_eq!(fails(&format!("{start}f 1 2 -4\n")), (Some(4), format!("{out_of_range} one before the first")));
+        for corner in ["0", "1/2/3/4", "x", "99999999999", "1.5", "9223372036854775808", "/1"] {
+            assert_eq!(fails(&format!("{start}f 1 2 {corner}\n")).0, Some(4), "{corner}");
+        }
+        assert_eq!(fails(&format!("{start}f 1 2\n")).1, "expected a face of at least 3 corners, found 2");
+        assert_eq!(parse(b"v \xff 0 0").unwrap_err().message, "expected UTF-8 text");
+    }
+}
