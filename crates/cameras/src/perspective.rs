@@ -163,7 +163,8 @@ fn scaled(w: view::Window, distance: f64) -> (view::Window, f64) {
         b: w.b * factor,
         t: w.t * factor,
     };
-    (window, distance * factor)
+    // A distance too small for this unit is still in front of the camera.
+    (window, (distance * factor).max(f64::MIN_POSITIVE))
 }
 
 impl Camera for Perspective {

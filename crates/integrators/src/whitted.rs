@@ -180,3 +180,149 @@ impl Whitted {
 fn endless(world: &World, absorption: Rgb, direction: DVec3) -> Rgb {
     absorption.transmittance(f64::INFINITY) * world.background(direction)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::{Lamp, Simple, Wall, build, floor, integrator_laws, world_of_walls};
+
+    const SKY: Lamp = Lamp {
+        background: Rgb::WHITE,
+        ambient: Rgb::WHITE,
+        lamp: None,
+    };
+
+    fn render(text: &str, world: &World, direction: DVec3) -> (Rgb, Scratch) {
+        let mut scratch = Scratch::default();
+        let integrator = build::<Integrators, Whitted>(text, ()).unwrap();
+        let ray = Ray::new(DVec3::new(0.0, 0.5, 0.0), direction);
+        (integrator.radiance(world, &ray, &mut scratch), scratch)
+    }
+
+    /// Two mirrors that face each other at y = 0 and y = 1, and also show a local radiance.
+    fn corridor(diffuse: f64, reflect: f64) -> World {
+        let material = Simple {
+            diffuse,
+            reflect: Rgb::splat(reflect),
+            ..Simple::default()
+        };
+        let ceiling = Wall {
+            point: DVec3::Y,
+            normal: DVec3::NEG_Y,
+        };
+        world_of_walls(&[(floor(0.0), material), (ceiling, material)], SKY)
+    }
+
+    #[test]
+    fn laws() {
+        for (text, shadows) in [("", true), ("shadows = \"none\"", false)] {
+            integrator_laws(&*build::<Integrators, Whitted>(text, ()).unwrap(), shadows);
+        }
+    }
+
+    #[test]
+    fn bounces_are_counted_from_zero() {
+        // The sum of 0.5^k up to the limit, and the background beyond: the ray goes up at odd depths.
+        for depth in 0..8 {
+            let (found, scratch) = render(&format!("max_depth = {depth}"), &corridor(1.0, 0.5), DVec3::NEG_Y);
+            let local: f64 = (0..=depth).map(|k| f64::powi(0.5, k)).sum();
+            let beyond = f64::powi(0.5, depth + 1) * if depth % 2 == 0 { 1.0 } else { 0.5 };
+            assert_eq!(found, Rgb::splat(local + beyond), "depth {depth}");
+            assert_eq!(scratch.counters.closest, depth as u64 + 1);
+        }
+        let text = "max_depth = 2\nat_max_depth = \"black\"";
+        assert_eq!(
+            render(text, &corridor(1.0, 0.5), DVec3::NEG_Y).0,
+            Rgb::splat(1.75)
+        );
+    }
+
+    #[test]
+    fn a_hundred_thousand_bounces_need_no_memory_and_lose_no_energy() {
+        let text = "max_depth = 100000\nat_max_depth = \"background\"";
+        let (found, scratch) = render(text, &corridor(0.0, 0.9999), DVec3::NEG_Y);
+        // 0.9999^100001, to 20 digits by mpmath from the exact binary value of 0.9999; the last branch goes up.
+        let expected = 0.000045372696235615253296;
+        assert!(
+            (found.g / expected - 1.0).abs() < 1e-11,
+            "{}",
+            found.g / expected - 1.0
+        );
+        assert_eq!(scratch.counters.closest, 100_001);
+        assert!(scratch.pending.capacity() < 16);
+    }
+
+    /// The stack holds what is left to do: with two branches everywhere, one ray a level.
+    #[test]
+    fn two_branches_do_not_fill_the_stack() {
+        let material = Simple {
+            reflect: Rgb::splat(0.5),
+            transmit: Rgb::splat(0.5),
+            ..Simple::default()
+        };
+        let walls: Vec<_> = (-20..20)
+            .map(|height| (floor(f64::from(height) + 0.25), material))
+            .collect();
+        let world = world_of_walls(&walls, SKY);
+        let (found, scratch) = render("max_depth = 12", &world, DVec3::NEG_Y);
+        assert_eq!(scratch.counters.closest, (1 << 13) - 1);
+        assert!(scratch.pending.capacity() <= 16, "{}", scratch.pending.capacity());
+        assert!(found.g > 0.5 && found.g < 1.0);
+    }
+
+    #[test]
+    fn branches_below_the_minimum_are_left_out() {
+        let count = |minimum: &str| {
+            let text = format!("max_depth = 50\nmin_contribution = {minimum}");
+            render(&text, &corridor(1.0, 0.5), DVec3::NEG_Y)
+                .1
+                .counters
+                .closest
+        };
+        assert_eq!(count("0.25"), 3);
+        assert_eq!(count("0.2500001"), 2);
+        assert_eq!(count("0"), 51);
+    }
+
+    #[test]
+    fn media_absorb_the_segments_inside_them() {
+        // A slab between y = 0.25 and y = 0, looked at from above; the floor under it is far away.
+        let material = Simple {
+            transmit: Rgb::WHITE,
+            absorption: Rgb::new(0.0, 1.0, 8.0),
+            ..Simple::default()
+        };
+        let bottom = Wall {
+            point: DVec3::ZERO,
+            normal: DVec3::NEG_Y,
+        };
+        let white = Simple {
+            diffuse: 1.0,
+            ..Simple::default()
+        };
+        let world = world_of_walls(
+            &[
+                (floor(0.25), material),
+                (bottom, material),
+                (floor(-100.0), white),
+            ],
+            SKY,
+        );
+        let (found, _) = render("", &world, DVec3::NEG_Y);
+        assert_eq!(found, Rgb::new(1.0, (-0.25_f64).exp(), (-2.0_f64).exp()));
+        // Without a bottom the medium is endless, beyond the limit as well as before it.
+        let world = world_of_walls(&[(floor(0.25), material)], SKY);
+        for text in ["", "max_depth = 0"] {
+            assert_eq!(render(text, &world, DVec3::NEG_Y).0, Rgb::new(0.5, 0.0, 0.0));
+        }
+    }
+
+    #[test]
+    fn faults_are_refused_at_their_places() {
+        let text = "max_depth = 100001\nmin_contribution = -1\nat_max_depth = \"grey\"\nshadows = \"soft\"";
+        let errors = build::<Integrators, Whitted>(text, ()).err().unwrap();
+        let mut found: Vec<&str> = errors.0.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
+        found.sort_unstable();
+        assert_eq!(found, ["\"grey\"", "\"soft\"", "-1", "100001"]);
+    }
+}

@@ -150,7 +150,7 @@ mod tests {
             panic!("{outside:?}")
         };
         assert!((r.weight.g - 0.04).abs() < 1e-16);
-        assert!((t.weight.g - 0.96 / 2.25).abs() < 1e-16);
+        assert!((t.weight.g - 0.96 / 2.25).abs() < 1e-15);
         assert_eq!((r.direction, t.direction), (DVec3::Z, DVec3::NEG_Z));
         assert_eq!(
             t.kind,

@@ -4,14 +4,14 @@
 //! `s = |n x v|` the sine and `c_i = n·v` the cosine of the angle of incidence, `c_t` that of refraction.
 //! Sine and cosine come from the vectors independently, each accurate where it is small.
 //!
-//! **Cosine of refraction.** `c_t² = 1 - eta² s²` is written in one of three ways, all equal because
-//! `s² + c_i² = 1`; `g = 1 - eta² = (n_t - n_i)(n_t + n_i)/n_t²` is exact up to rounding since the difference
-//! of near numbers is exact:
+//! **Cosine of refraction.** `c_t² = 1 - eta² s²` is `(1 - eta s)(1 + eta s)`, which cancels only where
+//! `eta s` is near 1. There, since `s² + c_i² = 1`, with `g = 1 - eta² = (n_t - n_i)(n_t + n_i)/n_t²`, which is
+//! exact up to rounding because the difference of near numbers is exact:
 //!
 //! - into the denser medium (`eta <= 1`): `c_t² = g + (eta c_i)²`, a sum of positive numbers;
 //! - `1 < eta² < 2`: `c_t² = (eta c_i - q)(eta c_i + q)`, `q = sqrt(-g)`: the critical angle is at a small
 //!   `c_i`, which carries it to full relative accuracy even if the indices differ by 1e-12;
-//! - beyond: `c_t² = (1 - eta s)(1 + eta s)`: there the critical angle is at a small s.
+//! - beyond, the first form stays: there the critical angle is at a small s.
 //!
 //! **Fresnel.** The numerators of the textbook form cancel for near indices. Multiplied by their conjugates,
 //!
@@ -120,10 +120,12 @@ impl Interface {
 
     /// The refracted ray, or `None` at total internal reflection.
     pub(crate) fn cross(&self, n: DVec3, v: DVec3) -> Option<Crossing> {
+        let cosine = n.dot(v);
+        // A normal that looks away can only come from a view along the geometry, where rule G drops the
+        // branch: any unit direction will do.
+        let (n, cos_i) = if cosine < 0.0 { (-n, -cosine) } else { (n, cosine) };
         let sine = n.cross(v);
         let sin_i = sine.length();
-        // Not negative but by rounding, or where rule G drops the branch anyway.
-        let cos_i = n.dot(v).max(0.0);
         if self.is_open() {
             return Some(Crossing {
                 direction: -v,
@@ -133,12 +135,13 @@ impl Interface {
             });
         }
         let Self { eta, g, q, .. } = *self;
-        let cos_t_squared = if eta <= 1.0 {
-            g + (eta * cos_i) * (eta * cos_i)
-        } else if g > -1.0 {
-            (eta * cos_i - q) * (eta * cos_i + q)
+        let (a, b) = (eta * sin_i, eta * cos_i);
+        let cos_t_squared = if a * a < 0.5 || g <= -1.0 {
+            (1.0 - a) * (1.0 + a)
+        } else if eta <= 1.0 {
+            g + b * b
         } else {
-            (1.0 - eta * sin_i) * (1.0 + eta * sin_i)
+            (b - q) * (b + q)
         };
         if cos_t_squared <= 0.0 {
             return None;
@@ -716,10 +719,10 @@ mod tests {
             }
         }
         // Near indices: cos_i² = 1 - (n_t/n_i)² at the critical angle.
-        let (n_i, n_t) = (1.0 + 1e-12, 1.0);
+        let (n_i, n_t) = (1.0_f64 + 1e-12, 1.0_f64);
         let critical = ((n_i - n_t) * (n_i + n_t)).sqrt() / n_i;
         for (offset, total) in [(1e-9, false), (-1e-9, true)] {
-            let cos = critical * (1.0 + offset);
+            let cos: f64 = critical * (1.0 + offset);
             let (n, v) = incidence((1.0 - cos * cos).sqrt(), cos);
             assert_eq!(Interface::new(n_i, n_t).cross(n, v).is_none(), total, "{offset}");
         }

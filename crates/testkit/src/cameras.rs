@@ -1,0 +1,93 @@
+//! What every camera must satisfy.
+
+use whitstone_core::{Camera, DVec2, FilmSize, Ray};
+
+/// Rays are finite and of unit direction, a function of the position alone, different at different
+/// corners, and show the world as it is rather than mirrored or upside down.
+///
+/// # Panics
+///
+/// If the camera breaks one of these laws; the message says which and where.
+pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
+    let size = DVec2::new(f64::from(film.width), f64::from(film.height));
+    let steps = [0.0, 1e-9, 0.1, 0.25, 0.5, 0.5 + 1e-12, 0.9, 1.0];
+    for x in steps {
+        for y in steps {
+            let raster = size * DVec2::new(x, y);
+            let ray = camera.ray(raster);
+            assert!(
+                ray.origin.is_finite(),
+                "the origin of {ray:?} through {raster} is finite"
+            );
+            let length = ray.direction.length();
+            assert!(
+                (length - 1.0).abs() < 1e-14,
+                "the ray through {raster} has unit direction, found {length}"
+            );
+            assert_eq!(
+                camera.ray(raster),
+                ray,
+                "the ray through {raster} is always the same"
+            );
+        }
+    }
+    // A point in front of the camera stands for its ray: what has parallel rays has different origins.
+    let point = |x: f64, y: f64| {
+        let ray: Ray = camera.ray(size * DVec2::new(x, y));
+        ray.origin + ray.direction
+    };
+    let corners = [point(0.0, 0.0), point(1.0, 0.0), point(1.0, 1.0), point(0.0, 1.0)];
+    for i in 0..4 {
+        assert_ne!(
+            corners[i],
+            corners[(i + 1) % 4],
+            "neighbouring corners of the image are different rays"
+        );
+    }
+    let right = point(1.0, 0.5) - point(0.0, 0.5);
+    let down = point(0.5, 1.0) - point(0.5, 0.0);
+    let forward = camera.ray(0.5 * size).direction;
+    assert!(
+        right.cross(down).dot(forward) > 0.0,
+        "x goes right and y down: the image is not mirrored"
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::DVec3;
+
+    const FILM: FilmSize = FilmSize { width: 4, height: 3 };
+
+    struct Pinhole<F>(F);
+
+    impl<F: Fn(f64, f64) -> DVec3 + Send + Sync> Camera for Pinhole<F> {
+        fn ray(&self, raster: DVec2) -> Ray {
+            Ray::new(DVec3::ZERO, (self.0)(raster.x / 4.0 - 0.5, 0.5 - raster.y / 3.0))
+        }
+    }
+
+    #[test]
+    fn a_right_camera_passes() {
+        camera_laws(&Pinhole(|a, c| DVec3::new(a, c, -1.0).normalize()), FILM);
+    }
+
+    #[test]
+    #[should_panic(expected = "unit direction")]
+    fn a_long_direction_is_found() {
+        camera_laws(&Pinhole(|a, c| DVec3::new(a, c, -1.0)), FILM);
+    }
+
+    #[test]
+    #[should_panic(expected = "not mirrored")]
+    fn a_mirrored_image_is_found() {
+        camera_laws(&Pinhole(|a: f64, c| DVec3::new(-a, c, -1.0).normalize()), FILM);
+    }
+
+    #[test]
+    #[should_panic(expected = "different rays")]
+    fn an_image_of_one_ray_is_found() {
+        camera_laws(&Pinhole(|_, _| DVec3::NEG_Z), FILM);
+    }
+}

@@ -1,0 +1,462 @@
+//! What every integrator must satisfy, and the small worlds to try it in.
+
+use std::sync::Arc;
+use whitstone_core::{
+    Aabb, Accelerator, Branch, BranchKind, Branches, DVec2, DVec3, Geometry, Illumination, Incoming,
+    Integrator, Interval, Light, LightGives, LightSample, Lobes, Material, Needs, PathState, Primitive,
+    PrimitiveHit, RawHit, Ray, Rgb, Scratch, Shape, Skip, Statistics, SurfacePoint, World,
+    triangle::ShearedRay,
+};
+
+/// An endless plane through a point; its outside is where the normal points.
+#[derive(Clone, Copy, Debug)]
+pub struct Wall {
+    /// A point of the plane.
+    pub point: DVec3,
+    /// Unit normal.
+    pub normal: DVec3,
+}
+
+impl Primitive for Wall {
+    fn bounds(&self) -> Aabb {
+        Aabb::EVERYTHING
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        let t = (self.point - ray.origin).dot(self.normal) / ray.direction.dot(self.normal);
+        (leaves.is_none() && interval.contains(t)).then_some(PrimitiveHit {
+            t,
+            primitive: 0,
+            params: DVec2::ZERO,
+        })
+    }
+
+    fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
+        SurfacePoint::new(ray.at(hit.t), 0.0, self.normal)
+    }
+}
+
+/// A material made of the terms that integrators tell apart, each simple enough to be summed by hand.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Simple {
+    /// Local radiance: this times (ambient + sum of `E n·l`).
+    pub diffuse: f64,
+    /// Weight of the mirror branch.
+    pub reflect: Rgb,
+    /// Weight of a branch straight through.
+    pub transmit: Rgb,
+    /// Medium that the branch straight through enters from outside; none outside.
+    pub absorption: Rgb,
+    /// Sends the reflection into the surface and the transmission back, against rule G.
+    pub wrong_sides: bool,
+}
+
+impl Material for Simple {
+    fn lobes(&self) -> Lobes {
+        Lobes::LOCAL | Lobes::REFLECTION | Lobes::TRANSMISSION
+    }
+
+    fn needs(&self) -> Needs {
+        Needs::NOTHING
+    }
+
+    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+        let n = point.n_towards(view);
+        let term = |light: &Incoming| light.irradiance * n.dot(light.direction);
+        (light.ambient + light.lights.iter().map(term).sum()) * self.diffuse
+    }
+
+    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+        let n = point.n_towards(view);
+        let entering = point.n_g.dot(view) > 0.0;
+        let (mirrored, through) = (2.0 * n.dot(view) * n - view, -view);
+        let (reflected, transmitted) = if self.wrong_sides {
+            (through, mirrored)
+        } else {
+            (mirrored, through)
+        };
+        let absorption = if entering { self.absorption } else { Rgb::BLACK };
+        let reflection = Branch {
+            direction: reflected,
+            weight: self.reflect,
+            kind: BranchKind::Reflection,
+        };
+        let kind = BranchKind::Transmission { absorption };
+        out.push(reflection);
+        out.push(Branch {
+            direction: transmitted,
+            weight: self.transmit,
+            kind,
+        });
+    }
+}
+
+/// Background, ambient light and a lamp in one.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Lamp {
+    /// Radiance of the background where y > 0, half of it elsewhere.
+    pub background: Rgb,
+    /// Ambient radiance.
+    pub ambient: Rgb,
+    /// Position and irradiance at any distance.
+    pub lamp: Option<(DVec3, f64)>,
+}
+
+impl Light for Lamp {
+    fn gives(&self) -> LightGives {
+        LightGives::SAMPLES | LightGives::AMBIENT | LightGives::BACKGROUND
+    }
+
+    fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
+        if let Some((position, irradiance)) = self.lamp {
+            let (direction, distance) = (position - point).normalize_and_length();
+            out.push(LightSample {
+                direction,
+                distance,
+                irradiance: Rgb::splat(irradiance),
+            });
+        }
+    }
+
+    fn ambient(&self) -> Rgb {
+        self.ambient
+    }
+
+    fn background(&self, direction: DVec3) -> Rgb {
+        if direction.y > 0.0 {
+            self.background
+        } else {
+            self.background * 0.5
+        }
+    }
+}
+
+/// Tries everything in order.
+struct TryAll(Arc<Geometry>);
+
+impl Accelerator for TryAll {
+    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+        let sheared = ShearedRay::new(ray);
+        self.0
+            .elements()
+            .filter_map(|element| self.0.intersect(element, ray, &sheared, interval, skip))
+            .reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+    }
+
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+        self.closest(ray, interval, skip).is_some()
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::new()
+    }
+}
+
+/// A world of a few walls and a light.
+pub fn world_of_walls(walls: &[(Wall, Simple)], light: Lamp) -> World {
+    let shapes = walls
+        .iter()
+        .map(|(wall, _)| Shape::Opaque(Box::new(*wall)))
+        .collect();
+    let geometry = Arc::new(Geometry::new(shapes));
+    let accelerator = Box::new(TryAll(geometry.clone()));
+    let materials = walls
+        .iter()
+        .map(|(_, material)| Arc::new(*material) as Arc<dyn Material>)
+        .collect();
+    World::new(geometry, accelerator, materials, vec![Arc::new(light)])
+}
+
+/// A wall at this height that looks up.
+pub fn floor(height: f64) -> Wall {
+    Wall {
+        point: DVec3::new(0.0, height, 0.0),
+        normal: DVec3::Y,
+    }
+}
+
+fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
+    let mut clean = Scratch::default();
+    let found = integrator.radiance(world, &ray, &mut clean);
+    assert!(clean.counters.closest >= 1, "a camera ray is counted");
+    // What another ray left behind.
+    let lost = PathState {
+        ray: Ray::new(DVec3::ONE, DVec3::NEG_Y),
+        skip: Skip::NOTHING,
+        throughput: Rgb::WHITE,
+        absorption: Rgb::BLACK,
+        depth: 0,
+        origin: None,
+    };
+    let mut used = Scratch {
+        pending: vec![lost],
+        ..Scratch::default()
+    };
+    used.incoming.push(Incoming {
+        direction: DVec3::Y,
+        irradiance: Rgb::WHITE,
+    });
+    used.samples.push(LightSample {
+        direction: DVec3::Y,
+        distance: 1.0,
+        irradiance: Rgb::WHITE,
+    });
+    let again = integrator.radiance(world, &ray, &mut used);
+    assert_eq!(
+        again, found,
+        "radiance depends on the world and the ray, not on the working memory"
+    );
+    found
+}
+
+/// Rays that hit nothing see the background; surfaces show their local radiance, with shadows exactly if
+/// `shadows`, and lights on the other side of the geometry give nothing; branches are followed exactly if
+/// the integrator says so, and none that is on the wrong side of the geometry; the result depends on
+/// nothing else.
+///
+/// The integrator must be in its default configuration, but for shadows.
+///
+/// # Panics
+///
+/// If the integrator breaks one of these laws; the message says which and where.
+pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
+    let sky = Rgb::new(1.0, 2.0, 4.0);
+    let down = Ray::new(DVec3::Y, DVec3::NEG_Y);
+    let up = Ray::new(DVec3::Y, DVec3::Y);
+    let matte = Simple {
+        diffuse: 0.5,
+        ..Simple::default()
+    };
+
+    let empty = world_of_walls(
+        &[],
+        Lamp {
+            background: sky,
+            ..Lamp::default()
+        },
+    );
+    assert_eq!(
+        radiance(integrator, &empty, up),
+        sky,
+        "an empty world is all background"
+    );
+    assert_eq!(
+        radiance(integrator, &empty, down),
+        sky * 0.5,
+        "the background is that of the ray's direction"
+    );
+    let dark = world_of_walls(&[], Lamp::default());
+    assert_eq!(
+        radiance(integrator, &dark, up),
+        Rgb::BLACK,
+        "without a background there is nothing to see"
+    );
+
+    // A lamp 5 m above the floor, and a wall that may stand between.
+    let lit = |wall: Option<f64>| {
+        let mut walls = vec![(floor(0.0), matte)];
+        walls.extend(wall.map(|height| (floor(height), matte)));
+        let ambient = Rgb::splat(0.25);
+        let lamp = Some((DVec3::new(0.0, 5.0, 0.0), 3.0));
+        let world = world_of_walls(
+            &walls,
+            Lamp {
+                background: sky,
+                ambient,
+                lamp,
+            },
+        );
+        radiance(integrator, &world, down)
+    };
+    let (bright, shaded) = (Rgb::splat(0.5 * 3.25), Rgb::splat(0.5 * 0.25));
+    assert_eq!(lit(None), bright, "ambient light and a lamp");
+    assert_eq!(
+        lit(Some(2.0)),
+        if shadows { shaded } else { bright },
+        "a wall before the lamp"
+    );
+    assert_eq!(lit(Some(6.0)), bright, "a wall behind the lamp hides nothing");
+    assert_eq!(lit(Some(5.0)), bright, "a wall that holds the lamp hides nothing");
+    assert_eq!(lit(Some(-5.0)), bright, "a wall under the floor hides nothing");
+    let below = Lamp {
+        lamp: Some((DVec3::new(0.0, -5.0, 0.0), 3.0)),
+        ..Lamp::default()
+    };
+    let found = radiance(integrator, &world_of_walls(&[(floor(0.0), matte)], below), down);
+    assert_eq!(
+        found,
+        Rgb::BLACK,
+        "a lamp on the other side of the floor gives nothing"
+    );
+
+    let light = Lamp {
+        background: sky,
+        ..Lamp::default()
+    };
+    let mirror = Simple {
+        reflect: Rgb::new(0.5, 0.25, 0.0),
+        ..Simple::default()
+    };
+    let glass = Simple {
+        transmit: Rgb::splat(0.5),
+        ..Simple::default()
+    };
+    let follows = integrator.follows_branches();
+    let if_follows = |color| if follows { color } else { Rgb::BLACK };
+    let seen = |material| {
+        radiance(
+            integrator,
+            &world_of_walls(&[(floor(0.0), material)], light),
+            down,
+        )
+    };
+    assert_eq!(
+        seen(mirror),
+        if_follows(Rgb::new(0.5, 0.5, 0.0)),
+        "a mirror shows the background above"
+    );
+    assert_eq!(
+        seen(glass),
+        if_follows(sky * 0.25),
+        "a pane shows the background below"
+    );
+    let wrong = Simple {
+        reflect: Rgb::WHITE,
+        transmit: Rgb::WHITE,
+        wrong_sides: true,
+        ..Simple::default()
+    };
+    assert_eq!(
+        seen(wrong),
+        Rgb::BLACK,
+        "branches on the wrong side of the geometry are not followed"
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Recursive, one bounce, with a switch for each fault.
+    #[derive(Default)]
+    struct Made {
+        claims_branches: bool,
+        forgets_shadows: bool,
+        forgets_sides: bool,
+        reads_scratch: bool,
+        forgets_background: bool,
+    }
+
+    impl Integrator for Made {
+        fn follows_branches(&self) -> bool {
+            self.claims_branches
+        }
+
+        fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
+            scratch.counters.closest += 1;
+            let left_over = if self.reads_scratch {
+                scratch.pending.len() as f64
+            } else {
+                0.0
+            };
+            let Some(hit) = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING) else {
+                return if self.forgets_background {
+                    Rgb::BLACK
+                } else {
+                    world.background(ray.direction)
+                };
+            };
+            let view = -ray.direction;
+            let point = world.surface(ray, &hit).seen_from(view);
+            let material = &world.materials[hit.shape as usize];
+            world.gather_lights(&point, view, Skip::leaving(&hit), !self.forgets_shadows, scratch);
+            let light = Illumination {
+                ambient: world.ambient,
+                lights: &scratch.incoming,
+            };
+            let mut sum = material.local(&point, view, &light) + Rgb::splat(left_over);
+            if self.claims_branches {
+                let mut branches = Branches::default();
+                material.branches(&point, view, &mut branches);
+                for branch in branches.iter() {
+                    let right = match branch.kind {
+                        BranchKind::Reflection => point.same_side(view, branch.direction),
+                        BranchKind::Transmission { .. } => point.opposite_sides(view, branch.direction),
+                    };
+                    if right || self.forgets_sides {
+                        sum += branch.weight * world.background(branch.direction);
+                    }
+                }
+            }
+            sum
+        }
+    }
+
+    #[test]
+    fn right_integrators_pass() {
+        integrator_laws(&Made::default(), true);
+        integrator_laws(
+            &Made {
+                claims_branches: true,
+                ..Made::default()
+            },
+            true,
+        );
+        integrator_laws(
+            &Made {
+                forgets_shadows: true,
+                ..Made::default()
+            },
+            false,
+        );
+    }
+
+    #[test]
+    #[should_panic(expected = "a wall before the lamp")]
+    fn missing_shadows_are_found() {
+        integrator_laws(
+            &Made {
+                forgets_shadows: true,
+                ..Made::default()
+            },
+            true,
+        );
+    }
+
+    #[test]
+    #[should_panic(expected = "wrong side of the geometry")]
+    fn branches_through_the_geometry_are_found() {
+        integrator_laws(
+            &Made {
+                claims_branches: true,
+                forgets_sides: true,
+                ..Made::default()
+            },
+            true,
+        );
+    }
+
+    #[test]
+    #[should_panic(expected = "not on the working memory")]
+    fn left_over_work_is_found() {
+        integrator_laws(
+            &Made {
+                reads_scratch: true,
+                ..Made::default()
+            },
+            true,
+        );
+    }
+
+    #[test]
+    #[should_panic(expected = "all background")]
+    fn a_missing_background_is_found() {
+        integrator_laws(
+            &Made {
+                forgets_background: true,
+                ..Made::default()
+            },
+            true,
+        );
+    }
+}

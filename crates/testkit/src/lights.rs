@@ -1,0 +1,216 @@
+//! What every light must satisfy.
+
+use crate::spread::directions;
+use crate::textures::is_colour;
+use whitstone_core::{DVec3, Light, LightGives, LightSample, Rgb};
+
+fn samples(light: &dyn Light, point: DVec3) -> Vec<LightSample> {
+    let mut out = Vec::new();
+    light.samples(point, &mut out);
+    out
+}
+
+/// A light gives what it says and nothing else; its samples have unit directions, positive distances and
+/// finite irradiances that are not negative, anywhere in space; they are added to the list and are always
+/// the same.
+///
+/// # Panics
+///
+/// If the light breaks one of these laws; the message says which and where.
+pub fn light_laws(light: &dyn Light) {
+    let gives = light.gives();
+    let mut reached = false;
+    for direction in directions(64) {
+        for distance in [0.0, 5e-324, 1e-170, 1e-12, 1.0, 3.0, 1e6, 1e170, 1e300] {
+            let point = distance * direction;
+            let found = samples(light, point);
+            for sample in &found {
+                let LightSample {
+                    direction,
+                    distance,
+                    irradiance,
+                } = *sample;
+                let length = direction.length();
+                assert!(
+                    (length - 1.0).abs() < 1e-14,
+                    "the direction at {point} has unit length, found {length}"
+                );
+                assert!(
+                    distance > 0.0,
+                    "the light is at some distance from {point}, found {distance}"
+                );
+                assert!(
+                    is_colour(irradiance),
+                    "the irradiance at {point} is finite and >= 0, found {irradiance:?}"
+                );
+            }
+            reached |= !found.is_empty();
+            let mut longer = found.clone();
+            light.samples(point, &mut longer);
+            let doubled = [found.clone(), found].concat();
+            assert_eq!(
+                longer, doubled,
+                "samples at {point} are always the same, and added to those of other lights"
+            );
+        }
+        let seen = light.background(direction);
+        assert!(
+            is_colour(seen),
+            "the background towards {direction} is finite and >= 0, found {seen:?}"
+        );
+        let says = gives.contains(LightGives::BACKGROUND);
+        assert!(
+            says || seen.is_black(),
+            "a light with a background says that it gives one"
+        );
+    }
+    let ambient = light.ambient();
+    assert!(
+        is_colour(ambient),
+        "the ambient radiance is finite and >= 0, found {ambient:?}"
+    );
+    let says = gives.contains(LightGives::AMBIENT);
+    assert!(
+        says || ambient.is_black(),
+        "a light with an ambient radiance says that it gives one"
+    );
+    let says = gives.contains(LightGives::SAMPLES);
+    assert!(says || !reached, "a light with samples says that it gives them");
+}
+
+/// For a light at a position, with an intensity that falls off with the square of the distance: along
+/// `axis` (unit, away from the light) the irradiance is that of the inverse square to 1e-9 from 1e8 m
+/// down to 1e-8 m, and at the light itself there is none. The position must be such that distances of 1e-8
+/// can be told apart in its coordinates, as at the origin.
+///
+/// # Panics
+///
+/// If the light breaks one of these laws; the message says which and where.
+pub fn light_near_laws(light: &dyn Light, position: DVec3, intensity: Rgb, axis: DVec3) {
+    for exponent in -8..=8 {
+        let distance = f64::powi(10.0, exponent);
+        let found = samples(light, position + distance * axis);
+        let [
+            LightSample {
+                direction,
+                distance: d,
+                irradiance,
+            },
+        ] = found[..]
+        else {
+            panic!(
+                "the light gives one sample at distance {distance}, found {}",
+                found.len()
+            );
+        };
+        assert!(
+            (direction + axis).length() < 1e-7,
+            "at distance {distance} the light is where it is"
+        );
+        assert!(
+            (d / distance - 1.0).abs() < 1e-9,
+            "the distance is {distance}, found {d}"
+        );
+        for (e, i) in irradiance.to_array().into_iter().zip(intensity.to_array()) {
+            let expected = i / (distance * distance);
+            assert!(
+                (e - expected).abs() <= 1e-9 * expected,
+                "inverse square at distance {distance}: {e}, {expected}"
+            );
+        }
+    }
+    assert_eq!(
+        samples(light, position),
+        [],
+        "a light gives nothing at its own position"
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Made<F>(LightGives, F);
+
+    impl<F: Fn(DVec3) -> LightSample + Send + Sync> Light for Made<F> {
+        fn gives(&self) -> LightGives {
+            self.0
+        }
+        fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
+            out.push((self.1)(point));
+        }
+    }
+
+    fn sun(direction: DVec3, irradiance: f64) -> LightSample {
+        LightSample {
+            direction,
+            distance: f64::INFINITY,
+            irradiance: Rgb::splat(irradiance),
+        }
+    }
+
+    #[test]
+    fn a_right_light_passes() {
+        light_laws(&Made(LightGives::SAMPLES, |_| sun(DVec3::Y, 1.0)));
+    }
+
+    #[test]
+    #[should_panic(expected = "unit length")]
+    fn a_long_direction_is_found() {
+        light_laws(&Made(LightGives::SAMPLES, |_| sun(DVec3::ONE, 1.0)));
+    }
+
+    #[test]
+    #[should_panic(expected = "finite and >= 0")]
+    fn negative_light_is_found() {
+        light_laws(&Made(LightGives::SAMPLES, |_| sun(DVec3::Y, -1.0)));
+    }
+
+    #[test]
+    #[should_panic(expected = "says that it gives them")]
+    fn hidden_samples_are_found() {
+        light_laws(&Made(LightGives::AMBIENT, |_| sun(DVec3::Y, 1.0)));
+    }
+
+    /// Light at the origin, in the plain form.
+    fn naive(point: DVec3) -> LightSample {
+        let distance = point.length();
+        LightSample {
+            direction: -point / distance,
+            distance,
+            irradiance: Rgb::splat(1.0 / (distance * distance)),
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "unit length")]
+    fn the_plain_form_breaks_at_extreme_distances() {
+        light_laws(&Made(LightGives::SAMPLES, naive));
+    }
+
+    #[test]
+    #[should_panic(expected = "nothing at its own position")]
+    fn light_at_the_light_is_found() {
+        light_near_laws(
+            &Made(LightGives::SAMPLES, naive),
+            DVec3::ZERO,
+            Rgb::WHITE,
+            DVec3::X,
+        );
+    }
+
+    #[test]
+    #[should_panic(expected = "inverse square")]
+    fn another_falloff_is_found() {
+        let linear = |point: DVec3| LightSample {
+            irradiance: Rgb::splat(1.0 / point.length()),
+            ..naive(point)
+        };
+        light_near_laws(
+            &Made(LightGives::SAMPLES, linear),
+            DVec3::ZERO,
+            Rgb::WHITE,
+            DVec3::X,
+        );
+    }
+}

@@ -1,0 +1,556 @@
+//! What every material must satisfy.
+
+use crate::spread::{COSINES, at_cosine, directions};
+use crate::textures::is_colour;
+use whitstone_core::{
+    Branch, BranchKind, Branches, DVec2, DVec3, Illumination, Incoming, Lobes, Material, Needs, Rgb,
+    SurfacePoint,
+};
+
+fn branches(material: &dyn Material, point: &SurfacePoint, view: DVec3) -> Vec<Branch> {
+    let mut out = Branches::default();
+    material.branches(point, view, &mut out);
+    out.iter().copied().collect()
+}
+
+fn local(
+    material: &dyn Material,
+    point: &SurfacePoint,
+    view: DVec3,
+    ambient: f64,
+    lights: &[Incoming],
+) -> Rgb {
+    material.local(
+        point,
+        view,
+        &Illumination {
+            ambient: Rgb::splat(ambient),
+            lights,
+        },
+    )
+}
+
+/// A point with a geometric and a shading normal, as an integrator hands it over: after rule S.
+fn surface(n_g: DVec3, n_s: DVec3, uv: DVec2, view: DVec3) -> SurfacePoint {
+    let mut point = SurfacePoint::new(DVec3::new(0.1, -2.0, 0.7), 0.0, n_g);
+    point.n_s = n_s;
+    point.uv = uv;
+    point.seen_from(view)
+}
+
+/// A material responds as its lobes say and in no other way; its response is finite and not negative
+/// from straight on to grazing, on both sides, with shading normals and without, in proportion to the
+/// light, and reads only what it says; branches have unit directions on their side of the surface,
+/// reflection first.
+///
+/// # Panics
+///
+/// If the material breaks one of these laws; the message says which and where.
+pub fn material_laws(material: &dyn Material) {
+    let uvs = [
+        DVec2::ZERO,
+        DVec2::new(0.3, 0.8),
+        DVec2::new(-7.2, 1e9),
+        DVec2::splat(f64::NAN),
+    ];
+    for n in directions(24) {
+        for (index, cosine) in COSINES.into_iter().enumerate() {
+            let view = at_cosine(n, cosine, index as f64).normalize();
+            let tilted = at_cosine(n, 0.9, 2.0);
+            for (n_g, n_s) in [(n, n), (-n, -n), (n, tilted), (-n, tilted)] {
+                for uv in uvs {
+                    let point = surface(n_g, n_s, uv, view);
+                    // Rounding may put a viewer at a cosine of 1e-17 on either side.
+                    let plain = n_g == n_s && cosine > 1e-15;
+                    branch_laws(material, &point, view, plain);
+                    local_laws(material, &point, view);
+                }
+                need_laws(material, n_g, n_s, view);
+            }
+            both_sides(material, n, view);
+        }
+    }
+}
+
+fn branch_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3, plain: bool) {
+    let lobes = material.lobes();
+    let found = branches(material, point, view);
+    let place = format!("n_g {} n_s {} view {view}: {found:?}", point.n_g, point.n_s);
+    let mut order = Vec::new();
+    for Branch {
+        direction,
+        weight,
+        kind,
+    } in &found
+    {
+        assert!(is_colour(*weight), "weights are finite and not negative: {place}");
+        let length = direction.length();
+        assert!(
+            (length - 1.0).abs() < 1e-14,
+            "branches have unit directions, not {length}: {place}"
+        );
+        let lobe = match kind {
+            BranchKind::Reflection => Lobes::REFLECTION,
+            BranchKind::Transmission { absorption } => {
+                assert!(
+                    is_colour(*absorption),
+                    "absorption is finite and not negative: {place}"
+                );
+                Lobes::TRANSMISSION
+            }
+        };
+        assert!(
+            weight.is_black() || lobes.contains(lobe),
+            "lobes name every kind of branch: {place}"
+        );
+        if plain {
+            let right = match kind {
+                BranchKind::Reflection => point.same_side(view, *direction),
+                BranchKind::Transmission { .. } => point.opposite_sides(view, *direction),
+            };
+            assert!(
+                right,
+                "reflection stays on the viewer's side and transmission leaves it: {place}"
+            );
+        }
+        order.push(lobe == Lobes::TRANSMISSION);
+    }
+    assert!(order.is_sorted(), "reflection comes before transmission: {place}");
+    assert_eq!(
+        branches(material, point, view),
+        found,
+        "branches are always the same"
+    );
+}
+
+fn local_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3) {
+    let n = point.n_towards(view);
+    let incoming = |cosine, angle, irradiance| Incoming {
+        direction: at_cosine(n, cosine, angle).normalize(),
+        irradiance: Rgb::splat(irradiance),
+    };
+    let lights: Vec<Incoming> = COSINES
+        .into_iter()
+        .enumerate()
+        .map(|(i, cosine)| incoming(cosine, 0.7 * i as f64, 1.0 + i as f64))
+        .collect();
+    let found = local(material, point, view, 0.5, &lights);
+    let place = format!("n_g {} n_s {} view {view}: {found:?}", point.n_g, point.n_s);
+    assert!(
+        is_colour(found),
+        "local radiance is finite and not negative: {place}"
+    );
+    let answers = material.lobes().contains(Lobes::LOCAL);
+    assert!(
+        answers || found.is_black(),
+        "lobes name a local response: {place}"
+    );
+    assert_eq!(
+        local(material, point, view, 0.5, &lights),
+        found,
+        "local radiance is always the same"
+    );
+    let dark = local(material, point, view, 0.0, &[]);
+    assert!(
+        dark.is_black(),
+        "without light there is none, found {dark:?}: {place}"
+    );
+    // Exact, since 4 is a power of two.
+    let brighter: Vec<Incoming> = lights
+        .iter()
+        .map(|light| Incoming {
+            irradiance: light.irradiance * 4.0,
+            ..*light
+        })
+        .collect();
+    assert_eq!(
+        local(material, point, view, 2.0, &brighter),
+        found * 4.0,
+        "radiance is in proportion to the light"
+    );
+    let behind = incoming(-0.5, 1.0, 1.0);
+    let lit = local(material, point, view, 0.0, &[behind]);
+    assert!(
+        lit.is_black(),
+        "light from behind the shading normal gives nothing, found {lit:?}: {place}"
+    );
+}
+
+fn need_laws(material: &dyn Material, n_g: DVec3, n_s: DVec3, view: DVec3) {
+    let needs = material.needs();
+    let lights = [Incoming {
+        direction: at_cosine(n_g, 0.8, 1.0),
+        irradiance: Rgb::WHITE,
+    }];
+    let answer = |n_s: DVec3, uv: DVec2| {
+        let point = surface(n_g, n_s, uv, view);
+        (
+            local(material, &point, view, 1.0, &lights),
+            branches(material, &point, view),
+        )
+    };
+    let first = answer(n_s, DVec2::ZERO);
+    if !needs.contains(Needs::UV) {
+        let same = answer(n_s, DVec2::new(0.7, 0.2)) == first;
+        assert!(same, "a material that reads (u, v) says that it needs them");
+    }
+    if !needs.contains(Needs::SHADING_NORMAL) {
+        let same = answer(n_g, DVec2::ZERO) == first;
+        assert!(
+            same,
+            "a material that reads the shading normal says that it needs it"
+        );
+    }
+}
+
+/// Local radiance does not depend on which side is outside.
+fn both_sides(material: &dyn Material, n: DVec3, view: DVec3) {
+    if n.dot(view) == 0.0 {
+        return;
+    }
+    let lights = [Incoming {
+        direction: at_cosine(n, 0.8, 1.0),
+        irradiance: Rgb::WHITE,
+    }];
+    let from = |n_g| {
+        local(
+            material,
+            &surface(n_g, n_g, DVec2::splat(0.3), view),
+            view,
+            0.3,
+            &lights,
+        )
+    };
+    assert_eq!(from(n), from(-n), "both sides look the same");
+}
+
+/// In a furnace, where radiance 1 arrives from everywhere, no more leaves: for materials whose parameters
+/// promise it (their shares sum up to at most 1, and transmitted radiance is not scaled).
+///
+/// # Panics
+///
+/// If more leaves than arrives.
+pub fn furnace_laws(material: &dyn Material) {
+    for n in directions(24) {
+        for (index, cosine) in COSINES.into_iter().enumerate() {
+            let view = at_cosine(n, cosine, index as f64).normalize();
+            for n_g in [n, -n] {
+                let point = surface(n_g, n_g, DVec2::splat(0.3), view);
+                let delta: Rgb = branches(material, &point, view)
+                    .iter()
+                    .map(|branch| branch.weight)
+                    .sum();
+                let leaving = (local(material, &point, view, 1.0, &[]) + delta).max_component();
+                assert!(
+                    leaving <= 1.0 + 1e-12,
+                    "no more radiance leaves than arrives, found {leaving} at {cosine}"
+                );
+            }
+        }
+    }
+}
+
+/// For a material that reflects and refracts like glass: nothing is lost (`R + T/eta² = 1`), directions
+/// obey Snell's law and lie in the plane of incidence, and a path backwards has the same shares as
+/// forwards.
+///
+/// # Panics
+///
+/// If the material breaks one of these laws; the message says which and where.
+pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior: f64) {
+    let n = DVec3::new(2.0, -1.0, 0.5).normalize();
+    for (side, n_i, n_t) in [
+        (1.0, exterior_ior, interior_ior),
+        (-1.0, interior_ior, exterior_ior),
+    ] {
+        let (point, eta) = (SurfacePoint::new(DVec3::ZERO, 0.0, side * n), n_i / n_t);
+        for (index, cosine) in COSINES.into_iter().enumerate() {
+            let view = at_cosine(n, cosine, index as f64).normalize();
+            if n.dot(view) <= 0.0 {
+                continue;
+            }
+            let found = branches(material, &point, view);
+            let place = format!("cosine {cosine}, indices {n_i} and {n_t}: {found:?}");
+            let share = |branch: &Branch| match branch.kind {
+                BranchKind::Reflection => branch.weight.g,
+                BranchKind::Transmission { .. } => branch.weight.g / eta / eta,
+            };
+            let total: f64 = found.iter().map(share).sum();
+            assert!(
+                (total - 1.0).abs() < 1e-13,
+                "nothing is lost or won, found {total} at {place}"
+            );
+            let tangential = |d: DVec3| d - n.dot(d) * n;
+            for branch in &found {
+                let (along, bent) = (tangential(view), tangential(branch.direction));
+                let (factor, reverse) = match branch.kind {
+                    BranchKind::Reflection => (1.0, None),
+                    BranchKind::Transmission { .. } => (eta, Some(branch.direction)),
+                };
+                let off = (bent + factor * along).length() / factor.max(1.0);
+                assert!(
+                    off < 1e-14,
+                    "directions obey the law of refraction, off by {off} at {place}"
+                );
+                // At grazing the direction itself is too coarse to be retraced.
+                let Some(reverse) = reverse.filter(|d| n.dot(*d).abs() > 1e-2 && cosine > 1e-2) else {
+                    continue;
+                };
+                let retraced = branches(material, &point, reverse);
+                let back: f64 = retraced
+                    .iter()
+                    .filter(|branch| branch.kind != BranchKind::Reflection)
+                    .map(|branch| branch.weight.g * eta * eta)
+                    .sum();
+                let off = (back - share(branch)).abs();
+                assert!(
+                    off < 1e-11,
+                    "a path has the same share both ways, off by {off} at {place}"
+                );
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Made {
+        lobes: Lobes,
+        needs: Needs,
+        local: fn(&SurfacePoint, DVec3, &Illumination<'_>) -> f64,
+        branches: fn(&SurfacePoint, DVec3) -> Vec<Branch>,
+    }
+
+    impl Material for Made {
+        fn lobes(&self) -> Lobes {
+            self.lobes
+        }
+        fn needs(&self) -> Needs {
+            self.needs
+        }
+        fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+            Rgb::splat((self.local)(point, view, light))
+        }
+        fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+            for branch in (self.branches)(point, view) {
+                out.push(branch);
+            }
+        }
+    }
+
+    fn lambert(point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> f64 {
+        let n = point.n_towards(view);
+        let term = |light: &Incoming| light.irradiance.g * n.dot(light.direction).max(0.0);
+        light.ambient.g + light.lights.iter().map(term).sum::<f64>()
+    }
+
+    fn mirrored(point: &SurfacePoint, view: DVec3) -> Branch {
+        let n = point.n_towards(view);
+        Branch {
+            direction: (2.0 * n.dot(view) * n - view).normalize(),
+            weight: Rgb::splat(0.5),
+            kind: BranchKind::Reflection,
+        }
+    }
+
+    fn straight(view: DVec3) -> Branch {
+        Branch {
+            direction: -view,
+            weight: Rgb::splat(0.5),
+            kind: BranchKind::Transmission {
+                absorption: Rgb::BLACK,
+            },
+        }
+    }
+
+    const RIGHT: Made = Made {
+        lobes: Lobes::LOCAL,
+        needs: Needs::SHADING_NORMAL,
+        local: lambert,
+        branches: |_, _| Vec::new(),
+    };
+
+    fn all() -> Lobes {
+        Lobes::LOCAL | Lobes::REFLECTION | Lobes::TRANSMISSION
+    }
+
+    #[test]
+    fn a_right_material_passes() {
+        material_laws(&Made {
+            lobes: all(),
+            branches: |point, view| vec![mirrored(point, view), straight(view)],
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "finite and not negative")]
+    fn an_unclamped_cosine_is_found() {
+        material_laws(&Made {
+            local: |point, view, light| {
+                let n = point.n_towards(view);
+                light
+                    .lights
+                    .iter()
+                    .map(|light| (n.dot(light.direction) - 0.5) / n.dot(view))
+                    .sum()
+            },
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "both sides look the same")]
+    fn a_dark_inside_is_found() {
+        material_laws(&Made {
+            local: |point, view, light| {
+                if point.n_g.dot(view) > 0.0 {
+                    lambert(point, view, light)
+                } else {
+                    0.0
+                }
+            },
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "says that it needs it")]
+    fn a_hidden_shading_normal_is_found() {
+        material_laws(&Made {
+            needs: Needs::NOTHING,
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "without light there is none")]
+    fn a_glow_is_found() {
+        material_laws(&Made {
+            local: |_, _, _| 1.0,
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "in proportion")]
+    fn a_response_that_is_not_linear_is_found() {
+        material_laws(&Made {
+            local: |p, v, l| lambert(p, v, l).sqrt(),
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "lobes name every kind")]
+    fn a_hidden_branch_is_found() {
+        material_laws(&Made {
+            branches: |point, view| vec![mirrored(point, view)],
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "lobes name a local")]
+    fn a_hidden_local_response_is_found() {
+        material_laws(&Made {
+            lobes: Lobes::REFLECTION,
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "unit directions")]
+    fn a_long_branch_is_found() {
+        let branches = |point: &SurfacePoint, view| {
+            let branch = mirrored(point, view);
+            vec![Branch {
+                direction: branch.direction * 1.001,
+                ..branch
+            }]
+        };
+        material_laws(&Made {
+            lobes: all(),
+            branches,
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "stays on the viewer's side")]
+    fn a_reflection_into_the_surface_is_found() {
+        let branches = |point: &SurfacePoint, view| {
+            let branch = mirrored(point, view);
+            vec![Branch {
+                direction: -branch.direction,
+                ..branch
+            }]
+        };
+        material_laws(&Made {
+            lobes: all(),
+            branches,
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "before transmission")]
+    fn a_wrong_order_is_found() {
+        let branches = |point: &SurfacePoint, view| vec![straight(view), mirrored(point, view)];
+        material_laws(&Made {
+            lobes: all(),
+            branches,
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "no more radiance leaves")]
+    fn a_surface_that_adds_energy_is_found() {
+        let branches = |point: &SurfacePoint, view| vec![mirrored(point, view)];
+        furnace_laws(&Made {
+            lobes: all(),
+            branches,
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "the law of refraction")]
+    fn glass_that_does_not_bend_is_found() {
+        let branches = |point: &SurfacePoint, view| {
+            let entering = point.n_g.dot(view) > 0.0;
+            let weight = Rgb::splat(if entering { 1.0 / 2.25 } else { 2.25 });
+            vec![Branch {
+                weight,
+                ..straight(view)
+            }]
+        };
+        dielectric_laws(
+            &Made {
+                lobes: all(),
+                branches,
+                ..RIGHT
+            },
+            1.5,
+            1.0,
+        );
+    }
+
+    #[test]
+    #[should_panic(expected = "nothing is lost")]
+    fn glass_that_loses_light_is_found() {
+        let branches = |point: &SurfacePoint, view| vec![mirrored(point, view)];
+        dielectric_laws(
+            &Made {
+                lobes: all(),
+                branches,
+                ..RIGHT
+            },
+            1.5,
+            1.0,
+        );
+    }
+}

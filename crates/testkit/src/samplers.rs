@@ -1,0 +1,94 @@
+//! What every sampler must satisfy.
+
+use whitstone_core::{DVec2, Sampler};
+
+/// There is at least one position; all lie in `[0, 1)²`, are different, always the same, and their mean
+/// is the middle of the pixel.
+///
+/// # Panics
+///
+/// If the sampler breaks one of these laws; the message says which and where.
+pub fn sampler_laws(sampler: &dyn Sampler) {
+    let count = sampler.count();
+    assert!(count >= 1, "there is at least one sample in a pixel");
+    for pixel in [[0, 0], [1, 0], [7, 13], [65_535, 65_535]] {
+        let position = |index| sampler.position(pixel, index);
+        let positions: Vec<DVec2> = (0..count).map(position).collect();
+        for (index, p) in positions.iter().enumerate() {
+            let inside = p.cmpge(DVec2::ZERO).all() && p.cmplt(DVec2::ONE).all();
+            assert!(inside, "sample {index} of {pixel:?} lies in the pixel, found {p}");
+        }
+        let again: Vec<DVec2> = (0..count).rev().map(position).collect();
+        assert!(
+            positions.iter().eq(again.iter().rev()),
+            "the samples of {pixel:?} are always the same"
+        );
+        let mut sorted: Vec<[f64; 2]> = positions.iter().map(|p| p.to_array()).collect();
+        sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        assert!(
+            sorted.windows(2).all(|w| w[0] != w[1]),
+            "no two samples of {pixel:?} are equal"
+        );
+        let mean = positions.iter().copied().sum::<DVec2>() / f64::from(count);
+        let off = (mean - 0.5).abs().max_element();
+        assert!(
+            off < 1e-12,
+            "the mean of the samples of {pixel:?} is the middle, found {mean}"
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    struct At<F>(u32, F);
+
+    impl<F: Fn(u32) -> f64 + Send + Sync> Sampler for At<F> {
+        fn count(&self) -> u32 {
+            self.0
+        }
+        fn position(&self, _: [u32; 2], index: u32) -> DVec2 {
+            DVec2::new((self.1)(index), 0.5)
+        }
+    }
+
+    #[test]
+    fn a_right_sampler_passes() {
+        sampler_laws(&At(2, |i| 0.25 + 0.5 * f64::from(i)));
+    }
+
+    #[test]
+    #[should_panic(expected = "lies in the pixel")]
+    fn a_sample_on_the_far_edge_is_found() {
+        sampler_laws(&At(2, f64::from));
+    }
+
+    #[test]
+    #[should_panic(expected = "the mean")]
+    fn a_shifted_pattern_is_found() {
+        sampler_laws(&At(2, |i| 0.5 * f64::from(i)));
+    }
+
+    #[test]
+    #[should_panic(expected = "no two")]
+    fn a_doubled_sample_is_found() {
+        sampler_laws(&At(2, |_| 0.5));
+    }
+
+    #[test]
+    #[should_panic(expected = "at least one")]
+    fn no_samples_are_found() {
+        sampler_laws(&At(0, |_| 0.5));
+    }
+
+    #[test]
+    #[should_panic(expected = "always the same")]
+    fn a_random_pattern_is_found() {
+        let calls = AtomicU32::new(0);
+        sampler_laws(&At(2, move |_| {
+            f64::from(calls.fetch_add(1, Ordering::Relaxed)) * 1e-3
+        }));
+    }
+}

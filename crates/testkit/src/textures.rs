@@ -1,0 +1,106 @@
+//! What every texture must satisfy.
+
+use whitstone_core::{DVec2, DVec3, Needs, Rgb, SurfacePoint, Texture};
+
+/// Values are finite and not negative whatever the texture coordinates are, always the same, and depend
+/// on the coordinates only if the texture says that it needs them.
+///
+/// # Panics
+///
+/// If the texture breaks one of these laws; the message says which and where.
+pub fn texture_laws(texture: &dyn Texture) {
+    let coordinates = [
+        0.0,
+        -0.0,
+        0.1,
+        0.5,
+        1.0 - f64::EPSILON,
+        1.0,
+        -1e-300,
+        -1e-17,
+        -0.3,
+        1.7,
+        -5.5,
+        255.0,
+        1e6 + 0.25,
+        -1e9 - 0.5,
+        9_007_199_254_740_993.0,
+        -9.3e18,
+        9.3e18,
+        1.8e19,
+        -1e30,
+        1e300,
+        f64::MAX,
+        f64::MIN,
+        f64::MIN_POSITIVE,
+        5e-324,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::NAN,
+    ];
+    let value = |u: f64, v: f64| {
+        let mut point = SurfacePoint::new(DVec3::new(0.3, -1.0, 2.0), 0.0, DVec3::Z);
+        point.uv = DVec2::new(u, v);
+        texture.value(&point)
+    };
+    let reads_uv = texture.needs().contains(Needs::UV);
+    let elsewhere = value(0.7, 0.2);
+    for u in coordinates {
+        for v in coordinates {
+            let found = value(u, v);
+            assert!(
+                is_colour(found),
+                "the value at ({u}, {v}) is finite and not negative, found {found:?}"
+            );
+            assert_eq!(value(u, v), found, "the value at ({u}, {v}) is always the same");
+            assert!(
+                reads_uv || found == elsewhere,
+                "a texture that reads (u, v) says that it needs it"
+            );
+        }
+    }
+}
+
+/// Finite and not negative.
+pub(crate) fn is_colour(color: Rgb) -> bool {
+    color.to_array().into_iter().all(|c| c.is_finite() && c >= 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Made<F>(Needs, F);
+
+    impl<F: Fn(DVec2) -> f64 + Send + Sync> Texture for Made<F> {
+        fn needs(&self) -> Needs {
+            self.0
+        }
+        fn value(&self, point: &SurfacePoint) -> Rgb {
+            Rgb::splat((self.1)(point.uv))
+        }
+    }
+
+    #[test]
+    fn a_right_texture_passes() {
+        texture_laws(&Made(Needs::UV, |uv: DVec2| f64::from(uv.x > 0.5)));
+    }
+
+    #[test]
+    #[should_panic(expected = "finite and not negative")]
+    fn a_value_that_is_no_number_is_found() {
+        texture_laws(&Made(Needs::UV, |uv: DVec2| uv.x.abs().fract()));
+    }
+
+    #[test]
+    #[should_panic(expected = "finite and not negative")]
+    fn a_negative_value_is_found() {
+        texture_laws(&Made(Needs::NOTHING, |_| -0.1));
+    }
+
+    #[test]
+    #[should_panic(expected = "says that it needs it")]
+    fn a_hidden_need_is_found() {
+        texture_laws(&Made(Needs::NOTHING, |uv: DVec2| f64::from(uv.x > 0.5)));
+    }
+}
