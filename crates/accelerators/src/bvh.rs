@@ -330,7 +330,7 @@ impl Slabs {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::accelerators::accelerator_laws;
+    use whitstone_testkit::accelerator_laws;
 
     #[test]
     fn obeys_the_laws_of_accelerators() {

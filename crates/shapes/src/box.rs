@@ -134,10 +134,10 @@ impl Primitive for Cuboid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::shapes::{shape_laws, standing};
+    use whitstone_testkit::{build, shape_laws_everywhere};
 
     fn cube() -> Box<dyn Primitive> {
-        match standing::<Cuboid>("", Transform::IDENTITY) {
+        match build::<Shapes, Cuboid>("", Transform::IDENTITY).unwrap() {
             Shape::Opaque(cube) => cube,
             _ => unreachable!("a box is opaque"),
         }
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn obeys_the_laws_of_shapes() {
-        shape_laws::<Cuboid>("", 2_000);
+        shape_laws_everywhere::<Cuboid>("", 2_000);
     }
 
     #[test]

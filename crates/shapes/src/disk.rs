@@ -80,12 +80,11 @@ impl Primitive for Disk {
 mod tests {
     use super::*;
     use whitstone_core::{DAffine3, DMat3};
-    use whitstone_testkit::TestContext;
-    use whitstone_testkit::shapes::shape_laws;
+    use whitstone_testkit::{TestContext, shape_laws_everywhere};
 
     #[test]
     fn obeys_the_laws_of_shapes() {
-        shape_laws::<Disk>("", 2_000);
+        shape_laws_everywhere::<Disk>("", 2_000);
     }
 
     #[test]

@@ -55,10 +55,7 @@ pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered>
     mesh.uvs = uvs;
     mesh.triangles = triangles;
     mesh.orientation = if mirrors { -1.0 } else { 1.0 };
-    Some(Lowered {
-        mesh,
-        flat,
-    })
+    Some(Lowered { mesh, flat })
 }
 
 #[cfg(test)]
@@ -90,6 +87,9 @@ mod tests {
         let lowered = lower(object, &Transform::IDENTITY).unwrap();
         assert_eq!(lowered.flat, 2);
         assert_eq!(lowered.mesh.triangles, [[0, 0, 0], [0, 1, 3], [3, 3, 3]]);
-        assert_eq!(lowered.mesh.normals, [DVec3::ZERO, DVec3::ZERO, DVec3::Z, DVec3::X]);
+        assert_eq!(
+            lowered.mesh.normals,
+            [DVec3::ZERO, DVec3::ZERO, DVec3::Z, DVec3::X]
+        );
     }
 }

@@ -49,11 +49,17 @@ struct FileError {
 
 impl FileError {
     fn at(line: usize, message: impl Into<String>) -> Self {
-        Self { line: Some(line), message: message.into() }
+        Self {
+            line: Some(line),
+            message: message.into(),
+        }
     }
 
     fn anywhere(message: impl Into<String>) -> Self {
-        Self { line: None, message: message.into() }
+        Self {
+            line: None,
+            message: message.into(),
+        }
     }
 }
 
@@ -73,11 +79,17 @@ impl Plugin<Shapes> for Mesh {
             object.normals.clear();
         }
         let Lowered { mesh, flat } = lower(object, &transform).ok_or_else(|| {
-            error(format!("{}: the transform moves a vertex beyond all numbers", file.path))
+            error(format!(
+                "{}: the transform moves a vertex beyond all numbers",
+                file.path
+            ))
         })?;
         if flat > 0 {
             let of = mesh.triangles.len();
-            let message = format!("{}: {flat} of {of} triangles have no area and are never hit", file.path);
+            let message = format!(
+                "{}: {flat} of {of} triangles have no area and are never hit",
+                file.path
+            );
             context.warn(error(message));
         }
         Ok(Shape::Triangles(mesh))
@@ -103,5 +115,8 @@ fn read(path: &Path) -> Result<Triangles, FileError> {
 
 /// Cuts a polygon into a fan from its first corner.
 fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
-    polygon.windows(2).skip(1).map(|side| [polygon[0], side[0], side[1]])
+    polygon
+        .windows(2)
+        .skip(1)
+        .map(|side| [polygon[0], side[0], side[1]])
 }

@@ -66,16 +66,16 @@ impl Primitive for Plane {
 mod tests {
     use super::*;
     use whitstone_core::DVec3;
-    use whitstone_testkit::shapes::{shape_laws, standing};
+    use whitstone_testkit::{build, shape_laws_everywhere};
 
     #[test]
     fn obeys_the_laws_of_shapes() {
-        shape_laws::<Plane>("", 2_000);
+        shape_laws_everywhere::<Plane>("", 2_000);
     }
 
     #[test]
     fn texture_coordinates_count_object_units() {
-        let plane = standing::<Plane>("", Transform::IDENTITY);
+        let plane = build::<Shapes, Plane>("", Transform::IDENTITY).unwrap();
         let Shape::Opaque(plane) = plane else {
             unreachable!()
         };

@@ -60,16 +60,16 @@ impl Primitive for Rectangle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::shapes::{shape_laws, standing};
+    use whitstone_testkit::{build, shape_laws_everywhere};
 
     #[test]
     fn obeys_the_laws_of_shapes() {
-        shape_laws::<Rectangle>("", 2_000);
+        shape_laws_everywhere::<Rectangle>("", 2_000);
     }
 
     #[test]
     fn the_border_belongs_to_it_and_bounds_are_exact() {
-        let Shape::Opaque(square) = standing::<Rectangle>("", Transform::IDENTITY) else {
+        let Shape::Opaque(square) = build::<Shapes, Rectangle>("", Transform::IDENTITY).unwrap() else {
             unreachable!()
         };
         let down = |x, y| Ray::new(DVec3::new(x, y, 1.0), DVec3::NEG_Z);

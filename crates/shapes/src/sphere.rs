@@ -140,6 +140,7 @@ impl Primitive for Sphere {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_testkit::shape_laws_everywhere;
 
     fn unit() -> Sphere {
         Sphere {
@@ -147,6 +148,12 @@ mod tests {
             radius: 1.0,
             transform: Transform::IDENTITY,
         }
+    }
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        shape_laws_everywhere::<Sphere>("", 2_000);
+        shape_laws_everywhere::<Sphere>("center = [1, -2, 3]\nradius = 0.01", 2_000);
     }
 
     #[test]

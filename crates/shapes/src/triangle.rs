@@ -56,3 +56,54 @@ impl Plugin<Shapes> for Triangle {
         Ok(Shape::Triangles(mesh))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::{DVec3, TriangleMesh};
+    use whitstone_testkit::{TestContext, build, build_in, shape_laws_everywhere};
+
+    const CORNERS: &str = "vertices = [[0, 0, 0], [2, 0, 0], [0, 1, 0.5]]\n";
+
+    fn mesh(more: &str) -> TriangleMesh {
+        match build::<Shapes, Triangle>(&format!("{CORNERS}{more}"), Transform::IDENTITY) {
+            Ok(Shape::Triangles(mesh)) => mesh,
+            _ => panic!("a triangle is a mesh"),
+        }
+    }
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        shape_laws_everywhere::<Triangle>(CORNERS, 4_000);
+        let normals = "normals = [[0, 0, 1], [0, 1, 1], [1, 0, 3]]";
+        shape_laws_everywhere::<Triangle>(&format!("{CORNERS}{normals}"), 4_000);
+    }
+
+    #[test]
+    fn texture_coordinates_are_barycentric_unless_given() {
+        assert_eq!(mesh("").uvs, [DVec2::ZERO, DVec2::X, DVec2::Y]);
+        assert_eq!(
+            mesh("uvs = [[0, 0], [3, 0], [0, 4]]").uvs[2],
+            DVec2::new(0.0, 4.0)
+        );
+        assert_eq!(
+            mesh("normals = [[0, 0, 2], [1, 0, 0], [0, 1, 0]]").normals[0],
+            DVec3::Z
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_and_what_is_odd_is_told() {
+        let fails = |text: &str| build::<Shapes, Triangle>(text, Transform::IDENTITY).is_err();
+        assert!(fails("vertices = [[0, 0, 0], [1, 0, 0]]"));
+        assert!(fails("vertices = [[0, 0, 0], [1, 0, 0], [0, nan, 0]]"));
+        assert!(fails(&format!(
+            "{CORNERS}normals = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]"
+        )));
+        assert!(fails(&format!("{CORNERS}uvs = [[0, 0], [1, 0]]")));
+        let mut context = TestContext::default();
+        let flat = "vertices = [[0, 0, 0], [1, 1, 1], [3, 3, 3]]";
+        assert!(build_in::<Shapes, Triangle>(flat, Transform::IDENTITY, &mut context).is_ok());
+        assert_eq!(context.warnings.len(), 1);
+    }
+}

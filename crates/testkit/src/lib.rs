@@ -1,1 +1,30 @@
-//! The testkit.
+//! The conformance kit: laws that every plugin of a family must satisfy.
+//!
+//! A law is a function that panics, with a message that says which law is broken and where. A plugin's
+//! tests build it from TOML with [`build`] and hand it to the laws of its family.
+
+mod context;
+pub use context::{TestContext, build, build_in};
+
+mod accelerators;
+mod ball;
+mod random;
+mod shapes;
+
+pub use accelerators::{accelerator_agrees, accelerator_laws};
+pub use shapes::{placements, shape_laws, shape_laws_everywhere};
+
+mod cameras;
+mod integrators;
+mod lights;
+mod materials;
+mod samplers;
+mod spread;
+mod textures;
+
+pub use cameras::camera_laws;
+pub use integrators::{Lamp, Simple, Wall, floor, integrator_laws, world_of_walls};
+pub use lights::{light_laws, light_near_laws};
+pub use materials::{dielectric_laws, furnace_laws, material_laws};
+pub use samplers::sampler_laws;
+pub use textures::texture_laws;

@@ -60,7 +60,10 @@ impl File {
                 for word in words {
                     let corner = self.corner(word).ok_or_else(|| {
                         let expected = "expected a corner as v, v/vt, v//vn or v/vt/vn in whole numbers";
-                        FileError::at(number, format!("{expected} other than 0, found \"{}\"", shorten(word)))
+                        FileError::at(
+                            number,
+                            format!("{expected} other than 0, found \"{}\"", shorten(word)),
+                        )
                     })?;
                     self.corners.push(corner);
                 }
@@ -106,10 +109,14 @@ impl File {
                 if vertex == next {
                     object.positions.push(self.positions[v as usize]);
                     if with_uvs {
-                        object.uvs.push(vt.map_or(DVec2::ZERO, |vt| self.uvs[vt as usize]));
+                        object
+                            .uvs
+                            .push(vt.map_or(DVec2::ZERO, |vt| self.uvs[vt as usize]));
                     }
                     if with_normals {
-                        object.normals.push(vn.map_or(DVec3::ZERO, |vn| self.normals[vn as usize]));
+                        object
+                            .normals
+                            .push(vn.map_or(DVec3::ZERO, |vn| self.normals[vn as usize]));
                     }
                 }
                 polygon.push(vertex);
@@ -137,8 +144,15 @@ fn check(index: u32, count: usize, what: &str, line: usize) -> Result<(), FileEr
     if (index as usize) < count {
         return Ok(());
     }
-    let found = if index == u32::MAX { "one before the first".to_owned() } else { format!("{}", index + 1) };
-    Err(FileError::at(line, format!("expected one of the file's {count} {what} numbers, found {found}")))
+    let found = if index == u32::MAX {
+        "one before the first".to_owned()
+    } else {
+        format!("{}", index + 1)
+    };
+    Err(FileError::at(
+        line,
+        format!("expected one of the file's {count} {what} numbers, found {found}"),
+    ))
 }
 
 /// Up to N finite numbers, at least `required`; the others are zero. What follows them is ignored.
@@ -153,10 +167,16 @@ fn numbers<const N: usize>(
             if i >= required {
                 break;
             }
-            return Err(FileError::at(line, format!("expected {required} numbers, found {i}")));
+            return Err(FileError::at(
+                line,
+                format!("expected {required} numbers, found {i}"),
+            ));
         };
         *value = word.parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(|| {
-            FileError::at(line, format!("expected a finite number, found \"{}\"", shorten(word)))
+            FileError::at(
+                line,
+                format!("expected a finite number, found \"{}\"", shorten(word)),
+            )
         })?;
     }
     Ok(values)
@@ -205,12 +225,29 @@ mod tests {
         assert_eq!(fails("v 0 0 nan\n").1, "expected a finite number, found \"nan\"");
         assert_eq!(fails("\nv 0 0 1e999\n").0, Some(2));
         let out_of_range = "expected one of the file's 3 vertex numbers, found";
-        assert_eq!(fails(&format!("{start}f 1 2 4\n")), (Some(4), format!("{out_of_range} 4")));
-        assert_eq!(fails(&format!("{start}f 1 2 -4\n")), (Some(4), format!("{out_of_range} one before the first")));
-        for corner in ["0", "1/2/3/4", "x", "99999999999", "1.5", "9223372036854775808", "/1"] {
+        assert_eq!(
+            fails(&format!("{start}f 1 2 4\n")),
+            (Some(4), format!("{out_of_range} 4"))
+        );
+        assert_eq!(
+            fails(&format!("{start}f 1 2 -4\n")),
+            (Some(4), format!("{out_of_range} one before the first"))
+        );
+        for corner in [
+            "0",
+            "1/2/3/4",
+            "x",
+            "99999999999",
+            "1.5",
+            "9223372036854775808",
+            "/1",
+        ] {
             assert_eq!(fails(&format!("{start}f 1 2 {corner}\n")).0, Some(4), "{corner}");
         }
-        assert_eq!(fails(&format!("{start}f 1 2\n")).1, "expected a face of at least 3 corners, found 2");
+        assert_eq!(
+            fails(&format!("{start}f 1 2\n")).1,
+            "expected a face of at least 3 corners, found 2"
+        );
         assert_eq!(parse(b"v \xff 0 0").unwrap_err().message, "expected UTF-8 text");
     }
 }

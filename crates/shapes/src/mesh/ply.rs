@@ -50,7 +50,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
     }
     let has = |values: &[usize]| {
         let properties = &header.elements["vertex"].properties;
-        values.iter().all(|&value| NAMES[value].iter().any(|name| properties.contains_key(*name)))
+        values
+            .iter()
+            .all(|&value| NAMES[value].iter().any(|name| properties.contains_key(*name)))
     };
     if !has(&POSITION) {
         return Err(FileError::anywhere("expected vertex properties x, y and z"));
@@ -62,7 +64,10 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
         }
     }
     let vector = |[x, y, z]: [usize; 3]| {
-        vertices.iter().map(move |v| DVec3::new(v.values[x], v.values[y], v.values[z])).collect()
+        vertices
+            .iter()
+            .map(move |v| DVec3::new(v.values[x], v.values[y], v.values[z]))
+            .collect()
     };
     let mut object = Triangles {
         positions: vector(POSITION),
@@ -73,13 +78,17 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
     }
     if has(&UV) {
         let [u, v] = UV;
-        object.uvs = vertices.iter().map(|vertex| DVec2::new(vertex.values[u], vertex.values[v])).collect();
+        object.uvs = vertices
+            .iter()
+            .map(|vertex| DVec2::new(vertex.values[u], vertex.values[v]))
+            .collect();
     }
     let count = vertices.len();
     for (face, number) in faces.iter().zip(0..) {
-        let corners = face.corners.as_deref().filter(|corners| {
-            corners.len() >= 3 && corners.iter().all(|&corner| (corner as usize) < count)
-        });
+        let corners = face
+            .corners
+            .as_deref()
+            .filter(|corners| corners.len() >= 3 && corners.iter().all(|&corner| (corner as usize) < count));
         let corners = corners.ok_or_else(|| {
             FileError::anywhere(format!(
                 "expected each face to name at least 3 of the {count} vertices by number, but face {number} \
@@ -101,19 +110,31 @@ fn check_header(header: &Header) -> Result<(), FileError> {
     };
     let list = |name: &str| matches!(face.properties.get(name), Some(p) if is_list(&p.data_type));
     if !list("vertex_indices") && !list("vertex_index") {
-        return Err(FileError::anywhere("expected a list property `vertex_indices` of `face`"));
+        return Err(FileError::anywhere(
+            "expected a list property `vertex_indices` of `face`",
+        ));
     }
     for (value, names) in NAMES.iter().enumerate() {
-        let listed = |name: &&str| vertex.properties.get(*name).is_some_and(|p| is_list(&p.data_type));
+        let listed = |name: &&str| {
+            vertex
+                .properties
+                .get(*name)
+                .is_some_and(|p| is_list(&p.data_type))
+        };
         if names.iter().any(listed) {
-            let message = format!("expected a number for the vertex property `{}`, found a list", NAMES[value][0]);
+            let message = format!(
+                "expected a number for the vertex property `{}`, found a list",
+                NAMES[value][0]
+            );
             return Err(FileError::anywhere(message));
         }
     }
     // An element without properties takes no bytes: any number of them would fit into any file.
     for (name, element) in &header.elements {
         if element.properties.is_empty() && element.count > 0 {
-            return Err(FileError::anywhere(format!("expected properties of the element `{name}`")));
+            return Err(FileError::anywhere(format!(
+                "expected properties of the element `{name}`"
+            )));
         }
     }
     Ok(())
@@ -142,7 +163,9 @@ fn payload<E: PropertyAccess>(
 fn explain(error: &ParseError, line: Option<usize>) -> FileError {
     let text = error.to_string();
     // "Line 7: what is wrong", then tabbed lines: the offending text, which may be very long, and details.
-    let without_line = text.split_once(": ").filter(|(start, _)| start.starts_with("Line "));
+    let without_line = text
+        .split_once(": ")
+        .filter(|(start, _)| start.starts_with("Line "));
     let text = without_line.map_or(text.as_str(), |(_, rest)| rest);
     let told: Vec<&str> = text
         .lines()

@@ -1,0 +1,413 @@
+//! What every accelerator must satisfy.
+
+use crate::ball::Ball;
+use crate::random::Random;
+use crate::shapes::same_bits;
+use crate::{Wall, build};
+use std::sync::Arc;
+use whitstone_core::triangle::ShearedRay;
+use whitstone_core::{
+    Accelerator, Accelerators, DVec3, Geometry, Interval, Plugin, RawHit, Ray, Shape, Skip, TriangleMesh,
+};
+
+/// An accelerator gives bit for bit what trying every element in order gives, for nearest hits and for
+/// occlusion, in any interval and leaving any primitive: over nothing, over one triangle, over random
+/// triangles and balls, elements that coincide, grids of axis-parallel faces with rays that run in them,
+/// needles, an endless wall, and sizes far apart.
+///
+/// # Panics
+///
+/// If it cannot be built or differs; the message says on what and for which ray.
+pub fn accelerator_laws<P: Plugin<Accelerators>>(text: &str) {
+    let broken = first_broken(|geometry| match build::<Accelerators, P>(text, geometry) {
+        Ok(accelerator) => accelerator,
+        Err(error) => panic!("{}: {error}", P::TYPE),
+    });
+    assert_eq!(broken.err(), None, "{} with \"{text}\"", P::TYPE);
+}
+
+/// Holds an accelerator that is built over some geometry to the answers of trying everything, for
+/// `rays` rays around the geometry and in its faces.
+///
+/// # Panics
+///
+/// At the first difference; the message says for which ray.
+pub fn accelerator_agrees(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) {
+    let broken = compare(geometry, accelerator, rays).err();
+    assert_eq!(broken, None);
+}
+
+fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result<(), String> {
+    for (name, shapes, rays) in worlds() {
+        let geometry = Arc::new(Geometry::new(shapes));
+        let accelerator = build(geometry.clone());
+        compare(&geometry, &*accelerator, rays).map_err(|difference| format!("over {name}: {difference}"))?;
+    }
+    Ok(())
+}
+
+fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Result<(), String> {
+    let mut random = Random::new(u64::from(rays));
+    let aim = Aim::new(geometry);
+    let mut skip = Skip::NOTHING;
+    for number in 0..rays {
+        let ray = aim.ray(number, &mut random);
+        let hits = everything(geometry, &ray, skip);
+        let nearest = |interval: Interval| {
+            let inside = hits.iter().filter(|hit| interval.contains(hit.t)).copied();
+            inside.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+        };
+        // Ends at hits exactly are where an open interval and a closed one differ.
+        let ends = match hits.len() {
+            0 => [random.unit(), f64::INFINITY],
+            n => [hits[random.below(n)].t, hits[random.below(n)].t],
+        };
+        for interval in [
+            Interval::FORWARD,
+            Interval::up_to(ends[0].abs()),
+            Interval {
+                min: ends[1].max(0.0),
+                max: f64::INFINITY,
+            },
+        ] {
+            let expected = nearest(interval);
+            let found = accelerator.closest(&ray, interval, skip);
+            let same = match (&expected, &found) {
+                (None, None) => true,
+                (Some(a), Some(b)) => same_bits(a, b),
+                _ => false,
+            };
+            if !same {
+                return Err(format!(
+                    "{ray:?}, {interval:?}, {skip:?}: expected {expected:?}, found {found:?}"
+                ));
+            }
+            let occluded = accelerator.occluded(&ray, interval, skip);
+            if occluded != expected.is_some() {
+                return Err(format!("{ray:?}, {interval:?}, {skip:?}: occluded is {occluded}"));
+            }
+        }
+        skip = match nearest(Interval::FORWARD) {
+            Some(hit) if number.is_multiple_of(3) => Skip::leaving(&hit),
+            _ => Skip::NOTHING,
+        };
+    }
+    Ok(())
+}
+
+/// The hits of every element, anywhere in front.
+fn everything(geometry: &Geometry, ray: &Ray, skip: Skip) -> Vec<RawHit> {
+    let sheared = ShearedRay::new(ray);
+    // All hits of an element are wanted, and an element gives its nearest only: ask on from there.
+    let mut hits = Vec::new();
+    for element in geometry.elements() {
+        let mut interval = Interval::FORWARD;
+        while let Some(hit) = geometry.intersect(element, ray, &sheared, interval, skip) {
+            hits.push(hit);
+            interval.min = hit.t;
+        }
+    }
+    hits
+}
+
+/// Rays in and around some geometry.
+struct Aim {
+    center: DVec3,
+    size: f64,
+    /// Some corners of triangles: rays through them and in axis-parallel planes of them.
+    corners: Vec<DVec3>,
+}
+
+impl Aim {
+    fn new(geometry: &Geometry) -> Self {
+        let bounds = geometry
+            .elements()
+            .map(|element| geometry.bounds(element))
+            .filter(|aabb| aabb.is_finite())
+            .fold(whitstone_core::Aabb::EMPTY, whitstone_core::Aabb::union);
+        let (center, size) = if bounds.is_empty() {
+            (DVec3::ZERO, 1.0)
+        } else {
+            (bounds.center(), bounds.extent().max_element().max(1e-3))
+        };
+        let meshes = geometry.shapes().iter().filter_map(|shape| match shape {
+            Shape::Triangles(mesh) => Some(mesh),
+            _ => None,
+        });
+        let positions = meshes.flat_map(|mesh| mesh.positions.iter().copied());
+        let mut corners: Vec<DVec3> = positions.take(4096).collect();
+        corners.push(center);
+        Self {
+            center,
+            size,
+            corners,
+        }
+    }
+
+    fn ray(&self, number: u32, random: &mut Random) -> Ray {
+        let corner = self.corners[random.below(self.corners.len())];
+        let around = self.center + 0.7 * self.size * random.cube();
+        match number % 6 {
+            // Anywhere to anywhere.
+            0 => Ray::new(around, random.direction()),
+            1 => {
+                let origin = self.center + 4.0 * self.size * random.direction();
+                Ray::new(origin, (around - origin).normalize())
+            }
+            // To a corner, where several elements are hit at once.
+            2 => {
+                let origin = self.center + 2.0 * self.size * random.direction();
+                Ray::new(origin, corner - origin)
+            }
+            // Along an axis through a corner, so in the planes of boxes, with zeros of either sign.
+            3 => {
+                let mut direction =
+                    DVec3::from_array([0; 3].map(|_| if random.unit() < 0.5 { 0.0 } else { -0.0 }));
+                let axis = random.below(3);
+                direction[axis] = random.signed();
+                let mut origin = corner;
+                origin[axis] -= 2.0 * self.size * direction[axis].signum();
+                Ray::new(origin, direction)
+            }
+            // In an axis-parallel plane through a corner.
+            4 => {
+                let axis = random.below(3);
+                let mut origin = around;
+                origin[axis] = corner[axis];
+                let mut direction = random.direction();
+                direction[axis] = if random.unit() < 0.5 { 0.0 } else { -0.0 };
+                Ray::new(origin, direction)
+            }
+            // From very far.
+            _ => {
+                let origin = self.center + 1e5 * self.size * random.direction();
+                Ray::new(origin, 1e-3 * (around - origin))
+            }
+        }
+    }
+}
+
+/// Geometries, each with its name and how many rays it deserves.
+fn worlds() -> Vec<(&'static str, Vec<Shape>, u32)> {
+    let mut random = Random::new(7);
+    let mut mixed = vec![soup(&mut random, 700, 0.2)];
+    mixed.extend((0..60).map(|_| ball(&mut random, 1.0)));
+    mixed.push(soup(&mut random, 1, 1.0));
+    let wall = Wall {
+        point: 0.1 * DVec3::Y,
+        normal: DVec3::Y,
+    };
+    let with_wall = vec![soup(&mut random, 50, 0.5), Shape::Opaque(Box::new(wall)), grid(3)];
+    let mut apart = vec![soup(&mut random, 200, 0.3), ball(&mut random, 1e-6)];
+    for scale in [1e-6, 1e6] {
+        let mut mesh = random_mesh(&mut random, 100, 0.3);
+        mesh.positions.iter_mut().for_each(|p| *p *= scale);
+        apart.push(Shape::Triangles(mesh));
+    }
+    let twins = || soup(&mut Random::new(3), 40, 0.4);
+    let one_place = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+    let one_place = TriangleMesh {
+        triangles: vec![[0, 1, 2]; 5000],
+        ..mesh_of(one_place)
+    };
+    vec![
+        ("nothing", vec![], 60),
+        (
+            "a mesh without triangles",
+            vec![Shape::Triangles(mesh_of(vec![]))],
+            60,
+        ),
+        ("one triangle", vec![soup(&mut random, 1, 1.0)], 600),
+        ("triangles and balls", mixed, 6000),
+        ("a grid of axis-parallel faces", vec![grid(6)], 4000),
+        ("a grid that is there twice", vec![grid(3), grid(3)], 3000),
+        ("meshes that coincide", vec![twins(), twins(), twins()], 3000),
+        (
+            "5000 times the same triangle",
+            vec![Shape::Triangles(one_place)],
+            120,
+        ),
+        ("needles", vec![needles(&mut random, 300)], 6000),
+        ("an endless wall", with_wall, 3000),
+        ("sizes far apart", apart, 3000),
+        ("a big random mesh", vec![soup(&mut random, 20_000, 0.03)], 240),
+    ]
+}
+
+fn mesh_of(positions: Vec<DVec3>) -> TriangleMesh {
+    TriangleMesh {
+        triangles: (0..positions.len() as u32 / 3)
+            .map(|i| [3 * i, 3 * i + 1, 3 * i + 2])
+            .collect(),
+        positions,
+        orientation: 1.0,
+        ..TriangleMesh::default()
+    }
+}
+
+fn random_mesh(random: &mut Random, count: usize, size: f64) -> TriangleMesh {
+    let corners = (0..count).flat_map(|_| {
+        let center = random.cube();
+        [0; 3].map(|_| center + size * random.cube())
+    });
+    mesh_of(corners.collect())
+}
+
+fn soup(random: &mut Random, count: usize, size: f64) -> Shape {
+    Shape::Triangles(random_mesh(random, count, size))
+}
+
+fn ball(random: &mut Random, scale: f64) -> Shape {
+    Shape::Opaque(Box::new(Ball {
+        center: scale * random.cube(),
+        radius: scale * (0.01 + 0.2 * random.unit()),
+    }))
+}
+
+/// Long thin triangles in few planes, crossing one another at nearly the same distance.
+fn needles(random: &mut Random, count: usize) -> Shape {
+    let corners = (0..count).flat_map(|i| {
+        let plane = [-0.5, 0.0, 0.5][i % 3];
+        let start = DVec3::new(random.signed(), random.signed(), plane);
+        let (s, c) = (7.0 * random.unit()).sin_cos();
+        let along = DVec3::new(c, s, 0.0);
+        let width = 10f64.powi(-(random.below(12) as i32));
+        [start, start + along, start + width * DVec3::new(-s, c, 0.0)]
+    });
+    Shape::Triangles(mesh_of(corners.collect()))
+}
+
+/// The faces of n³ cubes that fill [-1, 1]³, two triangles each; inner faces are there twice.
+fn grid(n: usize) -> Shape {
+    let mut corners = Vec::new();
+    let at = |i: usize| 2.0 * i as f64 / n as f64 - 1.0;
+    for cell in 0..n * n * n {
+        let low = [cell % n, cell / n % n, cell / n / n];
+        for axis in 0..3 {
+            for side in 0..2 {
+                let corner = |b: usize, c: usize| {
+                    let mut p = low;
+                    p[axis] += side;
+                    p[(axis + 1) % 3] += b;
+                    p[(axis + 2) % 3] += c;
+                    DVec3::from_array(p.map(at))
+                };
+                let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+                corners.extend([a, b, c, a, c, d]);
+            }
+        }
+    }
+    Shape::Triangles(mesh_of(corners))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::{Element, Statistics};
+
+    /// Tries everything, rightly or with a fault.
+    struct Faulty {
+        geometry: Arc<Geometry>,
+        elements: Vec<Element>,
+        fault: Fault,
+    }
+
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Fault {
+        None,
+        LastWinsTies,
+        ForgetsOne,
+        ForgetsWhatIsEndless,
+        ForgetsSkip,
+        ForgetsMin,
+        ClosedInterval,
+        ShadowsIgnoreMax,
+        MissesFlatBoxes,
+    }
+
+    impl Faulty {
+        fn hits(&self, ray: &Ray, interval: Interval, skip: Skip) -> impl Iterator<Item = RawHit> {
+            let sheared = ShearedRay::new(ray);
+            self.elements.iter().filter_map(move |&element| {
+                let bounds = self.geometry.bounds(element);
+                match self.fault {
+                    Fault::ForgetsWhatIsEndless if !bounds.is_finite() => return None,
+                    Fault::MissesFlatBoxes => {
+                        let (a, b) = (
+                            (bounds.min - ray.origin) / ray.direction,
+                            (bounds.max - ray.origin) / ray.direction,
+                        );
+                        let near = a.min(b).max_element();
+                        let far = a.max(b).min_element();
+                        if !near.is_nan() && near > far {
+                            return None;
+                        }
+                    }
+                    _ => {}
+                }
+                self.geometry.intersect(element, ray, &sheared, interval, skip)
+            })
+        }
+    }
+
+    impl Accelerator for Faulty {
+        fn closest(&self, ray: &Ray, mut interval: Interval, mut skip: Skip) -> Option<RawHit> {
+            match self.fault {
+                Fault::ForgetsSkip => skip = Skip::NOTHING,
+                Fault::ForgetsMin => interval.min = 0.0,
+                Fault::ClosedInterval => interval.max = interval.max.next_up(),
+                _ => {}
+            }
+            let last = self.fault == Fault::LastWinsTies;
+            let beats = |a: &RawHit, b: &RawHit| a.beats(b) || (last && a.t == b.t);
+            self.hits(ray, interval, skip)
+                .reduce(|best, hit| if beats(&hit, &best) { hit } else { best })
+        }
+
+        fn occluded(&self, ray: &Ray, mut interval: Interval, skip: Skip) -> bool {
+            if self.fault == Fault::ShadowsIgnoreMax {
+                interval.max = f64::INFINITY;
+            }
+            self.hits(ray, interval, skip).next().is_some()
+        }
+
+        fn statistics(&self) -> Statistics {
+            Statistics::default()
+        }
+    }
+
+    fn verdict(fault: Fault) -> Result<(), String> {
+        first_broken(|geometry| {
+            let mut elements: Vec<Element> = geometry.elements().collect();
+            if fault == Fault::ForgetsOne && elements.len() > 100 {
+                elements.pop();
+            }
+            Box::new(Faulty {
+                geometry,
+                elements,
+                fault,
+            })
+        })
+    }
+
+    #[test]
+    fn trying_everything_passes() {
+        assert_eq!(verdict(Fault::None), Ok(()));
+    }
+
+    #[test]
+    fn every_fault_is_found() {
+        for fault in [
+            Fault::LastWinsTies,
+            Fault::ForgetsOne,
+            Fault::ForgetsWhatIsEndless,
+            Fault::ForgetsSkip,
+            Fault::ForgetsMin,
+            Fault::ClosedInterval,
+            Fault::ShadowsIgnoreMax,
+            Fault::MissesFlatBoxes,
+        ] {
+            assert!(verdict(fault).is_err(), "{fault:?}");
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! A sphere for the tests of the kit itself, independent of the plugin crates.
+
+use whitstone_core::{
+    Aabb, DVec2, DVec3, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, SurfacePoint,
+};
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ball {
+    pub(crate) center: DVec3,
+    pub(crate) radius: f64,
+}
+
+impl Primitive for Ball {
+    fn bounds(&self) -> Aabb {
+        let aabb = Aabb {
+            min: self.center - self.radius,
+            max: self.center + self.radius,
+        };
+        aabb.padded(4.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius))
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        let (l, d) = (ray.origin - self.center, ray.direction);
+        let a = d.length_squared();
+        let b = l.dot(d);
+        let perpendicular = (l - (b / a) * d).length();
+        let root = (a * (self.radius - perpendicular) * (self.radius + perpendicular)).sqrt();
+        let q = -(b + root.copysign(b));
+        let c = (l.length() - self.radius) * (l.length() + self.radius);
+        let mut roots = [c / q, q / a];
+        if leaves.is_some() {
+            let start = usize::from(roots[1].abs() < roots[0].abs());
+            roots[start] = f64::NAN;
+        }
+        let inside = roots.into_iter().filter(|t| interval.contains(*t));
+        inside.reduce(f64::min).map(|t| PrimitiveHit {
+            t,
+            primitive: 0,
+            params: DVec2::ZERO,
+        })
+    }
+
+    fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
+        let n = (ray.at(hit.t) - self.center).normalize();
+        let error = 2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius);
+        SurfacePoint::new(self.center + self.radius * n, error, n)
+    }
+}

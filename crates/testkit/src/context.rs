@@ -1,0 +1,66 @@
+//! Building one plugin on its own, without a scene around it.
+
+use std::path::PathBuf;
+use whitstone_core::config::{FilePath, TextureRef, TextureValue};
+use whitstone_core::{ColorSource, Context, Family, Plugin, Registry, SceneError, SceneErrors};
+
+/// What a plugin may ask for while it is built: constants as textures, files of one folder. Warnings are
+/// collected.
+#[derive(Clone, Debug, Default)]
+pub struct TestContext {
+    /// What files are relative to; by default the folder in which the tests run.
+    pub folder: PathBuf,
+    /// What plugins warned about.
+    pub warnings: Vec<SceneError>,
+}
+
+impl TestContext {
+    /// With files relative to a folder.
+    pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
+        Self {
+            folder: folder.into(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
+impl Context for TestContext {
+    fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors> {
+        match reference.value {
+            TextureValue::Constant(value) => Ok(ColorSource::Constant(value)),
+            TextureValue::Plugin(_) => Err(SceneError::anywhere("no textures here").into()),
+        }
+    }
+
+    fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {
+        let path = self.folder.join(&file.path);
+        if path.is_file() {
+            return Ok(path);
+        }
+        let message = format!("expected a regular file, found none at \"{}\"", file.path);
+        Err(SceneError::at(file.span.clone(), message))
+    }
+
+    fn warn(&mut self, warning: SceneError) {
+        self.warnings.push(warning);
+    }
+}
+
+/// Builds a plugin from the text of its table.
+pub fn build<F: Family, P: Plugin<F>>(text: &str, input: F::Input<'_>) -> Result<F::Product, SceneErrors> {
+    build_in::<F, P>(text, input, &mut TestContext::default())
+}
+
+/// Builds a plugin from the text of its table, in a context that the test looks at afterwards.
+pub fn build_in<F: Family, P: Plugin<F>>(
+    text: &str,
+    input: F::Input<'_>,
+    context: &mut TestContext,
+) -> Result<F::Product, SceneErrors> {
+    let mut registry = Registry::default();
+    registry
+        .add::<F, P>("testkit")
+        .map_err(|error| SceneError::anywhere(error.to_string()))?;
+    let table = toml::de::DeTable::parse(text).map_err(|error| SceneError::anywhere(error.to_string()))?;
+    registry.build::<F>(P::TYPE, &table, input, context)
+}

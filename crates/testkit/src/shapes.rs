@@ -1,0 +1,355 @@
+//! What every shape must satisfy.
+
+use crate::random::Random;
+use whitstone_core::triangle::ShearedRay;
+use whitstone_core::{
+    Aabb, DAffine3, DMat3, DVec3, Geometry, Interval, Needs, Plugin, RawHit, Ray, Shape, Shapes, Skip,
+    SurfacePoint, Transform,
+};
+
+/// Where a shape may stand: straight, turned, mirrored, tiny, huge, far away, thin and sheared. Those that
+/// keep angles come first.
+pub fn placements() -> Vec<(&'static str, Transform)> {
+    let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 0.8);
+    let place = |matrix, x, y, z| DAffine3::from_mat3_translation(matrix, DVec3::new(x, y, z));
+    let diagonal = |x, y, z| DMat3::from_diagonal(DVec3::new(x, y, z));
+    [
+        ("as it is", DAffine3::IDENTITY),
+        ("turned and moved", place(turn, 3.0, -2.0, 5.0)),
+        ("mirrored", place(diagonal(1.0, 1.0, -1.0) * turn, 0.5, 0.0, 0.0)),
+        ("tiny", place(turn * diagonal(1e-8, 1e-8, 1e-8), 1e-8, 0.0, 0.0)),
+        ("huge", place(turn * diagonal(1e8, 1e8, 1e8), 1e7, 0.0, 0.0)),
+        ("far away", place(turn, 1e6, -1e6, 1e6)),
+        ("thin", place(turn * diagonal(2.0, 2.0, 1e-6), 1.0, 0.0, 0.0)),
+        ("stretched", place(turn * diagonal(1.0, 30.0, 0.2), 0.0, 1.0, 0.0)),
+        (
+            "sheared",
+            place(
+                DMat3::from_cols(DVec3::X, DVec3::new(0.7, 1.0, 0.0), DVec3::new(0.1, -0.4, 1.0)),
+                0.0,
+                1.0,
+                0.0,
+            ),
+        ),
+    ]
+    .into_iter()
+    .map(|(name, matrix)| (name, Transform::new(matrix).expect("these are invertible")))
+    .collect()
+}
+
+/// Builds the shape in every one of the [`placements`] that it accepts and holds it to [`shape_laws`].
+///
+/// # Panics
+///
+/// If a law is broken, or if the shape cannot be built where nothing is transformed.
+pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
+    for (name, transform) in placements() {
+        match crate::build::<Shapes, P>(text, transform) {
+            Ok(shape) => {
+                let broken = first_broken(shape, samples).err();
+                assert_eq!(broken, None, "a {} that is {name}", P::TYPE);
+            }
+            Err(error) if name == "as it is" => panic!("{}: {error}", P::TYPE),
+            Err(_) => {}
+        }
+    }
+}
+
+/// Bounds contain what rays hit. Surface points lie on the surface up to their error, from however far the
+/// ray came; their normals have unit length. The ray parameter is inversely proportional to the length of
+/// the direction. A ray that leaves a hit does not meet it again. A hit depends on the ray alone: not on
+/// the interval, and not on what was asked before.
+///
+/// # Panics
+///
+/// If the shape breaks one of these laws; the message says which and where.
+pub fn shape_laws(shape: Shape, samples: u32) {
+    let broken = first_broken(shape, samples).err();
+    assert_eq!(broken, None);
+}
+
+fn first_broken(shape: Shape, samples: u32) -> Result<(), String> {
+    let bench = Bench::new(shape);
+    let mut random = Random::new(u64::from(samples));
+    let mut hits = 0;
+    for i in 0..samples {
+        let ray = bench.aim(i, &mut random);
+        let Some(hit) = bench.closest(&ray, Interval::FORWARD, Skip::NOTHING) else {
+            continue;
+        };
+        hits += 1;
+        let checked = bench
+            .pure(&ray, &hit)
+            .and_then(|()| bench.scales(&ray, &hit))
+            .and_then(|()| bench.on_surface(&ray, &hit, &mut random));
+        checked.map_err(|law| format!("{law}; {ray:?}, {hit:?}"))?;
+    }
+    if hits < samples / 50 {
+        return Err(format!("too few of {samples} rays hit to tell: {hits}"));
+    }
+    Ok(())
+}
+
+/// A shape alone in its world.
+struct Bench {
+    geometry: Geometry,
+    bounds: Aabb,
+    center: DVec3,
+    /// Half the edge lengths of where rays are aimed.
+    half: DVec3,
+}
+
+impl Bench {
+    fn new(shape: Shape) -> Self {
+        let endless = Aabb::around([DVec3::splat(-10.0), DVec3::splat(10.0)]);
+        let geometry = Geometry::new(vec![shape]);
+        let elements = geometry.elements().map(|element| geometry.bounds(element));
+        let bounds = elements.fold(Aabb::EMPTY, Aabb::union);
+        let aim = if bounds.is_finite() { bounds } else { endless };
+        Self {
+            geometry,
+            bounds,
+            center: aim.center(),
+            half: 0.5 * aim.extent(),
+        }
+    }
+
+    fn size(&self) -> f64 {
+        self.half.max_element()
+    }
+
+    /// A ray from around, from inside, from near or from very far, to the box or a little beside it.
+    fn aim(&self, number: u32, random: &mut Random) -> Ray {
+        let target = self.center + 1.05 * self.half * random.cube();
+        let distance = [0.5, 3.0, 30.0, 1e5][number as usize % 4];
+        let origin = self.center + distance * self.size() * random.direction();
+        let direction = target - origin;
+        let length = [1.0, 0.01, 77.0][number as usize % 3];
+        Ray::new(origin, length * direction.normalize())
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+        let sheared = ShearedRay::new(ray);
+        self.geometry
+            .elements()
+            .filter_map(|element| self.geometry.intersect(element, ray, &sheared, interval, skip))
+            .reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+    }
+
+    /// The same hit from the same ray, whatever the interval, if it lies inside.
+    fn pure(&self, ray: &Ray, hit: &RawHit) -> Result<(), String> {
+        let ask = |min: f64, max: f64| self.closest(ray, Interval { min, max }, Skip::NOTHING);
+        let same = |found: Option<RawHit>| found.as_ref().is_some_and(|found| same_bits(found, hit));
+        let (before, after) = (hit.t.next_down(), hit.t.next_up());
+        law(
+            same(ask(0.0, f64::INFINITY)),
+            "asked again, the shape must give the same hit",
+        )?;
+        law(
+            same(ask(0.0, after)) && same(ask(before, f64::INFINITY)) && same(ask(before, after)),
+            "the hit must not depend on an interval that contains it",
+        )?;
+        law(
+            ask(0.0, hit.t).is_none(),
+            "nothing may be hit before the nearest hit",
+        )?;
+        law(
+            ask(hit.t, f64::INFINITY).is_none_or(|next| next.t > hit.t),
+            "what is hit must lie inside the interval",
+        )
+    }
+
+    /// The parameter is in units of the direction's length: powers of two change no digit.
+    fn scales(&self, ray: &Ray, hit: &RawHit) -> Result<(), String> {
+        for scale in [1024.0, 1.0 / (1u64 << 40) as f64] {
+            let longer = Ray::new(ray.origin, scale * ray.direction);
+            let found = self
+                .closest(&longer, Interval::FORWARD, Skip::NOTHING)
+                .map(|hit| hit.t * scale);
+            let good = found.is_some_and(|t| (t - hit.t).abs() <= 8.0 * f64::EPSILON * hit.t);
+            law(
+                good,
+                "t must be inversely proportional to the length of the direction",
+            )?;
+        }
+        Ok(())
+    }
+
+    fn on_surface(&self, ray: &Ray, hit: &RawHit, random: &mut Random) -> Result<(), String> {
+        let point = self.geometry.surface(ray, hit, Needs::SHADING_NORMAL | Needs::UV);
+        let SurfacePoint {
+            position,
+            error,
+            n_g,
+            n_s,
+            uv,
+        } = point;
+        law(
+            [n_g, n_s].iter().all(|n| (n.length() - 1.0).abs() < 1e-14),
+            "normals must have unit length",
+        )?;
+        law(uv.is_finite(), "texture coordinates must be finite")?;
+        law(
+            error.is_finite() && error >= 0.0,
+            "the error must be finite and not negative",
+        )?;
+
+        // Rounding of coordinates as such, which no bound can be below.
+        let rounding = f64::EPSILON * (position.abs().max_element() + self.size());
+        let slack = error + 8.0 * rounding;
+        let padded = self.bounds.padded(slack);
+        law(
+            position.cmpge(padded.min).all() && position.cmple(padded.max).all(),
+            "the bounds must contain what is hit",
+        )?;
+
+        law(
+            self.is_on_surface(position, n_g, slack),
+            "the position must lie on the surface up to its error",
+        )?;
+
+        // Directions on either side, not so flat that the next hit is legitimately near.
+        for side in [1.0, -1.0] {
+            let sideways = n_g.cross(random.direction());
+            let d = (side * n_g + 3.0 * sideways).normalize();
+            // Above the surface, and right on it: one tries the error bound, the other the skipped primitive.
+            for origin in [point.leave(d), position] {
+                let away = Ray::new(origin, d);
+                let again = self.closest(&away, Interval::FORWARD, Skip::leaving(hit));
+                law(
+                    again.is_none_or(|again| again.t > 1e3 * slack),
+                    "a ray that leaves must not meet the place again that it leaves",
+                )?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Looks at the place from just above: the surface must be there. `slack` is how far it may be off.
+    fn is_on_surface(&self, position: DVec3, n: DVec3, slack: f64) -> bool {
+        // A power of two near a thousandth of the size, so that it rounds as little as possible.
+        let above = (0.001 * self.size()).log2().floor().exp2().max(64.0 * slack);
+        let ray = Ray::new(position + above * n, -n);
+        let rounding = 16.0 * f64::EPSILON * (position.abs().max_element() + self.size());
+        let tolerance = slack + rounding;
+        let around = Interval {
+            min: above - tolerance,
+            max: above + tolerance,
+        };
+        self.closest(&ray, around, Skip::NOTHING).is_some()
+    }
+}
+
+fn law(holds: bool, text: &str) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(text.to_owned()) }
+}
+
+/// Equality that tells zeros apart.
+pub(crate) fn same_bits(a: &RawHit, b: &RawHit) -> bool {
+    let bits = |hit: &RawHit| [hit.t, hit.params.x, hit.params.y].map(f64::to_bits);
+    a.id() == b.id() && bits(a) == bits(b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ball::Ball;
+    use std::sync::atomic::{AtomicU32, Ordering};
+    use whitstone_core::{Primitive, PrimitiveHit};
+
+    /// A good ball, or one with a fault.
+    struct Faulty {
+        ball: Ball,
+        fault: Fault,
+        calls: AtomicU32,
+    }
+
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Fault {
+        None,
+        BoundsTooSmall,
+        PointOffTheSurface,
+        PointOnTheRay,
+        LongNormal,
+        ParameterInMetres,
+        MeetsItselfAgain,
+        NearerInNarrowIntervals,
+        IgnoresTheInterval,
+        Forgetful,
+        Nowhere,
+    }
+
+    impl Primitive for Faulty {
+        fn bounds(&self) -> Aabb {
+            match self.fault {
+                Fault::BoundsTooSmall => self.ball.bounds().padded(-0.02),
+                _ => self.ball.bounds(),
+            }
+        }
+
+        fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+            let calls = self.calls.fetch_add(1, Ordering::Relaxed);
+            let asked = match self.fault {
+                Fault::Nowhere => return None,
+                Fault::MeetsItselfAgain => return self.ball.closest(ray, interval, None),
+                Fault::IgnoresTheInterval | Fault::ParameterInMetres => Interval::FORWARD,
+                _ => interval,
+            };
+            let mut hit = self.ball.closest(ray, asked, leaves)?;
+            match self.fault {
+                Fault::ParameterInMetres => hit.t *= ray.direction.length(),
+                Fault::NearerInNarrowIntervals if interval.max.is_finite() => hit.t = hit.t.next_down(),
+                Fault::Forgetful => hit.params.x = f64::from(calls % 7),
+                _ => {}
+            }
+            (self.fault == Fault::IgnoresTheInterval || interval.contains(hit.t)).then_some(hit)
+        }
+
+        fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+            let mut point = self.ball.surface(ray, hit, needs);
+            match self.fault {
+                Fault::PointOffTheSurface => point.position += 1e-12 * point.n_g,
+                Fault::PointOnTheRay => point.position = ray.at(hit.t),
+                Fault::LongNormal => point.n_s *= 1.0 + 1e-12,
+                _ => {}
+            }
+            point
+        }
+    }
+
+    fn verdict(fault: Fault) -> Result<(), String> {
+        let ball = Ball {
+            center: DVec3::new(0.5, -0.25, 1.0),
+            radius: 1.5,
+        };
+        let calls = AtomicU32::new(0);
+        first_broken(Shape::Opaque(Box::new(Faulty { ball, fault, calls })), 400)
+    }
+
+    #[test]
+    fn a_good_ball_passes() {
+        assert_eq!(verdict(Fault::None), Ok(()));
+    }
+
+    #[test]
+    fn every_fault_is_found_by_its_law() {
+        for (fault, expected) in [
+            (Fault::BoundsTooSmall, "the bounds must contain"),
+            (Fault::PointOffTheSurface, "the position must lie on the surface"),
+            (Fault::PointOnTheRay, "the position must lie on the surface"),
+            (Fault::LongNormal, "normals must have unit length"),
+            (Fault::ParameterInMetres, "t must be inversely proportional"),
+            (Fault::MeetsItselfAgain, "a ray that leaves must not meet"),
+            (
+                Fault::NearerInNarrowIntervals,
+                "the hit must not depend on an interval",
+            ),
+            (Fault::IgnoresTheInterval, "nothing may be hit before"),
+            (Fault::Forgetful, "asked again"),
+            (Fault::Nowhere, "too few of 400 rays"),
+        ] {
+            let found = verdict(fault).expect_err("the fault must be found");
+            assert!(found.starts_with(expected), "{fault:?}: {found}");
+        }
+    }
+}
