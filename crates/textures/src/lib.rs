@@ -13,6 +13,8 @@ use whitstone_core::{DuplicateType, Registry, Textures};
 pub mod checker;
 #[cfg(feature = "constant")]
 pub mod constant;
+#[cfg(feature = "image")]
+pub mod image;
 
 /// Adds every texture whose feature is on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
@@ -21,5 +23,7 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Textures, checker::Checker>(from)?;
     #[cfg(feature = "constant")]
     registry.add::<Textures, constant::Constant>(from)?;
+    #[cfg(feature = "image")]
+    registry.add::<Textures, image::Image>(from)?;
     Ok(())
 }
