@@ -120,3 +120,84 @@ fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
         .skip(1)
         .map(|side| [polygon[0], side[0], side[1]])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+    use whitstone_testkit::{TestContext, build_in, shape_laws, shape_laws_everywhere};
+
+    const SMALL: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 -1\nvn 1 1 1\n\
+                         f 1//1 3//1 2//1\nf 2//2 3//2 4//2\nf 1 2 4\nf 1 4 3\nf 1 2 2\n";
+
+    fn scratch(name: &str, bytes: &[u8]) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("whitstone-mesh-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join(name), bytes).unwrap();
+        folder
+    }
+
+    fn load(name: &str, bytes: &[u8], more: &str) -> (Result<Shape, SceneErrors>, TestContext) {
+        let folder = scratch(name, bytes);
+        let mut context = TestContext::in_folder(&folder);
+        let text = format!("file = \"{name}\"\n{more}");
+        let result = build_in::<Shapes, Mesh>(&text, Transform::IDENTITY, &mut context);
+        std::fs::remove_dir_all(&folder).unwrap();
+        (result, context)
+    }
+
+    fn fails(name: &str, bytes: &[u8]) -> SceneError {
+        load(name, bytes, "").0.err().unwrap().0.remove(0)
+    }
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        shape_laws(load("a.obj", SMALL.as_bytes(), "").0.unwrap(), 4_000);
+        let folder = scratch("everywhere.obj", SMALL.as_bytes());
+        let path = folder.join("everywhere.obj");
+        shape_laws_everywhere::<Mesh>(&format!("file = '{}'", path.display()), 2_000);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn flat_shading_forgets_the_normals_and_flat_triangles_are_told() {
+        let (shape, context) = load("b.obj", SMALL.as_bytes(), "shading = \"flat\"");
+        let Ok(Shape::Triangles(mesh)) = shape else {
+            panic!("a mesh is triangles")
+        };
+        assert!(mesh.normals.is_empty());
+        assert_eq!(mesh.triangles.len(), 5);
+        let warning = &context.warnings[0];
+        assert_eq!(
+            warning.message,
+            "b.obj: 1 of 5 triangles have no area and are never hit"
+        );
+        assert_eq!(warning.span, Some(7..14));
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_file_is_told_at_its_name() {
+        let error = fails("c.obj", b"v 0 0 0\nv 1 x 0\n");
+        assert_eq!(
+            error.message,
+            "c.obj, line 2: expected a finite number, found \"x\""
+        );
+        assert_eq!(error.span, Some(7..14));
+        assert!(
+            fails("d.obj", b"")
+                .message
+                .contains("at least one face, found none")
+        );
+        assert!(fails("e.ply", b"").message.starts_with("e.ply"));
+        assert!(fails("f.stl", b"solid").message.contains("ends in .obj or .ply"));
+        let far = "v 0 0 0\nv 1e308 0 0\nv 0 1 0\nf 1 2 3\n";
+        let folder = scratch("g.obj", far.as_bytes());
+        let huge = Transform::new(whitstone_core::DAffine3::from_scale(
+            whitstone_core::DVec3::splat(100.0),
+        ));
+        let mut context = TestContext::in_folder(&folder);
+        let result = build_in::<Shapes, Mesh>("file = \"g.obj\"", huge.unwrap(), &mut context);
+        assert!(result.err().unwrap().0[0].message.contains("beyond all numbers"));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -156,6 +156,16 @@ impl Bench {
         law(
             ask(hit.t, f64::INFINITY).is_none_or(|next| next.t > hit.t),
             "what is hit must lie inside the interval",
+        )?;
+        // From the other end, the last hit comes first.
+        let end = hit.t + 10.0 * self.size() / ray.direction.length();
+        let back = Ray::new(ray.at(end), -ray.direction);
+        let last = self
+            .closest(&back, Interval::up_to(end), Skip::NOTHING)
+            .map_or(0.0, |back| end - back.t);
+        law(
+            last <= hit.t + 1e-9 * end || ask(hit.t, f64::INFINITY).is_some(),
+            "what lies behind the nearest hit must be found from there on",
         )
     }
 
@@ -344,11 +354,13 @@ mod tests {
                 Fault::NearerInNarrowIntervals,
                 "the hit must not depend on an interval",
             ),
-            (Fault::IgnoresTheInterval, "nothing may be hit before"),
+            (Fault::IgnoresTheInterval, "what lies behind the nearest hit"),
             (Fault::Forgetful, "asked again"),
             (Fault::Nowhere, "too few of 400 rays"),
         ] {
-            let found = verdict(fault).expect_err("the fault must be found");
+            let found = verdict(fault)
+                .err()
+                .unwrap_or_else(|| panic!("{fault:?} must be found"));
             assert!(found.starts_with(expected), "{fault:?}: {found}");
         }
     }

@@ -219,3 +219,128 @@ impl PropertyAccess for Ignored {
         Self
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEADER: &str = "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 4\n\
+        property float x\nproperty uchar red\nproperty double y\nproperty int z\n\
+        property float s\nproperty float t\n\
+        element face 2\nproperty uchar flags\nproperty list uchar int vertex_index\n\
+        element edge 1\nproperty list uchar float weights\nend_header\n";
+    const BODY: &str =
+        "0 255 0 0 0 0\n1 255 0 0 1 0\n1 0 1 0 1 1\n0 0 1 0 0 1\n7 4 0 1 2 3\n7 3 0 2 3\n2 0.5 0.5\n";
+
+    /// A binary file with positions (x, y, z as float) and triangles.
+    fn binary(big: bool, vertices: u64, positions: &[f32], faces: u64, indices: &[u32]) -> Vec<u8> {
+        let encoding = if big { "big" } else { "little" };
+        let mut bytes = format!(
+            "ply\nformat binary_{encoding}_endian 1.0\nelement vertex {vertices}\nproperty float x\n\
+             property float y\nproperty float z\nelement face {faces}\n\
+             property list uchar uint vertex_indices\nend_header\n"
+        )
+        .into_bytes();
+        for x in positions {
+            bytes.extend(if big { x.to_be_bytes() } else { x.to_le_bytes() });
+        }
+        for face in indices.chunks(3) {
+            bytes.push(3);
+            for i in face {
+                bytes.extend(if big { i.to_be_bytes() } else { i.to_le_bytes() });
+            }
+        }
+        bytes
+    }
+
+    fn fails(bytes: impl AsRef<[u8]>) -> FileError {
+        parse(bytes.as_ref()).unwrap_err()
+    }
+
+    #[test]
+    fn other_properties_are_read_over_and_polygons_become_fans() {
+        let object = parse(format!("{HEADER}{BODY}").as_bytes()).unwrap();
+        assert_eq!(object.triangles, [[0, 1, 2], [0, 2, 3], [0, 2, 3]]);
+        assert_eq!(object.positions[2], DVec3::new(1.0, 1.0, 0.0));
+        assert_eq!(object.uvs[3], DVec2::new(0.0, 1.0));
+        assert!(object.normals.is_empty());
+    }
+
+    #[test]
+    fn both_byte_orders_are_read() {
+        let positions = [0.0, 0.0, 0.0, 1.5, 0.0, 0.0, 0.0, -2.0, 0.0];
+        for big in [false, true] {
+            let object = parse(&binary(big, 3, &positions, 1, &[0, 1, 2])).unwrap();
+            assert_eq!(object.positions[2], DVec3::new(0.0, -2.0, 0.0));
+            assert_eq!(object.triangles, [[0, 1, 2]]);
+        }
+    }
+
+    #[test]
+    fn text_that_is_wrong_is_told_with_its_line() {
+        let text = |from: &str, to: &str| format!("{HEADER}{BODY}").replace(from, to);
+        // The header has 16 lines.
+        assert_eq!(fails(text("1 255 0 0 1 0\n", "1 255 x 0 1 0\n")).line, Some(18));
+        assert_eq!(fails(text("7 3 0 2 3\n", "7 3 0 2\n")).line, Some(22));
+        assert_eq!(fails(text("7 3 0 2 3\n", "7 3 0 2 4\n")).line, None);
+        assert_eq!(fails(text("property int z", "property wide z")).line, Some(8));
+        assert_eq!(fails(text("ply\n", "plx\n")).line, Some(1));
+        for (from, to) in [
+            ("7 3 0 2 3\n", "7 3 0 2 -1\n"),
+            ("7 3 0 2 3\n", "7 2 0 2\n"),
+            ("7 3 0 2 3\n", "7 -3 0 2 3\n"),
+            ("7 3 0 2 3\n", "7 1152921504606846976 0 2 3\n"),
+            ("2 0.5 0.5\n", ""),
+            ("property int z", "property int w"),
+            ("property int z", "property list uchar int z"),
+            ("uchar int vertex_index", "uchar float vertex_index"),
+            ("vertex_index", "corners"),
+            ("element face 2", "element side 2"),
+            ("element vertex 4", "element vertex 1152921504606846976"),
+            ("element vertex 4", "element vertex 18446744073709551616"),
+            ("element vertex 4", "element vertex -4"),
+            (
+                "end_header\n",
+                "element nothing 1152921504606846976\nend_header\n",
+            ),
+            ("made by hand\n", "made by hand"),
+        ] {
+            let error = fails(text(from, to));
+            assert!(
+                !error.message.is_empty() && !error.message.contains('\n'),
+                "{from} -> {to}"
+            );
+        }
+    }
+
+    #[test]
+    fn bytes_that_are_wrong_are_told() {
+        let good = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        assert!(
+            fails(binary(false, 1 << 60, &good, 1, &[0, 1, 2]))
+                .message
+                .contains("vertex")
+        );
+        assert!(
+            fails(binary(false, 3, &good, 1 << 60, &[0, 1, 2]))
+                .message
+                .contains("face")
+        );
+        assert!(
+            fails(binary(true, 3, &good, 1, &[0, 1, 3]))
+                .message
+                .contains("face 0")
+        );
+        let nan = [0.0, 0.0, f32::NAN, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        assert!(
+            fails(binary(false, 3, &nan, 1, &[0, 1, 2]))
+                .message
+                .contains("vertex 0")
+        );
+        assert!(fails([0xff, 0xfe, 0x00]).message.len() > 10);
+        let whole = binary(false, 3, &good, 1, &[0, 1, 2]);
+        for length in 0..whole.len() {
+            assert!(parse(&whole[..length]).is_err(), "cut to {length} bytes");
+        }
+    }
+}
