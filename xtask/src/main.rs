@@ -1,5 +1,65 @@
 //! Verbs of the repository, thin over the library: `cargo xtask <verb>`.
 
-fn main() -> std::process::ExitCode {
-    whitstone::Cli::new("cargo xtask").run()
+mod assets;
+mod bench;
+mod tidy;
+
+use clap::{Parser, Subcommand};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use whitstone::{Exit, Failure, commands, finish};
+
+/// Verbs of the repository. Exit codes: 0 pass, 1 differs, 2 usage or scene, 3 environment.
+#[derive(Parser)]
+#[command(name = "cargo xtask", arg_required_else_help = true, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    #[command(flatten)]
+    Whitstone(commands::Command),
+    /// Check what the compiler cannot: that every plugin has its file, feature, example, twin and documentation
+    Tidy,
+    /// Write the generated meshes and pictures of scenes/assets
+    Assets,
+    Bench(bench::Arguments),
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    // Paths on the command line are relative to the repository, wherever in it the verb is called.
+    if let Err(error) = std::env::set_current_dir(root()) {
+        return finish(Err(Failure::environment(error)));
+    }
+    let registry = whitstone::registry();
+    finish(match &arguments.verb {
+        Verb::Whitstone(command) => command.run(&registry, "cargo xtask"),
+        Verb::Tidy => tidy::run(&registry),
+        Verb::Assets => assets::write(),
+        Verb::Bench(arguments) => bench::run(arguments, &registry),
+    })
+}
+
+/// The repository: above this package.
+fn root() -> PathBuf {
+    let package = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from);
+    let package = package.unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")));
+    package.parent().unwrap_or(Path::new(".")).to_owned()
+}
+
+/// Prints problems and gives the result of a check.
+fn verdict(problems: &[String], good: &str) -> Result<Exit, Failure> {
+    for problem in problems {
+        println!("{problem}");
+    }
+    if problems.is_empty() {
+        println!("{good}");
+        Ok(Exit::Pass)
+    } else {
+        println!("{} problems", problems.len());
+        Ok(Exit::Differs)
+    }
 }

@@ -16,4 +16,4 @@ pub use live::{Live, LiveError};
 pub use result::{
     CaseResult, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel,
 };
-pub use validator::{Mode, NoLive, Options, Validator, find_scenes, scene_key};
+pub use validator::{Mode, NoLive, Options, Validator, find_scenes, flatten, scene_key};

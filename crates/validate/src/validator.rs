@@ -52,6 +52,8 @@ pub struct Options {
     pub threads: usize,
     /// `path=value`, applied to every scene.
     pub overrides: Vec<String>,
+    /// `path=value`, applied to our side only: to see whether a fault is found.
+    pub ours_overrides: Vec<String>,
     /// How long one answer of the driver may take.
     pub time_limit: Duration,
     /// How the user calls this program, for commands in messages.
@@ -116,6 +118,11 @@ impl<'a> Validator<'a> {
 
     /// Renders a scene, compares it with its reference, and explains what differs.
     pub fn validate(&mut self, path: &Path) -> CaseResult {
+        self.validate_tampered(path, &|_| {})
+    }
+
+    /// The same with our image changed before the comparison: to see whether a fault is found.
+    pub fn validate_tampered(&mut self, path: &Path, tamper: &dyn Fn(&mut Image)) -> CaseResult {
         let scene = scene_key(path, &self.options.scenes);
         let mut case = CaseResult {
             command: format!("{} validate {}", self.options.program, path.display()),
@@ -125,21 +132,26 @@ impl<'a> Validator<'a> {
         };
         match self.render(path, &mut case) {
             Err(report) => case.problems.push(report),
-            Ok(ours) => match self.reference(path, &ours, &mut case) {
-                Err(problem) => case.problems.push(problem),
-                Ok(against) => {
-                    if let Err(error) = self.judge(&mut case, &ours, &against) {
-                        case.problems.push(error.to_string());
+            Ok(mut ours) => {
+                tamper(&mut ours.image);
+                match self.reference(path, &ours.flattened, &mut case) {
+                    Err(problem) => case.problems.push(problem),
+                    Ok(against) => {
+                        if let Err(error) = self.judge(&mut case, &ours, &against) {
+                            case.problems.push(error.to_string());
+                        }
                     }
                 }
-            },
+            }
         }
         case.status = Some(if case.problems.is_empty() { Status::Pass } else { Status::Fail });
         case
     }
 
     fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, String> {
-        let sources = Sources::load(path, &self.options.overrides)
+        let flattened = flatten(path, &self.options.overrides)?;
+        let all_overrides = [&self.options.overrides[..], &self.options.ours_overrides].concat();
+        let sources = Sources::load(path, &all_overrides)
             .map_err(|error| error.sources.report(&error.errors, false))?;
         let report = |errors: SceneErrors| sources.report(&errors, false);
         let description = Description::parse(&sources).map_err(report)?;
@@ -174,7 +186,7 @@ impl<'a> Validator<'a> {
         case.limit = description.expect.rel_rmse_interior.map_or(0.0, |limit| limit.get());
         Ok(Ours {
             image,
-            flattened: description.flattened.clone(),
+            flattened,
             pipeline,
         })
     }
@@ -185,12 +197,17 @@ impl<'a> Validator<'a> {
         self.options.references.join("images").join(key)
     }
 
-    fn reference(&mut self, path: &Path, ours: &Ours, case: &mut CaseResult) -> Result<Against, String> {
-        let hash = ours.flattened.hash.clone();
+    fn reference(
+        &mut self,
+        path: &Path,
+        flattened: &Flattened,
+        case: &mut CaseResult,
+    ) -> Result<Against, String> {
+        let hash = flattened.hash.clone();
         let stored = Stored::read(&self.stored_folder(path), &hash);
         let text = SceneText {
-            text: &ours.flattened.text,
-            base: &ours.flattened.base,
+            text: &flattened.text,
+            base: &flattened.base,
         };
         if let Some(live) = &mut self.live {
             match live.reference(text, &hash) {
@@ -466,6 +483,14 @@ fn check_limits(case: &mut CaseResult) {
         }
     }
     case.problems.extend(problems);
+}
+
+/// The scene as the reference gets it.
+pub fn flatten(path: &Path, overrides: &[String]) -> Result<Flattened, String> {
+    let sources =
+        Sources::load(path, overrides).map_err(|error| error.sources.report(&error.errors, false))?;
+    let description = Description::parse(&sources).map_err(|errors| sources.report(&errors, false))?;
+    Ok(description.flattened)
 }
 
 fn pictures(ours: &Image, reference: &Image) -> Option<Pictures> {

@@ -1,0 +1,115 @@
+//! `reference`: stored references, rendered, shown, and accepted.
+
+use crate::commands::validate::ReferenceMode;
+use crate::terminal::{Exit, Failure, progress};
+use clap::Args;
+use std::path::PathBuf;
+use whitstone_core::Registry;
+use whitstone_image::error_map::{ErrorView, trio};
+use whitstone_image::{ToneMap, exr_io};
+use whitstone_scene::RenderOptions;
+use whitstone_validate::driver::SceneText;
+use whitstone_validate::stored::Stored;
+use whitstone_validate::{Validator, find_scenes, flatten, scene_key};
+
+/// Largest image that is stored, in pixels: the references of a repository are to stay small.
+const MAX_PIXELS: u64 = 192 * 192;
+
+/// Render references to be stored with a live Mitsuba, show them, and with --accept keep them
+///
+/// For each scene whose stored reference is missing or of another version of the scene, a picture of
+/// ours, the reference and the error is written. Nothing is stored without --accept.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    #[command(flatten)]
+    scenes: super::validate::Arguments,
+    /// Store the references
+    #[arg(long)]
+    accept: bool,
+    /// Also those that are up to date
+    #[arg(long)]
+    all: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
+    let mut options = arguments.scenes.options(program);
+    if arguments.scenes.reference == ReferenceMode::Stored {
+        return Err(Failure::usage("references can only be rendered by a live Mitsuba"));
+    }
+    options.mode = whitstone_validate::Mode::Live;
+    let scenes = find_scenes(&arguments.scenes.paths).map_err(Failure::usage)?;
+    let mut validator =
+        Validator::new(registry, options.clone(), &|text| eprintln!("{text}")).map_err(Failure::environment)?;
+    let mut waiting = 0;
+    for path in &scenes {
+        let flattened = flatten(path, &options.overrides).map_err(Failure::usage)?;
+        let folder = validator.stored_folder(path);
+        let state = match Stored::read(&folder, &flattened.hash) {
+            Ok(_) if !arguments.all => continue,
+            Ok(_) => "up to date".to_owned(),
+            Err(error) => error.to_string(),
+        };
+        let key = scene_key(path, &options.scenes);
+        let scene = super::SceneArguments {
+            scene: path.clone(),
+            overrides: options.overrides.clone(),
+        };
+        let pipeline = super::build(&scene, registry)?;
+        let size = pipeline.film.size;
+        if u64::from(size.width) * u64::from(size.height) > MAX_PIXELS {
+            return Err(Failure::usage(format!(
+                "{}: {} x {} is more than {MAX_PIXELS} pixels, the most that is stored",
+                path.display(),
+                size.width,
+                size.height
+            )));
+        }
+        let bar = progress(1, &key);
+        let text = SceneText {
+            text: &flattened.text,
+            base: &flattened.base,
+        };
+        let live = validator.live().expect("the mode is live");
+        let stored = live
+            .reference_with_ranges(text, &flattened.hash, &|done, all| {
+                bar.set_length(all as u64);
+                bar.set_position(done as u64);
+            })
+            .map_err(Failure::environment)?;
+        bar.finish_and_clear();
+        let film = pipeline.render(RenderOptions::default());
+        let ours = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
+        let picture = show(&options.target, &key, &ours, &stored)?;
+        if arguments.accept {
+            stored.write(&folder).map_err(Failure::environment)?;
+            println!("stored  {key} (before: {state}); see {}", picture.display());
+        } else {
+            waiting += 1;
+            println!("new     {key} ({state}); see {}", picture.display());
+        }
+    }
+    if waiting == 0 {
+        return Ok(Exit::Pass);
+    }
+    println!("\n{waiting} references are not stored; to keep them: {program} reference --accept");
+    Ok(Exit::Differs)
+}
+
+/// Writes ours, reference and error side by side, and both EXR files.
+fn show(
+    target: &std::path::Path,
+    key: &str,
+    ours: &whitstone_image::Image,
+    stored: &Stored,
+) -> Result<PathBuf, Failure> {
+    let folder = target.join("reference").join(key);
+    std::fs::create_dir_all(&folder).map_err(Failure::environment)?;
+    let raster =
+        trio(ours, &stored.image, ToneMap::default(), ErrorView::default()).map_err(Failure::usage)?;
+    let picture = folder.join("trio.png");
+    raster.write_png(&picture).map_err(Failure::environment)?;
+    exr_io::write(folder.join("ours.exr"), ours).map_err(Failure::environment)?;
+    exr_io::write(folder.join("reference.exr"), &stored.image).map_err(Failure::environment)?;
+    Ok(picture)
+}

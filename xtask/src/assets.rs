@@ -1,0 +1,44 @@
+//! The meshes and pictures of `scenes/assets`, which are generated.
+
+use std::path::Path;
+use whitstone::image::atomic;
+use whitstone::{Exit, Failure};
+use whitstone_testkit::assets::generate;
+
+/// Where they are.
+const FOLDER: &str = "scenes/assets";
+
+/// Writes them all.
+pub(crate) fn write() -> Result<Exit, Failure> {
+    std::fs::create_dir_all(FOLDER).map_err(Failure::environment)?;
+    for (name, bytes) in generate() {
+        let path = Path::new(FOLDER).join(name);
+        atomic::write_bytes(&path, &bytes).map_err(Failure::environment)?;
+        println!("{}: {} bytes", path.display(), bytes.len());
+    }
+    Ok(Exit::Pass)
+}
+
+/// Those that are missing, differ from what would be generated, or that nothing generates.
+pub(crate) fn check() -> Vec<String> {
+    let again = "run `cargo xtask assets`";
+    let generated = generate();
+    let mut problems: Vec<String> = generated
+        .iter()
+        .filter_map(|(name, bytes)| {
+            let path = Path::new(FOLDER).join(name);
+            match std::fs::read(&path) {
+                Ok(found) if found == *bytes => None,
+                Ok(_) => Some(format!("{}: differs from what is generated; {again}", path.display())),
+                Err(error) => Some(format!("{}: {error}; {again}", path.display())),
+            }
+        })
+        .collect();
+    for entry in std::fs::read_dir(FOLDER).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        if !generated.iter().any(|(known, _)| name.to_string_lossy() == *known) {
+            problems.push(format!("{}: nothing generates this file", entry.path().display()));
+        }
+    }
+    problems
+}

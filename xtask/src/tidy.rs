@@ -1,0 +1,180 @@
+//! What the compiler cannot check: one name in five places for every plugin, no list that drifts.
+
+use crate::{assets, verdict};
+use std::fs;
+use std::path::{Path, PathBuf};
+use whitstone::core::{Entry, FamilyName, Registry};
+use whitstone::{Exit, Failure};
+
+/// Longest source file, in lines.
+const MAX_LINES: usize = 700;
+
+/// Runs all checks.
+pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
+    let mut problems = Vec::new();
+    for entry in registry.entries() {
+        problems.extend(check_plugin(entry));
+    }
+    problems.extend(check_strays(registry));
+    problems.extend(assets::check());
+    problems.extend(check_stored());
+    problems.extend(check_sources());
+    let plugins = registry.entries().count();
+    verdict(&problems, &format!("tidy: {plugins} plugins, each with file, feature, example, twin and documentation"))
+}
+
+fn read(path: &Path) -> String {
+    fs::read_to_string(path).unwrap_or_default()
+}
+
+/// File, feature, example, twin, documentation, laws.
+fn check_plugin(entry: &Entry) -> Vec<String> {
+    let (family, name) = (entry.family.plural(), entry.name);
+    let krate = PathBuf::from("crates").join(family);
+    let file = krate.join("src").join(format!("{name}.rs"));
+    let example = PathBuf::from("scenes").join(family).join(format!("{name}.toml"));
+    let source = read(&file);
+    let mut problems = Vec::new();
+    let mut require = |good: bool, problem: String| {
+        if !good {
+            problems.push(problem);
+        }
+    };
+    require(!source.is_empty(), format!("{}: the {name} plugin has no file of its name", file.display()));
+    require(
+        source.starts_with("//! "),
+        format!("{}: no module documentation", file.display()),
+    );
+    for heading in ["Twin:", "Example:"] {
+        require(source.contains(heading), format!("{}: the documentation has no line \"{heading}\"", file.display()));
+    }
+    require(
+        source.contains(&format!("scenes/{family}/{name}.toml")),
+        format!("{}: the documentation does not name {}", file.display(), example.display()),
+    );
+    require(source.contains("_laws"), format!("{}: no test calls the laws of the family", file.display()));
+    let manifest = read(&krate.join("Cargo.toml"));
+    require(
+        manifest.lines().any(|line| line.starts_with(&format!("{name} = ["))),
+        format!("{}/Cargo.toml: no feature `{name}`", krate.display()),
+    );
+    let text = read(&example);
+    require(!text.is_empty(), format!("{}: the {name} plugin has no example scene", example.display()));
+    require(
+        text.contains(&format!("\"{name}\"")),
+        format!("{}: does not use type = \"{name}\"", example.display()),
+    );
+    require(!entry.summary().is_empty(), format!("{}: `Config` has no documentation", file.display()));
+    problems.extend(undocumented_parameters(entry).map(|key| format!("{}: `{key}` has no documentation", file.display())));
+    // What the driver reads is the twin; accelerators have no effect on the image.
+    if entry.family != FamilyName::Accelerator {
+        let known = driver_sources().contains(&format!("\"{name}\""));
+        if !known {
+            problems.push(format!("references/mitsuba: no twin of the {} type \"{name}\"", entry.family.singular()));
+        }
+    }
+    problems
+}
+
+fn undocumented_parameters(entry: &Entry) -> impl Iterator<Item = String> {
+    let schema = entry.schema();
+    let properties = schema.get("properties").and_then(|p| p.as_object()).cloned().unwrap_or_default();
+    properties
+        .into_iter()
+        .filter(|(_, value)| value.get("description").is_none())
+        .map(|(key, _)| key)
+}
+
+fn driver_sources() -> String {
+    let folder = Path::new("references/mitsuba/whitstone_mitsuba");
+    files(folder, "py").iter().map(|path| read(path)).collect()
+}
+
+/// Files of a folder and those below with an extension, sorted.
+fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            found.extend(files(&path, extension));
+        } else if path.extension().is_some_and(|e| e == extension) {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Example scenes and features without a plugin.
+fn check_strays(registry: &Registry) -> Vec<String> {
+    let mut problems = Vec::new();
+    for family in FamilyName::ALL {
+        let known = |name: &str| registry.get(family, name).is_ok();
+        for scene in files(&Path::new("scenes").join(family.plural()), "toml") {
+            let stem = scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            if !known(&stem) {
+                problems.push(format!("{}: there is no {} type \"{stem}\"", scene.display(), family.singular()));
+            }
+        }
+        let path = Path::new("crates").join(family.plural()).join("Cargo.toml");
+        let manifest = read(&path);
+        let features = manifest.split("[features]").nth(1).unwrap_or_default();
+        let features = features.split("\n[").next().unwrap_or_default();
+        for line in features.lines() {
+            let Some((name, _)) = line.split_once(" = ") else { continue };
+            if !["default", "all"].contains(&name) && !known(name) {
+                problems.push(format!("{}: the feature `{name}` registers no plugin", path.display()));
+            }
+            if !["default", "all"].contains(&name) && !features.contains(&format!("\"{name}\"")) {
+                problems.push(format!("{}: the feature `{name}` is not in `all`", path.display()));
+            }
+        }
+    }
+    problems
+}
+
+/// Stored references: one for every scene, none without a scene, not too much in all.
+fn check_stored() -> Vec<String> {
+    let root = Path::new("references/images");
+    let mut problems = Vec::new();
+    let mut bytes = 0;
+    for file in files(root, "exr") {
+        bytes += fs::metadata(&file).map_or(0, |metadata| metadata.len());
+        let key = file.parent().and_then(|folder| folder.strip_prefix(root).ok()).unwrap_or(Path::new(""));
+        let scene = Path::new("scenes").join(key).with_extension("toml");
+        if !scene.is_file() {
+            problems.push(format!("{}: a reference without the scene {}", file.display(), scene.display()));
+        }
+    }
+    if bytes > 20 << 20 {
+        problems.push(format!("{}: {bytes} bytes, more than 20 MiB", root.display()));
+    }
+    let scenes = whitstone::validate::find_scenes(&[PathBuf::from("scenes")]).unwrap_or_default();
+    for scene in scenes {
+        let key = whitstone::validate::scene_key(&scene, Path::new("scenes"));
+        if !root.join(&key).join("mitsuba.exr").is_file() {
+            problems.push(format!("{}: no stored reference; run `cargo xtask reference --accept`", scene.display()));
+        }
+    }
+    problems
+}
+
+/// Source files that nobody would find their way in, and unfinished work.
+fn check_sources() -> Vec<String> {
+    let mut problems = Vec::new();
+    // Spelled in parts, so that this file does not find itself.
+    let words = [["to", "do!("].concat(), ["unimple", "mented!("].concat(), ["FIX", "ME"].concat()];
+    for folder in ["crates", "xtask", "tests", "references"] {
+        for file in files(Path::new(folder), "rs").into_iter().chain(files(Path::new(folder), "py")) {
+            let text = read(&file);
+            let lines = text.lines().count();
+            if lines > MAX_LINES {
+                problems.push(format!("{}: {lines} lines, more than {MAX_LINES}", file.display()));
+            }
+            for word in words.iter().filter(|word| text.contains(word.as_str())) {
+                problems.push(format!("{}: unfinished: {word}", file.display()));
+            }
+        }
+    }
+    problems
+}
