@@ -48,22 +48,16 @@ impl Environment {
     /// It is keyed by the pinned requirements and the Python that made it, so a change of either makes a
     /// new one. Two processes at once wait for each other.
     pub fn ensure(target: &Path, references: &Path, say: &dyn Fn(&str)) -> Result<Self, EnvironmentError> {
-        let package = references.join("mitsuba");
-        let requirements = package.join("requirements.txt");
-        let Ok(pinned) = fs::read(&requirements) else {
-            return Err(EnvironmentError::NoPackage(package));
-        };
-        let (python, version) = find_python()?;
-        let mut hasher = blake3::Hasher::new();
-        hasher.update(&pinned).update(version.as_bytes());
-        let key = &hasher.finalize().to_hex()[..12];
-        let folder = target.join(format!("python-{key}"));
+        let Place {
+            python,
+            version,
+            key,
+            folder,
+            environment,
+        } = Place::find(target, references)?;
+        let requirements = environment.package.join("requirements.txt");
         let complete = folder.join("complete");
-        let environment = Self {
-            python: interpreter(&folder),
-            package,
-        };
-        if complete.is_file() && environment.python.exists() {
+        if environment.is_complete(&folder) {
             return Ok(environment);
         }
         let io = |step| {
@@ -97,6 +91,50 @@ impl Environment {
         )?;
         fs::write(&complete, version).map_err(io("mark the Python environment as complete"))?;
         Ok(environment)
+    }
+
+    /// The environment if it is there; nothing is made.
+    pub fn existing(target: &Path, references: &Path) -> Option<Self> {
+        let place = Place::find(target, references).ok()?;
+        place.environment.is_complete(&place.folder).then_some(place.environment)
+    }
+
+    fn is_complete(&self, folder: &Path) -> bool {
+        folder.join("complete").is_file() && self.python.exists()
+    }
+}
+
+/// Where the environment is or will be.
+struct Place {
+    /// The interpreter that makes it, and its version.
+    python: PathBuf,
+    version: String,
+    key: String,
+    folder: PathBuf,
+    environment: Environment,
+}
+
+impl Place {
+    fn find(target: &Path, references: &Path) -> Result<Self, EnvironmentError> {
+        let package = references.join("mitsuba");
+        let Ok(pinned) = fs::read(package.join("requirements.txt")) else {
+            return Err(EnvironmentError::NoPackage(package));
+        };
+        let (python, version) = find_python()?;
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&pinned).update(version.as_bytes());
+        let key = hasher.finalize().to_hex()[..12].to_owned();
+        let folder = target.join(format!("python-{key}"));
+        Ok(Self {
+            python,
+            version,
+            key,
+            environment: Environment {
+                python: interpreter(&folder),
+                package,
+            },
+            folder,
+        })
     }
 }
 

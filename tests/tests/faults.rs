@@ -1,0 +1,309 @@
+//! Faults that are put in on purpose: each must be found.
+//!
+//! Every fault is tried against the stored references, and against a live Mitsuba where its environment
+//! is there (`cargo xtask validate` makes it); otherwise the live tests are listed as ignored.
+
+use libtest_mimic::{Arguments, Failed, Trial};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use whitstone::core::{
+    Accelerator, Accelerators, Aabb, Context, Geometry, Interval, Needs, Plugin, Primitive, PrimitiveHit,
+    RawHit, Ray, Registry, SceneErrors, Shape, Shapes, Skip, Statistics, SurfacePoint, Transform,
+};
+use whitstone::image::{Image, Limits, Raster, ToneMap, texels};
+use whitstone::validate::environment::Environment;
+use whitstone::validate::{CaseResult, Mode, Options, Status, Validator};
+use whitstone_accelerators::brute_force::{self, BruteForce};
+use whitstone_shapes::sphere::{self, Sphere};
+
+/// Changes our image before it is compared.
+type Tamper = fn(&mut Image);
+
+struct Fault {
+    name: &'static str,
+    scene: &'static str,
+    /// `--set` of our side only.
+    overrides: fn() -> Vec<String>,
+    tamper: Tamper,
+    /// What the result must show.
+    found: fn(&CaseResult) -> bool,
+}
+
+const CLASSIC: &str = "scenes/showcase/classic.toml";
+
+fn unexplained(case: &CaseResult) -> bool {
+    case.unexplained > 0
+}
+
+fn none() -> Vec<String> {
+    Vec::new()
+}
+
+fn set(text: &str) -> Vec<String> {
+    vec![text.to_owned()]
+}
+
+const FAULTS: [Fault; 11] = [
+    Fault {
+        name: "light 1% brighter",
+        scene: CLASSIC,
+        overrides: || set("light[0].intensity=60.6"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        name: "normal of the glass flipped",
+        scene: CLASSIC,
+        overrides: || set("shape.glass.type=flipped_sphere"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        name: "image shifted by one pixel",
+        scene: CLASSIC,
+        overrides: none,
+        tamper: shift,
+        found: unexplained,
+    },
+    Fault {
+        name: "index of refraction 1.501 for 1.5",
+        scene: CLASSIC,
+        overrides: || set("shape.glass.material.interior_ior=1.501"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        name: "spawn offset a thousand times that of the reference",
+        scene: CLASSIC,
+        overrides: || set("accelerator.type=far_spawn"),
+        tamper: |_| {},
+        found: |case| case.unexplained > 0 || case.rel_rmse_interior.is_some_and(|error| error > case.limit),
+    },
+    Fault {
+        name: "one NaN",
+        scene: CLASSIC,
+        overrides: none,
+        tamper: |image| poke(image, 5000, f32::NAN),
+        found: |case| case.nonfinite == 1,
+    },
+    Fault {
+        name: "one infinity",
+        scene: CLASSIC,
+        overrides: none,
+        tamper: |image| poke(image, 7000, f32::INFINITY),
+        found: |case| case.nonfinite == 1,
+    },
+    Fault {
+        name: "one wrong texel",
+        scene: "scenes/showcase/textured_mesh.toml",
+        overrides: || vec![format!("texture.picture.file='{}'", wrong_picture().display())],
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        name: "one shape casts no shadow",
+        scene: CLASSIC,
+        overrides: || set("accelerator.type=no_shadow"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        name: "one wrong pixel",
+        scene: CLASSIC,
+        overrides: none,
+        tamper: |image| poke(image, 150 * 192 + 96, 0.123),
+        found: |case| case.unexplained == 1,
+    },
+    Fault {
+        name: "a bias below the tolerance in one block",
+        scene: CLASSIC,
+        overrides: none,
+        tamper: bias,
+        found: |case| {
+            case.unexplained == 0
+                && case.signed_block_bias.is_some_and(|block| block.bias.abs() > case.bias_limit)
+        },
+    },
+];
+
+fn poke(image: &mut Image, index: usize, value: f32) {
+    if let Some(samples) = image.channel_mut("G") {
+        samples[index] = value;
+    }
+}
+
+fn shift(image: &mut Image) {
+    for name in ["R", "G", "B"] {
+        if let Some(samples) = image.channel_mut(name) {
+            samples.rotate_left(1);
+        }
+    }
+}
+
+fn bias(image: &mut Image) {
+    let width = image.width();
+    for name in ["R", "G", "B"] {
+        if let Some(samples) = image.channel_mut(name) {
+            for (index, sample) in samples.iter_mut().enumerate() {
+                if (160..176).contains(&(index / width)) && (96..112).contains(&(index % width)) {
+                    *sample *= 1.0002;
+                }
+            }
+        }
+    }
+}
+
+/// The picture of the textured scene with one texel changed by a twentieth.
+fn wrong_picture() -> PathBuf {
+    let texels = texels::read("scenes/assets/picture.png", Limits::TEXTURE).expect("the picture is there");
+    let encode = |value: f32| (value * 255.0).round() as u8;
+    let mut raster = Raster::from_fn(texels.width, texels.height, |x, y| {
+        texels.data[y * texels.width + x].map(encode)
+    });
+    let (x, y) = (texels.width / 2, texels.height / 2);
+    let color = raster.pixel(x, y).expect("the middle is inside");
+    raster.set(x, y, color.map(|c| if c > 128 { c - 13 } else { c + 13 }));
+    let _ = ToneMap::default();
+    let folder = std::env::temp_dir().join(format!("whitstone-faults-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("the folder for temporary files is writable");
+    let path = folder.join("wrong.png");
+    raster.write_png(&path).expect("the folder for temporary files is writable");
+    path
+}
+
+/// A sphere whose outside is inside.
+struct FlippedSphere(Box<dyn Primitive>);
+
+impl Plugin<Shapes> for FlippedSphere {
+    const TYPE: &'static str = "flipped_sphere";
+    type Config = sphere::Config;
+
+    fn build(config: Self::Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        match <Sphere as Plugin<Shapes>>::build(config, transform, context)? {
+            Shape::Opaque(primitive) => Ok(Shape::Opaque(Box::new(Self(primitive)))),
+            other => Ok(other),
+        }
+    }
+}
+
+impl Primitive for FlippedSphere {
+    fn bounds(&self) -> Aabb {
+        self.0.bounds()
+    }
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        self.0.closest(ray, interval, leaves)
+    }
+    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let point = self.0.surface(ray, hit, needs);
+        SurfacePoint {
+            n_g: -point.n_g,
+            n_s: -point.n_s,
+            ..point
+        }
+    }
+}
+
+/// An accelerator with a fault, around one without.
+struct Faulty<const KIND: usize>(Box<dyn Accelerator>);
+
+const FAR_SPAWN: usize = 0;
+const NO_SHADOW: usize = 1;
+
+impl<const KIND: usize> Plugin<Accelerators> for Faulty<KIND> {
+    const TYPE: &'static str = ["far_spawn", "no_shadow"][KIND];
+    type Config = brute_force::Config;
+
+    fn build(
+        config: Self::Config,
+        geometry: Arc<Geometry>,
+        context: &mut dyn Context,
+    ) -> Result<Box<dyn Accelerator>, SceneErrors> {
+        let inner = <BruteForce as Plugin<Accelerators>>::build(config, geometry, context)?;
+        Ok(Box::new(Self(inner)))
+    }
+}
+
+impl<const KIND: usize> Faulty<KIND> {
+    /// Spawned rays start a thousand times as far along as those of the reference: 4000 units of 2^-24.
+    fn ray(&self, ray: &Ray, skip: Skip) -> Ray {
+        if KIND == FAR_SPAWN && skip != Skip::NOTHING {
+            let far = 4000.0 * (-24.0_f64).exp2() * (1.0 + ray.origin.abs().max_element());
+            return Ray::new(ray.at(far), ray.direction);
+        }
+        *ray
+    }
+}
+
+impl<const KIND: usize> Accelerator for Faulty<KIND> {
+    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+        self.0.closest(&self.ray(ray, skip), interval, skip)
+    }
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+        let ray = self.ray(ray, skip);
+        match self.0.closest(&ray, interval, skip) {
+            // Shape 3 of the classic scene is the matte ball.
+            Some(hit) => KIND != NO_SHADOW || hit.shape != 3,
+            None => false,
+        }
+    }
+    fn statistics(&self) -> Statistics {
+        self.0.statistics()
+    }
+}
+
+fn registry() -> Registry {
+    let mut registry = whitstone::registry();
+    registry.add::<Shapes, FlippedSphere>("faults").expect("a new type");
+    registry.add::<Accelerators, Faulty<FAR_SPAWN>>("faults").expect("a new type");
+    registry.add::<Accelerators, Faulty<NO_SHADOW>>("faults").expect("a new type");
+    registry
+}
+
+fn run(fault: &Fault, mode: Mode) -> Result<(), Failed> {
+    let registry = registry();
+    let options = |ours_overrides| Options {
+        scenes: PathBuf::from("scenes"),
+        references: PathBuf::from("references"),
+        target: PathBuf::from("target/whitstone"),
+        mode,
+        reuse: true,
+        threads: 0,
+        overrides: Vec::new(),
+        ours_overrides,
+        time_limit: Duration::from_secs(120),
+        program: "whitstone".to_owned(),
+    };
+    let validate = |ours_overrides: Vec<String>, tamper: Tamper| -> Result<CaseResult, Failed> {
+        let mut validator = Validator::new(&registry, options(ours_overrides), &|_| {})?;
+        Ok(validator.validate_tampered(Path::new(fault.scene), &tamper))
+    };
+    let sound = validate(Vec::new(), |_| {})?;
+    if sound.status != Some(Status::Pass) {
+        return Err(format!("the scene fails without the fault: {:?}", sound.problems).into());
+    }
+    let faulty = validate((fault.overrides)(), fault.tamper)?;
+    if faulty.status == Some(Status::Fail) && (fault.found)(&faulty) {
+        Ok(())
+    } else {
+        Err(format!("the fault was not found: {faulty:#?}").into())
+    }
+}
+
+fn main() {
+    let arguments = Arguments::from_args();
+    // Cargo runs tests in the folder of their package; scenes are named from the repository.
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the package is in the repository");
+    std::env::set_current_dir(root).expect("the repository is there");
+    let live = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
+    let trials = FAULTS
+        .iter()
+        .flat_map(|fault| {
+            [
+                Trial::test(format!("stored: {}", fault.name), move || run(fault, Mode::Stored)),
+                Trial::test(format!("live: {}", fault.name), move || run(fault, Mode::Live)).with_ignored_flag(!live),
+            ]
+        })
+        .collect();
+    libtest_mimic::run(&arguments, trials).exit();
+}
