@@ -7,6 +7,7 @@ mod context;
 pub use context::{TestContext, build, build_in};
 
 mod accelerators;
+pub mod assets;
 mod ball;
 mod random;
 mod shapes;

@@ -1,0 +1,244 @@
+//! The meshes and pictures under `scenes/assets/`: all of them are generated here, none by hand.
+//!
+//! To write them: `cargo run -p whitstone-testkit --example write_assets -- scenes/assets`.
+
+use std::f64::consts::TAU;
+use std::fmt::Write;
+use whitstone_core::DVec3;
+
+/// All assets: the name of each file and its bytes, the same in every run.
+pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
+    vec![
+        ("corners.png", corners()),
+        ("icosphere.ply", icosphere()),
+        ("terrain.ply", terrain().into_bytes()),
+        ("torus.obj", torus().into_bytes()),
+    ]
+}
+
+/// A torus about the z axis, radii 0.7 and 0.3: an OBJ of quads with normals and texture coordinates, and
+/// a seam where those start anew.
+fn torus() -> String {
+    const AROUND: usize = 32;
+    const ACROSS: usize = 16;
+    let mut text = String::from("# A torus about the z axis, radii 0.7 and 0.3.\no torus\n");
+    let circle = |i: usize, n: usize| (TAU * i as f64 / n as f64).sin_cos();
+    let (mut normals, mut uvs, mut faces) = (String::new(), String::new(), String::new());
+    for i in 0..AROUND {
+        let (sin, cos) = circle(i, AROUND);
+        for j in 0..ACROSS {
+            let (up, out) = circle(j, ACROSS);
+            let normal = DVec3::new(out * cos, out * sin, up);
+            let point = 0.7 * DVec3::new(cos, sin, 0.0) + 0.3 * normal;
+            line(&mut text, "v", &point.to_array());
+            line(&mut normals, "vn", &normal.to_array());
+        }
+    }
+    for i in 0..=AROUND {
+        for j in 0..=ACROSS {
+            line(
+                &mut uvs,
+                "vt",
+                &[i as f64 / AROUND as f64, j as f64 / ACROSS as f64],
+            );
+        }
+    }
+    for i in 0..AROUND {
+        for j in 0..ACROSS {
+            let corner = |i: usize, j: usize| {
+                let point = 1 + (i % AROUND) * ACROSS + j % ACROSS;
+                let uv = 1 + i * (ACROSS + 1) + j;
+                format!(" {point}/{uv}/{point}")
+            };
+            let corners = [
+                corner(i, j),
+                corner(i + 1, j),
+                corner(i + 1, j + 1),
+                corner(i, j + 1),
+            ];
+            faces += &format!("f{}\n", corners.concat());
+        }
+    }
+    text + &uvs + &normals + &faces
+}
+
+/// A unit sphere of 1280 triangles: a little-endian PLY with normals.
+fn icosphere() -> Vec<u8> {
+    let (positions, triangles) = subdivided_icosahedron(3);
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\ncomment a unit sphere from an icosahedron\n\
+         element vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         property float nx\nproperty float ny\nproperty float nz\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        positions.len(),
+        triangles.len()
+    )
+    .into_bytes();
+    for p in &positions {
+        let position = p.to_array().map(|x| x as f32);
+        for x in position.iter().chain(&position) {
+            bytes.extend(x.to_le_bytes());
+        }
+    }
+    for triangle in &triangles {
+        bytes.push(3);
+        for index in triangle {
+            bytes.extend((*index as i32).to_le_bytes());
+        }
+    }
+    bytes
+}
+
+/// Each triangle is cut into four, `steps` times; vertices are moved onto the unit sphere.
+fn subdivided_icosahedron(steps: usize) -> (Vec<DVec3>, Vec<[usize; 3]>) {
+    let golden = 0.5 * (1.0 + 5f64.sqrt());
+    let mut positions = Vec::new();
+    for (a, b) in [(-1.0, golden), (1.0, golden), (-1.0, -golden), (1.0, -golden)] {
+        positions.extend([
+            DVec3::new(a, b, 0.0),
+            DVec3::new(0.0, a, b),
+            DVec3::new(b, 0.0, a),
+        ]);
+    }
+    for p in &mut positions {
+        *p = p.normalize();
+    }
+    // Neighbours are those at the length of an edge; the faces are the triples of neighbours.
+    let edge = positions
+        .iter()
+        .map(|p| p.distance(positions[0]))
+        .filter(|d| *d > 0.0)
+        .fold(2.0, f64::min);
+    let near = |a: usize, b: usize| (positions[a].distance(positions[b]) - edge).abs() < 1e-9;
+    let mut triangles = Vec::new();
+    for a in 0..12 {
+        for b in a + 1..12 {
+            for c in b + 1..12 {
+                if near(a, b) && near(b, c) && near(a, c) {
+                    let [p, q, r] = [a, b, c].map(|i| positions[i]);
+                    let outside = (q - p).cross(r - p).dot(p) > 0.0;
+                    triangles.push(if outside { [a, b, c] } else { [a, c, b] });
+                }
+            }
+        }
+    }
+    for _ in 0..steps {
+        let mut middles = std::collections::BTreeMap::new();
+        let mut finer = Vec::new();
+        for &[a, b, c] in &triangles {
+            let mut middle = |i: usize, j: usize| {
+                *middles.entry((i.min(j), i.max(j))).or_insert_with(|| {
+                    positions.push((positions[i] + positions[j]).normalize());
+                    positions.len() - 1
+                })
+            };
+            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+            finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        }
+        triangles = finer;
+    }
+    (positions, triangles)
+}
+
+/// Hills over the square -1 <= x, y <= 1, up to 0.3 high: an ASCII PLY of triangles without normals.
+fn terrain() -> String {
+    const CELLS: usize = 32;
+    let side = CELLS + 1;
+    let mut text = format!(
+        "ply\nformat ascii 1.0\ncomment hills over a square\nelement vertex {}\nproperty float x\n\
+         property float y\nproperty float z\nelement face {}\n\
+         property list uchar int vertex_indices\nend_header\n",
+        side * side,
+        2 * CELLS * CELLS
+    );
+    let at = |i: usize| 2.0 * i as f64 / CELLS as f64 - 1.0;
+    for j in 0..side {
+        for i in 0..side {
+            let (x, y) = (at(i), at(j));
+            let hills = (5.0 * x + 1.0).sin() * (4.0 * y).cos() + 0.5 * (11.0 * x - 7.0 * y).sin();
+            let words = [x, y, 0.2 * hills].map(decimal);
+            text += &format!("{}\n", words.join(" "));
+        }
+    }
+    for j in 0..CELLS {
+        for i in 0..CELLS {
+            let first = j * side + i;
+            let [a, b, c, d] = [first, first + 1, first + side + 1, first + side];
+            text += &format!("3 {a} {b} {c}\n3 {a} {c} {d}\n");
+        }
+    }
+    text
+}
+
+/// A picture of 32 x 32 pixels, 8 bits sRGB. Each corner has its colour - red top left, green top right,
+/// blue bottom left, white bottom right - so that a turned or mirrored texture is seen at once; between
+/// them lies a ramp that is dark at the left, with a grid of single texels.
+fn corners() -> Vec<u8> {
+    const SIZE: u32 = 32;
+    let picture = image::RgbImage::from_fn(SIZE, SIZE, |x, y| {
+        let (left, top) = (x < SIZE / 4, y < SIZE / 4);
+        let (right, bottom) = (x >= SIZE - SIZE / 4, y >= SIZE - SIZE / 4);
+        image::Rgb(match () {
+            () if left && top => [230, 30, 30],
+            () if right && top => [30, 200, 30],
+            () if left && bottom => [40, 60, 240],
+            () if right && bottom => [250, 250, 250],
+            () if x % 4 == 0 && y % 4 == 0 => [20, 20, 20],
+            () => [(60 + 5 * x) as u8, (60 + 4 * y) as u8, 120],
+        })
+    });
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let written = picture.write_to(&mut bytes, image::ImageFormat::Png);
+    written.expect("memory takes all that is written");
+    bytes.into_inner()
+}
+
+fn line(text: &mut String, keyword: &str, numbers: &[f64]) {
+    let words: Vec<String> = numbers.iter().copied().map(decimal).collect();
+    writeln!(text, "{keyword} {}", words.join(" ")).expect("a string takes all that is written");
+}
+
+/// Five decimals: fewer than those in which the sines of different machines differ. No negative zero.
+fn decimal(x: f64) -> String {
+    let text = format!("{x:.5}");
+    match text.as_str() {
+        "-0.00000" => "0.00000".to_owned(),
+        _ => text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn assets_are_small_and_always_the_same() {
+        let assets = generate();
+        assert_eq!(assets, generate());
+        for (name, bytes) in assets {
+            assert!(
+                (100..100_000).contains(&bytes.len()),
+                "{name} has {} bytes",
+                bytes.len()
+            );
+        }
+    }
+
+    #[test]
+    fn the_icosphere_is_closed_and_faces_outward() {
+        let (positions, triangles) = subdivided_icosahedron(3);
+        assert_eq!((positions.len(), triangles.len()), (642, 1280));
+        let mut edges = std::collections::BTreeSet::new();
+        for [a, b, c] in triangles {
+            let [p, q, r] = [a, b, c].map(|i| positions[i]);
+            assert!((q - p).cross(r - p).dot(p) > 0.0);
+            // Every edge once in each direction.
+            assert!(
+                [(a, b), (b, c), (c, a)]
+                    .into_iter()
+                    .all(|edge| edges.insert(edge))
+            );
+        }
+        assert!(edges.iter().all(|&(a, b)| edges.contains(&(b, a))));
+    }
+}
