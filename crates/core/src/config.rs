@@ -493,7 +493,13 @@ impl JsonSchema for TextureRef {
             { "type": "number", "minimum": 0 },
             { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 3 },
             { "type": "string", "description": "id of a shared texture" },
-            { "type": "object", "properties": { "type": { "type": "string" } }, "required": ["type"] }
+            {
+                "type": "object",
+                "properties": { "type": { "type": "string" } },
+                "required": ["type"],
+                // By this the schema of whole scenes puts the types that there are in its place.
+                "x-family": "texture"
+            }
         ] })
     }
 }

@@ -10,7 +10,7 @@ use whitstone_core::{SceneError, SceneErrors, SourceSpan, nearest};
 pub(crate) type Value<'s> = Spanned<DeValue<'s>>;
 
 /// Every key that the top level of a scene may have.
-const TOP_LEVEL: [&str; 11] = [
+pub(crate) const TOP_LEVEL: [&str; 11] = [
     "include",
     "film",
     "camera",

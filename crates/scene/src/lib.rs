@@ -9,6 +9,7 @@ mod document;
 mod film;
 mod pipeline;
 mod plan;
+mod schema;
 mod sources;
 mod transform;
 
@@ -17,4 +18,5 @@ pub use document::{Flattened, nearest_top_level};
 pub use film::{Film, Progress, RenderOptions};
 pub use pipeline::Pipeline;
 pub use plan::{LeftOut, Plan};
+pub use schema::scene_schema;
 pub use sources::{LoadError, Position, Sources};

@@ -10,11 +10,13 @@
 //! }
 //! ```
 
-pub mod commands;
+// First, because its macros take the place of those that panic.
+#[macro_use]
 mod terminal;
+pub mod commands;
 
 pub use commands::Cli;
-pub use terminal::{Exit, Failure};
+pub use terminal::{Exit, Failure, finish, progress};
 pub use whitstone_core as core;
 pub use whitstone_image as image;
 pub use whitstone_scene as scene;

@@ -1,9 +1,42 @@
-//! What all commands share in talking to people: progress, messages, exit codes.
+//! What all commands share in talking to people: output, progress, messages, exit codes.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::fmt::Display;
-use std::io::IsTerminal;
+use std::fmt::{Arguments, Display};
+use std::io::{ErrorKind, IsTerminal, Write};
+use std::path::Path;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use whitstone_image::atomic;
+
+/// As the standard macro, which panics if the reader of a pipe has gone; this one does not. The crate has no
+/// other `println!`.
+macro_rules! println {
+    () => { $crate::terminal::out(format_args!("\n")) };
+    ($($arguments:tt)*) => { $crate::terminal::out(format_args!("{}\n", format_args!($($arguments)*))) };
+}
+
+/// As [`println!`], to standard error.
+macro_rules! eprintln {
+    ($($arguments:tt)*) => { $crate::terminal::err(format_args!("{}\n", format_args!($($arguments)*))) };
+}
+
+/// Whether something could not be written to standard output for another reason than that no one reads it.
+static OUTPUT_LOST: AtomicBool = AtomicBool::new(false);
+
+/// Writes to standard output. That the reader has gone (`whitstone list | head -1`) is no error: the rest of
+/// the work still has to be done, and its text is of no interest.
+pub(crate) fn out(text: Arguments<'_>) {
+    if let Err(error) = std::io::stdout().lock().write_fmt(text)
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        OUTPUT_LOST.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Writes to standard error; if that fails, there is nowhere to say so.
+pub(crate) fn err(text: Arguments<'_>) {
+    let _ = std::io::stderr().lock().write_fmt(text);
+}
 
 /// How a command ended; the numbers are a contract with scripts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +70,14 @@ impl Failure {
 
 /// Prints a failure and gives the exit code.
 pub fn finish(result: Result<Exit, Failure>) -> ExitCode {
+    let flushed = std::io::stdout().lock().flush();
+    let lost = OUTPUT_LOST.load(Ordering::Relaxed)
+        || flushed.is_err_and(|error| error.kind() != ErrorKind::BrokenPipe);
+    let result = match result {
+        // A result that no one could get is none, a verdict or a failure comes before.
+        Ok(Exit::Pass) if lost => Err(Failure::environment("cannot write to standard output")),
+        result => result,
+    };
     match result {
         Ok(Exit::Pass) => ExitCode::SUCCESS,
         Ok(Exit::Differs) => ExitCode::from(1),
@@ -52,16 +93,22 @@ pub fn finish(result: Result<Exit, Failure>) -> ExitCode {
 }
 
 fn with_prefix(problem: &str) -> String {
-    // Reports about scenes bring their own.
-    if problem.contains("error") && problem.starts_with(['e', '\u{1b}']) {
+    // Reports about scenes bring their own, perhaps in colour.
+    let plain = problem.trim_start_matches(|c: char| c == '\u{1b}' || c == '[' || c == ';' || c.is_ascii_digit());
+    if plain.starts_with("merror") || problem.starts_with("error:") {
         problem.to_owned()
     } else {
         format!("error: {problem}")
     }
 }
 
+/// Writes a value for machines to the file of `--json`, as a whole or not at all.
+pub(crate) fn write_json(path: &Path, value: &serde_json::Value) -> Result<(), Failure> {
+    atomic::write_bytes(path, format!("{value:#}\n").as_bytes()).map_err(Failure::environment)
+}
+
 /// Whether messages may be coloured.
-pub fn color() -> bool {
+pub(crate) fn color() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }
 
@@ -72,4 +119,18 @@ pub fn progress(total: u64, what: &str) -> ProgressBar {
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.set_message(what.to_owned());
     bar
+}
+
+#[cfg(test)]
+mod tests {
+    use super::with_prefix;
+
+    #[test]
+    fn failures_have_one_prefix() {
+        assert_eq!(with_prefix("no such file"), "error: no such file");
+        assert_eq!(with_prefix("errors.toml: no such file"), "error: errors.toml: no such file");
+        assert_eq!(with_prefix("error: unknown key"), "error: unknown key");
+        let colored = "\u{1b}[1m\u{1b}[91merror\u{1b}[0m: unknown key";
+        assert_eq!(with_prefix(colored), colored);
+    }
 }

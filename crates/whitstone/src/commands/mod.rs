@@ -1,6 +1,13 @@
 //! The commands, one file each.
 
+pub mod compare;
+pub mod completions;
+pub mod doctor;
+pub mod explain;
+pub mod list;
+pub mod reference;
 pub mod render;
+pub mod schema;
 pub mod validate;
 
 use crate::terminal::{self, Exit, Failure};
@@ -20,10 +27,36 @@ struct Arguments {
     command: Command,
 }
 
+/// The commands with their arguments.
 #[derive(Subcommand)]
-enum Command {
+#[expect(missing_docs, reason = "clap would show documentation here instead of that of the arguments")]
+pub enum Command {
     Render(render::Arguments),
     Validate(validate::Arguments),
+    Compare(compare::Arguments),
+    Explain(explain::Arguments),
+    List(list::Arguments),
+    Schema(schema::Arguments),
+    Doctor(doctor::Arguments),
+    Completions(completions::Arguments),
+    Reference(reference::Arguments),
+}
+
+impl Command {
+    /// Runs the command. `program` is how messages call it.
+    pub fn run(&self, registry: &Registry, program: &str) -> Result<Exit, Failure> {
+        match self {
+            Self::Render(arguments) => render::run(arguments, registry),
+            Self::Validate(arguments) => validate::run(arguments, registry, program),
+            Self::Compare(arguments) => compare::run(arguments),
+            Self::Explain(arguments) => explain::run(arguments, registry),
+            Self::List(arguments) => list::run(arguments, registry),
+            Self::Schema(arguments) => schema::run(arguments, registry),
+            Self::Doctor(arguments) => doctor::run(arguments, registry),
+            Self::Completions(arguments) => completions::run(arguments, Arguments::command(), program),
+            Self::Reference(arguments) => reference::run(arguments, registry, program),
+        }
+    }
 }
 
 /// The command line with its plugins.
@@ -62,10 +95,7 @@ impl Cli {
             Ok(arguments) => arguments,
             Err(error) => error.exit(),
         };
-        terminal::finish(match arguments.command {
-            Command::Render(arguments) => render::run(&arguments, &self.registry),
-            Command::Validate(arguments) => validate::run(&arguments, &self.registry, self.program),
-        })
+        terminal::finish(arguments.command.run(&self.registry, self.program))
     }
 }
 
@@ -81,6 +111,16 @@ pub struct SceneArguments {
 
 /// A scene that is built, or all that is wrong with it as a report.
 pub fn build(arguments: &SceneArguments, registry: &Registry) -> Result<Pipeline, Failure> {
+    let (pipeline, ()) = build_with(arguments, registry, |_| ())?;
+    Ok(pipeline)
+}
+
+/// As [`build`], and what `note` makes of the scene as it is written.
+pub fn build_with<T>(
+    arguments: &SceneArguments,
+    registry: &Registry,
+    note: impl FnOnce(&Description<'_>) -> T,
+) -> Result<(Pipeline, T), Failure> {
     let color = terminal::color();
     let sources = Sources::load(&arguments.scene, &arguments.overrides)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
@@ -91,5 +131,5 @@ pub fn build(arguments: &SceneArguments, registry: &Registry) -> Result<Pipeline
     if !pipeline.warnings.is_empty() {
         eprintln!("{}", sources.report_warnings(&pipeline.warnings, color));
     }
-    Ok(pipeline)
+    Ok((pipeline, note(&description)))
 }

@@ -20,6 +20,8 @@ const MAX_PIXELS: u64 = 192 * 192;
 /// For each scene whose stored reference is missing or of another version of the scene, a picture of
 /// ours, the reference and the error is written. Nothing is stored without --accept.
 #[derive(Args, Debug)]
+// The arguments of `validate` are a group of the same name, and a command has it once only.
+#[group(skip)]
 pub struct Arguments {
     #[command(flatten)]
     scenes: super::validate::Arguments,

@@ -1,0 +1,239 @@
+//! JSON Schema of whole scenes, put together from those of the plugins in a registry.
+
+use serde_json::{Map, Value, json};
+use whitstone_core::{Entry, FamilyName, Registry};
+
+/// The key by which a plugin's schema marks where an inline plugin of a family may stand.
+const FAMILY_MARK: &str = "x-family";
+
+/// The schema of a scene file with the plugins of a registry. A file that is only included by others has no
+/// camera, so none is required here; for the rest, what the schema refuses the loader refuses as well.
+pub fn scene_schema(registry: &Registry) -> Value {
+    let mut definitions = Map::new();
+    for family in FamilyName::ALL {
+        let entries = registry.entries().filter(|entry| entry.family == family);
+        let mut choices = Vec::new();
+        for entry in entries {
+            let name = definition_name(entry);
+            let schema = plugin_schema(entry, &mut definitions);
+            definitions.insert(name.clone(), schema);
+            choices.push(reference(&name));
+        }
+        if family == FamilyName::Accelerator {
+            choices.push(object(
+                "Leaves the choice to the program; `whitstone explain` says why it chose what it did.",
+                json!({ "type": { "const": "auto" } }),
+                &["type"],
+            ));
+        }
+        // The fitting one is found by its `type`: with `anyOf`, editors would offer the keys of all.
+        definitions.insert(family.singular().to_owned(), json!({ "oneOf": choices }));
+    }
+    definitions.insert("transform_step".to_owned(), transform_step());
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Whitstone scene",
+        "description": "A scene of the Whitted model; see docs/whitted-model.md.",
+        "type": "object",
+        "properties": top_level(),
+        "additionalProperties": false,
+        "$defs": definitions,
+    })
+}
+
+fn top_level() -> Value {
+    let one = |family: FamilyName, text: &str| {
+        json!({ "description": text, "allOf": [reference(family.singular())] })
+    };
+    let by_id = |family: FamilyName, text: &str| {
+        json!({
+            "description": text,
+            "type": "object",
+            "additionalProperties": reference(family.singular()),
+        })
+    };
+    let list = |family: FamilyName, text: &str| {
+        json!({ "description": text, "type": "array", "items": reference(family.singular()) })
+    };
+    json!({
+        "include": {
+            "description": "Scene files whose tables are taken over, relative to this file.",
+            "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" } }],
+        },
+        "film": film(),
+        "camera": one(FamilyName::Camera, "How to look; required in the scene as a whole."),
+        "sampler": one(FamilyName::Sampler, "Where in a pixel; \"center\" if left out."),
+        "integrator": one(FamilyName::Integrator, "What to compute; \"whitted\" if left out."),
+        "accelerator": one(
+            FamilyName::Accelerator,
+            "How to find hits; without effect on the image; \"auto\" if left out.",
+        ),
+        "light": list(FamilyName::Light, "Lights."),
+        "texture": by_id(FamilyName::Texture, "Shared textures by id."),
+        "material": by_id(FamilyName::Material, "Shared materials by id."),
+        "shape": list(FamilyName::Shape, "Shapes; their place in the file is their shape_id."),
+        "expect": expect(),
+    })
+}
+
+fn film() -> Value {
+    let pixels = |text: &str| {
+        json!({ "description": text, "type": "integer", "minimum": 1, "maximum": 65536, "default": 512 })
+    };
+    object(
+        "The image.",
+        json!({
+            "width": pixels("Columns."),
+            "height": pixels("Rows."),
+            "aovs": {
+                "description": "Layers to write beside the radiance.",
+                "type": "array",
+                "uniqueItems": true,
+                "items": { "enum": ["depth", "normal", "uv", "shape_id", "primitive_id"] },
+            },
+        }),
+        &[],
+    )
+}
+
+fn expect() -> Value {
+    object(
+        "Where validation must allow other numbers than the default limits, and why.",
+        json!({
+            "rel_rmse_interior": {
+                "description": "Largest rel_rmse_interior that passes.",
+                "type": "number",
+                "exclusiveMinimum": 0,
+            },
+            "explained": {
+                "description": "Largest number of explained pixels that passes.",
+                "type": "integer",
+                "minimum": 0,
+                "maximum": u32::MAX,
+            },
+            "reason": { "description": "Required with any of the others.", "type": "string" },
+        }),
+        &[],
+    )
+}
+
+fn transform_step() -> Value {
+    let numbers = |count: usize| {
+        json!({ "type": "array", "items": { "type": "number" }, "minItems": count, "maxItems": count })
+    };
+    let rotate = object(
+        "Counter-clockwise looking against the axis.",
+        json!({ "axis": numbers(3), "degrees": { "type": "number" } }),
+        &["axis", "degrees"],
+    );
+    let matrix = json!({ "type": "array", "items": numbers(4), "minItems": 3, "maxItems": 3 });
+    let scale = json!({ "anyOf": [{ "type": "number" }, numbers(3)] });
+    json!({ "oneOf": [
+        object("Moves, in metres.", json!({ "translate": numbers(3) }), &["translate"]),
+        object("Scales, alike or by axis.", json!({ "scale": scale }), &["scale"]),
+        object("Turns.", json!({ "rotate": rotate }), &["rotate"]),
+        object("Three rows of an affine matrix.", json!({ "matrix": matrix }), &["matrix"]),
+    ] })
+}
+
+/// Keys that every plugin of a family has besides its own.
+fn common_keys(family: FamilyName) -> Value {
+    match family {
+        FamilyName::Shape => json!({
+            "id": { "description": "A name, unique among the shapes.", "type": "string" },
+            "material": {
+                "description": "Id of a shared material, or a material; matte grey if left out.",
+                "anyOf": [{ "type": "string" }, reference(FamilyName::Material.singular())],
+            },
+            "transform": {
+                "description": "From object to world space: one step, or steps in the order in which they are applied.",
+                "anyOf": [
+                    reference("transform_step"),
+                    { "type": "array", "items": reference("transform_step") },
+                ],
+            },
+        }),
+        _ => json!({}),
+    }
+}
+
+/// The plugin's own schema with `type` and the common keys; its definitions go to `definitions`.
+fn plugin_schema(entry: &Entry, definitions: &mut Map<String, Value>) -> Value {
+    let prefix = definition_name(entry);
+    let mut schema = Value::from(entry.schema());
+    relocate(&mut schema, &prefix);
+    let Value::Object(map) = &mut schema else {
+        return schema;
+    };
+    map.remove("$schema");
+    if let Some(Value::Object(own)) = map.remove("$defs") {
+        definitions.extend(own.into_iter().map(|(name, value)| (format!("{prefix}.{name}"), value)));
+    }
+    map.insert("title".to_owned(), json!(entry.name));
+    let properties = map.entry("properties").or_insert_with(|| json!({}));
+    if let (Value::Object(properties), Value::Object(common)) = (properties, common_keys(entry.family)) {
+        properties.insert("type".to_owned(), json!({ "const": entry.name }));
+        properties.extend(common);
+    }
+    let required = map.entry("required").or_insert_with(|| json!([]));
+    if let Value::Array(required) = required {
+        required.insert(0, json!("type"));
+    }
+    schema
+}
+
+/// Makes references to the plugin's own definitions point to where they are put, and puts references to
+/// families where a plugin may stand.
+fn relocate(schema: &mut Value, prefix: &str) {
+    match schema {
+        Value::Array(items) => items.iter_mut().for_each(|item| relocate(item, prefix)),
+        Value::Object(map) => {
+            if let Some(Value::String(family)) = map.get(FAMILY_MARK) {
+                *schema = reference(&family.clone());
+                return;
+            }
+            if let Some(Value::String(target)) = map.get_mut("$ref")
+                && let Some(name) = target.strip_prefix("#/$defs/")
+            {
+                *target = format!("#/$defs/{prefix}.{name}");
+            }
+            map.values_mut().for_each(|value| relocate(value, prefix));
+        }
+        _ => {}
+    }
+}
+
+fn definition_name(entry: &Entry) -> String {
+    format!("{}.{}", entry.family.singular(), entry.name)
+}
+
+fn reference(definition: &str) -> Value {
+    json!({ "$ref": format!("#/$defs/{definition}") })
+}
+
+fn object(description: &str, properties: Value, required: &[&str]) -> Value {
+    json!({
+        "description": description,
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": false,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::document::TOP_LEVEL;
+
+    #[test]
+    fn the_schema_has_every_table_of_a_scene() {
+        let schema = scene_schema(&Registry::default());
+        let properties = schema["properties"].as_object().unwrap();
+        let mut named: Vec<&str> = properties.keys().map(String::as_str).collect();
+        let mut known = TOP_LEVEL.to_vec();
+        named.sort_unstable();
+        known.sort_unstable();
+        assert_eq!(named, known);
+    }
+}

@@ -1,0 +1,22 @@
+//! `completions`: for shells.
+
+use crate::terminal::{Exit, Failure, out};
+use clap::{Args, Command};
+use clap_complete::Shell;
+
+/// Print a completion script for a shell
+#[derive(Args, Debug)]
+#[command(after_help = "Example:\n  whitstone completions bash > ~/.local/share/bash-completion/completions/whitstone")]
+pub struct Arguments {
+    /// Which shell
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+/// Runs the command. `command` is the whole command line, called `program`.
+pub fn run(arguments: &Arguments, mut command: Command, program: &str) -> Result<Exit, Failure> {
+    let mut script = Vec::new();
+    clap_complete::generate(arguments.shell, &mut command, program, &mut script);
+    out(format_args!("{}", String::from_utf8_lossy(&script)));
+    Ok(Exit::Pass)
+}

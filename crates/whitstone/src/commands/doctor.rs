@@ -1,0 +1,188 @@
+//! `doctor`: whether everything that Whitstone needs is there.
+
+use crate::terminal::{Exit, Failure, write_json};
+use clap::Args;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use whitstone_core::Registry;
+use whitstone_scene::{Description, Pipeline, Plan, RenderOptions, Sources};
+use whitstone_validate::Live;
+use whitstone_validate::driver::Hello;
+use whitstone_validate::environment::Environment;
+
+/// Check that rendering and live validation work here, and say what to do where they do not
+///
+/// Renders a small picture, looks for Python, makes the private Python environment if it is not there (a
+/// download of about 100 MB, once; see --no-install), and starts Mitsuba in it.
+///
+/// Exit code 0 if rendering and live validation work, 3 if not.
+#[derive(Args, Debug)]
+#[command(after_help = "Example:\n  whitstone doctor --json doctor.json")]
+pub struct Arguments {
+    /// Write what was found to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Do not make the Python environment, only look for it
+    #[arg(long)]
+    no_install: bool,
+    /// Folder of the environment
+    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
+    target: PathBuf,
+    /// Folder with the Mitsuba driver and the stored references
+    #[arg(long, default_value = "references", value_name = "DIR")]
+    references: PathBuf,
+    /// How long Mitsuba may take to start, in seconds
+    #[arg(long, default_value_t = 120, value_name = "SECONDS")]
+    time_limit: u64,
+}
+
+/// Everything that was looked at.
+struct Findings {
+    threads: usize,
+    rendering: Result<f64, String>,
+    environments: usize,
+    live: Result<Hello, String>,
+    stored: usize,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let rendering = render(registry);
+    let environments = environments(&arguments.target);
+    let live = if environments == 0 && arguments.no_install {
+        Err("its Python environment has not been made yet; `validate` and `doctor` make it".to_owned())
+    } else {
+        start(arguments)
+    };
+    let findings = Findings {
+        threads: std::thread::available_parallelism().map_or(1, usize::from),
+        rendering,
+        environments,
+        live,
+        stored: stored_references(&arguments.references.join("images")),
+    };
+    print(&findings);
+    if let Some(path) = &arguments.json {
+        write_json(path, &report(&findings))?;
+    }
+    match (&findings.rendering, &findings.live) {
+        (Err(_), _) => Err(Failure::environment("rendering does not work")),
+        (Ok(_), Err(_)) if findings.stored > 0 => Err(Failure::environment(format!(
+            "live Mitsuba is not available; the {} stored references still work",
+            findings.stored
+        ))),
+        (Ok(_), Err(_)) => Err(Failure::environment("live Mitsuba is not available; rendering works")),
+        (Ok(_), Ok(_)) => Ok(Exit::Pass),
+    }
+}
+
+/// A ball in front of a background: seen in the middle, not at the corners.
+const SCENE: &str = r#"
+film = { width = 64, height = 64 }
+camera = { type = "perspective", look_at = { origin = [0, 0, 4], target = [0, 0, 0] } }
+light = [{ type = "background", radiance = 0.25 }, { type = "ambient", radiance = 2 }]
+shape = [{ type = "sphere" }]
+"#;
+
+/// Renders a picture whose pixels are known: matte grey of 0.5 under an ambient light of 2.
+fn render(registry: &Registry) -> Result<f64, String> {
+    let start = Instant::now();
+    let sources = Sources::from_text("doctor", SCENE, Path::new(""), &[]).map_err(|error| error.to_string())?;
+    let description = Description::parse(&sources).map_err(|error| error.to_string())?;
+    let plan = Plan::new(&description, registry).map_err(|error| error.to_string())?;
+    let pipeline = Pipeline::build(&plan, registry).map_err(|error| error.to_string())?;
+    let film = pipeline.render(RenderOptions::default());
+    let (corner, middle) = (film.rgb.first().copied(), film.rgb.get(32 * 64 + 32).copied());
+    if (corner, middle) == (Some([0.25; 3]), Some([1.0; 3])) {
+        Ok(start.elapsed().as_secs_f64())
+    } else {
+        Err(format!("a known picture came out wrong: {corner:?} in the corner, {middle:?} in the middle"))
+    }
+}
+
+/// Complete Python environments under the target folder.
+fn environments(target: &Path) -> usize {
+    let folders = std::fs::read_dir(target).into_iter().flatten().flatten();
+    folders
+        .filter(|entry| entry.file_name().to_string_lossy().starts_with("python-"))
+        .filter(|entry| entry.path().join("complete").is_file())
+        .count()
+}
+
+fn start(arguments: &Arguments) -> Result<Hello, String> {
+    let environment = Environment::ensure(&arguments.target, &arguments.references, &|text| eprintln!("{text}"))
+        .map_err(|error| error.to_string())?;
+    // An answer of an earlier run says nothing about today.
+    let (reuse, limit) = (false, Duration::from_secs(arguments.time_limit));
+    let live = Live::start(environment, arguments.target.join("live"), reuse, limit);
+    live.map(|live| live.hello().clone()).map_err(|error| error.to_string())
+}
+
+/// Folders at or below `folder` with a reference in them.
+fn stored_references(folder: &Path) -> usize {
+    let mut open = vec![folder.to_owned()];
+    let mut count = 0;
+    while let Some(folder) = open.pop() {
+        count += usize::from(folder.join("meta.toml").is_file() && folder.join("mitsuba.exr").is_file());
+        let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
+        // Links could lead back up.
+        open.extend(entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir())).map(|e| e.path()));
+    }
+    count
+}
+
+fn print(findings: &Findings) {
+    let row = |name: &str, text: &str| println!("{name:<18} {text}");
+    row("whitstone", env!("CARGO_PKG_VERSION"));
+    row("machine", &format!("{} {}", std::env::consts::OS, std::env::consts::ARCH));
+    row("threads", &findings.threads.to_string());
+    match &findings.rendering {
+        Ok(seconds) => row("rendering", &format!("works ({seconds:.3} s for a picture of known values)")),
+        Err(problem) => row("rendering", &format!("FAILS: {problem}")),
+    }
+    row("environments", &format!("{} complete at the start", findings.environments));
+    match &findings.live {
+        Ok(hello) => {
+            row("live Mitsuba", &format!("works: {} ({}), Dr.Jit {}", hello.mitsuba, hello.variant, hello.drjit));
+            row("python", &hello.python);
+            row("libLLVM", &format!("{} ({})", hello.libllvm, hello.llvm_version));
+            row("cpu", &format!("{}, Mitsuba uses {} threads", hello.cpu, hello.threads));
+        }
+        Err(problem) => {
+            row("live Mitsuba", &format!("NOT AVAILABLE: {problem}"));
+            row("what to do", advice(problem));
+        }
+    }
+    row("stored references", &findings.stored.to_string());
+}
+
+/// What to do about the commonest reasons, beyond what the reason itself says.
+fn advice(problem: &str) -> &'static str {
+    let problem = problem.to_lowercase();
+    if problem.contains("llvm") {
+        "install libLLVM 16 or newer (on Debian: apt-get install libllvm19), or name it in DRJIT_LIBLLVM_PATH; \
+         the one of a Rust toolchain serves too: $(rustc --print sysroot)/lib"
+    } else if problem.contains("python environment") || problem.contains("install mitsuba") {
+        "give access to PyPI once (or set PIP_INDEX_URL to a mirror), then run `doctor` again"
+    } else {
+        "follow the reason given; until then, validate with --reference stored"
+    }
+}
+
+fn report(findings: &Findings) -> Value {
+    json!({
+        "whitstone": env!("CARGO_PKG_VERSION"),
+        "os": std::env::consts::OS,
+        "architecture": std::env::consts::ARCH,
+        "threads": findings.threads,
+        "rendering": { "works": findings.rendering.is_ok(), "problem": findings.rendering.as_ref().err() },
+        "environments": findings.environments,
+        "live": {
+            "works": findings.live.is_ok(),
+            "mitsuba": findings.live.as_ref().ok(),
+            "problem": findings.live.as_ref().err(),
+        },
+        "stored_references": findings.stored,
+    })
+}

@@ -1,0 +1,290 @@
+//! `explain`: what a scene makes the pipeline do, and where one pixel's light comes from.
+
+use super::{SceneArguments, build_with};
+use crate::terminal::{Exit, Failure, write_json};
+use clap::Args;
+use serde_json::{Value, json};
+use std::mem::size_of_val;
+use std::path::PathBuf;
+use std::sync::Arc;
+use whitstone_core::{Needs, Registry, Rgb, Scratch, Shape, TreeNode};
+use whitstone_scene::{Description, Pipeline};
+use whitstone_validate::tree;
+
+/// Say what is built for a scene, what is left out and why; with --pixel, follow the rays of one pixel
+#[derive(Args, Debug)]
+#[command(after_help = "Example:\n  whitstone explain scenes/showcase/classic.toml --pixel 256,300")]
+pub struct Arguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// Print the tree of rays of this pixel: column from the left, row from the top, both from 0
+    #[arg(long, value_name = "X,Y", value_parser = parse_pixel)]
+    pixel: Option<[usize; 2]>,
+    /// Which sample of the pixel
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "pixel")]
+    sample: u32,
+    /// Most rays of the tree to print
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    max_rays: usize,
+    /// Write everything to this file, the whole tree included
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+fn parse_pixel(text: &str) -> Result<[usize; 2], String> {
+    let numbers: Option<Vec<usize>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    numbers
+        .and_then(|numbers| numbers.try_into().ok())
+        .ok_or_else(|| "expected column,row, for example 10,20".to_owned())
+}
+
+/// What is known from the description and lost in the pipeline.
+struct Names {
+    camera: String,
+    sampler: String,
+    integrator: String,
+    lights: Vec<String>,
+    /// Of each shape, its id or its type.
+    shapes: Vec<String>,
+}
+
+impl Names {
+    fn of(description: &Description<'_>) -> Self {
+        let shapes = description.shapes.iter().map(|shape| {
+            let kind = &shape.plugin.name;
+            shape.id.as_ref().map_or_else(|| kind.clone(), |id| format!("{kind} \"{id}\""))
+        });
+        Self {
+            camera: description.camera.name.clone(),
+            sampler: description.sampler.name.clone(),
+            integrator: description.integrator.name.clone(),
+            lights: description.lights.iter().map(|light| light.name.clone()).collect(),
+            shapes: shapes.collect(),
+        }
+    }
+
+    fn shape(&self, number: i64) -> &str {
+        let name = usize::try_from(number).ok().and_then(|number| self.shapes.get(number));
+        name.map_or("?", String::as_str)
+    }
+}
+
+/// The rays of one pixel.
+struct PixelTree {
+    pixel: [usize; 2],
+    sample: u32,
+    value: Rgb,
+    nodes: Vec<TreeNode>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let (pipeline, names) = build_with(&arguments.scene, registry, Names::of)?;
+    let tree = arguments.pixel.map(|pixel| trace(&pipeline, pixel, arguments.sample)).transpose()?;
+    print_pipeline(&pipeline, &names);
+    if let Some(tree) = &tree {
+        println!();
+        print_tree(tree, &names, arguments.max_rays);
+    }
+    if let Some(path) = &arguments.json {
+        write_json(path, &report(&pipeline, &names, tree.as_ref()))?;
+    }
+    Ok(Exit::Pass)
+}
+
+fn trace(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Result<PixelTree, Failure> {
+    let size = pipeline.film.size;
+    let [width, height] = [size.width as usize, size.height as usize];
+    if pixel[0] >= width || pixel[1] >= height {
+        let [x, y] = pixel;
+        return Err(Failure::usage(format!("pixel {x},{y} is outside of the image of {width} x {height}")));
+    }
+    let count = pipeline.sampler.count();
+    if sample >= count {
+        return Err(Failure::usage(format!("sample {sample}: the sampler has {count}, counted from 0")));
+    }
+    Ok(PixelTree {
+        pixel,
+        sample,
+        value: pipeline.pixel(pixel.map(|p| p as u32), &mut Scratch::default()),
+        nodes: tree::ours(pipeline, pixel, sample),
+    })
+}
+
+fn elements(pipeline: &Pipeline) -> usize {
+    pipeline.world.geometry.elements().count()
+}
+
+/// Materials that differ; shapes share them.
+fn materials(pipeline: &Pipeline) -> usize {
+    let mut places: Vec<*const ()> =
+        pipeline.world.materials.iter().map(|material| Arc::as_ptr(material).cast()).collect();
+    places.sort_unstable();
+    places.dedup();
+    places.len()
+}
+
+/// Bytes of triangle meshes.
+fn mesh_bytes(pipeline: &Pipeline) -> usize {
+    let bytes = |shape: &Shape| match shape {
+        Shape::Triangles(mesh) => {
+            size_of_val(mesh.positions.as_slice())
+                + size_of_val(mesh.normals.as_slice())
+                + size_of_val(mesh.uvs.as_slice())
+                + size_of_val(mesh.triangles.as_slice())
+        }
+        _ => 0,
+    };
+    pipeline.world.geometry.shapes().iter().map(bytes).sum()
+}
+
+/// Bytes of the film while it is rendered: radiance and layers.
+fn film_bytes(pipeline: &Pipeline) -> usize {
+    let size = pipeline.film.size;
+    let layers: usize = pipeline.film.aovs.iter().map(|aov| aov.channels().len()).sum();
+    size.width as usize * size.height as usize * (3 + layers) * size_of::<f32>()
+}
+
+fn needs(pipeline: &Pipeline) -> Vec<&'static str> {
+    let all = [
+        (Needs::SHADING_NORMAL, "interpolated normals"),
+        (Needs::UV, "texture coordinates"),
+    ];
+    let needed = all.into_iter().filter(|(need, _)| pipeline.world.needs.contains(*need));
+    needed.map(|(_, name)| name).collect()
+}
+
+fn print_pipeline(pipeline: &Pipeline, names: &Names) {
+    let row = |name: &str, text: &str| println!("{name:<14} {text}");
+    let or_none = |list: Vec<&str>| if list.is_empty() { "none".to_owned() } else { list.join(", ") };
+    let size = pipeline.film.size;
+    let layers: Vec<&str> = pipeline.film.aovs.iter().flat_map(|aov| aov.channels()).copied().collect();
+    let samples = pipeline.sampler.count();
+    row("film", &format!("{} x {}, layers: {}", size.width, size.height, or_none(layers)));
+    row("camera", &names.camera);
+    row("sampler", &format!("{}, {samples} a pixel", names.sampler));
+    row("integrator", &names.integrator);
+    let (accelerator, why) = &pipeline.accelerator;
+    row("accelerator", &format!("{accelerator} ({why})"));
+    for (name, value) in pipeline.world.accelerator.statistics() {
+        println!("  {name:<20} {value}");
+    }
+    let (shapes, elements) = (names.shapes.len(), elements(pipeline));
+    row("shapes", &format!("{shapes}, as {elements} elements (triangles and whole shapes)"));
+    let lights: Vec<&str> = names.lights.iter().map(String::as_str).collect();
+    row("lights", &format!("{}: {}", lights.len(), or_none(lights)));
+    row("materials", &format!("{} for the {shapes} shapes", materials(pipeline)));
+    row("needs", &or_none(needs(pipeline)));
+    let (meshes, film) = (mesh_bytes(pipeline), film_bytes(pipeline));
+    row("bytes", &format!("meshes {meshes}, film {film}"));
+    row("built in", &format!("{:.6} s", pipeline.build_seconds));
+    row("scene hash", &pipeline.scene_hash);
+    println!("left out");
+    for part in &pipeline.left_out {
+        println!("  {}: {}", part.what, part.why);
+    }
+}
+
+fn print_tree(tree: &PixelTree, names: &Names, most: usize) {
+    let [x, y] = tree.pixel;
+    println!("pixel ({x}, {y}): {}", colour(tree.value));
+    println!("rays of sample {} (R reflected, T transmitted):", tree.sample);
+    for node in in_order(&tree.nodes).into_iter().take(most) {
+        print_node(node, names);
+    }
+    if tree.nodes.len() > most {
+        println!("... and {} more; --max-rays shows them", tree.nodes.len() - most);
+    }
+}
+
+/// Parents before their children, reflections before transmissions.
+fn in_order(nodes: &[TreeNode]) -> Vec<&TreeNode> {
+    let mut sorted: Vec<&TreeNode> = nodes.iter().collect();
+    sorted.sort_by(|a, b| a.path.cmp(&b.path));
+    sorted
+}
+
+fn print_node(node: &TreeNode, names: &Names) {
+    // Beyond some depth, more indentation would only fill the lines.
+    let indent = "  ".repeat(1 + node.path.len().min(20));
+    let name = match node.path.len() {
+        0 => "camera ray".to_owned(),
+        1..=20 => node.path.clone(),
+        depth => format!("depth {depth} {}", &node.path[depth - 1..]),
+    };
+    if node.shape < 0 {
+        println!(
+            "{indent}{name}: nothing, throughput {}, background {}",
+            colour(node.throughput),
+            colour(node.local)
+        );
+        return;
+    }
+    println!(
+        "{indent}{name}: shape {} ({}), primitive {}, t {}, normal {:?}, throughput {}, local {}",
+        node.shape,
+        names.shape(node.shape),
+        node.primitive,
+        node.t,
+        node.n_s.to_array(),
+        colour(node.throughput),
+        colour(node.local)
+    );
+}
+
+fn colour(value: Rgb) -> String {
+    let [r, g, b] = value.to_array();
+    if r == g && g == b { format!("{r}") } else { format!("[{r}, {g}, {b}]") }
+}
+
+fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>) -> Value {
+    let size = pipeline.film.size;
+    let left_out = pipeline.left_out.iter().map(|part| json!({ "what": part.what, "why": part.why }));
+    json!({
+        "width": size.width,
+        "height": size.height,
+        "layers": pipeline.film.aovs.iter().flat_map(|aov| aov.channels()).collect::<Vec<_>>(),
+        "camera": names.camera,
+        "sampler": names.sampler,
+        "samples": pipeline.sampler.count(),
+        "integrator": names.integrator,
+        "accelerator": {
+            "type": pipeline.accelerator.0,
+            "reason": pipeline.accelerator.1,
+            "statistics": pipeline.world.accelerator.statistics(),
+        },
+        "shapes": names.shapes,
+        "elements": elements(pipeline),
+        "lights": names.lights,
+        "materials": materials(pipeline),
+        "needs": needs(pipeline),
+        "bytes": { "meshes": mesh_bytes(pipeline), "film": film_bytes(pipeline) },
+        "build_s": pipeline.build_seconds,
+        "scene_hash": pipeline.scene_hash,
+        "left_out": left_out.collect::<Vec<_>>(),
+        "pixel": tree.map(tree_report),
+    })
+}
+
+fn tree_report(tree: &PixelTree) -> Value {
+    let node = |node: &&TreeNode| {
+        json!({
+            "path": node.path,
+            "shape": node.shape,
+            "primitive": node.primitive,
+            // Null for a miss: JSON has no infinity.
+            "t": node.t,
+            "position": node.position.to_array(),
+            "n_s": node.n_s.to_array(),
+            "throughput": node.throughput.to_array(),
+            "local": node.local.to_array(),
+        })
+    };
+    json!({
+        "x": tree.pixel[0],
+        "y": tree.pixel[1],
+        "sample": tree.sample,
+        "value": tree.value.to_array(),
+        "rays": in_order(&tree.nodes).iter().map(node).collect::<Vec<_>>(),
+    })
+}

@@ -1,0 +1,69 @@
+//! `list`: the plugins.
+
+use crate::terminal::{Exit, Failure};
+use clap::Args;
+use serde_json::{Value, json};
+use whitstone_core::{Entry, FamilyName, Registry, nearest};
+
+/// List all plugins that a scene can name, with the crate they come from and what they are
+#[derive(Args, Debug)]
+#[command(after_help = "Example:\n  whitstone list shapes")]
+pub struct Arguments {
+    /// Only this family: cameras, shapes, accelerators, materials, textures, lights, samplers, integrators
+    family: Option<String>,
+    /// As JSON, on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let only = arguments.family.as_deref().map(family).transpose()?;
+    let families = FamilyName::ALL.into_iter().filter(|name| only.is_none_or(|only| only == *name));
+    let entries = |name: FamilyName| registry.entries().filter(move |entry| entry.family == name);
+    if arguments.json {
+        let list: Vec<Value> = families.flat_map(entries).map(describe).collect();
+        println!("{:#}", Value::from(list));
+        return Ok(Exit::Pass);
+    }
+    let widest = |field: fn(&Entry) -> &str| registry.entries().map(|entry| field(entry).len()).max().unwrap_or(0);
+    let (type_width, crate_width) = (widest(|entry| entry.name), widest(|entry| entry.crate_name));
+    for (number, name) in families.enumerate() {
+        if number > 0 {
+            println!();
+        }
+        println!("{}", name.plural());
+        for entry in entries(name) {
+            println!(
+                "  {:<type_width$}  {:<crate_width$}  {}",
+                entry.name,
+                entry.crate_name,
+                entry.summary()
+            );
+        }
+    }
+    Ok(Exit::Pass)
+}
+
+fn describe(entry: &Entry) -> Value {
+    json!({
+        "family": entry.family.singular(),
+        "type": entry.name,
+        "crate": entry.crate_name,
+        "summary": entry.summary(),
+    })
+}
+
+/// The family of a name in singular or plural.
+pub fn family(name: &str) -> Result<FamilyName, Failure> {
+    let wanted = name.to_lowercase();
+    let named = |family: &FamilyName| [family.singular(), family.plural()].contains(&wanted.as_str());
+    FamilyName::ALL.into_iter().find(named).ok_or_else(|| {
+        let known = FamilyName::ALL.map(FamilyName::plural);
+        let advice = match nearest(&wanted, known) {
+            Some(near) => format!("did you mean \"{near}\"?"),
+            None => format!("families are {}", known.join(", ")),
+        };
+        Failure::usage(format!("unknown family \"{name}\": {advice}"))
+    })
+}

@@ -1,0 +1,48 @@
+//! `schema`: JSON Schema, for editors and generators.
+
+use super::list::family;
+use crate::terminal::{Exit, Failure};
+use clap::Args;
+use serde_json::Value;
+use std::path::PathBuf;
+use whitstone_core::Registry;
+use whitstone_image::atomic;
+use whitstone_scene::scene_schema;
+
+/// Print the JSON Schema of whole scenes, or of one plugin's table
+///
+/// Editors complete and check scenes by the whole schema, for example those that use taplo: put
+/// `#:schema ./scene.schema.json` into the first line of a scene.
+#[derive(Args, Debug)]
+#[command(after_help = "Examples:\n  whitstone schema -o scene.schema.json\n  whitstone schema shape sphere")]
+pub struct Arguments {
+    /// Family of the plugin, such as shape
+    #[arg(requires = "type")]
+    family: Option<String>,
+    /// Its type, such as sphere
+    #[arg(id = "type", value_name = "TYPE")]
+    name: Option<String>,
+    /// Write to this file instead of standard output
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let schema = match (&arguments.family, &arguments.name) {
+        (Some(name), Some(plugin)) => {
+            let entry = registry.get(family(name)?, plugin).map_err(|error| {
+                let advice = error.help.iter().map(|help| format!(": {help}")).collect::<String>();
+                Failure::usage(format!("{}{advice}", error.message))
+            })?;
+            Value::from(entry.schema())
+        }
+        _ => scene_schema(registry),
+    };
+    let text = format!("{schema:#}\n");
+    match &arguments.output {
+        Some(path) => atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?,
+        None => crate::terminal::out(format_args!("{text}")),
+    }
+    Ok(Exit::Pass)
+}
