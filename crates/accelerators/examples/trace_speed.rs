@@ -18,7 +18,9 @@ use whitstone_testkit::build;
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let file = arguments.next().expect("the first argument is a mesh file");
-    let compared: usize = arguments.next().map_or(0, |n| n.parse().expect("the second is a number"));
+    let compared: usize = arguments
+        .next()
+        .map_or(0, |n| n.parse().expect("the second is a number"));
 
     let start = Instant::now();
     let shape = build::<Shapes, Mesh>(&format!("file = '{file}'"), Transform::IDENTITY).unwrap();
@@ -43,17 +45,20 @@ fn main() {
         };
         let million = rays.len() as f64 / 1e6;
         let (seconds, hits) = best(&|ray| closest(&*bvh, ray).is_some());
-        println!("{name}: closest {:.2} Mrays/s, {hits} of {} hit", million / seconds, rays.len());
+        println!(
+            "{name}: closest {:.2} Mrays/s, {hits} of {} hit",
+            million / seconds,
+            rays.len()
+        );
         let (seconds, hits) = best(&|ray| bvh.occluded(ray, Interval::FORWARD, Skip::NOTHING));
         println!("{name}: occluded {:.2} Mrays/s, {hits} hit", million / seconds);
 
-        if compared > 0 {
+        if let Some(stride) = rays.len().checked_div(compared) {
             let all = build::<Accelerators, BruteForce>("", geometry.clone()).unwrap();
-            let stride = (rays.len() / compared).max(1);
             let bits = |hit: RawHit| (hit.t.to_bits(), hit.params.to_array().map(f64::to_bits), hit.id());
             let start = Instant::now();
             let mut count = 0;
-            for ray in rays.iter().step_by(stride) {
+            for ray in rays.iter().step_by(stride.max(1)) {
                 let (expected, found) = (closest(&*all, ray), closest(&*bvh, ray));
                 assert_eq!(expected.map(bits), found.map(bits), "{ray:?}");
                 count += 1;
@@ -73,14 +78,18 @@ fn picture(bounds: &Aabb) -> Vec<Ray> {
     let v = w.cross(u);
     let along = |i: usize| (i as f64 + 0.5) / 1024.0 - 0.5;
     let pixels = (0..1024 * 1024).map(|i| (along(i % 1024), along(i / 1024)));
-    pixels.map(|(x, y)| Ray::new(eye, (0.7 * x * u + 0.7 * y * v - w).normalize())).collect()
+    pixels
+        .map(|(x, y)| Ray::new(eye, (0.7 * x * u + 0.7 * y * v - w).normalize()))
+        .collect()
 }
 
 /// From around to around, in no order.
 fn random(bounds: &Aabb) -> Vec<Ray> {
     let mut state = 1u64;
     let mut unit = move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         (state >> 11) as f64 / (1u64 << 53) as f64
     };
     let mut cube = move || DVec3::new(unit(), unit(), unit()) - 0.5;

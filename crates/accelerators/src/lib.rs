@@ -2,6 +2,11 @@
 //!
 //! None of them changes an image: all return bit for bit what trying every element in order would return.
 
+#![cfg_attr(
+    not(feature = "all"),
+    allow(unused, reason = "some parts serve single plugins")
+)]
+
 use whitstone_core::{Accelerators, DuplicateType, Registry};
 
 #[cfg(feature = "brute_force")]

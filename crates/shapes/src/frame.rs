@@ -1,6 +1,6 @@
 //! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common.
 
-use whitstone_core::{Aabb, DMat3, DVec3, Ray, Transform};
+use whitstone_core::{Aabb, DMat3, DVec2, DVec3, Ray, Transform};
 
 /// Half the distance from 1 to the next number: the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
@@ -59,14 +59,12 @@ impl Frame {
     }
 
     /// World-space box of the points whose object coordinates are at most `half` in absolute value.
-    #[cfg(any(feature = "box", feature = "rectangle"))]
     pub(crate) fn bounds(&self, half: DVec3) -> Aabb {
         let [x, y, z] = self.columns(half).map(DVec3::abs);
         self.around([0, 1, 2].map(|i| add_up(add_up(x[i], y[i]), z[i])))
     }
 
     /// World-space box that reaches this far from the origin of object space to either side.
-    #[cfg(any(feature = "box", feature = "rectangle", feature = "disk"))]
     pub(crate) fn around(&self, reach: [f64; 3]) -> Aabb {
         let center = self.transform.world_from_object().translation;
         Aabb {
@@ -83,7 +81,6 @@ impl Frame {
 }
 
 /// The sum, rounded up where it is not exact: bounds of what stands straight stay exact.
-#[cfg(any(feature = "box", feature = "rectangle", feature = "disk"))]
 fn add_up(a: f64, b: f64) -> f64 {
     let sum = a + b;
     // The rounding error, exactly (Knuth's TwoSum).
@@ -94,8 +91,7 @@ fn add_up(a: f64, b: f64) -> f64 {
 
 /// Where a ray meets the plane z = 0 of object space: the ray parameter and x, y there. The parameter
 /// is infinite or NaN for a ray that runs in parallel, and so in no interval.
-#[cfg(any(feature = "plane", feature = "rectangle", feature = "disk"))]
-pub(crate) fn meet_plane(ray: &Ray) -> (f64, whitstone_core::DVec2) {
+pub(crate) fn meet_plane(ray: &Ray) -> (f64, DVec2) {
     let t = -ray.origin.z / ray.direction.z;
     (t, ray.origin.truncate() + t * ray.direction.truncate())
 }

@@ -2,17 +2,21 @@
 //!
 //! All are described in section 9 of `docs/whitted-model.md`.
 
+#![cfg_attr(
+    not(feature = "all"),
+    allow(unused, reason = "some parts serve single plugins")
+)]
+
 use whitstone_core::{DuplicateType, Registry, Shapes};
+
+mod frame;
+mod lower;
 
 #[cfg(feature = "box")]
 #[path = "box.rs"]
 pub mod cuboid;
 #[cfg(feature = "disk")]
 pub mod disk;
-#[cfg(any(feature = "box", feature = "disk", feature = "plane", feature = "rectangle"))]
-mod frame;
-#[cfg(any(feature = "mesh", feature = "triangle"))]
-mod lower;
 #[cfg(feature = "mesh")]
 pub mod mesh;
 #[cfg(feature = "plane")]

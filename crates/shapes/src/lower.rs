@@ -49,12 +49,13 @@ pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered>
         }
     }
     let mirrors = transform.world_from_object().matrix3.determinant() < 0.0;
-    let mut mesh = TriangleMesh::default();
-    mesh.positions = positions;
-    mesh.normals = normals;
-    mesh.uvs = uvs;
-    mesh.triangles = triangles;
-    mesh.orientation = if mirrors { -1.0 } else { 1.0 };
+    let mesh = TriangleMesh {
+        positions,
+        normals,
+        uvs,
+        triangles,
+        orientation: if mirrors { -1.0 } else { 1.0 },
+    };
     Some(Lowered { mesh, flat })
 }
 
