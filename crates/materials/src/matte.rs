@@ -80,12 +80,14 @@ impl Material for Matte {
 mod tests {
     use super::*;
     use whitstone_core::Incoming;
-    use whitstone_testkit::{build, material_laws};
+    use whitstone_testkit::{build, furnace_laws, material_laws};
 
     #[test]
     fn laws() {
         for text in ["", "reflectance = [0, 0.3, 1]", "reflectance = 0"] {
-            material_laws(&*build::<Materials, Matte>(text, ()).unwrap());
+            let material = build::<Materials, Matte>(text, ()).unwrap();
+            material_laws(&*material);
+            furnace_laws(&*material);
         }
     }
 

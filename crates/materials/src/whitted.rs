@@ -173,7 +173,7 @@ impl Material for Whitted {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::{build, material_laws};
+    use whitstone_testkit::{build, furnace_laws, material_laws};
 
     fn branches(text: &str, n_g: DVec3, view: DVec3) -> Vec<Branch> {
         let mut out = Branches::default();
@@ -193,6 +193,16 @@ mod tests {
             "k_refr = 1\ninterior_ior = 1",
         ] {
             material_laws(&*build::<Materials, Whitted>(text, ()).unwrap());
+        }
+    }
+
+    #[test]
+    fn shares_that_sum_to_one_keep_the_energy() {
+        for text in [
+            "k_refl = 0.25\nk_refr = 0.75",
+            "k_d = 0.2\nk_refl = 0.3\nk_refr = 0.5\ninterior_ior = 0.7",
+        ] {
+            furnace_laws(&*build::<Materials, Whitted>(text, ()).unwrap());
         }
     }
 
