@@ -156,7 +156,7 @@ fn bias(image: &mut Image) {
 
 /// The picture of the textured scene with one texel changed by a twentieth.
 fn wrong_picture() -> PathBuf {
-    let texels = texels::read("scenes/assets/picture.png", Limits::TEXTURE).expect("the picture is there");
+    let texels = texels::read("scenes/assets/corners.png", Limits::TEXTURE).expect("the picture is there");
     let encode = |value: f32| (value * 255.0).round() as u8;
     let mut raster = Raster::from_fn(texels.width, texels.height, |x, y| {
         texels.data[y * texels.width + x].map(encode)

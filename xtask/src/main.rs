@@ -2,6 +2,7 @@
 
 mod assets;
 mod bench;
+mod features;
 mod tidy;
 
 use clap::{Parser, Subcommand};
@@ -23,6 +24,8 @@ enum Verb {
     Whitstone(commands::Command),
     /// Check what the compiler cannot: that every plugin has its file, feature, example, twin and documentation
     Tidy,
+    /// Check that every plugin feature compiles alone
+    Features,
     /// Write the generated meshes and pictures of scenes/assets
     Assets,
     Bench(bench::Arguments),
@@ -38,6 +41,7 @@ fn main() -> ExitCode {
     finish(match &arguments.verb {
         Verb::Whitstone(command) => command.run(&registry, "cargo xtask"),
         Verb::Tidy => tidy::run(&registry),
+        Verb::Features => features::run(&registry),
         Verb::Assets => assets::write(),
         Verb::Bench(arguments) => bench::run(arguments, &registry),
     })

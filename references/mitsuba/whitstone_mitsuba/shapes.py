@@ -88,8 +88,10 @@ def _triangles(triangles: meshes.Triangles, matrix: np.ndarray, smooth: bool) ->
         faces = faces[:, [0, 2, 1]]
     normals = None
     if smooth and triangles.normals is not None:
-        # Inverse transpose; not normalised before the interpolation, only after it (by Mitsuba).
+        # Inverse transpose, normalised at the vertices; after the interpolation Mitsuba normalises once more.
         normals = triangles.normals @ np.linalg.inv(linear)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     uvs = triangles.uvs if triangles.uvs is not None else np.zeros((len(positions), 2))
     return lambda bsdf: make_mesh(positions, faces, uvs, normals, bsdf)
 
