@@ -7,6 +7,7 @@
 
 use schemars::JsonSchema;
 use serde::Deserialize;
+use std::cell::LazyCell;
 use std::sync::Arc;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
@@ -22,7 +23,8 @@ pub struct Config {}
 /// A list.
 pub struct BruteForce {
     geometry: Arc<Geometry>,
-    elements: Vec<Element>,
+    opaque: Vec<Element>,
+    triangles: Vec<Element>,
 }
 
 impl Plugin<Accelerators> for BruteForce {
@@ -34,8 +36,13 @@ impl Plugin<Accelerators> for BruteForce {
         geometry: Arc<Geometry>,
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
-        let elements = geometry.elements().collect();
-        Ok(Box::new(Self { geometry, elements }))
+        let is_triangle = |element: &Element| matches!(element, Element::Triangle { .. });
+        let (triangles, opaque) = geometry.elements().partition(is_triangle);
+        Ok(Box::new(Self {
+            geometry,
+            opaque,
+            triangles,
+        }))
     }
 }
 
@@ -43,10 +50,18 @@ impl BruteForce {
     /// The hits of all elements inside the interval, which is never narrowed: the purity of the shapes
     /// is what other accelerators rely on and this one need not.
     fn hits(&self, ray: &Ray, interval: Interval, skip: Skip) -> impl Iterator<Item = RawHit> {
-        let sheared = ShearedRay::new(ray);
-        self.elements
+        let (ray, geometry) = (*ray, &*self.geometry);
+        let opaque = self
+            .opaque
             .iter()
-            .filter_map(move |&element| self.geometry.intersect(element, ray, &sheared, interval, skip))
+            .filter_map(move |&element| geometry.intersect_opaque(element, &ray, interval, skip));
+        // Made for the first triangle only: the divisions cost as much as a hit.
+        let sheared = LazyCell::new(move || ShearedRay::new(&ray));
+        let triangles = self
+            .triangles
+            .iter()
+            .filter_map(move |&element| geometry.intersect(element, &ray, &sheared, interval, skip));
+        opaque.chain(triangles)
     }
 }
 
@@ -61,7 +76,8 @@ impl Accelerator for BruteForce {
     }
 
     fn statistics(&self) -> Statistics {
-        let bytes = self.elements.len() * size_of::<Element>();
-        Statistics::from([("elements", self.elements.len() as f64), ("bytes", bytes as f64)])
+        let elements = self.opaque.len() + self.triangles.len();
+        let bytes = elements * size_of::<Element>();
+        Statistics::from([("elements", elements as f64), ("bytes", bytes as f64)])
     }
 }

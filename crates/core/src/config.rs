@@ -25,7 +25,11 @@ pub fn inline_reference(index: usize) -> String {
 /// U+0001 cannot be in a TOML key and hardly in an id, so no id of a scene is mistaken for it.
 const INLINE: char = '\u{1}';
 
-/// Decodes a plugin's table into its `Config`, and reports *all* that is wrong with it.
+/// So many errors of one table are enough to see what is wrong with it; finding each costs a copy of it.
+const MOST_ERRORS: usize = 32;
+
+/// Decodes a plugin's table into its `Config`, and reports *all* that is wrong with it (up to a number that
+/// no one reads).
 ///
 /// Serde stops at the first error. To find the others, the entry at fault is taken out and the rest is
 /// decoded again; that a required key is missing is then no news.
@@ -61,6 +65,7 @@ pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> 
         });
         errors.0.push(explain(message, span));
         match at_fault {
+            _ if errors.0.len() >= MOST_ERRORS => return Err(errors),
             // A fault of the table as a whole, such as a missing key, hides no other fault that could
             // be found without a value for it.
             None => return Err(errors),
@@ -105,6 +110,19 @@ fn explain(message: String, span: SourceSpan) -> SceneError {
             },
         );
         error.message = format!("unknown key `{wrong}`");
+        error.help = Some(help);
+    } else if let Some(rest) = error.message.strip_prefix("unknown variant `")
+        && let Some((wrong, known)) = rest.split_once('`')
+    {
+        let known: Vec<&str> = known.split('`').skip(1).step_by(2).collect();
+        let (wrong, help) = (
+            wrong.to_owned(),
+            match nearest(wrong, known.iter().copied()) {
+                Some(name) => format!("did you mean \"{name}\"?"),
+                None => format!("known values are {}", known.join(", ")),
+            },
+        );
+        error.message = format!("unknown value \"{wrong}\"");
         error.help = Some(help);
     } else if let Some(rest) = error.message.strip_prefix("missing field ") {
         error.message = format!("missing key {rest}");

@@ -29,8 +29,8 @@ pub struct World {
     pub backgrounds: Vec<Arc<dyn Light>>,
     /// Sum of the ambient radiances.
     pub ambient: Rgb,
-    /// Union of what the materials in use read.
-    pub needs: Needs,
+    /// What each material reads, in the same order: asked once, not at every hit.
+    needs: Vec<Needs>,
 }
 
 impl World {
@@ -41,9 +41,7 @@ impl World {
         materials: Vec<Arc<dyn Material>>,
         lights: Vec<Arc<dyn Light>>,
     ) -> Self {
-        let needs = materials
-            .iter()
-            .fold(Needs::NOTHING, |needs, material| needs | material.needs());
+        let needs = materials.iter().map(|material| material.needs()).collect();
         let ambient = lights.iter().map(|light| light.ambient()).sum();
         let giving = |what| -> Vec<Arc<dyn Light>> {
             let mut chosen = lights.clone();
@@ -70,9 +68,14 @@ impl World {
             .sum()
     }
 
-    /// The surface at a hit, with the normals and coordinates that the materials read.
+    /// The surface at a hit, with the normals and coordinates that its material reads.
     pub fn surface(&self, ray: &Ray, hit: &RawHit) -> SurfacePoint {
-        self.geometry.surface(ray, hit, self.needs)
+        self.geometry.surface(ray, hit, self.needs[hit.shape as usize])
+    }
+
+    /// Union of what the materials in use read.
+    pub fn needs(&self) -> Needs {
+        self.needs.iter().fold(Needs::NOTHING, |all, needs| all | *needs)
     }
 
     /// The lights that reach a surface point on the side of `view`, into `scratch.incoming`.
@@ -153,12 +156,8 @@ impl Scratch {
         let Some(nodes) = &mut self.record else {
             return 0;
         };
-        let name = path.origin.map_or_else(String::new, |(parent, kind)| {
-            let letter = match kind {
-                BranchKind::Reflection => 'R',
-                BranchKind::Transmission { .. } => 'T',
-            };
-            format!("{}{letter}", nodes[parent as usize].path)
+        let name = path.origin.map_or_else(String::new, |(parent, letter)| {
+            format!("{}{letter:?}", nodes[parent as usize].path)
         });
         let (hit, point) = found.unzip();
         nodes.push(TreeNode {
@@ -209,8 +208,27 @@ pub struct PathState {
     pub absorption: Rgb,
     /// Bounces before it: 0 for a camera ray.
     pub depth: u32,
-    /// For [`Scratch::record`]: the node that it comes from, and which branch of it this is.
-    pub origin: Option<(u32, BranchKind)>,
+    /// For [`Scratch::record`]: the number there of the node that it comes from, and the letter of the
+    /// branch; `None` for a camera ray.
+    pub origin: Option<(u32, PathLetter)>,
+}
+
+/// Which branch a ray is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PathLetter {
+    /// Reflection.
+    R,
+    /// Transmission.
+    T,
+}
+
+impl From<BranchKind> for PathLetter {
+    fn from(kind: BranchKind) -> Self {
+        match kind {
+            BranchKind::Reflection => Self::R,
+            BranchKind::Transmission { .. } => Self::T,
+        }
+    }
 }
 
 /// Rays traced.

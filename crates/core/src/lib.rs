@@ -27,7 +27,7 @@ pub use color::Rgb;
 pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
 pub use geometry::{Element, Geometry, TriangleMesh};
 pub use glam::{DAffine3, DMat3, DVec2, DVec3};
-pub use integrator::{Counters, Integrator, PathState, Scratch, TreeNode, World};
+pub use integrator::{Counters, Integrator, PathLetter, PathState, Scratch, TreeNode, World};
 pub use light::{Light, LightGives, LightSample};
 pub use material::{Branch, BranchKind, Branches, Illumination, Incoming, Lobes, Material};
 pub use ray::{Aabb, Interval, Ray};

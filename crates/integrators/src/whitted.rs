@@ -131,7 +131,7 @@ impl Whitted {
                 let Some(mut child) = self.follow(path, branch, &point, view, skip, throughput) else {
                     continue;
                 };
-                child.origin = Some((node, branch.kind));
+                child.origin = Some((node, branch.kind.into()));
                 if path.depth < self.max_depth {
                     scratch.pending.push(child);
                 } else if self.at_max_depth == AtMaxDepth::Background {

@@ -251,7 +251,7 @@ impl<'a> Validator<'a> {
         case.twin = meta.twin.clone();
         case.floor = meta.floor;
         case.reference_s = Some(meta.seconds);
-        let textured = ours.pipeline.world.needs.contains(Needs::UV);
+        let textured = ours.pipeline.world.needs().contains(Needs::UV);
         if case.limit == 0.0 {
             case.limit = floor::limit(meta.floor, textured);
         }
