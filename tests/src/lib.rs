@@ -1,1 +1,67 @@
-//! Tests of the whole; see `tests/`.
+//! What the tests of the whole share; the tests are in `tests/`.
+
+use std::path::{Path, PathBuf};
+use whitstone::core::Registry;
+use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources, all_errors};
+
+/// The program under test.
+#[macro_export]
+macro_rules! program {
+    () => {
+        // Backtraces would hide what the program itself says.
+        {
+            let mut program = assert_cmd::Command::new(env!("CARGO_BIN_EXE_whitstone-under-test"));
+            program.env("RUST_BACKTRACE", "0");
+            program
+        }
+    };
+}
+
+/// Root of the repository.
+pub fn root() -> PathBuf {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    package.parent().unwrap_or(package).to_owned()
+}
+
+/// Every scene of the repository.
+pub fn scenes() -> Vec<PathBuf> {
+    whitstone::validate::find_scenes(&[root().join("scenes")]).unwrap_or_default()
+}
+
+/// `--set` arguments that make a scene small, so that a test of many is quick.
+pub fn small() -> Vec<String> {
+    ["film.width=32", "film.height=24"].map(str::to_owned).to_vec()
+}
+
+/// From text to pipeline, with all that is wrong as a report.
+pub fn build(sources: &Sources, registry: &Registry) -> Result<Pipeline, String> {
+    let report = |_| sources.report(&all_errors(sources, registry), false);
+    let description = Description::parse(sources).map_err(report)?;
+    let plan = Plan::new(&description, registry).map_err(report)?;
+    Pipeline::build(&plan, registry).map_err(report)
+}
+
+/// A scene file with overrides, built.
+pub fn load(path: &Path, overrides: &[String], registry: &Registry) -> Result<Pipeline, String> {
+    let sources =
+        Sources::load(path, overrides).map_err(|error| error.sources.report(&error.errors, false))?;
+    build(&sources, registry)
+}
+
+/// Radiance and layers of a picture by `threads` threads, as bits: equal bits are equal pictures.
+pub fn bits(pipeline: &Pipeline, threads: usize) -> Vec<u32> {
+    let film = pipeline.render(RenderOptions {
+        threads,
+        progress: None,
+    });
+    let layers = film.layers.iter().flat_map(|(_, values)| values);
+    film.rgb.as_flattened().iter().chain(layers).map(|value| value.to_bits()).collect()
+}
+
+/// Names of what is in a folder, sorted.
+pub fn entries(folder: &Path) -> Vec<String> {
+    let found = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut names: Vec<String> = found.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}

@@ -1,14 +1,17 @@
 use crate::document::{self, Flattened, Value, type_name};
 use crate::{Sources, transform};
-use serde::Deserialize;
-use std::collections::BTreeMap;
+use serde::{Deserialize, Deserializer};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::LazyLock;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
-use whitstone_core::config::{PluginRef, Positive, Table, decode, inline_reference};
+use whitstone_core::config::{IntegerIn, PluginRef, Positive, Table, decode, inline_reference};
 use whitstone_core::{FilmSize, SceneError, SceneErrors, SourceSpan, Transform, nearest};
 
 /// Most pixels that an image may have.
 const MAX_PIXELS: u64 = 1 << 28;
+/// Width and height where they are not written.
+const DEFAULT_SIDE: u32 = 512;
 
 /// A scene as it is written: every table known for what it is, no plugin looked at yet.
 pub struct Description<'s> {
@@ -38,6 +41,17 @@ pub struct Description<'s> {
     pub expect: Expect,
     /// The same scene as one document.
     pub flattened: Flattened,
+    /// What could not be read; empty except in [`crate::all_errors`], which goes on without it.
+    pub(crate) faulty: Faulty,
+}
+
+/// Parts of a scene that are there but could not be read: that they are missing is no further fault.
+#[derive(Debug, Default)]
+pub(crate) struct Faulty {
+    /// Tables that are there once, by their name: an empty one stands in their place.
+    pub(crate) tables: BTreeSet<&'static str>,
+    /// Shared plugins by family and id.
+    pub(crate) shared: BTreeSet<(&'static str, String)>,
 }
 
 /// A plugin's type and parameters.
@@ -49,6 +63,17 @@ pub struct PluginTable<'s> {
     pub name_span: SourceSpan,
     /// The parameters, without `type` and the keys common to its family.
     pub table: Table<'s>,
+}
+
+impl PluginTable<'_> {
+    /// No name and no parameters.
+    fn empty() -> Self {
+        Self {
+            name: String::new(),
+            name_span: 0..0,
+            table: Spanned::new(0..0, DeTable::new()),
+        }
+    }
 }
 
 /// A shape with the keys that all shapes have.
@@ -71,6 +96,18 @@ pub struct FilmTable {
     pub size: FilmSize,
     /// Layers to write beside the radiance, in the order asked for.
     pub aovs: Vec<Aov>,
+}
+
+impl Default for FilmTable {
+    fn default() -> Self {
+        Self {
+            size: FilmSize {
+                width: DEFAULT_SIDE,
+                height: DEFAULT_SIDE,
+            },
+            aovs: Vec::new(),
+        }
+    }
 }
 
 /// A layer of arbitrary output values; section 11 of the model.
@@ -96,16 +133,25 @@ pub struct Expect {
     /// Largest `rel_rmse_interior` that passes.
     pub rel_rmse_interior: Option<Positive>,
     /// Largest number of explained pixels that passes.
+    #[serde(default, deserialize_with = "count")]
     pub explained: Option<u32>,
     /// Why the numbers differ from the default; required with any of them.
     pub reason: Option<String>,
 }
 
-#[derive(Deserialize)]
+/// With a message that names the range, which serde's own for `u32` does not.
+fn count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u32>, D::Error> {
+    Ok(Some(IntegerIn::<0, { u32::MAX }>::deserialize(deserializer)?.get()))
+}
+
+/// Pixels along a side of the image.
+type Side = IntegerIn<1, 65536>;
+
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawFilm {
-    width: Option<Spanned<i64>>,
-    height: Option<Spanned<i64>>,
+    width: Option<Spanned<Side>>,
+    height: Option<Spanned<Side>>,
     #[serde(default)]
     aovs: Vec<Spanned<Aov>>,
 }
@@ -113,16 +159,26 @@ struct RawFilm {
 impl<'s> Description<'s> {
     /// Reads the tables; all errors at once.
     pub fn parse(sources: &'s Sources) -> Result<Self, SceneErrors> {
-        let mut errors = SceneErrors::default();
+        match Self::parse_partly(sources) {
+            (Some(description), errors) => errors.into_result(description),
+            (None, errors) => Err(errors),
+        }
+    }
+
+    /// As [`Self::parse`], with what could be read in spite of the errors.
+    pub(crate) fn parse_partly(sources: &'s Sources) -> (Option<Self>, SceneErrors) {
         let mut merged = match document::merge(sources) {
             Ok(merged) => merged,
             // A document that is not TOML has too many consequences to go on.
-            Err(errors) => return Err(errors),
+            Err(errors) => return (None, errors),
         };
-        let flattened = errors.take(Flattened::new(&merged, sources));
+        let mut errors = SceneErrors::default();
+        let (flattened, not_flat) = Flattened::new(&merged, sources);
         let mut inline = Vec::new();
+        let mut faulty = Faulty::default();
         let mut reader = Reader {
             inline: &mut inline,
+            faulty: &mut faulty,
             errors: &mut errors,
         };
         let film = reader.film(merged.remove("film"));
@@ -133,6 +189,7 @@ impl<'s> Description<'s> {
             reader.errors.0.push(error.with_help("add a [camera] table with type = \"perspective\""));
         }
         let camera = camera.and_then(|value| reader.plugin(value, "camera"));
+        let camera = reader.or_empty(camera, "camera");
         let sampler = reader.plugin_or(merged.remove("sampler"), "sampler", "center");
         let integrator = reader.plugin_or(merged.remove("integrator"), "integrator", "whitted");
         let accelerator = reader.plugin_or(merged.remove("accelerator"), "accelerator", "auto");
@@ -140,38 +197,37 @@ impl<'s> Description<'s> {
         let textures = reader.shared(merged.remove("texture"), "texture");
         let materials = reader.shared(merged.remove("material"), "material");
         let shapes = reader.shapes(merged.remove("shape"));
-        match (camera, sampler, integrator, accelerator, film, flattened, expect) {
-            (
-                Some(camera),
-                Some(sampler),
-                Some(integrator),
-                Some(accelerator),
-                Some(film),
-                Some(flattened),
-                Some(expect),
-            ) if errors.0.is_empty() => Ok(Self {
-                sources,
-                film,
-                camera,
-                sampler,
-                integrator,
-                accelerator,
-                lights,
-                shapes,
-                materials,
-                textures,
-                inline,
-                expect,
-                flattened,
-            }),
-            _ => Err(errors),
-        }
+        // A number that no document can hold is told again by whoever wanted another one there.
+        let told: BTreeSet<_> = errors.0.iter().filter_map(|error| Some(error.span.as_ref()?.start)).collect();
+        let news = |error: &SceneError| error.span.as_ref().is_none_or(|span| !told.contains(&span.start));
+        errors.0.extend(not_flat.0.into_iter().filter(news));
+        let description = Self {
+            sources,
+            film: film.unwrap_or_default(),
+            camera,
+            sampler,
+            integrator,
+            accelerator,
+            lights,
+            shapes,
+            materials,
+            textures,
+            inline,
+            expect: expect.unwrap_or_default(),
+            flattened,
+            faulty,
+        };
+        (Some(description), errors)
     }
 }
+
+/// Stands for an inline plugin that could not be read.
+static FAULTY_INLINE: LazyLock<String> = LazyLock::new(|| inline_reference(usize::MAX));
 
 /// Takes tables apart and collects errors and inline plugins.
 struct Reader<'a, 's> {
     inline: &'a mut Vec<PluginTable<'s>>,
+    faulty: &'a mut Faulty,
     errors: &'a mut SceneErrors,
 }
 
@@ -193,27 +249,16 @@ impl<'s> Reader<'_, 's> {
 
     fn film(&mut self, value: Option<Value<'s>>) -> Option<FilmTable> {
         let raw = match value {
-            None => RawFilm {
-                width: None,
-                height: None,
-                aovs: Vec::new(),
-            },
+            None => RawFilm::default(),
             Some(value) => {
                 let table = self.table(value, "film")?;
                 self.errors.take(decode::<RawFilm>(&table))?
             }
         };
-        let pixels = |value: &Option<Spanned<i64>>| value.as_ref().map_or(512, |v| *v.get_ref());
+        let pixels = |side: &Option<Spanned<Side>>| side.as_ref().map_or(DEFAULT_SIDE, |side| side.get_ref().get());
         let (width, height) = (pixels(&raw.width), pixels(&raw.height));
-        for value in [&raw.width, &raw.height].into_iter().flatten() {
-            if !(1..=65536).contains(value.get_ref()) {
-                let found = value.get_ref();
-                self.error(value.span(), format!("expected a size from 1 to 65536 pixels, found {found}"));
-                return None;
-            }
-        }
         if let Some(at) = raw.width.as_ref().or(raw.height.as_ref())
-            && width as u64 * height as u64 > MAX_PIXELS
+            && u64::from(width) * u64::from(height) > MAX_PIXELS
         {
             self.error(at.span(), format!("{width} x {height} is more than {MAX_PIXELS} pixels"));
             return None;
@@ -227,10 +272,7 @@ impl<'s> Reader<'_, 's> {
             }
         }
         Some(FilmTable {
-            size: FilmSize {
-                width: width as u32,
-                height: height as u32,
-            },
+            size: FilmSize { width, height },
             aovs,
         })
     }
@@ -248,15 +290,23 @@ impl<'s> Reader<'_, 's> {
         Some(expect)
     }
 
-    fn plugin_or(&mut self, value: Option<Value<'s>>, what: &str, default: &str) -> Option<PluginTable<'s>> {
-        match value {
+    fn plugin_or(&mut self, value: Option<Value<'s>>, what: &'static str, default: &str) -> PluginTable<'s> {
+        let plugin = match value {
             Some(value) => self.plugin(value, what),
             None => Some(PluginTable {
                 name: default.to_owned(),
-                name_span: 0..0,
-                table: Spanned::new(0..0, DeTable::new()),
+                ..PluginTable::empty()
             }),
-        }
+        };
+        self.or_empty(plugin, what)
+    }
+
+    /// The plugin, or an empty table in its place where it could not be read.
+    fn or_empty(&mut self, plugin: Option<PluginTable<'s>>, what: &'static str) -> PluginTable<'s> {
+        plugin.unwrap_or_else(|| {
+            self.faulty.tables.insert(what);
+            PluginTable::empty()
+        })
     }
 
     fn plugin(&mut self, value: Value<'s>, what: &str) -> Option<PluginTable<'s>> {
@@ -297,9 +347,17 @@ impl<'s> Reader<'_, 's> {
         let value = match value.into_inner() {
             DeValue::Table(table) if table.contains_key("type") => {
                 let plugin = self.plugin(Spanned::new(span.clone(), DeValue::Table(table)), "plugin");
-                let reference = inline_reference(self.inline.len());
+                let reference = match plugin {
+                    Some(_) => inline_reference(self.inline.len()),
+                    None => FAULTY_INLINE.clone(),
+                };
                 self.inline.extend(plugin);
                 DeValue::String(reference.into())
+            }
+            // It would be taken for a plugin that was written inside this table.
+            DeValue::String(text) if matches!(PluginRef::from(text.as_ref()), PluginRef::Inline(_)) => {
+                self.error(span.clone(), "a text must not begin with the control character U+0001");
+                DeValue::String(FAULTY_INLINE.clone().into())
             }
             DeValue::Array(items) => DeValue::Array(items.into_iter().map(|item| self.hoist(item)).collect()),
             other => other,
@@ -328,18 +386,26 @@ impl<'s> Reader<'_, 's> {
         }
     }
 
-    fn shared(&mut self, value: Option<Value<'s>>, what: &str) -> BTreeMap<String, PluginTable<'s>> {
+    fn shared(&mut self, value: Option<Value<'s>>, what: &'static str) -> BTreeMap<String, PluginTable<'s>> {
         let Some(value) = value else {
             return BTreeMap::new();
         };
         let Some(table) = self.table(value, what) else {
             return BTreeMap::new();
         };
-        table
-            .into_inner()
-            .into_iter()
-            .filter_map(|(id, value)| Some((id.into_inner().into_owned(), self.plugin(value, what)?)))
-            .collect()
+        let mut plugins = BTreeMap::new();
+        for (id, value) in table.into_inner() {
+            let id = id.into_inner().into_owned();
+            match self.plugin(value, what) {
+                Some(plugin) => {
+                    plugins.insert(id, plugin);
+                }
+                None => {
+                    self.faulty.shared.insert((what, id));
+                }
+            }
+        }
+        plugins
     }
 
     fn shapes(&mut self, value: Option<Value<'s>>) -> Vec<ShapeTable<'s>> {

@@ -272,7 +272,7 @@ pub struct Flattened {
 
 impl Flattened {
     /// From the merged document.
-    pub(crate) fn new(merged: &DeTable<'_>, sources: &Sources) -> Result<Self, SceneErrors> {
+    pub(crate) fn new(merged: &DeTable<'_>, sources: &Sources) -> (Self, SceneErrors) {
         let mut errors = SceneErrors::default();
         let mut files = Vec::new();
         let mut table = toml::Table::new();
@@ -290,7 +290,7 @@ impl Flattened {
         }
         let hash = hasher.finalize().to_hex()[..32].to_owned();
         let base = std::path::absolute(sources.base()).unwrap_or_else(|_| sources.base().to_owned());
-        errors.into_result(Self { text, base, hash })
+        (Self { text, base, hash }, errors)
     }
 }
 

@@ -4,6 +4,7 @@
 //!
 //! This crate knows the registry, not the plugins.
 
+mod check;
 mod description;
 mod document;
 mod film;
@@ -13,6 +14,7 @@ mod schema;
 mod sources;
 mod transform;
 
+pub use check::all_errors;
 pub use description::{Aov, Description, Expect, FilmTable, PluginTable, ShapeTable};
 pub use document::{Flattened, nearest_top_level};
 pub use film::{Film, Progress, RenderOptions};

@@ -42,6 +42,14 @@ pub struct Pipeline {
 impl Pipeline {
     /// Builds what the plan says; all errors at once.
     pub fn build(plan: &Plan<'_, '_>, registry: &Registry) -> Result<Self, SceneErrors> {
+        match Self::build_partly(plan, registry) {
+            (Some(pipeline), errors) => errors.into_result(pipeline),
+            (None, errors) => Err(errors),
+        }
+    }
+
+    /// As [`Self::build`]; there is no pipeline only if a part of it is missing.
+    pub(crate) fn build_partly(plan: &Plan<'_, '_>, registry: &Registry) -> (Option<Self>, SceneErrors) {
         let start = Instant::now();
         let description = plan.description;
         let mut errors = SceneErrors::default();
@@ -53,9 +61,9 @@ impl Pipeline {
             warnings: Vec::new(),
         };
         let size = description.film.size;
-        let camera = errors.take(builder.plugin::<Cameras>(&description.camera, size));
-        let sampler = errors.take(builder.plugin::<Samplers>(&description.sampler, ()));
-        let integrator = errors.take(builder.plugin::<Integrators>(&description.integrator, ()));
+        let camera = errors.take(builder.one::<Cameras>(&description.camera, size));
+        let sampler = errors.take(builder.one::<Samplers>(&description.sampler, ()));
+        let integrator = errors.take(builder.one::<Integrators>(&description.integrator, ()));
 
         let mut lights = Vec::new();
         for light in &description.lights {
@@ -75,7 +83,7 @@ impl Pipeline {
         };
         // Over half of the shapes it would be built for nothing.
         let accelerator = if complete {
-            errors.take(builder.plugin::<Accelerators>(&table, geometry.clone()))
+            errors.take(builder.one::<Accelerators>(&table, geometry.clone()))
         } else {
             None
         };
@@ -85,9 +93,9 @@ impl Pipeline {
             left_out.extend(unused_parts(description, &lights, &materials, integrator.as_ref()));
         }
         let warnings = builder.warnings;
-        match (camera, sampler, integrator, accelerator) {
+        let pipeline = match (camera, sampler, integrator, accelerator) {
             (Some(camera), Some(sampler), Some(integrator), Some(accelerator)) if errors.0.is_empty() => {
-                Ok(Self {
+                Some(Self {
                     film: description.film.clone(),
                     camera,
                     sampler,
@@ -100,8 +108,9 @@ impl Pipeline {
                     build_seconds: start.elapsed().as_secs_f64(),
                 })
             }
-            _ => Err(errors),
-        }
+            _ => None,
+        };
+        (pipeline, errors)
     }
 }
 
@@ -204,6 +213,18 @@ impl<'d, 's> Builder<'d, 's> {
         registry.build::<F>(&plugin.name, &plugin.table, input, self)
     }
 
+    /// A plugin of a table that is there once; no error where the table is known to be faulty.
+    fn one<F: whitstone_core::Family>(
+        &mut self,
+        plugin: &PluginTable<'s>,
+        input: F::Input<'_>,
+    ) -> Result<F::Product, SceneErrors> {
+        if self.description.faulty.tables.contains(F::NAME.singular()) {
+            return Err(SceneErrors::default());
+        }
+        self.plugin::<F>(plugin, input)
+    }
+
     /// The material of each shape, those that are shared built once.
     fn materials(&mut self, plan: &Plan<'d, 's>, errors: &mut SceneErrors) -> Vec<Arc<dyn Material>> {
         let description = self.description;
@@ -230,6 +251,7 @@ impl<'d, 's> Builder<'d, 's> {
                 }
                 Some((span, PluginRef::Shared(id))) => match shared.get(id.as_str()) {
                     Some(material) => materials.extend(material.clone()),
+                    None if description.faulty.shared.contains(&("material", id.clone())) => {}
                     None => {
                         let known = description.materials.keys();
                         errors.0.push(unknown_id("material", span, id, known));
@@ -274,6 +296,9 @@ impl<'d, 's> Builder<'d, 's> {
             let TextureKey::Shared(id) = &key else {
                 return Err(SceneErrors::default());
             };
+            if description.faulty.shared.contains(&("texture", id.clone())) {
+                return Err(SceneErrors::default());
+            }
             return Err(unknown_id("texture", span, id, description.textures.keys()).into());
         };
         self.open.push(key.clone());

@@ -25,6 +25,12 @@ pub struct LeftOut {
 impl<'d, 's> Plan<'d, 's> {
     /// Looks up every plugin by its type, and follows the references of shapes to materials.
     pub fn new(description: &'d Description<'s>, registry: &Registry) -> Result<Self, SceneErrors> {
+        let (plan, errors) = Self::new_partly(description, registry);
+        errors.into_result(plan)
+    }
+
+    /// As [`Self::new`], with the plan for what is right.
+    pub(crate) fn new_partly(description: &'d Description<'s>, registry: &Registry) -> (Self, SceneErrors) {
         use FamilyName::{Accelerator, Camera, Integrator, Light, Material, Sampler, Shape, Texture};
         let mut errors = SceneErrors::default();
         let plugins = [
@@ -39,7 +45,8 @@ impl<'d, 's> Plan<'d, 's> {
         .chain(description.materials.values().map(|plugin| (Material, plugin)))
         .chain(description.textures.values().map(|plugin| (Texture, plugin)));
         for (family, plugin) in plugins {
-            if let Err(mut error) = registry.get(family, &plugin.name) {
+            if !description.faulty.tables.contains(family.singular())
+                && let Err(mut error) = registry.get(family, &plugin.name) {
                 error.span = Some(plugin.name_span.clone());
                 errors.0.push(error);
             }
@@ -61,10 +68,11 @@ impl<'d, 's> Plan<'d, 's> {
                 why: "no shape has it".to_owned(),
             })
             .collect();
-        errors.into_result(Self {
+        let plan = Self {
             description,
             materials,
             left_out,
-        })
+        };
+        (plan, errors)
     }
 }

@@ -11,6 +11,10 @@ use whitstone_core::{SceneError, SceneErrors, SourceSpan};
 const MAX_FILE_BYTES: u64 = 16 << 20;
 /// Most files that one scene may include.
 const MAX_FILES: usize = 256;
+/// Most bytes of all texts together, the spaces before them counted: see [`Sources`].
+const MAX_PADDED_BYTES: usize = 256 << 20;
+/// Most errors that a report shows.
+const MAX_REPORTED: usize = 50;
 /// Deepest nesting of includes.
 const MAX_DEPTH: usize = 32;
 
@@ -181,10 +185,12 @@ impl Sources {
         let renderer = if color { Renderer::styled() } else { Renderer::plain() };
         let mut sorted: Vec<&SceneError> = items.collect();
         sorted.sort_by_key(|error| error.span.as_ref().map_or(usize::MAX, |span| span.start));
-        let reports: Vec<String> = sorted
+        let more = sorted.len().saturating_sub(MAX_REPORTED);
+        let mut reports: Vec<String> = sorted
             .into_iter()
+            .take(MAX_REPORTED)
             .map(|error| {
-                let mut group = Group::with_title(level.clone().primary_title(&error.message));
+                let mut group = Group::with_title(level.clone().primary_title(printable(&error.message)));
                 if let Some(span) = &error.span
                     && let Some(source) = self.source_at(span.start)
                 {
@@ -197,13 +203,25 @@ impl Sources {
                     group = group.element(snippet);
                 }
                 if let Some(help) = &error.help {
-                    group = group.element(Level::HELP.message(help));
+                    group = group.element(Level::HELP.message(printable(help)));
                 }
                 renderer.render(&[group])
             })
             .collect();
+        if more > 0 {
+            reports.push(format!("... and {more} more"));
+        }
         reports.join("\n\n")
     }
+}
+
+/// Text of a scene within a message, with nothing in it that a terminal would obey.
+fn printable(text: &str) -> String {
+    let shown = |c: char| {
+        let plain = !c.is_control() || c == '\n';
+        if plain { c.to_string() } else { c.escape_default().to_string() }
+    };
+    text.chars().map(shown).collect()
 }
 
 struct Loader {
@@ -282,6 +300,14 @@ impl Loader {
         // A byte order mark is no part of the text.
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let start = self.sources.end;
+        let so_far: usize = self.sources.files.iter().map(|source| source.padded.len()).sum();
+        let text = if so_far + start + text.len() > MAX_PADDED_BYTES {
+            let problem = format!("\"{name}\": the files of this scene are too large together");
+            self.fail(None, problem);
+            ""
+        } else {
+            text
+        };
         let padded_value = match text.split_once('=') {
             Some((path, value)) if kind == SourceKind::Override => {
                 " ".repeat((start + path.len()).saturating_sub(1)) + "v=" + value

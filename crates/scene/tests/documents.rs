@@ -92,7 +92,7 @@ fn faulty_overrides_are_shown_in_their_own_text() {
     );
     assert_eq!(
         errors(SCENE, &["film.width=0"]),
-        ["--set film.width=0:1:12: expected a size from 1 to 65536 pixels, found 0"]
+        ["--set film.width=0:1:12: expected an integer from 1 to 65536, found 0"]
     );
 }
 
@@ -125,7 +125,7 @@ type = "point"
         [
             "scene.toml:10:8: expected a type in quotes, found an integer",
             "scene.toml:13:6: the id \"a\" is already that of shape 0",
-            "scene.toml:2:18: expected a size from 1 to 65536 pixels, found 99999999",
+            "scene.toml:2:18: expected an integer from 1 to 65536, found 99999999",
             "scene.toml:3:1: this camera has no `type`",
             "scene.toml:8:13: the transform is singular: it flattens the shape or is not finite",
         ]

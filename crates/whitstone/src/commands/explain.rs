@@ -150,7 +150,7 @@ fn needs(pipeline: &Pipeline) -> Vec<&'static str> {
         (Needs::SHADING_NORMAL, "interpolated normals"),
         (Needs::UV, "texture coordinates"),
     ];
-    let needed = all.into_iter().filter(|(need, _)| pipeline.world.needs.contains(*need));
+    let needed = all.into_iter().filter(|(need, _)| pipeline.world.needs().contains(*need));
     needed.map(|(_, name)| name).collect()
 }
 

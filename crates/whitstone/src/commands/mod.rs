@@ -14,8 +14,8 @@ use crate::terminal::{self, Exit, Failure};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use whitstone_core::{DuplicateType, Registry, SceneErrors};
-use whitstone_scene::{Description, Pipeline, Plan, Sources};
+use whitstone_core::{DuplicateType, Registry};
+use whitstone_scene::{Description, Pipeline, Plan, Sources, all_errors};
 
 /// A Whitted ray tracer that is validated against Mitsuba 3, pixel by pixel.
 ///
@@ -124,7 +124,7 @@ pub fn build_with<T>(
     let color = terminal::color();
     let sources = Sources::load(&arguments.scene, &arguments.overrides)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
-    let report = |errors: SceneErrors| Failure::usage(sources.report(&errors, color));
+    let report = |_| Failure::usage(sources.report(&all_errors(&sources, registry), color));
     let description = Description::parse(&sources).map_err(report)?;
     let plan = Plan::new(&description, registry).map_err(report)?;
     let pipeline = Pipeline::build(&plan, registry).map_err(report)?;
