@@ -3,6 +3,7 @@
 mod assets;
 mod bench;
 mod features;
+mod readme;
 mod tidy;
 
 use clap::{Parser, Subcommand};
@@ -29,6 +30,7 @@ enum Verb {
     /// Write the generated meshes and pictures of scenes/assets
     Assets,
     Bench(bench::Arguments),
+    Readme(readme::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -44,6 +46,7 @@ fn main() -> ExitCode {
         Verb::Features => features::run(&registry),
         Verb::Assets => assets::write(),
         Verb::Bench(arguments) => bench::run(arguments, &registry),
+        Verb::Readme(arguments) => readme::run(arguments, &registry),
     })
 }
 

@@ -1,0 +1,156 @@
+//! `readme`: the pictures and the table of numbers in README.md, made from the stored references.
+
+use crate::verdict;
+use clap::Args;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use whitstone::core::Registry;
+use whitstone::image::error_map::{ErrorView, trio};
+use whitstone::image::{Raster, ToneMap, atomic};
+use whitstone::scene::{Description, Film, Pipeline, Plan, RenderOptions, Sources};
+use whitstone::validate::stored::Stored;
+use whitstone::validate::{CaseResult, Mode, Options, Status, Validator, find_scenes};
+use whitstone::{Exit, Failure};
+
+const README: &str = "README.md";
+const BEGIN: &str = "<!-- numbers: written by `cargo xtask readme` -->";
+const END: &str = "<!-- end of numbers -->";
+/// The scenes on the contact sheet, three a row.
+const SHEET: [&str; 6] = [
+    "classic",
+    "nested_dielectrics",
+    "textured_mesh",
+    "facing_mirrors",
+    "lecture_phong",
+    "glass_mesh",
+];
+/// Pixels of a picture on the sheet.
+const TILE: (usize, usize) = (288, 216);
+
+/// Write the pictures and the numbers of README.md from the stored references
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// Write nothing; exit 1 if something would change
+    #[arg(long)]
+    check: bool,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let readme = std::fs::read_to_string(README).map_err(Failure::environment)?;
+    let (Some(begin), Some(end)) = (readme.find(BEGIN), readme.find(END)) else {
+        return Err(Failure::usage(format!("{README}: the marks {BEGIN} and {END} are missing")));
+    };
+    let cases = validate(registry)?;
+    let readme = format!("{}{BEGIN}\n\n{}\n{}", &readme[..begin], table(&cases), &readme[end..]);
+    let files = [
+        (PathBuf::from(README), readme.into_bytes()),
+        (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
+        (PathBuf::from("docs/images/classic-trio.png"), classic_trio(registry)?),
+    ];
+    let mut problems = Vec::new();
+    for (path, bytes) in files {
+        if std::fs::read(&path).is_ok_and(|found| found == bytes) {
+            continue;
+        }
+        if arguments.check {
+            problems.push(format!("{}: differs from what is generated; run `cargo xtask readme`", path.display()));
+            continue;
+        }
+        if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+        }
+        atomic::write_bytes(&path, &bytes).map_err(Failure::environment)?;
+        println!("{}: written", path.display());
+    }
+    verdict(&problems, "readme: pictures and numbers are those of the stored references")
+}
+
+fn validate(registry: &Registry) -> Result<Vec<CaseResult>, Failure> {
+    let options = Options {
+        scenes: PathBuf::from("scenes"),
+        references: PathBuf::from("references"),
+        target: PathBuf::from("target/whitstone"),
+        mode: Mode::Stored,
+        reuse: true,
+        threads: 0,
+        overrides: Vec::new(),
+        ours_overrides: Vec::new(),
+        time_limit: Duration::from_secs(1),
+        program: "cargo xtask".to_owned(),
+    };
+    let mut validator = Validator::new(registry, options, &|_| {}).map_err(Failure::environment)?;
+    let scenes = find_scenes(&[PathBuf::from("scenes")]).map_err(Failure::environment)?;
+    Ok(scenes.iter().map(|scene| validator.validate(scene)).collect())
+}
+
+/// One digit after the point: the second depends on the platform's mathematical functions.
+fn table(cases: &[CaseResult]) -> String {
+    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.0e}"));
+    let mut text = String::from(
+        "| scene | RMSE | interior error | limit | pixels over | explained | unexplained |\n|---|---|---|---|---|---|---|\n",
+    );
+    for case in cases.iter().filter(|case| case.scene.starts_with("showcase/")) {
+        let _ = writeln!(
+            text,
+            "| [{0}](scenes/{0}.toml) | {1} | {2} | {3:.0e} | {4} | {5} | {6} |",
+            case.scene,
+            number(case.rmse),
+            number(case.rel_rmse_interior),
+            case.limit,
+            case.pixels_over_tolerance,
+            case.explained,
+            case.unexplained,
+        );
+    }
+    let passed = cases.iter().filter(|case| case.status == Some(Status::Pass)).count();
+    let unexplained: usize = cases.iter().map(|case| case.unexplained).sum();
+    let explained: usize = cases.iter().map(|case| case.explained).sum();
+    let pixels: usize = cases.iter().map(|case| case.width * case.height).sum();
+    let _ = writeln!(
+        text,
+        "\nOver all {} scenes ({passed} pass): of {pixels} pixels {explained} differ by more than the tolerance and are explained by the reference's own variation, {unexplained} are unexplained.",
+        cases.len()
+    );
+    text
+}
+
+fn render(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<(Film, String), Failure> {
+    let sources = Sources::load(scene, overrides)
+        .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
+    let report = |errors| Failure::usage(sources.report(&errors, false));
+    let description = Description::parse(&sources).map_err(report)?;
+    let plan = Plan::new(&description, registry).map_err(report)?;
+    let pipeline = Pipeline::build(&plan, registry).map_err(report)?;
+    Ok((pipeline.render(RenderOptions::default()), pipeline.scene_hash))
+}
+
+/// Pictures of showcase scenes with nine samples a pixel.
+fn sheet(registry: &Registry) -> Result<Vec<u8>, Failure> {
+    let columns = 3;
+    let rows = SHEET.len().div_ceil(columns);
+    let mut sheet = Raster::filled(columns * TILE.0, rows * TILE.1, [0; 3]);
+    for (index, name) in SHEET.iter().enumerate() {
+        let path = PathBuf::from("scenes/showcase").join(name).with_extension("toml");
+        let overrides = [
+            format!("film={{ width = {}, height = {} }}", TILE.0, TILE.1),
+            "sampler={ type = \"grid\", n = 3 }".to_owned(),
+        ];
+        let (film, hash) = render(registry, &path, &overrides)?;
+        let image = film.to_image(&hash).map_err(Failure::usage)?;
+        let picture = Raster::preview(&image, ToneMap::default()).map_err(Failure::usage)?;
+        sheet.draw(&picture, index % columns * TILE.0, index / columns * TILE.1);
+    }
+    sheet.to_png().map_err(Failure::environment)
+}
+
+/// Ours, the stored reference, and the error.
+fn classic_trio(registry: &Registry) -> Result<Vec<u8>, Failure> {
+    let (film, hash) = render(registry, Path::new("scenes/showcase/classic.toml"), &[])?;
+    let ours = film.to_image(&hash).map_err(Failure::usage)?;
+    let stored = Stored::read(Path::new("references/images/showcase/classic"), &hash).map_err(Failure::usage)?;
+    let raster =
+        trio(&ours, &stored.image, ToneMap::default(), ErrorView::default()).map_err(Failure::usage)?;
+    raster.to_png().map_err(Failure::environment)
+}
