@@ -1,0 +1,469 @@
+use super::html;
+use crate::driver::Hello;
+use crate::explain::Reason;
+use crate::{CaseResult, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel};
+use scraper::{ElementRef, Html, Selector};
+use whitstone_image::error_map::error_map;
+use whitstone_image::metrics::BlockBias;
+use whitstone_image::{Image, Raster, ToneMap};
+
+/// What a scene file may contain and a page must not.
+const HOSTILE: &str =
+    r#"</pre><script>alert("1")</script> '"><img src=x onerror=alert(2)> &lt; {{ 7 * 7 }} "#;
+
+/// A ball in front of a wall, with another radius for each picture.
+fn ball(size: usize, radius: f32) -> Image {
+    let wave = |v: f32| 0.5 + 0.5 * (9.0 * v).sin();
+    Image::from_fn(size, size, |x, y| {
+        let [u, v] = [x, y].map(|p| (p as f32 + 0.5) / size as f32 * 2.0 - 1.0);
+        let rest = radius * radius - u * u - v * v;
+        if rest > 0.0 {
+            let light = (rest.sqrt() - 0.5 * u - 0.6 * v).max(0.02);
+            [0.9 * light, 0.35 * light, 0.2 * light]
+        } else {
+            [0.08 + 0.1 * wave(u), 0.12, 0.16 + 0.1 * wave(v)]
+        }
+    })
+    .unwrap()
+}
+
+fn pictures(size: usize, ours: f32, noise: f32) -> Option<Pictures> {
+    let reference = ball(size, 0.6);
+    let planes = ball(size, ours);
+    let ours = Image::from_fn(size, size, |x, y| {
+        let index = y * size + x;
+        let factor = 1.0 + noise * ((x * 31 + y * 17) % 23) as f32;
+        planes.rgb().unwrap().map(|plane| plane[index] * factor)
+    })
+    .unwrap();
+    let preview = |image: &Image| {
+        Raster::preview(image, ToneMap::default())
+            .unwrap()
+            .to_png()
+            .unwrap()
+    };
+    Some(Pictures {
+        ours: preview(&ours),
+        reference: preview(&reference),
+        error: error_map(&ours, &reference, super::ERROR_VIEW)
+            .unwrap()
+            .to_png()
+            .unwrap(),
+    })
+}
+
+fn case(scene: &str, twin: &str) -> CaseResult {
+    CaseResult {
+        scene: scene.to_owned(),
+        config: "default".to_owned(),
+        reference: Some(Reference {
+            name: "mitsuba".to_owned(),
+            version: "3.9.1".to_owned(),
+            variant: "llvm_ad_rgb".to_owned(),
+            source: "live".to_owned(),
+            k: 4.0,
+        }),
+        twin: twin.to_owned(),
+        width: 96,
+        height: 96,
+        samples: 1,
+        rmse: Some(3.21e-7),
+        rel_rmse_interior: Some(4.17e-7),
+        limit: 9.6e-7,
+        floor: 4.8e-7,
+        relmse: Some(1.8e-12),
+        mae: Some(1.9e-7),
+        max_abs: Some(8.8e-6),
+        mean_reference: Some(0.214),
+        signed_block_bias: Some(BlockBias {
+            bias: -2.4e-7,
+            channel: "G",
+            x: 32,
+            y: 64,
+            pixels: 256,
+        }),
+        bias_limit: 5e-5,
+        pixels_over_tolerance: 1,
+        explained: 1,
+        explained_limit: 8,
+        explained_radius_px: 1e-3,
+        worst: vec![WorstPixel {
+            x: 77,
+            y: 40,
+            ours: [0.081, 0.12, 0.161],
+            reference: [0.31, 0.121, 0.07],
+            reason: Some(Reason::Shift { radius_px: 1e-3 }),
+            first_difference: None,
+        }],
+        layers: vec![
+            LayerResult {
+                name: "shape_id.I".to_owned(),
+                differing: Some(1),
+                rms: None,
+                max_abs: None,
+            },
+            LayerResult {
+                name: "depth.Z".to_owned(),
+                differing: None,
+                rms: Some(2.2e-7),
+                max_abs: Some(1.9e-6),
+            },
+        ],
+        drift: Some(0.0),
+        build_s: 0.00021,
+        render_s: 0.0123,
+        reference_s: Some(0.345),
+        rays: 181_237,
+        mrays_per_s: 14.7,
+        status: Some(Status::Pass),
+        left_out: vec!["texture coordinates: no texture reads them".to_owned()],
+        command: format!("whitstone validate scenes/{scene}.toml"),
+        pictures: pictures(96, 0.6, 1e-7),
+        ..CaseResult::default()
+    }
+}
+
+fn failing() -> CaseResult {
+    let pixel = |x, y, ours, reference, reason, first: Option<&str>| WorstPixel {
+        x,
+        y,
+        ours,
+        reference,
+        reason,
+        first_difference: first.map(str::to_owned),
+    };
+    CaseResult {
+        rmse: Some(1.07e-2),
+        rel_rmse_interior: Some(8.73e-3),
+        limit_reason: Some(
+            "Total internal reflection near the critical angle is ill-conditioned.".to_owned(),
+        ),
+        pixels_over_tolerance: 1134,
+        explained: 11,
+        unexplained: 1123,
+        signed_block_bias: Some(BlockBias {
+            bias: 1.4e-3,
+            channel: "R",
+            x: 16,
+            y: 16,
+            pixels: 251,
+        }),
+        worst: vec![
+            pixel(
+                18,
+                41,
+                [0.9013, 0.350112, 0.2],
+                [0.0812, 0.12, 0.2],
+                None,
+                Some("sample 0: camera ray: ours hits shape 2, primitive 0, the reference nothing"),
+            ),
+            pixel(
+                77,
+                52,
+                [f32::NAN, 0.3, f32::INFINITY],
+                [0.25, 0.3, 0.1],
+                None,
+                None,
+            ),
+            pixel(
+                60,
+                12,
+                [0.5012, 0.31, 1e-9],
+                [0.5, 0.31, 0.0],
+                Some(Reason::Rounding { ulps: 2.0 }),
+                None,
+            ),
+            pixel(
+                61,
+                12,
+                [0.5, 0.33, 0.0],
+                [0.5, 0.31, 0.0],
+                Some(Reason::SpawnOffset),
+                None,
+            ),
+            pixel(
+                62,
+                12,
+                [0.5, 0.33, 0.0],
+                [0.5, 0.31, 0.0],
+                Some(Reason::StoredRange),
+                None,
+            ),
+        ],
+        problems: vec![
+            "1123 pixels differ and nothing explains it".to_owned(),
+            "11 pixels differ explainably, more than 8".to_owned(),
+            "rel_rmse_interior 8.73e-3 is above the limit 9.60e-7".to_owned(),
+        ],
+        status: Some(Status::Fail),
+        pictures: pictures(96, 0.63, 3e-6),
+        ..case("materials/dielectric", "native")
+    }
+}
+
+fn not_rendered() -> CaseResult {
+    CaseResult {
+        scene: "shapes/torus".to_owned(),
+        config: "default".to_owned(),
+        status: Some(Status::Fail),
+        problems: vec![
+            "error: unknown shape `torsu`\n --> scenes/shapes/torus.toml:14:8\n   |\n14 | type = \"torsu\"\n   |        ^^^^^^^ known are: `torus`, `sphere`\n".to_owned(),
+        ],
+        command: "whitstone validate scenes/shapes/torus.toml".to_owned(),
+        ..CaseResult::default()
+    }
+}
+
+fn hostile() -> CaseResult {
+    let text = HOSTILE.to_owned();
+    CaseResult {
+        scene: text.clone(),
+        config: text.clone(),
+        twin: text.clone(),
+        reference: Some(Reference {
+            name: text.clone(),
+            version: text.clone(),
+            variant: text.clone(),
+            source: text.clone(),
+            k: f64::NAN,
+        }),
+        limit_reason: Some(text.clone()),
+        problems: vec![text.clone()],
+        left_out: vec![text.clone()],
+        command: text.clone(),
+        layers: vec![LayerResult {
+            name: text.clone(),
+            differing: None,
+            rms: Some(f64::INFINITY),
+            max_abs: None,
+        }],
+        worst: vec![WorstPixel {
+            first_difference: Some(text),
+            ..failing().worst[0].clone()
+        }],
+        mean_reference: None,
+        ..failing()
+    }
+}
+
+fn results(cases: Vec<CaseResult>, references: &str) -> Results {
+    Results {
+        summary: Summary::of(&cases, references.to_owned(), 41.27),
+        provenance: Provenance {
+            whitstone: "0.1.0".to_owned(),
+            threads: 0,
+            mitsuba: (references == "live").then(|| Hello {
+                mitsuba: "3.9.1".to_owned(),
+                drjit: "1.4.0".to_owned(),
+                variant: "llvm_ad_rgb".to_owned(),
+                python: "3.12.3".to_owned(),
+                libllvm: "libLLVM.so.19.1".to_owned(),
+                llvm_version: "19.1.7".to_owned(),
+                cpu: "An eight-core processor".to_owned(),
+                threads: 8,
+            }),
+        },
+        results: cases,
+    }
+}
+
+fn example() -> Results {
+    let names = [
+        ("cameras/perspective", "formula", 4.17e-7),
+        ("lights/spot", "native", 8.9e-7),
+        ("materials/matte", "native", 2.2e-7),
+        ("materials/phong", "hosted", 5.1e-7),
+        ("shapes/mesh", "native", 7.7e-7),
+        ("shapes/sphere", "native", 3.3e-7),
+        ("showcase/still-life", "formula", 6.4e-7),
+    ];
+    let mut cases: Vec<CaseResult> = names
+        .into_iter()
+        .map(|(scene, twin, error)| CaseResult {
+            rel_rmse_interior: Some(error),
+            ..case(scene, twin)
+        })
+        .collect();
+    cases.insert(2, failing());
+    cases.insert(6, not_rendered());
+    results(cases, "live")
+}
+
+fn parse(page: &str) -> Html {
+    let document = Html::parse_document(page);
+    assert_eq!(
+        document.errors,
+        Vec::<String>::new(),
+        "the page is not well-formed"
+    );
+    document
+}
+
+fn select<'a>(document: &'a Html, selector: &str) -> Vec<ElementRef<'a>> {
+    document.select(&Selector::parse(selector).unwrap()).collect()
+}
+
+fn text(element: ElementRef) -> String {
+    element
+        .text()
+        .collect::<Vec<_>>()
+        .join(" ")
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+fn row(document: &Html, id: &str) -> String {
+    text(select(document, &format!("tr[data-case='{id}']"))[0])
+}
+
+#[test]
+fn the_check_of_well_formed_pages_sees_what_is_left_open() {
+    let broken = "<!doctype html><html lang=en><head><title>t</title></head><body><section><p>a</section></div></body></html>";
+    assert!(!Html::parse_document(broken).errors.is_empty());
+    let open = "<!doctype html><html lang=en><head><title>t</title></head><body><section>a</body></html>";
+    assert!(!Html::parse_document(open).errors.is_empty());
+}
+
+#[test]
+fn every_case_has_its_values_and_limits() {
+    let results = example();
+    let page = html(&results);
+    let document = parse(&page);
+    assert_eq!(
+        select(&document, "table.summary tbody tr").len(),
+        results.results.len()
+    );
+    assert_eq!(select(&document, "details.case").len(), results.results.len());
+    let failed = row(&document, "case-3");
+    for part in [
+        "FAIL",
+        "materials/dielectric",
+        "8.73e-3 > 9.60e-7",
+        "1.40e-3 > 5.00e-5",
+        "11 > 8",
+        "1,123 > 0",
+    ] {
+        assert!(failed.contains(part), "{part} is not in: {failed}");
+    }
+    let passed = row(&document, "case-1");
+    for part in [
+        "pass",
+        "4.17e-7 ≤ 9.60e-7",
+        "2.40e-7 ≤ 5.00e-5",
+        "1 ≤ 8",
+        "0 ≤ 0",
+        "3.21e-7",
+        "formula",
+        "live",
+    ] {
+        assert!(passed.contains(part), "{part} is not in: {passed}");
+    }
+    let section = text(select(&document, "#case-1")[0]);
+    for part in [
+        "4.17e-7 ≤ 9.60e-7",
+        "darker in G of the block at (32, 64)",
+        "181,237",
+        "whitstone validate scenes/cameras/perspective.toml",
+        "depth.Z",
+        "an edge: a shift of 1e-3 pixel",
+        "texture coordinates: no texture reads them",
+    ] {
+        assert!(section.contains(part), "{part} is not in: {section}");
+    }
+    assert!(text(select(&document, "dl.provenance")[0]).contains("19.1.7"));
+}
+
+#[test]
+fn failures_come_first_are_open_and_marked_by_more_than_colour() {
+    let page = html(&example());
+    let document = parse(&page);
+    let first = select(&document, "table.summary tbody tr")[0];
+    assert_eq!(first.value().attr("data-case"), Some("case-3"));
+    assert_eq!(select(&document, "details.case[open]").len(), 2);
+    assert_eq!(select(&document, "tr[data-case='case-3'] td.over").len(), 4);
+    assert!(
+        select(&document, "tr[data-case='case-3'] td.over")
+            .into_iter()
+            .all(|cell| { text(cell).starts_with("✗ over the limit:") })
+    );
+    assert!(select(&document, "tr[data-case='case-1'] td.over").is_empty());
+    assert!(text(select(&document, "h1")[0]).contains("2 of 9 cases fail"));
+    assert!(text(select(&document, ".problems pre")[0]).contains("1123 pixels differ"));
+}
+
+#[test]
+fn hostile_text_stays_text() {
+    let page = html(&results(vec![hostile()], HOSTILE));
+    let document = parse(&page);
+    assert_eq!(select(&document, "script").len(), 1, "only the page's own");
+    assert!(!page.contains("alert(\"1\")") && !page.contains("<img src=x"));
+    assert!(select(&document, "[onerror]").is_empty());
+    let shown = text(select(&document, "#case-1 .problems pre")[0]);
+    assert_eq!(shown, HOSTILE.split_whitespace().collect::<Vec<_>>().join(" "));
+}
+
+#[test]
+fn absent_numbers_are_dashes_with_a_reason() {
+    let page = html(&example());
+    let document = parse(&page);
+    let missing = row(&document, "case-7");
+    assert!(missing.contains('–') && !missing.contains("0 ≤ 0"), "{missing}");
+    for dash in select(&document, ".absent") {
+        assert!(dash.value().attr("title").is_some_and(|title| !title.is_empty()));
+    }
+    // No case at all, and one of which nothing is known.
+    let empty = html(&results(Vec::new(), "stored (no Python was found)"));
+    assert!(text(select(&parse(&empty), "h1")[0]).contains("No case was run"));
+    parse(&html(&results(vec![CaseResult::default()], "live")));
+}
+
+#[test]
+fn nothing_is_loaded_and_every_picture_has_words() {
+    let page = html(&example());
+    let document = parse(&page);
+    for image in select(&document, "img") {
+        assert!(
+            image
+                .value()
+                .attr("src")
+                .is_some_and(|src| src.starts_with("data:image/png;base64,"))
+        );
+        assert!(image.value().attr("alt").is_some_and(|alt| !alt.is_empty()));
+    }
+    assert_eq!(select(&document, "details.case img").len(), 3 * 8);
+    for link in select(&document, "[href]") {
+        let target = link.value().attr("href").unwrap_or_default();
+        assert!(target.starts_with('#') || target.starts_with("data:"), "{target}");
+    }
+    let style = text(select(&document, "style")[0]);
+    assert!(!style.contains("@import") && !style.contains("http"));
+    // Small pictures are magnified by whole numbers.
+    let figure = select(&document, "#case-1 figure")[0];
+    assert_eq!(figure.value().attr("style"), Some("width: 384px"));
+}
+
+/// With `WHITSTONE_REPORT_EXAMPLE` set to a folder, examples to look at are written there.
+#[test]
+fn examples_to_look_at() {
+    let Some(folder) = std::env::var_os("WHITSTONE_REPORT_EXAMPLE") else {
+        return;
+    };
+    let folder = std::path::PathBuf::from(folder);
+    let passing: Vec<CaseResult> = example()
+        .results
+        .into_iter()
+        .filter(|case| case.status == Some(Status::Pass))
+        .collect();
+    let pages = [
+        ("mixed.html", example()),
+        (
+            "passing.html",
+            results(passing, "stored (no Python 3.9 or later was found)"),
+        ),
+        ("hostile.html", results(vec![hostile(), not_rendered()], HOSTILE)),
+    ];
+    for (name, results) in pages {
+        std::fs::write(folder.join(name), html(&results)).unwrap();
+    }
+}
