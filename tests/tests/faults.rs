@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use whitstone::core::{
-    Accelerator, Accelerators, Aabb, Context, Geometry, Interval, Needs, Plugin, Primitive, PrimitiveHit,
+    Aabb, Accelerator, Accelerators, Context, Geometry, Interval, Needs, Plugin, Primitive, PrimitiveHit,
     RawHit, Ray, Registry, SceneErrors, Shape, Shapes, Skip, Statistics, SurfacePoint, Transform,
 };
 use whitstone::image::{Image, Limits, Raster, ToneMap, texels};
@@ -122,7 +122,9 @@ const FAULTS: [Fault; 11] = [
         tamper: bias,
         found: |case| {
             case.unexplained == 0
-                && case.signed_block_bias.is_some_and(|block| block.bias.abs() > case.bias_limit)
+                && case
+                    .signed_block_bias
+                    .is_some_and(|block| block.bias.abs() > case.bias_limit)
         },
     },
 ];
@@ -168,7 +170,9 @@ fn wrong_picture() -> PathBuf {
     let folder = std::env::temp_dir().join(format!("whitstone-faults-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("the folder for temporary files is writable");
     let path = folder.join("wrong.png");
-    raster.write_png(&path).expect("the folder for temporary files is writable");
+    raster
+        .write_png(&path)
+        .expect("the folder for temporary files is writable");
     path
 }
 
@@ -179,7 +183,11 @@ impl Plugin<Shapes> for FlippedSphere {
     const TYPE: &'static str = "flipped_sphere";
     type Config = sphere::Config;
 
-    fn build(config: Self::Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+    fn build(
+        config: Self::Config,
+        transform: Transform,
+        context: &mut dyn Context,
+    ) -> Result<Shape, SceneErrors> {
         match <Sphere as Plugin<Shapes>>::build(config, transform, context)? {
             Shape::Opaque(primitive) => Ok(Shape::Opaque(Box::new(Self(primitive)))),
             other => Ok(other),
@@ -254,9 +262,15 @@ impl<const KIND: usize> Accelerator for Faulty<KIND> {
 
 fn registry() -> Registry {
     let mut registry = whitstone::registry();
-    registry.add::<Shapes, FlippedSphere>("faults").expect("a new type");
-    registry.add::<Accelerators, Faulty<FAR_SPAWN>>("faults").expect("a new type");
-    registry.add::<Accelerators, Faulty<NO_SHADOW>>("faults").expect("a new type");
+    registry
+        .add::<Shapes, FlippedSphere>("faults")
+        .expect("a new type");
+    registry
+        .add::<Accelerators, Faulty<FAR_SPAWN>>("faults")
+        .expect("a new type");
+    registry
+        .add::<Accelerators, Faulty<NO_SHADOW>>("faults")
+        .expect("a new type");
     registry
 }
 
@@ -293,15 +307,20 @@ fn run(fault: &Fault, mode: Mode) -> Result<(), Failed> {
 fn main() {
     let arguments = Arguments::from_args();
     // Cargo runs tests in the folder of their package; scenes are named from the repository.
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the package is in the repository");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("the package is in the repository");
     std::env::set_current_dir(root).expect("the repository is there");
     let live = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
     let trials = FAULTS
         .iter()
         .flat_map(|fault| {
             [
-                Trial::test(format!("stored: {}", fault.name), move || run(fault, Mode::Stored)),
-                Trial::test(format!("live: {}", fault.name), move || run(fault, Mode::Live)).with_ignored_flag(!live),
+                Trial::test(format!("stored: {}", fault.name), move || {
+                    run(fault, Mode::Stored)
+                }),
+                Trial::test(format!("live: {}", fault.name), move || run(fault, Mode::Live))
+                    .with_ignored_flag(!live),
             ]
         })
         .collect();

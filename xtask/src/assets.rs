@@ -29,14 +29,20 @@ pub(crate) fn check() -> Vec<String> {
             let path = Path::new(FOLDER).join(name);
             match std::fs::read(&path) {
                 Ok(found) if found == *bytes => None,
-                Ok(_) => Some(format!("{}: differs from what is generated; {again}", path.display())),
+                Ok(_) => Some(format!(
+                    "{}: differs from what is generated; {again}",
+                    path.display()
+                )),
                 Err(error) => Some(format!("{}: {error}; {again}", path.display())),
             }
         })
         .collect();
     for entry in std::fs::read_dir(FOLDER).into_iter().flatten().flatten() {
         let name = entry.file_name();
-        if !generated.iter().any(|(known, _)| name.to_string_lossy() == *known) {
+        if !generated
+            .iter()
+            .any(|(known, _)| name.to_string_lossy() == *known)
+        {
             problems.push(format!("{}: nothing generates this file", entry.path().display()));
         }
     }

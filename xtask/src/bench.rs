@@ -41,9 +41,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let mut driver = Driver::start(&environment, Duration::from_secs(600)).map_err(Failure::environment)?;
     let mut reports = Vec::new();
     for path in &arguments.scenes {
-        let overrides = [
-            format!("film={{ width = {}, height = {} }}", arguments.width, arguments.height),
-        ];
+        let overrides = [format!(
+            "film={{ width = {}, height = {} }}",
+            arguments.width, arguments.height
+        )];
         let sources = Sources::load(path, &overrides)
             .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
         let report = |errors| Failure::usage(sources.report(&errors, false));

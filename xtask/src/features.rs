@@ -13,7 +13,15 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     for entry in registry.entries() {
         let package = entry.crate_name;
         let output = Command::new(&cargo)
-            .args(["check", "--quiet", "--package", package, "--no-default-features", "--features", entry.name])
+            .args([
+                "check",
+                "--quiet",
+                "--package",
+                package,
+                "--no-default-features",
+                "--features",
+                entry.name,
+            ])
             .env("RUSTFLAGS", "-D warnings")
             // Other flags would rebuild everything: these checks have a folder of their own.
             .env("CARGO_TARGET_DIR", "target/features")

@@ -40,14 +40,24 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let readme = std::fs::read_to_string(README).map_err(Failure::environment)?;
     let (Some(begin), Some(end)) = (readme.find(BEGIN), readme.find(END)) else {
-        return Err(Failure::usage(format!("{README}: the marks {BEGIN} and {END} are missing")));
+        return Err(Failure::usage(format!(
+            "{README}: the marks {BEGIN} and {END} are missing"
+        )));
     };
     let cases = validate(registry)?;
-    let readme = format!("{}{BEGIN}\n\n{}\n{}", &readme[..begin], table(&cases), &readme[end..]);
+    let readme = format!(
+        "{}{BEGIN}\n\n{}\n{}",
+        &readme[..begin],
+        table(&cases),
+        &readme[end..]
+    );
     let files = [
         (PathBuf::from(README), readme.into_bytes()),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
-        (PathBuf::from("docs/images/classic-trio.png"), classic_trio(registry)?),
+        (
+            PathBuf::from("docs/images/classic-trio.png"),
+            classic_trio(registry)?,
+        ),
     ];
     let mut problems = Vec::new();
     for (path, bytes) in files {
@@ -55,7 +65,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             continue;
         }
         if arguments.check {
-            problems.push(format!("{}: differs from what is generated; run `cargo xtask readme`", path.display()));
+            problems.push(format!(
+                "{}: differs from what is generated; run `cargo xtask readme`",
+                path.display()
+            ));
             continue;
         }
         if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -64,7 +77,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         atomic::write_bytes(&path, &bytes).map_err(Failure::environment)?;
         println!("{}: written", path.display());
     }
-    verdict(&problems, "readme: pictures and numbers are those of the stored references")
+    verdict(
+        &problems,
+        "readme: pictures and numbers are those of the stored references",
+    )
 }
 
 fn validate(registry: &Registry) -> Result<Vec<CaseResult>, Failure> {
@@ -104,7 +120,10 @@ fn table(cases: &[CaseResult]) -> String {
             case.unexplained,
         );
     }
-    let passed = cases.iter().filter(|case| case.status == Some(Status::Pass)).count();
+    let passed = cases
+        .iter()
+        .filter(|case| case.status == Some(Status::Pass))
+        .count();
     let unexplained: usize = cases.iter().map(|case| case.unexplained).sum();
     let explained: usize = cases.iter().map(|case| case.explained).sum();
     let pixels: usize = cases.iter().map(|case| case.width * case.height).sum();
@@ -149,7 +168,8 @@ fn sheet(registry: &Registry) -> Result<Vec<u8>, Failure> {
 fn classic_trio(registry: &Registry) -> Result<Vec<u8>, Failure> {
     let (film, hash) = render(registry, Path::new("scenes/showcase/classic.toml"), &[])?;
     let ours = film.to_image(&hash).map_err(Failure::usage)?;
-    let stored = Stored::read(Path::new("references/images/showcase/classic"), &hash).map_err(Failure::usage)?;
+    let stored =
+        Stored::read(Path::new("references/images/showcase/classic"), &hash).map_err(Failure::usage)?;
     let raster =
         trio(&ours, &stored.image, ToneMap::default(), ErrorView::default()).map_err(Failure::usage)?;
     raster.to_png().map_err(Failure::environment)

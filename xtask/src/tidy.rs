@@ -20,7 +20,10 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     problems.extend(check_stored());
     problems.extend(check_sources());
     let plugins = registry.entries().count();
-    verdict(&problems, &format!("tidy: {plugins} plugins, each with file, feature, example, twin and documentation"))
+    verdict(
+        &problems,
+        &format!("tidy: {plugins} plugins, each with file, feature, example, twin and documentation"),
+    )
 }
 
 fn read(path: &Path) -> String {
@@ -40,37 +43,63 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
             problems.push(problem);
         }
     };
-    require(!source.is_empty(), format!("{}: the {name} plugin has no file of its name", file.display()));
+    require(
+        !source.is_empty(),
+        format!("{}: the {name} plugin has no file of its name", file.display()),
+    );
     require(
         source.starts_with("//! "),
         format!("{}: no module documentation", file.display()),
     );
     for heading in ["Twin:", "Example:"] {
-        require(source.contains(heading), format!("{}: the documentation has no line \"{heading}\"", file.display()));
+        require(
+            source.contains(heading),
+            format!("{}: the documentation has no line \"{heading}\"", file.display()),
+        );
     }
     require(
         source.contains(&format!("scenes/{family}/{name}.toml")),
-        format!("{}: the documentation does not name {}", file.display(), example.display()),
+        format!(
+            "{}: the documentation does not name {}",
+            file.display(),
+            example.display()
+        ),
     );
-    require(source.contains("_laws"), format!("{}: no test calls the laws of the family", file.display()));
+    require(
+        source.contains("_laws"),
+        format!("{}: no test calls the laws of the family", file.display()),
+    );
     let manifest = read(&krate.join("Cargo.toml"));
     require(
-        manifest.lines().any(|line| line.starts_with(&format!("{name} = ["))),
+        manifest
+            .lines()
+            .any(|line| line.starts_with(&format!("{name} = ["))),
         format!("{}/Cargo.toml: no feature `{name}`", krate.display()),
     );
     let text = read(&example);
-    require(!text.is_empty(), format!("{}: the {name} plugin has no example scene", example.display()));
+    require(
+        !text.is_empty(),
+        format!("{}: the {name} plugin has no example scene", example.display()),
+    );
     require(
         text.contains(&format!("\"{name}\"")),
         format!("{}: does not use type = \"{name}\"", example.display()),
     );
-    require(!entry.summary().is_empty(), format!("{}: `Config` has no documentation", file.display()));
-    problems.extend(undocumented_parameters(entry).map(|key| format!("{}: `{key}` has no documentation", file.display())));
+    require(
+        !entry.summary().is_empty(),
+        format!("{}: `Config` has no documentation", file.display()),
+    );
+    problems.extend(
+        undocumented_parameters(entry).map(|key| format!("{}: `{key}` has no documentation", file.display())),
+    );
     // What the driver reads is the twin; accelerators have no effect on the image.
     if entry.family != FamilyName::Accelerator {
         let known = driver_sources().contains(&format!("\"{name}\""));
         if !known {
-            problems.push(format!("references/mitsuba: no twin of the {} type \"{name}\"", entry.family.singular()));
+            problems.push(format!(
+                "references/mitsuba: no twin of the {} type \"{name}\"",
+                entry.family.singular()
+            ));
         }
     }
     problems
@@ -78,7 +107,11 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
 
 fn undocumented_parameters(entry: &Entry) -> impl Iterator<Item = String> {
     let schema = entry.schema();
-    let properties = schema.get("properties").and_then(|p| p.as_object()).cloned().unwrap_or_default();
+    let properties = schema
+        .get("properties")
+        .and_then(|p| p.as_object())
+        .cloned()
+        .unwrap_or_default();
     properties
         .into_iter()
         .filter(|(_, value)| value.get("description").is_none())
@@ -111,9 +144,17 @@ fn check_strays(registry: &Registry) -> Vec<String> {
     for family in FamilyName::ALL {
         let known = |name: &str| registry.get(family, name).is_ok();
         for scene in files(&Path::new("scenes").join(family.plural()), "toml") {
-            let stem = scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            let stem = scene
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
             if !known(&stem) {
-                problems.push(format!("{}: there is no {} type \"{stem}\"", scene.display(), family.singular()));
+                problems.push(format!(
+                    "{}: there is no {} type \"{stem}\"",
+                    scene.display(),
+                    family.singular()
+                ));
             }
         }
         let path = Path::new("crates").join(family.plural()).join("Cargo.toml");
@@ -121,12 +162,20 @@ fn check_strays(registry: &Registry) -> Vec<String> {
         let features = manifest.split("[features]").nth(1).unwrap_or_default();
         let features = features.split("\n[").next().unwrap_or_default();
         for line in features.lines() {
-            let Some((name, _)) = line.split_once(" = ") else { continue };
+            let Some((name, _)) = line.split_once(" = ") else {
+                continue;
+            };
             if !["default", "all"].contains(&name) && !known(name) {
-                problems.push(format!("{}: the feature `{name}` registers no plugin", path.display()));
+                problems.push(format!(
+                    "{}: the feature `{name}` registers no plugin",
+                    path.display()
+                ));
             }
             if !["default", "all"].contains(&name) && !features.contains(&format!("\"{name}\"")) {
-                problems.push(format!("{}: the feature `{name}` is not in `all`", path.display()));
+                problems.push(format!(
+                    "{}: the feature `{name}` is not in `all`",
+                    path.display()
+                ));
             }
         }
     }
@@ -140,10 +189,17 @@ fn check_stored() -> Vec<String> {
     let mut bytes = 0;
     for file in files(root, "exr") {
         bytes += fs::metadata(&file).map_or(0, |metadata| metadata.len());
-        let key = file.parent().and_then(|folder| folder.strip_prefix(root).ok()).unwrap_or(Path::new(""));
+        let key = file
+            .parent()
+            .and_then(|folder| folder.strip_prefix(root).ok())
+            .unwrap_or(Path::new(""));
         let scene = Path::new("scenes").join(key).with_extension("toml");
         if !scene.is_file() {
-            problems.push(format!("{}: a reference without the scene {}", file.display(), scene.display()));
+            problems.push(format!(
+                "{}: a reference without the scene {}",
+                file.display(),
+                scene.display()
+            ));
         }
     }
     if bytes > 20 << 20 {
@@ -153,7 +209,10 @@ fn check_stored() -> Vec<String> {
     for scene in scenes {
         let key = whitstone::validate::scene_key(&scene, Path::new("scenes"));
         if !root.join(&key).join("mitsuba.exr").is_file() {
-            problems.push(format!("{}: no stored reference; run `cargo xtask reference --accept`", scene.display()));
+            problems.push(format!(
+                "{}: no stored reference; run `cargo xtask reference --accept`",
+                scene.display()
+            ));
         }
     }
     problems
@@ -163,13 +222,23 @@ fn check_stored() -> Vec<String> {
 fn check_sources() -> Vec<String> {
     let mut problems = Vec::new();
     // Spelled in parts, so that this file does not find itself.
-    let words = [["to", "do!("].concat(), ["unimple", "mented!("].concat(), ["FIX", "ME"].concat()];
+    let words = [
+        ["to", "do!("].concat(),
+        ["unimple", "mented!("].concat(),
+        ["FIX", "ME"].concat(),
+    ];
     for folder in ["crates", "xtask", "tests", "references"] {
-        for file in files(Path::new(folder), "rs").into_iter().chain(files(Path::new(folder), "py")) {
+        for file in files(Path::new(folder), "rs")
+            .into_iter()
+            .chain(files(Path::new(folder), "py"))
+        {
             let text = read(&file);
             let lines = text.lines().count();
             if lines > MAX_LINES {
-                problems.push(format!("{}: {lines} lines, more than {MAX_LINES}", file.display()));
+                problems.push(format!(
+                    "{}: {lines} lines, more than {MAX_LINES}",
+                    file.display()
+                ));
             }
             for word in words.iter().filter(|word| text.contains(word.as_str())) {
                 problems.push(format!("{}: unfinished: {word}", file.display()));

@@ -38,10 +38,8 @@ pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> 
     let mut removed: Vec<String> = Vec::new();
     let mut errors = SceneErrors::default();
     loop {
-        let deserializer = ValueDeserializer::from(Spanned::new(
-            rest.span(),
-            DeValue::Table(rest.get_ref().clone()),
-        ));
+        let deserializer =
+            ValueDeserializer::from(Spanned::new(rest.span(), DeValue::Table(rest.get_ref().clone())));
         let error = match C::deserialize(deserializer) {
             Ok(config) => return errors.into_result(config),
             Err(error) => error,
@@ -55,7 +53,10 @@ pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> 
         }
         let mut span = error.span().unwrap_or_else(|| table.span());
         if let Some((index, fault)) = split_element(&message)
-            && let Some(element) = rest.get_ref().values().find_map(|v| element_span(v, &span, index))
+            && let Some(element) = rest
+                .get_ref()
+                .values()
+                .find_map(|v| element_span(v, &span, index))
         {
             (span, message) = (element, fault.to_owned());
         }
@@ -224,10 +225,9 @@ impl<'de, const MIN: u32, const MAX: u32> Deserialize<'de> for IntegerIn<MIN, MA
                 write!(f, "an integer from {MIN} to {MAX}")
             }
             fn visit_i64<E: Error>(self, value: i64) -> Result<Self::Value, E> {
-                u32::try_from(value)
-                    .ok()
-                    .and_then(IntegerIn::new)
-                    .ok_or_else(|| E::custom(format!("expected an integer from {MIN} to {MAX}, found {value}")))
+                u32::try_from(value).ok().and_then(IntegerIn::new).ok_or_else(|| {
+                    E::custom(format!("expected an integer from {MIN} to {MAX}, found {value}"))
+                })
             }
         }
         deserializer.deserialize_any(InRange::<MIN, MAX>)
@@ -577,7 +577,9 @@ impl<'de, T: Deserialize<'de> + Copy, const N: usize> Visitor<'de> for ArrayVisi
             let Some(value) = next else { break };
             // More than N values need not be kept to be counted as too many.
             if values.len() == N {
-                return Err(A::Error::custom(format!("expected an array of {N} numbers, found more")));
+                return Err(A::Error::custom(format!(
+                    "expected an array of {N} numbers, found more"
+                )));
             }
             values.push(value);
         }
@@ -666,6 +668,9 @@ mod tests {
     #[test]
     fn inline_references_are_told_from_ids() {
         assert_eq!(PluginRef::from("floor"), PluginRef::Shared("floor".into()));
-        assert_eq!(PluginRef::from(inline_reference(7).as_str()), PluginRef::Inline(7));
+        assert_eq!(
+            PluginRef::from(inline_reference(7).as_str()),
+            PluginRef::Inline(7)
+        );
     }
 }

@@ -44,9 +44,8 @@ impl TriangleMesh {
         let error = 8.0 * f64::EPSILON * largest;
         let n_g = (b - a).cross(c - a).normalize() * self.orientation;
         let mut point = SurfacePoint::new(position, error, n_g);
-        let blend = |values: [DVec3; 3]| {
-            weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2]
-        };
+        let blend =
+            |values: [DVec3; 3]| weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2];
         if needs.contains(Needs::SHADING_NORMAL) && !self.normals.is_empty() {
             let n_s = blend(indices.map(|i| self.normals[i as usize]));
             // Opposite vertex normals can cancel: then only the geometry is left to go by.
@@ -114,9 +113,7 @@ impl Geometry {
                 Aabb::around(mesh.corners(triangle))
             }
             (_, Shape::Opaque(primitive)) => primitive.bounds(),
-            (Element::Opaque { .. }, Shape::Triangles(mesh)) => {
-                Aabb::around(mesh.positions.iter().copied())
-            }
+            (Element::Opaque { .. }, Shape::Triangles(mesh)) => Aabb::around(mesh.positions.iter().copied()),
         }
     }
 

@@ -1,6 +1,6 @@
 use crate::{
-    Accelerator, BranchKind, Geometry, Incoming, Interval, Light, LightGives, LightSample, Material, Needs, RawHit,
-    Ray, Rgb, Skip, SurfacePoint,
+    Accelerator, BranchKind, Geometry, Incoming, Interval, Light, LightGives, LightSample, Material, Needs,
+    RawHit, Ray, Rgb, Skip, SurfacePoint,
 };
 use glam::DVec3;
 use std::sync::Arc;

@@ -32,8 +32,8 @@ pub use light::{Light, LightGives, LightSample};
 pub use material::{Branch, BranchKind, Branches, Illumination, Incoming, Lobes, Material};
 pub use ray::{Aabb, Interval, Ray};
 pub use registry::{
-    Accelerators, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights, Materials,
-    Plugin, Registry, Samplers, Shapes, Textures,
+    Accelerators, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights, Materials, Plugin,
+    Registry, Samplers, Shapes, Textures,
 };
 pub use sampler::Sampler;
 pub use shape::{InstancePath, Needs, Primitive, PrimitiveHit, RawHit, Shape, Skip, SurfacePoint};

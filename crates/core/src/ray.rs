@@ -74,9 +74,7 @@ impl Aabb {
 
     /// The smallest box around some points.
     pub fn around(points: impl IntoIterator<Item = DVec3>) -> Self {
-        points
-            .into_iter()
-            .fold(Self::EMPTY, |aabb, p| aabb.including(p))
+        points.into_iter().fold(Self::EMPTY, |aabb, p| aabb.including(p))
     }
 
     /// This box grown to hold `point`.

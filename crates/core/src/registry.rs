@@ -1,7 +1,7 @@
 use crate::config::{self, FilePath, Table, TextureRef};
 use crate::{
-    Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Integrator, Light, Material, Sampler,
-    SceneError, SceneErrors, Shape, Texture, Transform, nearest,
+    Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Integrator, Light, Material,
+    Sampler, SceneError, SceneErrors, Shape, Texture, Transform, nearest,
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::de::DeserializeOwned;
@@ -306,12 +306,17 @@ mod tests {
         assert_eq!((again.first, again.second), ("one", "two"));
 
         let table = DeTable::parse("").unwrap();
-        let sampler = registry.build::<Samplers>("dot", &table, (), &mut NoContext).unwrap();
+        let sampler = registry
+            .build::<Samplers>("dot", &table, (), &mut NoContext)
+            .unwrap();
         assert_eq!(sampler.count(), 1);
         let unknown = registry.build::<Samplers>("dott", &table, (), &mut NoContext);
         let error = unknown.err().unwrap().0.remove(0);
         assert_eq!(error.help.as_deref(), Some("did you mean \"dot\"?"));
-        assert_eq!(registry.entries().next().unwrap().summary(), "One sample in a corner.");
+        assert_eq!(
+            registry.entries().next().unwrap().summary(),
+            "One sample in a corner."
+        );
     }
 
     #[test]

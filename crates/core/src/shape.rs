@@ -177,7 +177,11 @@ impl SurfacePoint {
 
     /// The shading normal turned towards a viewer in direction `view`; after [`Self::seen_from`].
     pub fn n_towards(&self, view: DVec3) -> DVec3 {
-        if self.n_g.dot(view) >= 0.0 { self.n_s } else { -self.n_s }
+        if self.n_g.dot(view) >= 0.0 {
+            self.n_s
+        } else {
+            -self.n_s
+        }
     }
 
     /// Rule G of the model for directions that must be on the viewer's side of the geometry.

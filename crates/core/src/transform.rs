@@ -24,12 +24,10 @@ impl Transform {
         let lengths = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
         let object_from_world = world_from_object.inverse();
         let invertible = m.determinant().abs() > 1e-15 * lengths;
-        (invertible && world_from_object.is_finite() && object_from_world.is_finite()).then_some(
-            Self {
-                world_from_object,
-                object_from_world,
-            },
-        )
+        (invertible && world_from_object.is_finite() && object_from_world.is_finite()).then_some(Self {
+            world_from_object,
+            object_from_world,
+        })
     }
 
     /// The matrix from object to world space.
@@ -87,8 +85,7 @@ impl Transform {
         let scale = m.x_axis.length();
         let gram = m.transpose() * m;
         let expected = DMat3::from_diagonal(DVec3::splat(scale * scale));
-        gram.abs_diff_eq(expected, 1e-9 * scale * scale)
-            .then_some(scale)
+        gram.abs_diff_eq(expected, 1e-9 * scale * scale).then_some(scale)
     }
 }
 

@@ -104,7 +104,14 @@ mod tests {
     #[test]
     fn inside_outside_and_behind() {
         let found = hit([0.25, 0.5, 2.0], [0.0, 0.0, -1.0]).unwrap();
-        assert_eq!(found, TriangleHit { t: 2.0, u: 0.25, v: 0.5 });
+        assert_eq!(
+            found,
+            TriangleHit {
+                t: 2.0,
+                u: 0.25,
+                v: 0.5
+            }
+        );
         assert!(hit([0.75, 0.5, 2.0], [0.0, 0.0, -1.0]).is_none());
         assert_eq!(hit([0.25, 0.5, 2.0], [0.0, 0.0, 1.0]).unwrap().t, -2.0);
         assert!(hit([0.25, 0.5, 2.0], [1.0, 0.0, 0.0]).is_none());

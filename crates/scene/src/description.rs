@@ -141,7 +141,9 @@ pub struct Expect {
 
 /// With a message that names the range, which serde's own for `u32` does not.
 fn count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u32>, D::Error> {
-    Ok(Some(IntegerIn::<0, { u32::MAX }>::deserialize(deserializer)?.get()))
+    Ok(Some(
+        IntegerIn::<0, { u32::MAX }>::deserialize(deserializer)?.get(),
+    ))
 }
 
 /// Pixels along a side of the image.
@@ -186,7 +188,10 @@ impl<'s> Description<'s> {
         let camera = merged.remove("camera");
         if camera.is_none() {
             let error = SceneError::anywhere("the scene has no camera");
-            reader.errors.0.push(error.with_help("add a [camera] table with type = \"perspective\""));
+            reader
+                .errors
+                .0
+                .push(error.with_help("add a [camera] table with type = \"perspective\""));
         }
         let camera = camera.and_then(|value| reader.plugin(value, "camera"));
         let camera = reader.or_empty(camera, "camera");
@@ -198,7 +203,11 @@ impl<'s> Description<'s> {
         let materials = reader.shared(merged.remove("material"), "material");
         let shapes = reader.shapes(merged.remove("shape"));
         // A number that no document can hold is told again by whoever wanted another one there.
-        let told: BTreeSet<_> = errors.0.iter().filter_map(|error| Some(error.span.as_ref()?.start)).collect();
+        let told: BTreeSet<_> = errors
+            .0
+            .iter()
+            .filter_map(|error| Some(error.span.as_ref()?.start))
+            .collect();
         let news = |error: &SceneError| error.span.as_ref().is_none_or(|span| !told.contains(&span.start));
         errors.0.extend(not_flat.0.into_iter().filter(news));
         let description = Self {
@@ -241,7 +250,10 @@ impl<'s> Reader<'_, 's> {
         match value.into_inner() {
             DeValue::Table(table) => Some(Spanned::new(span, table)),
             other => {
-                self.error(span, format!("expected the table of a {what}, found {}", type_name(&other)));
+                self.error(
+                    span,
+                    format!("expected the table of a {what}, found {}", type_name(&other)),
+                );
                 None
             }
         }
@@ -255,12 +267,16 @@ impl<'s> Reader<'_, 's> {
                 self.errors.take(decode::<RawFilm>(&table))?
             }
         };
-        let pixels = |side: &Option<Spanned<Side>>| side.as_ref().map_or(DEFAULT_SIDE, |side| side.get_ref().get());
+        let pixels =
+            |side: &Option<Spanned<Side>>| side.as_ref().map_or(DEFAULT_SIDE, |side| side.get_ref().get());
         let (width, height) = (pixels(&raw.width), pixels(&raw.height));
         if let Some(at) = raw.width.as_ref().or(raw.height.as_ref())
             && u64::from(width) * u64::from(height) > MAX_PIXELS
         {
-            self.error(at.span(), format!("{width} x {height} is more than {MAX_PIXELS} pixels"));
+            self.error(
+                at.span(),
+                format!("{width} x {height} is more than {MAX_PIXELS} pixels"),
+            );
             return None;
         }
         let mut aovs = Vec::new();
@@ -313,7 +329,10 @@ impl<'s> Reader<'_, 's> {
         let mut table = self.table(value, what)?;
         let Some(name) = table.get_mut().remove("type") else {
             let error = SceneError::at(table.span(), format!("this {what} has no `type`"));
-            let near = table.get_ref().keys().find(|key| nearest(key.get_ref(), ["type"]).is_some());
+            let near = table
+                .get_ref()
+                .keys()
+                .find(|key| nearest(key.get_ref(), ["type"]).is_some());
             self.errors.0.push(match near {
                 Some(key) => error.with_help(format!("did you mean `type` instead of `{}`?", key.get_ref())),
                 None => error.with_help(format!("`whitstone list {what}s` shows the types")),
@@ -324,7 +343,10 @@ impl<'s> Reader<'_, 's> {
         let name = match name.into_inner() {
             DeValue::String(name) => name.into_owned(),
             other => {
-                self.error(name_span, format!("expected a type in quotes, found {}", type_name(&other)));
+                self.error(
+                    name_span,
+                    format!("expected a type in quotes, found {}", type_name(&other)),
+                );
                 return None;
             }
         };
@@ -356,7 +378,10 @@ impl<'s> Reader<'_, 's> {
             }
             // It would be taken for a plugin that was written inside this table.
             DeValue::String(text) if matches!(PluginRef::from(text.as_ref()), PluginRef::Inline(_)) => {
-                self.error(span.clone(), "a text must not begin with the control character U+0001");
+                self.error(
+                    span.clone(),
+                    "a text must not begin with the control character U+0001",
+                );
                 DeValue::String(FAULTY_INLINE.clone().into())
             }
             DeValue::Array(items) => DeValue::Array(items.into_iter().map(|item| self.hoist(item)).collect()),
@@ -380,7 +405,10 @@ impl<'s> Reader<'_, 's> {
         match value.into_inner() {
             DeValue::Array(items) => items.into_iter().collect(),
             other => {
-                self.error(span, format!("expected a list of {what}s, found {}", type_name(&other)));
+                self.error(
+                    span,
+                    format!("expected a list of {what}s, found {}", type_name(&other)),
+                );
                 Vec::new()
             }
         }
@@ -415,14 +443,22 @@ impl<'s> Reader<'_, 's> {
             let Some(mut plugin) = self.plugin(item, "shape") else {
                 continue;
             };
-            let id = plugin.table.get_mut().remove("id").and_then(|id| self.text(id, "an id"));
+            let id = plugin
+                .table
+                .get_mut()
+                .remove("id")
+                .and_then(|id| self.text(id, "an id"));
             if let Some((span, id)) = &id
                 && let Some(first) = ids.insert(id.clone(), number)
             {
-                self.error(span.clone(), format!("the id \"{id}\" is already that of shape {first}"));
+                self.error(
+                    span.clone(),
+                    format!("the id \"{id}\" is already that of shape {first}"),
+                );
             }
             let material = plugin.table.get_mut().remove("material");
-            let material = material.and_then(|value| self.text(value, "the id of a material or a table with a `type`"));
+            let material =
+                material.and_then(|value| self.text(value, "the id of a material or a table with a `type`"));
             let transform = match plugin.table.get_mut().remove("transform") {
                 None => Some(Transform::IDENTITY),
                 Some(value) => self.errors.take(transform::parse(&value)),

@@ -24,6 +24,9 @@ pub(crate) const TOP_LEVEL: [&str; 11] = [
     "expect",
 ];
 
+/// Most keys in the path of an override: tables nest no deeper in a file either, as far as the parser goes.
+const MAX_PATH: usize = 64;
+
 /// The top-level table nearest in name, if `name` is none of them.
 pub fn nearest_top_level(name: &str) -> Option<&'static str> {
     nearest(name, TOP_LEVEL)
@@ -112,7 +115,9 @@ fn append<'s>(
     let DeValue::Array(items) = value.into_inner() else {
         let name = key.get_ref();
         let error = SceneError::at(key.span(), format!("expected a list of {name}s"));
-        errors.0.push(error.with_help(format!("write [[{name}]], with two brackets")));
+        errors
+            .0
+            .push(error.with_help(format!("write [[{name}]], with two brackets")));
         return;
     };
     let list = merged
@@ -135,7 +140,9 @@ fn insert_all<'s>(
     let DeValue::Table(items) = value.into_inner() else {
         let name = key.get_ref();
         let error = SceneError::at(key.span(), format!("expected {name}s by id"));
-        errors.0.push(error.with_help(format!("write [{name}.ID], then its keys")));
+        errors
+            .0
+            .push(error.with_help(format!("write [{name}.ID], then its keys")));
         return;
     };
     let table = merged
@@ -176,7 +183,16 @@ fn apply<'s>(
         from += part.len() + 1;
     }
     if let Some((span, _)) = keys.iter().find(|(_, key)| key.is_empty()) {
-        return Err(SceneError::at(span.start..span.end.max(span.start + 1), "empty key in the path"));
+        return Err(SceneError::at(
+            span.start..span.end.max(span.start + 1),
+            "empty key in the path",
+        ));
+    }
+    if keys.len() > MAX_PATH {
+        return Err(SceneError::at(
+            whole,
+            format!("the path has more than {MAX_PATH} keys"),
+        ));
     }
     let (first_span, first) = keys[0].clone();
     if !TOP_LEVEL.contains(&first) || first == "include" {
@@ -216,9 +232,8 @@ fn set_in_value<'s>(
         DeValue::Table(table) => set_in_table(table, keys, value),
         DeValue::Array(items) => {
             let (span, key) = keys[0].clone();
-            let has_id = |item: &Value<'_>| {
-                item.get_ref().get("id").and_then(|id| id.get_ref().as_str()) == Some(key)
-            };
+            let has_id =
+                |item: &Value<'_>| item.get_ref().get("id").and_then(|id| id.get_ref().as_str()) == Some(key);
             let index = key
                 .parse::<usize>()
                 .ok()
@@ -227,10 +242,13 @@ fn set_in_value<'s>(
             let Some(index) = index else {
                 return Err(SceneError::at(
                     span,
-                    format!("no element `{key}`: expected an id, or an index below {}", items.len()),
+                    format!(
+                        "no element `{key}`: expected an id, or an index below {}",
+                        items.len()
+                    ),
                 ));
             };
-            let element = items.iter_mut().nth(index).expect("the index is in range");
+            let element = items.get_mut(index).expect("the index is in range");
             if keys.len() == 1 {
                 *element = value;
                 return Ok(());

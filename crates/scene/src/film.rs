@@ -2,8 +2,8 @@ use crate::{Aov, Pipeline};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
-use whitstone_image::{Image, ImageError};
 use whitstone_core::{Counters, DVec2, Interval, Needs, RawHit, Ray, Rgb, Scratch, Skip};
+use whitstone_image::{Image, ImageError};
 
 /// Edge length of the square tiles that threads share out, in pixels.
 const TILE: u32 = 16;
@@ -79,7 +79,10 @@ impl Pipeline {
         if options.threads == 0 {
             return self.render_on_current_pool(options.progress);
         }
-        match rayon::ThreadPoolBuilder::new().num_threads(options.threads).build() {
+        match rayon::ThreadPoolBuilder::new()
+            .num_threads(options.threads)
+            .build()
+        {
             Ok(pool) => pool.install(|| self.render_on_current_pool(options.progress)),
             // Threads are a matter of speed only: go on with those that there are.
             Err(_) => self.render_on_current_pool(options.progress),
@@ -178,7 +181,10 @@ impl Pipeline {
     pub fn pixel(&self, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
         let count = self.sampler.count();
         let sum: Rgb = (0..count)
-            .map(|sample| self.integrator.radiance(&self.world, &self.camera_ray(pixel, sample), scratch))
+            .map(|sample| {
+                self.integrator
+                    .radiance(&self.world, &self.camera_ray(pixel, sample), scratch)
+            })
             .sum();
         sum * (1.0 / f64::from(count))
     }
@@ -186,7 +192,10 @@ impl Pipeline {
     fn layers(&self, pixel: [u32; 2], out: &mut [Vec<f32>]) {
         let raster = DVec2::new(f64::from(pixel[0]) + 0.5, f64::from(pixel[1]) + 0.5);
         let ray = self.camera.ray(raster);
-        let hit = self.world.accelerator.closest(&ray, Interval::FORWARD, Skip::NOTHING);
+        let hit = self
+            .world
+            .accelerator
+            .closest(&ray, Interval::FORWARD, Skip::NOTHING);
         let mut values = out.iter_mut();
         for aov in &self.film.aovs {
             for value in self.layer_values(*aov, &ray, hit.as_ref()) {

@@ -7,9 +7,9 @@ use toml::Spanned;
 use toml::de::DeTable;
 use whitstone_core::config::{FilePath, PluginRef, TextureRef, TextureValue};
 use whitstone_core::{
-    Accelerators, Camera, Cameras, ColorSource, Context, FamilyName, Geometry, Integrator,
-    Integrators, LightGives, Lights, Lobes, Material, Materials, Registry, Sampler, Samplers, SceneError,
-    SceneErrors, Shapes, SourceSpan, Texture, Textures, World, nearest,
+    Accelerators, Camera, Cameras, ColorSource, Context, FamilyName, Geometry, Integrator, Integrators,
+    LightGives, Lights, Lobes, Material, Materials, Registry, Sampler, Samplers, SceneError, SceneErrors,
+    Shapes, SourceSpan, Texture, Textures, World, nearest,
 };
 
 /// Up to this many elements, trying each is faster than any structure over them.
@@ -90,7 +90,12 @@ impl Pipeline {
         let mut left_out = plan.left_out.clone();
         left_out.extend(builder.unused_textures());
         if let Some(integrator) = &integrator {
-            left_out.extend(unused_parts(description, &lights, &materials, integrator.as_ref()));
+            left_out.extend(unused_parts(
+                description,
+                &lights,
+                &materials,
+                integrator.as_ref(),
+            ));
         }
         let warnings = builder.warnings;
         let pipeline = match (camera, sampler, integrator, accelerator) {
@@ -121,12 +126,18 @@ fn choose_accelerator(
     registry: &Registry,
 ) -> (String, String) {
     if description.accelerator.name != "auto" {
-        return (description.accelerator.name.clone(), "named by the scene".to_owned());
+        return (
+            description.accelerator.name.clone(),
+            "named by the scene".to_owned(),
+        );
     }
     let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1).count();
     let few = elements <= BRUTE_FORCE_LIMIT;
     let (wanted, why) = if few {
-        ("brute_force", format!("{elements} elements: trying each is fastest"))
+        (
+            "brute_force",
+            format!("{elements} elements: trying each is fastest"),
+        )
     } else {
         ("bvh", format!("more than {BRUTE_FORCE_LIMIT} elements"))
     };
@@ -146,7 +157,11 @@ fn unused_parts(
     materials: &[Arc<dyn Material>],
     integrator: &dyn Integrator,
 ) -> Vec<LeftOut> {
-    let any = |lobes| materials.iter().any(|material| material.lobes().intersects(lobes));
+    let any = |lobes| {
+        materials
+            .iter()
+            .any(|material| material.lobes().intersects(lobes))
+    };
     let mut parts = Vec::new();
     let mut leave_out = |what: &str, why: &str| {
         parts.push(LeftOut {
@@ -154,14 +169,19 @@ fn unused_parts(
             why: why.to_owned(),
         });
     };
-    let sampled = lights.iter().any(|light| light.gives().contains(LightGives::SAMPLES));
+    let sampled = lights
+        .iter()
+        .any(|light| light.gives().contains(LightGives::SAMPLES));
     if !any(Lobes::LOCAL) {
         leave_out("shadow rays", "no material in use reflects light by itself");
     } else if !sampled {
         leave_out("shadow rays", "no light shines from a place or a direction");
     }
     if !integrator.follows_branches() {
-        leave_out("reflected and refracted rays", "the integrator does not follow them");
+        leave_out(
+            "reflected and refracted rays",
+            "the integrator does not follow them",
+        );
     } else {
         if !any(Lobes::REFLECTION) {
             leave_out("reflected rays", "no material in use mirrors");
@@ -172,7 +192,9 @@ fn unused_parts(
     }
     let needs = materials
         .iter()
-        .fold(whitstone_core::Needs::NOTHING, |needs, material| needs | material.needs());
+        .fold(whitstone_core::Needs::NOTHING, |needs, material| {
+            needs | material.needs()
+        });
     if !needs.contains(whitstone_core::Needs::UV) {
         leave_out("texture coordinates", "no texture in use reads them");
     }
@@ -280,7 +302,11 @@ impl<'d, 's> Builder<'d, 's> {
     }
 
     /// The texture, built on first use. The error is empty where it was reported before.
-    fn shared_texture(&mut self, key: TextureKey, span: &SourceSpan) -> Result<Arc<dyn Texture>, SceneErrors> {
+    fn shared_texture(
+        &mut self,
+        key: TextureKey,
+        span: &SourceSpan,
+    ) -> Result<Arc<dyn Texture>, SceneErrors> {
         if let Some(built) = self.textures.get(&key) {
             return built.clone().ok_or_else(SceneErrors::default);
         }
@@ -337,7 +363,9 @@ impl Context for Builder<'_, '_> {
 
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {
         let sources = self.description.sources;
-        let path = sources.base().join(sources.relative_to_base(&file.span, &file.path));
+        let path = sources
+            .base()
+            .join(sources.relative_to_base(&file.span, &file.path));
         let fail = |why: String| {
             let error = SceneError::at(file.span.clone(), format!("cannot read \"{}\": {why}", file.path));
             Err(error.with_help(format!("looked for {}", path.display())))

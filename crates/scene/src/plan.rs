@@ -46,7 +46,8 @@ impl<'d, 's> Plan<'d, 's> {
         .chain(description.textures.values().map(|plugin| (Texture, plugin)));
         for (family, plugin) in plugins {
             if !description.faulty.tables.contains(family.singular())
-                && let Err(mut error) = registry.get(family, &plugin.name) {
+                && let Err(mut error) = registry.get(family, &plugin.name)
+            {
                 error.span = Some(plugin.name_span.clone());
                 errors.0.push(error);
             }

@@ -42,9 +42,7 @@ pub fn scene_schema(registry: &Registry) -> Value {
 }
 
 fn top_level() -> Value {
-    let one = |family: FamilyName, text: &str| {
-        json!({ "description": text, "allOf": [reference(family.singular())] })
-    };
+    let one = |family: FamilyName, text: &str| json!({ "description": text, "allOf": [reference(family.singular())] });
     let by_id = |family: FamilyName, text: &str| {
         json!({
             "description": text,
@@ -52,9 +50,7 @@ fn top_level() -> Value {
             "additionalProperties": reference(family.singular()),
         })
     };
-    let list = |family: FamilyName, text: &str| {
-        json!({ "description": text, "type": "array", "items": reference(family.singular()) })
-    };
+    let list = |family: FamilyName, text: &str| json!({ "description": text, "type": "array", "items": reference(family.singular()) });
     json!({
         "include": {
             "description": "Scene files whose tables are taken over, relative to this file.",
@@ -77,9 +73,7 @@ fn top_level() -> Value {
 }
 
 fn film() -> Value {
-    let pixels = |text: &str| {
-        json!({ "description": text, "type": "integer", "minimum": 1, "maximum": 65536, "default": 512 })
-    };
+    let pixels = |text: &str| json!({ "description": text, "type": "integer", "minimum": 1, "maximum": 65536, "default": 512 });
     object(
         "The image.",
         json!({
@@ -118,9 +112,7 @@ fn expect() -> Value {
 }
 
 fn transform_step() -> Value {
-    let numbers = |count: usize| {
-        json!({ "type": "array", "items": { "type": "number" }, "minItems": count, "maxItems": count })
-    };
+    let numbers = |count: usize| json!({ "type": "array", "items": { "type": "number" }, "minItems": count, "maxItems": count });
     let rotate = object(
         "Counter-clockwise looking against the axis.",
         json!({ "axis": numbers(3), "degrees": { "type": "number" } }),
@@ -167,7 +159,10 @@ fn plugin_schema(entry: &Entry, definitions: &mut Map<String, Value>) -> Value {
     };
     map.remove("$schema");
     if let Some(Value::Object(own)) = map.remove("$defs") {
-        definitions.extend(own.into_iter().map(|(name, value)| (format!("{prefix}.{name}"), value)));
+        definitions.extend(
+            own.into_iter()
+                .map(|(name, value)| (format!("{prefix}.{name}"), value)),
+        );
     }
     map.insert("title".to_owned(), json!(entry.name));
     let properties = map.entry("properties").or_insert_with(|| json!({}));

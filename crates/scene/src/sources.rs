@@ -182,7 +182,11 @@ impl Sources {
         items: impl Iterator<Item = &'a SceneError>,
         color: bool,
     ) -> String {
-        let renderer = if color { Renderer::styled() } else { Renderer::plain() };
+        let renderer = if color {
+            Renderer::styled()
+        } else {
+            Renderer::plain()
+        };
         let mut sorted: Vec<&SceneError> = items.collect();
         sorted.sort_by_key(|error| error.span.as_ref().map_or(usize::MAX, |span| span.start));
         let more = sorted.len().saturating_sub(MAX_REPORTED);
@@ -219,7 +223,11 @@ impl Sources {
 fn printable(text: &str) -> String {
     let shown = |c: char| {
         let plain = !c.is_control() || c == '\n';
-        if plain { c.to_string() } else { c.escape_default().to_string() }
+        if plain {
+            c.to_string()
+        } else {
+            c.escape_default().to_string()
+        }
     };
     text.chars().map(shown).collect()
 }

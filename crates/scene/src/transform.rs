@@ -41,7 +41,10 @@ pub(crate) fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
         DeValue::Table(_) => one,
         DeValue::Array(items) => items,
         other => {
-            let message = format!("expected a transform step or a list of them, found {}", type_name(other));
+            let message = format!(
+                "expected a transform step or a list of them, found {}",
+                type_name(other)
+            );
             return Err(SceneError::at(value.span(), message).into());
         }
     };
@@ -54,8 +57,11 @@ pub(crate) fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
     let transform = Transform::new(world_from_object);
     if transform.is_none() && errors.0.is_empty() {
         errors.0.push(
-            SceneError::at(value.span(), "the transform is singular: it flattens the shape or is not finite")
-                .with_help("every scale must be other than 0"),
+            SceneError::at(
+                value.span(),
+                "the transform is singular: it flattens the shape or is not finite",
+            )
+            .with_help("every scale must be other than 0"),
         );
     }
     errors.into_result(transform.unwrap_or(Transform::IDENTITY))
@@ -64,9 +70,11 @@ pub(crate) fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
 fn parse_step(step: &Value<'_>) -> Result<DAffine3, SceneErrors> {
     let DeValue::Table(table) = step.get_ref() else {
         let found = type_name(step.get_ref());
-        return Err(SceneError::at(step.span(), format!("expected a transform step, found {found}"))
-            .with_help("for example { translate = [0, 1, 0] }")
-            .into());
+        return Err(
+            SceneError::at(step.span(), format!("expected a transform step, found {found}"))
+                .with_help("for example { translate = [0, 1, 0] }")
+                .into(),
+        );
     };
     let table: Spanned<DeTable<'_>> = Spanned::new(step.span(), table.clone());
     let Step {
@@ -81,7 +89,10 @@ fn parse_step(step: &Value<'_>) -> Result<DAffine3, SceneErrors> {
         (None, Some(Scale::PerAxis(s)), None, None) => Ok(DAffine3::from_scale(s.get())),
         (None, None, Some(Rotate { axis, degrees }), None) => {
             let axis = axis.get().try_normalize().ok_or_else(|| {
-                SceneError::at(step.span(), "the axis of a rotation must not be zero or nearly so")
+                SceneError::at(
+                    step.span(),
+                    "the axis of a rotation must not be zero or nearly so",
+                )
             })?;
             Ok(DAffine3::from_mat3(rotation(axis, degrees.get())))
         }
@@ -91,9 +102,12 @@ fn parse_step(step: &Value<'_>) -> Result<DAffine3, SceneErrors> {
                 x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2], x[3], y[3], z[3],
             ]))
         }
-        _ => Err(SceneError::at(step.span(), "expected exactly one of translate, scale, rotate, matrix")
-            .with_help("write several steps as a list: they are applied in order")
-            .into()),
+        _ => Err(SceneError::at(
+            step.span(),
+            "expected exactly one of translate, scale, rotate, matrix",
+        )
+        .with_help("write several steps as a list: they are applied in order")
+        .into()),
     }
 }
 
@@ -127,7 +141,8 @@ mod tests {
 
     #[test]
     fn steps_are_applied_in_the_order_written() {
-        let text = "[{ scale = 2 }, { rotate = { axis = [0, 0, 1], degrees = 90 } }, { translate = [1, 0, 0] }]";
+        let text =
+            "[{ scale = 2 }, { rotate = { axis = [0, 0, 1], degrees = 90 } }, { translate = [1, 0, 0] }]";
         let transform = parse_text(text).unwrap();
         assert_eq!(transform.point_to_world(DVec3::X), DVec3::new(1.0, 2.0, 0.0));
     }

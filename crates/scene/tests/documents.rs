@@ -46,10 +46,12 @@ fn places(sources: &Sources, errors: &SceneErrors) -> Vec<String> {
     let mut lines: Vec<String> = errors
         .0
         .iter()
-        .map(|error| match error.span.as_ref().and_then(|span| sources.position(span)) {
-            Some(at) => format!("{}:{}:{}: {}", at.file, at.line, at.column, error.message),
-            None => error.message.clone(),
-        })
+        .map(
+            |error| match error.span.as_ref().and_then(|span| sources.position(span)) {
+                Some(at) => format!("{}:{}:{}: {}", at.file, at.line, at.column, error.message),
+                None => error.message.clone(),
+            },
+        )
         .collect();
     lines.sort();
     lines
@@ -66,13 +68,22 @@ fn tables_are_taken_apart() {
     assert_eq!(ball.id.as_deref(), Some("ball"));
     assert_eq!(ball.transform.point_to_world(DVec3::ZERO), DVec3::Y);
     // The inner texture is taken out before the outer one.
-    let inline: Vec<&str> = description.inline.iter().map(|plugin| plugin.name.as_str()).collect();
+    let inline: Vec<&str> = description
+        .inline
+        .iter()
+        .map(|plugin| plugin.name.as_str())
+        .collect();
     assert_eq!(inline, ["constant", "checker"]);
 }
 
 #[test]
 fn overrides_reach_tables_lists_ids_and_missing_tables() {
-    let sets = ["camera.fov=30", "shape.ball.radius = 3", "shape[0].material=other", "film.width=64"];
+    let sets = [
+        "camera.fov=30",
+        "shape.ball.radius = 3",
+        "shape[0].material=other",
+        "film.width=64",
+    ];
     let sources = sources(SCENE, &sets);
     let text = Description::parse(&sources).unwrap().flattened.text;
     for expected in ["fov = 30", "radius = 3", "material = \"other\"", "width = 64"] {
@@ -83,7 +94,10 @@ fn overrides_reach_tables_lists_ids_and_missing_tables() {
 #[test]
 fn faulty_overrides_are_shown_in_their_own_text() {
     assert_eq!(
-        errors(SCENE, &["shape.bell.radius=1", "camra.fov=3", "film.width=0", "fov"]),
+        errors(
+            SCENE,
+            &["shape.bell.radius=1", "camra.fov=3", "film.width=0", "fov"]
+        ),
         [
             "--set camra.fov=3:1:1: unknown table `camra`",
             "--set fov:1:1: expected path=value",
@@ -117,7 +131,10 @@ type = "point"
 "#;
     assert_eq!(
         errors(text, &[]),
-        ["scene.toml:14:2: expected a list of lights", "scene.toml:16:2: unknown table `cheese`"]
+        [
+            "scene.toml:14:2: expected a list of lights",
+            "scene.toml:16:2: unknown table `cheese`"
+        ]
     );
     let text = text.replace("[light]", "[[light]]").replace("[cheese]", "");
     assert_eq!(
@@ -135,7 +152,10 @@ type = "point"
 #[test]
 fn syntax_errors_have_a_place_and_no_consequences() {
     let found = errors("[camera]\ntype = \nfov = 3 3\n", &[]);
-    assert!(found.iter().any(|line| line.starts_with("scene.toml:2:")), "{found:?}");
+    assert!(
+        found.iter().any(|line| line.starts_with("scene.toml:2:")),
+        "{found:?}"
+    );
     let deep = format!("x = {}{}", "[".repeat(20_000), "]".repeat(20_000));
     assert!(!errors(&deep, &[]).is_empty());
     assert!(!errors("width = 99999999999999999999999\n[camera]\ntype='x'", &[]).is_empty());
@@ -161,7 +181,8 @@ fn includes_are_merged_first_and_their_paths_stay_right() {
     let part = "[camera]\ntype = 'far'\n[[shape]]\ntype = 'mesh'\nfile = 'a.ply'\n[material.m]\ntype='x'\n";
     fs::write(root.join("parts/part.toml"), part).unwrap();
     fs::write(root.join("parts/a.ply"), "one").unwrap();
-    let main = "include = ['parts/part.toml', 'parts/part.toml']\n[camera]\ntype = 'near'\n[[shape]]\ntype='s'\n";
+    let main =
+        "include = ['parts/part.toml', 'parts/part.toml']\n[camera]\ntype = 'near'\n[[shape]]\ntype='s'\n";
     fs::write(root.join("main.toml"), main).unwrap();
     let load = || Sources::load(&root.join("main.toml"), &[]).unwrap();
     let sources = load();
@@ -181,11 +202,18 @@ fn include_cycles_and_missing_files_are_errors_at_the_include() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     fs::write(root.join("a.toml"), "include = 'b.toml'\n").unwrap();
-    fs::write(root.join("b.toml"), "include = ['a.toml',\n  'missing.toml', 3]\n").unwrap();
+    fs::write(
+        root.join("b.toml"),
+        "include = ['a.toml',\n  'missing.toml', 3]\n",
+    )
+    .unwrap();
     let error = Sources::load(&root.join("a.toml"), &[]).unwrap_err();
     let found = places(&error.sources, &error.errors);
     assert_eq!(found.len(), 3);
-    assert!(found[0].contains("b.toml:1:12") && found[0].contains("includes itself"), "{found:?}");
+    assert!(
+        found[0].contains("b.toml:1:12") && found[0].contains("includes itself"),
+        "{found:?}"
+    );
     assert!(found[1].contains("b.toml:2:19"), "{found:?}");
     assert!(found[2].contains("b.toml:2:3:"), "{found:?}");
 }
@@ -216,7 +244,12 @@ fn a_report_shows_the_line() {
     let sources = sources("[camera]\ntype = 'p'\n[flim]\nwidth = 3\n", &[]);
     let errors = Description::parse(&sources).err().unwrap();
     let report = sources.report(&errors, false);
-    for expected in ["error: unknown table `flim`", "scene.toml:3:2", "[flim]", "did you mean `film`?"] {
+    for expected in [
+        "error: unknown table `flim`",
+        "scene.toml:3:2",
+        "[flim]",
+        "did you mean `film`?",
+    ] {
         assert!(report.contains(expected), "{report}");
     }
 }

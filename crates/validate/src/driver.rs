@@ -181,7 +181,10 @@ impl Driver {
 
     /// Starts any program that speaks the protocol.
     pub fn spawn(mut command: Command, limit: Duration) -> Result<Self, DriverError> {
-        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
         // A group of its own, so that what it starts can be killed with it.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
@@ -237,7 +240,12 @@ impl Driver {
         let op = request["op"].as_str().unwrap_or_default().to_owned();
         let mut line = request.to_string();
         line.push('\n');
-        if self.stdin.write_all(line.as_bytes()).and_then(|()| self.stdin.flush()).is_err() {
+        if self
+            .stdin
+            .write_all(line.as_bytes())
+            .and_then(|()| self.stdin.flush())
+            .is_err()
+        {
             return Err(self.exited());
         }
         let answer = match self.answers.recv_timeout(self.limit) {
@@ -376,7 +384,10 @@ impl Driver {
 
     fn kill(&mut self) {
         #[cfg(unix)]
-        if let Some(group) = i32::try_from(self.child.id()).ok().and_then(rustix::process::Pid::from_raw) {
+        if let Some(group) = i32::try_from(self.child.id())
+            .ok()
+            .and_then(rustix::process::Pid::from_raw)
+        {
             // Fails only where the group is gone already.
             let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
         }

@@ -85,7 +85,15 @@ impl Environment {
         say("installing Mitsuba (once; about 100 MB)");
         run(
             Command::new(&environment.python)
-                .args(["-m", "pip", "install", "--disable-pip-version-check", "--no-input", "-q", "-r"])
+                .args([
+                    "-m",
+                    "pip",
+                    "install",
+                    "--disable-pip-version-check",
+                    "--no-input",
+                    "-q",
+                    "-r",
+                ])
                 .arg(&requirements),
             "install Mitsuba (is PyPI reachable?)",
         )?;
@@ -96,7 +104,10 @@ impl Environment {
     /// The environment if it is there; nothing is made.
     pub fn existing(target: &Path, references: &Path) -> Option<Self> {
         let place = Place::find(target, references).ok()?;
-        place.environment.is_complete(&place.folder).then_some(place.environment)
+        place
+            .environment
+            .is_complete(&place.folder)
+            .then_some(place.environment)
     }
 
     fn is_complete(&self, folder: &Path) -> bool {
@@ -156,7 +167,11 @@ fn find_python() -> Result<(PathBuf, String), EnvironmentError> {
     let mut tried = Vec::new();
     for python in candidates {
         let script = "import sys; print('%d.%d.%d' % sys.version_info[:3])";
-        let version = match Command::new(&python).args(["-c", script]).stdin(Stdio::null()).output() {
+        let version = match Command::new(&python)
+            .args(["-c", script])
+            .stdin(Stdio::null())
+            .output()
+        {
             Ok(output) if output.status.success() => {
                 String::from_utf8_lossy(&output.stdout).trim().to_owned()
             }

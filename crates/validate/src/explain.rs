@@ -70,16 +70,34 @@ pub fn trials() -> Vec<Trial> {
         reason: Reason::SpawnOffset,
         settings: SPAWN_OFFSETS
             .iter()
-            .flat_map(|&k| [true, false].map(|robust| Setting { k, robust, ..Setting::default() }))
-            .chain([Setting { robust: false, ..Setting::default() }])
+            .flat_map(|&k| {
+                [true, false].map(|robust| Setting {
+                    k,
+                    robust,
+                    ..Setting::default()
+                })
+            })
+            .chain([Setting {
+                robust: false,
+                ..Setting::default()
+            }])
             .collect(),
     };
     let rounding = |ulps: f64| Trial {
         reason: Reason::Rounding { ulps },
-        settings: (1..=SEEDS).map(|seed| Setting { ulps, seed, ..Setting::default() }).collect(),
+        settings: (1..=SEEDS)
+            .map(|seed| Setting {
+                ulps,
+                seed,
+                ..Setting::default()
+            })
+            .collect(),
     };
     let shifts = RADII.into_iter().map(shift);
-    shifts.chain([spawn]).chain(PERTURBATIONS.into_iter().map(rounding)).collect()
+    shifts
+        .chain([spawn])
+        .chain(PERTURBATIONS.into_iter().map(rounding))
+        .collect()
 }
 
 /// The smallest and largest value of each channel.
@@ -94,15 +112,18 @@ pub struct Range {
 impl Range {
     /// Of a single value.
     pub fn of(value: [f64; 3]) -> Self {
-        Self { min: value, max: value }
+        Self {
+            min: value,
+            max: value,
+        }
     }
 
     /// Grown to hold `value`. What is not finite is left out: it explains nothing.
     pub fn include(&mut self, value: [f64; 3]) {
         if value.iter().all(|v| v.is_finite()) {
-            for c in 0..3 {
-                self.min[c] = self.min[c].min(value[c]);
-                self.max[c] = self.max[c].max(value[c]);
+            for (c, v) in value.into_iter().enumerate() {
+                self.min[c] = self.min[c].min(v);
+                self.max[c] = self.max[c].max(v);
             }
         }
     }
@@ -147,7 +168,10 @@ mod tests {
     use super::*;
 
     fn constant(value: f64) -> Vec<Vec<[f64; 3]>> {
-        trials().iter().map(|trial| vec![[value; 3]; trial.settings.len()]).collect()
+        trials()
+            .iter()
+            .map(|trial| vec![[value; 3]; trial.settings.len()])
+            .collect()
     }
 
     #[test]
@@ -171,7 +195,10 @@ mod tests {
         let mut variants = constant(1.0);
         variants[2][0] = [f64::INFINITY; 3];
         assert_eq!(explain([9.0; 3], [1.0; 3], [1e-3; 3], &trials(), &variants), None);
-        assert_eq!(explain([f64::NAN; 3], [1.0; 3], [1e-3; 3], &trials(), &variants), None);
+        assert_eq!(
+            explain([f64::NAN; 3], [1.0; 3], [1e-3; 3], &trials(), &variants),
+            None
+        );
     }
 
     #[test]

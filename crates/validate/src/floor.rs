@@ -19,10 +19,24 @@ const LARGEST_LIMIT_TEXTURED: f64 = 2e-4;
 pub(crate) fn settings() -> [Setting; 4] {
     let base = Setting::default();
     [
-        Setting { k: 4.0 * base.k, ..base },
-        Setting { robust: !base.robust, ..base },
-        Setting { ulps: 2.0, seed: 1, ..base },
-        Setting { ulps: 2.0, seed: 2, ..base },
+        Setting {
+            k: 4.0 * base.k,
+            ..base
+        },
+        Setting {
+            robust: !base.robust,
+            ..base
+        },
+        Setting {
+            ulps: 2.0,
+            seed: 1,
+            ..base
+        },
+        Setting {
+            ulps: 2.0,
+            seed: 2,
+            ..base
+        },
     ]
 }
 
@@ -44,5 +58,9 @@ pub(crate) fn limit(floor: f64, textured: bool) -> f64 {
 
 /// What no limit exceeds, however inexact the reference; also the limit of the block bias.
 pub(crate) fn cap(textured: bool) -> f64 {
-    if textured { LARGEST_LIMIT_TEXTURED } else { LARGEST_LIMIT }
+    if textured {
+        LARGEST_LIMIT_TEXTURED
+    } else {
+        LARGEST_LIMIT
+    }
 }

@@ -97,7 +97,10 @@ impl Live {
         question: impl FnOnce(&mut Driver) -> Result<T, DriverError>,
     ) -> Result<T, DriverError> {
         let result = question(self.driver()?);
-        if !matches!(result, Ok(_) | Err(DriverError::Refused(_) | DriverError::Unsupported(_))) {
+        if !matches!(
+            result,
+            Ok(_) | Err(DriverError::Refused(_) | DriverError::Unsupported(_))
+        ) {
             self.driver = None;
         }
         result
@@ -176,7 +179,12 @@ impl Live {
         let missing: Vec<[usize; 2]> = pixels
             .iter()
             .copied()
-            .filter(|pixel| cache.pixels.get(&key(*pixel)).is_none_or(|found| !fits(found, &trials)))
+            .filter(|pixel| {
+                cache
+                    .pixels
+                    .get(&key(*pixel))
+                    .is_none_or(|found| !fits(found, &trials))
+            })
             .collect();
         if !missing.is_empty() {
             let settings: Vec<Setting> = trials.iter().flat_map(|trial| trial.settings.clone()).collect();
@@ -241,7 +249,10 @@ impl Live {
                 range.max[c] - range.min[c] > 0.25 * (relative * range.min[c].abs() + absolute * mean)
             })
         };
-        let kept: Vec<Option<Range>> = ranges.into_iter().map(|range| wide(&range).then_some(range)).collect();
+        let kept: Vec<Option<Range>> = ranges
+            .into_iter()
+            .map(|range| wide(&range).then_some(range))
+            .collect();
         Stored::add_ranges(&mut stored.image, &kept)?;
         Ok(stored)
     }
@@ -259,7 +270,11 @@ fn largest_of_each_kind(trials: &[Trial]) -> Vec<Trial> {
 }
 
 fn fits(values: &[Vec<[Option<f64>; 3]>], trials: &[Trial]) -> bool {
-    values.len() == trials.len() && values.iter().zip(trials).all(|(v, t)| v.len() == t.settings.len())
+    values.len() == trials.len()
+        && values
+            .iter()
+            .zip(trials)
+            .all(|(v, t)| v.len() == t.settings.len())
 }
 
 fn finite(value: f64) -> Option<f64> {

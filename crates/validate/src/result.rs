@@ -199,7 +199,10 @@ pub struct LayerResult {
 impl Summary {
     /// Counts over some cases.
     pub fn of(cases: &[CaseResult], references: String, seconds: f64) -> Self {
-        let passed = cases.iter().filter(|case| case.status == Some(Status::Pass)).count();
+        let passed = cases
+            .iter()
+            .filter(|case| case.status == Some(Status::Pass))
+            .count();
         let mut errors: Vec<f64> = cases.iter().filter_map(|case| case.rel_rmse_interior).collect();
         errors.sort_by(f64::total_cmp);
         let middle = |values: &[f64]| match values.len() {

@@ -2,15 +2,16 @@ use crate::driver::{DriverError, SceneText};
 use crate::environment::Environment;
 use crate::explain::{Reason, explain, trials};
 use crate::live::{Live, LiveError};
+use crate::report::ERROR_VIEW;
 use crate::result::{CaseResult, LayerResult, Pictures, Reference, Status, WorstPixel};
 use crate::stored::{Stored, StoredError};
 use crate::{floor, tree};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::{Needs, Registry, SceneErrors};
-use whitstone_image::error_map::{ErrorView, Quantity, Scale, error_map};
+use whitstone_image::error_map::error_map;
 use whitstone_image::{
-    CompareError, CompareOptions, Image, Mask, Raster, ToneMap, Tolerance, compare, layers, metrics,
+    CompareError, CompareOptions, Image, Mask, Raster, Tolerance, ToneMap, compare, layers, metrics,
 };
 use whitstone_scene::{Description, Flattened, Pipeline, Plan, RenderOptions, Sources};
 
@@ -144,7 +145,11 @@ impl<'a> Validator<'a> {
                 }
             }
         }
-        case.status = Some(if case.problems.is_empty() { Status::Pass } else { Status::Fail });
+        case.status = Some(if case.problems.is_empty() {
+            Status::Pass
+        } else {
+            Status::Fail
+        });
         case
     }
 
@@ -161,7 +166,9 @@ impl<'a> Validator<'a> {
             threads: self.options.threads,
             progress: None,
         });
-        let image = film.to_image(&pipeline.scene_hash).map_err(|error| error.to_string())?;
+        let image = film
+            .to_image(&pipeline.scene_hash)
+            .map_err(|error| error.to_string())?;
         case.width = image.width();
         case.height = image.height();
         case.samples = film.samples;
@@ -183,7 +190,10 @@ impl<'a> Validator<'a> {
             |count| count as usize,
         );
         // Taken as it is; without it the floor decides, once it is known.
-        case.limit = description.expect.rel_rmse_interior.map_or(0.0, |limit| limit.get());
+        case.limit = description
+            .expect
+            .rel_rmse_interior
+            .map_or(0.0, |limit| limit.get());
         Ok(Ours {
             image,
             flattened,
@@ -228,10 +238,7 @@ impl<'a> Validator<'a> {
         }
         let accept = format!("{} reference --accept {}", self.options.program, path.display());
         match stored {
-            Ok(stored) => Ok(Against {
-                stored,
-                live: false,
-            }),
+            Ok(stored) => Ok(Against { stored, live: false }),
             Err(error @ (StoredError::Missing(_) | StoredError::Stale { .. })) => {
                 Err(format!("{error}; render a new one by: {accept}"))
             }
@@ -240,7 +247,10 @@ impl<'a> Validator<'a> {
     }
 
     fn judge(&mut self, case: &mut CaseResult, ours: &Ours, against: &Against) -> Result<(), CompareError> {
-        let Stored { image: reference, meta } = &against.stored;
+        let Stored {
+            image: reference,
+            meta,
+        } = &against.stored;
         case.reference = Some(Reference {
             name: meta.renderer.clone(),
             version: meta.version.clone(),
@@ -311,9 +321,12 @@ impl<'a> Validator<'a> {
         let mean = metrics::mean_reference(reference).unwrap_or(0.0);
         let value = |image: &Image, [x, y]: [usize; 2]| -> [f64; 3] {
             let index = y * image.width() + x;
-            image.rgb().map_or([f64::NAN; 3], |planes| planes.map(|plane| f64::from(plane[index])))
+            image.rgb().map_or([f64::NAN; 3], |planes| {
+                planes.map(|plane| f64::from(plane[index]))
+            })
         };
-        let allowed = |nominal: [f64; 3]| nominal.map(|v| tolerance.relative * v.abs() + tolerance.absolute * mean);
+        let allowed =
+            |nominal: [f64; 3]| nominal.map(|v| tolerance.relative * v.abs() + tolerance.absolute * mean);
         // Thousands of differing pixels are a fault, not edges; the worst of them are enough to see it.
         let most = 20 * case.explained_limit.max(EXPLAINED_PIXELS);
         let (asked, beyond) = pixels.split_at(pixels.len().min(most));
@@ -323,7 +336,8 @@ impl<'a> Validator<'a> {
                 let [x, y] = pixel;
                 let nominal = value(reference, pixel);
                 let range = against.stored.range(y * reference.width() + x);
-                let held = range.is_some_and(|range| range.holds(value(&ours.image, pixel), allowed(nominal)));
+                let held =
+                    range.is_some_and(|range| range.holds(value(&ours.image, pixel), allowed(nominal)));
                 let finite = value(&ours.image, pixel).iter().all(|v| v.is_finite());
                 reasons.push((pixel, (held && finite).then_some(Reason::StoredRange)));
             }
@@ -332,7 +346,10 @@ impl<'a> Validator<'a> {
                 text: &ours.flattened.text,
                 base: &ours.flattened.base,
             };
-            let answer = self.live.as_mut().map(|live| live.probe(text, &ours.flattened.hash, asked));
+            let answer = self
+                .live
+                .as_mut()
+                .map(|live| live.probe(text, &ours.flattened.hash, asked));
             match answer {
                 Some(Ok(values)) => {
                     let trials = trials();
@@ -343,7 +360,8 @@ impl<'a> Validator<'a> {
                     }
                 }
                 Some(Err(error)) => {
-                    case.problems.push(format!("pixels could not be traced again: {error}"));
+                    case.problems
+                        .push(format!("pixels could not be traced again: {error}"));
                     reasons.extend(asked.iter().map(|pixel| (*pixel, None)));
                 }
                 None => reasons.extend(asked.iter().map(|pixel| (*pixel, None))),
@@ -362,15 +380,23 @@ impl<'a> Validator<'a> {
         reasons: &[([usize; 2], Option<Reason>)],
     ) -> Result<(), CompareError> {
         let unexplained = Mask::from_fn(over.width(), over.height(), |x, y| {
-            reasons.iter().any(|(pixel, reason)| *pixel == [x, y] && reason.is_none())
+            reasons
+                .iter()
+                .any(|(pixel, reason)| *pixel == [x, y] && reason.is_none())
         });
         let mut worst = metrics::worst(&ours.image, reference, WORST, Some(&unexplained))?;
         let rest = metrics::worst(&ours.image, reference, WORST, Some(over))?;
-        worst.extend(rest.into_iter().filter(|pixel| !unexplained.contains(pixel.x, pixel.y)));
+        worst.extend(
+            rest.into_iter()
+                .filter(|pixel| !unexplained.contains(pixel.x, pixel.y)),
+        );
         worst.truncate(WORST);
         for (rank, pixel) in worst.iter().enumerate() {
             let place = [pixel.x, pixel.y];
-            let reason = reasons.iter().find(|(p, _)| *p == place).and_then(|(_, reason)| *reason);
+            let reason = reasons
+                .iter()
+                .find(|(p, _)| *p == place)
+                .and_then(|(_, reason)| *reason);
             let first_difference = if reason.is_none() && rank < TREES {
                 self.first_difference(ours, place)
             } else {
@@ -452,7 +478,10 @@ fn check_limits(case: &mut CaseResult) {
         problems.push(format!("{} values are not finite", case.nonfinite));
     }
     if case.unexplained > 0 {
-        problems.push(format!("{} pixels differ and nothing explains it", case.unexplained));
+        problems.push(format!(
+            "{} pixels differ and nothing explains it",
+            case.unexplained
+        ));
     }
     if case.explained > case.explained_limit {
         problems.push(format!(
@@ -463,7 +492,10 @@ fn check_limits(case: &mut CaseResult) {
     match case.rel_rmse_interior {
         None if case.nonfinite == 0 => problems.push("there is no interior to compare".to_owned()),
         Some(error) if error > case.limit => {
-            problems.push(format!("rel_rmse_interior {error:.2e} is above the limit {:.2e}", case.limit));
+            problems.push(format!(
+                "rel_rmse_interior {error:.2e} is above the limit {:.2e}",
+                case.limit
+            ));
         }
         _ => {}
     }
@@ -495,15 +527,11 @@ pub fn flatten(path: &Path, overrides: &[String]) -> Result<Flattened, String> {
 
 fn pictures(ours: &Image, reference: &Image) -> Option<Pictures> {
     let tone = ToneMap::default();
-    let view = ErrorView {
-        quantity: Quantity::Relative,
-        scale: Scale::Log { min: 1e-7, max: 1e-1 },
-    };
     let png = |raster: Raster| raster.to_png().ok();
     Some(Pictures {
         ours: png(Raster::preview(ours, tone).ok()?)?,
         reference: png(Raster::preview(reference, tone).ok()?)?,
-        error: png(error_map(ours, reference, view).ok()?)?,
+        error: png(error_map(ours, reference, ERROR_VIEW).ok()?)?,
     })
 }
 
@@ -530,7 +558,9 @@ pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     let mut open: Vec<PathBuf> = paths.to_vec();
     while let Some(path) = open.pop() {
-        let is_part = path.file_name().is_some_and(|name| name == "assets" || name == "parts");
+        let is_part = path
+            .file_name()
+            .is_some_and(|name| name == "assets" || name == "parts");
         if path.is_dir() {
             if !is_part {
                 for entry in std::fs::read_dir(&path)? {

@@ -94,7 +94,8 @@ pub fn finish(result: Result<Exit, Failure>) -> ExitCode {
 
 fn with_prefix(problem: &str) -> String {
     // Reports about scenes bring their own, perhaps in colour.
-    let plain = problem.trim_start_matches(|c: char| c == '\u{1b}' || c == '[' || c == ';' || c.is_ascii_digit());
+    let plain =
+        problem.trim_start_matches(|c: char| c == '\u{1b}' || c == '[' || c == ';' || c.is_ascii_digit());
     if plain.starts_with("merror") || problem.starts_with("error:") {
         problem.to_owned()
     } else {
@@ -128,7 +129,10 @@ mod tests {
     #[test]
     fn failures_have_one_prefix() {
         assert_eq!(with_prefix("no such file"), "error: no such file");
-        assert_eq!(with_prefix("errors.toml: no such file"), "error: errors.toml: no such file");
+        assert_eq!(
+            with_prefix("errors.toml: no such file"),
+            "error: errors.toml: no such file"
+        );
         assert_eq!(with_prefix("error: unknown key"), "error: unknown key");
         let colored = "\u{1b}[1m\u{1b}[91merror\u{1b}[0m: unknown key";
         assert_eq!(with_prefix(colored), colored);

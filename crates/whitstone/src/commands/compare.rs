@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use whitstone_image::error_map::trio;
 use whitstone_image::metrics::{self, NotFinite, WorstPixel};
 use whitstone_image::{
-    CompareOptions, ErrorView, Image, Limits, Metrics, ToneMap, Tolerance, compare, exr_io,
+    CompareOptions, ErrorView, Image, Limits, Metrics, Tolerance, ToneMap, compare, exr_io,
 };
 
 /// Compare an image with a reference: all metrics, the pixels over tolerance, the worst pixels
@@ -19,7 +19,9 @@ use whitstone_image::{
 ///
 /// Exit code 0 if all limits given are kept, 1 if not. Without limits no pixel may be over tolerance.
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  whitstone compare ours.exr reference.exr --max-rel-rmse-interior 1e-5 --png trio.png")]
+#[command(
+    after_help = "Example:\n  whitstone compare ours.exr reference.exr --max-rel-rmse-interior 1e-5 --png trio.png"
+)]
 pub struct Arguments {
     /// The image under test
     #[arg(value_name = "OURS.exr")]
@@ -58,7 +60,11 @@ pub struct Arguments {
 
 fn finite(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
-    if value.is_finite() { Ok(value) } else { Err("expected a finite number".to_owned()) }
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err("expected a finite number".to_owned())
+    }
 }
 
 fn at_least_0(text: &str) -> Result<f64, String> {
@@ -95,7 +101,11 @@ pub fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     if let Some(path) = &arguments.json {
         write_json(path, &report(arguments, &comparison))?;
     }
-    Ok(if comparison.broken.is_empty() { Exit::Pass } else { Exit::Differs })
+    Ok(if comparison.broken.is_empty() {
+        Exit::Pass
+    } else {
+        Exit::Differs
+    })
 }
 
 fn measure(arguments: &Arguments, ours: &Image, reference: &Image) -> Result<Comparison, Failure> {
@@ -135,7 +145,11 @@ fn broken_limits(arguments: &Arguments, comparison: &Comparison) -> Vec<String> 
     if let Some(metrics) = &comparison.metrics {
         let limits = [
             ("rmse", Some(metrics.rmse), arguments.max_rmse),
-            ("rel_rmse_interior", metrics.rel_rmse_interior, arguments.max_rel_rmse_interior),
+            (
+                "rel_rmse_interior",
+                metrics.rel_rmse_interior,
+                arguments.max_rel_rmse_interior,
+            ),
         ];
         for (name, value, limit) in limits {
             if let (Some(value), Some(limit)) = (value, limit)
@@ -148,7 +162,10 @@ fn broken_limits(arguments: &Arguments, comparison: &Comparison) -> Vec<String> 
     if let Some(limit) = max_over(arguments)
         && comparison.over > limit
     {
-        broken.push(format!("{} pixels are over tolerance, more than {limit}", comparison.over));
+        broken.push(format!(
+            "{} pixels are over tolerance, more than {limit}",
+            comparison.over
+        ));
     }
     broken
 }
@@ -159,27 +176,44 @@ fn max_over(arguments: &Arguments) -> Option<usize> {
 }
 
 fn print(comparison: &Comparison, ours: &Image, reference: &Image) {
-    let NotFinite { ours: in_ours, reference: in_reference } = comparison.not_finite;
+    let NotFinite {
+        ours: in_ours,
+        reference: in_reference,
+    } = comparison.not_finite;
     let row = |name: &str, value: &str| println!("{name:<22} {value}");
     let optional = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.6e}"));
     row("size", &format!("{} x {}", ours.width(), ours.height()));
-    row("not finite", &format!("{in_ours} in ours, {in_reference} in the reference"));
+    row(
+        "not finite",
+        &format!("{in_ours} in ours, {in_reference} in the reference"),
+    );
     if let Some(metrics) = &comparison.metrics {
         row("rmse", &format!("{:.6e}", metrics.rmse));
-        row("rel_rmse_interior", &format!("{} (no pixel excluded)", optional(metrics.rel_rmse_interior)));
+        row(
+            "rel_rmse_interior",
+            &format!("{} (no pixel excluded)", optional(metrics.rel_rmse_interior)),
+        );
         row("relmse", &format!("{:.6e}", metrics.relmse));
         row("mae", &format!("{:.6e}", metrics.mae));
         row("max_abs", &format!("{:.6e}", metrics.max_abs));
         row("signed_mean", &format!("{:.6e}", metrics.signed_mean));
-        let psnr = metrics.psnr.map_or_else(|| "-".to_owned(), |psnr| format!("{psnr:.2} dB"));
+        let psnr = metrics
+            .psnr
+            .map_or_else(|| "-".to_owned(), |psnr| format!("{psnr:.2} dB"));
         row("psnr", &format!("{psnr} (peak {:.6e})", metrics.psnr_peak));
         row("mean_reference", &format!("{:.6e}", metrics.mean_reference));
         if let Some(block) = &metrics.signed_block_bias {
-            let place = format!("{:.6e} in {} of the block at ({}, {})", block.bias, block.channel, block.x, block.y);
+            let place = format!(
+                "{:.6e} in {} of the block at ({}, {})",
+                block.bias, block.channel, block.x, block.y
+            );
             row("signed_block_bias", &place);
         }
     }
-    row("pixels over tolerance", &format!("{} of {}", comparison.over, ours.pixel_count()));
+    row(
+        "pixels over tolerance",
+        &format!("{} of {}", comparison.over, ours.pixel_count()),
+    );
     for pixel in &comparison.worst {
         println!(
             "  pixel ({}, {}): ours {:?}, reference {:?}, relative {:.3e}",
@@ -188,7 +222,9 @@ fn print(comparison: &Comparison, ours: &Image, reference: &Image) {
     }
     let others = |image: &Image| -> Vec<String> {
         let names = image.channels().map(|(name, _)| name.to_owned());
-        names.filter(|name| !["R", "G", "B"].contains(&name.as_str())).collect()
+        names
+            .filter(|name| !["R", "G", "B"].contains(&name.as_str()))
+            .collect()
     };
     let mut not_compared = [others(ours), others(reference)].concat();
     not_compared.sort();

@@ -6,7 +6,9 @@ use clap_complete::Shell;
 
 /// Print a completion script for a shell
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  whitstone completions bash > ~/.local/share/bash-completion/completions/whitstone")]
+#[command(
+    after_help = "Example:\n  whitstone completions bash > ~/.local/share/bash-completion/completions/whitstone"
+)]
 pub struct Arguments {
     /// Which shell
     #[arg(value_enum)]

@@ -72,7 +72,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             "live Mitsuba is not available; the {} stored references still work",
             findings.stored
         ))),
-        (Ok(_), Err(_)) => Err(Failure::environment("live Mitsuba is not available; rendering works")),
+        (Ok(_), Err(_)) => Err(Failure::environment(
+            "live Mitsuba is not available; rendering works",
+        )),
         (Ok(_), Ok(_)) => Ok(Exit::Pass),
     }
 }
@@ -88,7 +90,8 @@ shape = [{ type = "sphere" }]
 /// Renders a picture whose pixels are known: matte grey of 0.5 under an ambient light of 2.
 fn render(registry: &Registry) -> Result<f64, String> {
     let start = Instant::now();
-    let sources = Sources::from_text("doctor", SCENE, Path::new(""), &[]).map_err(|error| error.to_string())?;
+    let sources =
+        Sources::from_text("doctor", SCENE, Path::new(""), &[]).map_err(|error| error.to_string())?;
     let description = Description::parse(&sources).map_err(|error| error.to_string())?;
     let plan = Plan::new(&description, registry).map_err(|error| error.to_string())?;
     let pipeline = Pipeline::build(&plan, registry).map_err(|error| error.to_string())?;
@@ -97,7 +100,9 @@ fn render(registry: &Registry) -> Result<f64, String> {
     if (corner, middle) == (Some([0.25; 3]), Some([1.0; 3])) {
         Ok(start.elapsed().as_secs_f64())
     } else {
-        Err(format!("a known picture came out wrong: {corner:?} in the corner, {middle:?} in the middle"))
+        Err(format!(
+            "a known picture came out wrong: {corner:?} in the corner, {middle:?} in the middle"
+        ))
     }
 }
 
@@ -111,12 +116,15 @@ fn environments(target: &Path) -> usize {
 }
 
 fn start(arguments: &Arguments) -> Result<Hello, String> {
-    let environment = Environment::ensure(&arguments.target, &arguments.references, &|text| eprintln!("{text}"))
-        .map_err(|error| error.to_string())?;
+    let environment = Environment::ensure(&arguments.target, &arguments.references, &|text| {
+        eprintln!("{text}")
+    })
+    .map_err(|error| error.to_string())?;
     // An answer of an earlier run says nothing about today.
     let (reuse, limit) = (false, Duration::from_secs(arguments.time_limit));
     let live = Live::start(environment, arguments.target.join("live"), reuse, limit);
-    live.map(|live| live.hello().clone()).map_err(|error| error.to_string())
+    live.map(|live| live.hello().clone())
+        .map_err(|error| error.to_string())
 }
 
 /// Folders at or below `folder` with a reference in them.
@@ -127,7 +135,11 @@ fn stored_references(folder: &Path) -> usize {
         count += usize::from(folder.join("meta.toml").is_file() && folder.join("mitsuba.exr").is_file());
         let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
         // Links could lead back up.
-        open.extend(entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir())).map(|e| e.path()));
+        open.extend(
+            entries
+                .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()))
+                .map(|e| e.path()),
+        );
     }
     count
 }
@@ -135,19 +147,37 @@ fn stored_references(folder: &Path) -> usize {
 fn print(findings: &Findings) {
     let row = |name: &str, text: &str| println!("{name:<18} {text}");
     row("whitstone", env!("CARGO_PKG_VERSION"));
-    row("machine", &format!("{} {}", std::env::consts::OS, std::env::consts::ARCH));
+    row(
+        "machine",
+        &format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+    );
     row("threads", &findings.threads.to_string());
     match &findings.rendering {
-        Ok(seconds) => row("rendering", &format!("works ({seconds:.3} s for a picture of known values)")),
+        Ok(seconds) => row(
+            "rendering",
+            &format!("works ({seconds:.3} s for a picture of known values)"),
+        ),
         Err(problem) => row("rendering", &format!("FAILS: {problem}")),
     }
-    row("environments", &format!("{} complete at the start", findings.environments));
+    row(
+        "environments",
+        &format!("{} complete at the start", findings.environments),
+    );
     match &findings.live {
         Ok(hello) => {
-            row("live Mitsuba", &format!("works: {} ({}), Dr.Jit {}", hello.mitsuba, hello.variant, hello.drjit));
+            row(
+                "live Mitsuba",
+                &format!(
+                    "works: {} ({}), Dr.Jit {}",
+                    hello.mitsuba, hello.variant, hello.drjit
+                ),
+            );
             row("python", &hello.python);
             row("libLLVM", &format!("{} ({})", hello.libllvm, hello.llvm_version));
-            row("cpu", &format!("{}, Mitsuba uses {} threads", hello.cpu, hello.threads));
+            row(
+                "cpu",
+                &format!("{}, Mitsuba uses {} threads", hello.cpu, hello.threads),
+            );
         }
         Err(problem) => {
             row("live Mitsuba", &format!("NOT AVAILABLE: {problem}"));

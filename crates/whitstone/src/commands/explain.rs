@@ -52,19 +52,28 @@ impl Names {
     fn of(description: &Description<'_>) -> Self {
         let shapes = description.shapes.iter().map(|shape| {
             let kind = &shape.plugin.name;
-            shape.id.as_ref().map_or_else(|| kind.clone(), |id| format!("{kind} \"{id}\""))
+            shape
+                .id
+                .as_ref()
+                .map_or_else(|| kind.clone(), |id| format!("{kind} \"{id}\""))
         });
         Self {
             camera: description.camera.name.clone(),
             sampler: description.sampler.name.clone(),
             integrator: description.integrator.name.clone(),
-            lights: description.lights.iter().map(|light| light.name.clone()).collect(),
+            lights: description
+                .lights
+                .iter()
+                .map(|light| light.name.clone())
+                .collect(),
             shapes: shapes.collect(),
         }
     }
 
     fn shape(&self, number: i64) -> &str {
-        let name = usize::try_from(number).ok().and_then(|number| self.shapes.get(number));
+        let name = usize::try_from(number)
+            .ok()
+            .and_then(|number| self.shapes.get(number));
         name.map_or("?", String::as_str)
     }
 }
@@ -80,7 +89,10 @@ struct PixelTree {
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let (pipeline, names) = build_with(&arguments.scene, registry, Names::of)?;
-    let tree = arguments.pixel.map(|pixel| trace(&pipeline, pixel, arguments.sample)).transpose()?;
+    let tree = arguments
+        .pixel
+        .map(|pixel| trace(&pipeline, pixel, arguments.sample))
+        .transpose()?;
     print_pipeline(&pipeline, &names);
     if let Some(tree) = &tree {
         println!();
@@ -97,11 +109,15 @@ fn trace(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Result<PixelTre
     let [width, height] = [size.width as usize, size.height as usize];
     if pixel[0] >= width || pixel[1] >= height {
         let [x, y] = pixel;
-        return Err(Failure::usage(format!("pixel {x},{y} is outside of the image of {width} x {height}")));
+        return Err(Failure::usage(format!(
+            "pixel {x},{y} is outside of the image of {width} x {height}"
+        )));
     }
     let count = pipeline.sampler.count();
     if sample >= count {
-        return Err(Failure::usage(format!("sample {sample}: the sampler has {count}, counted from 0")));
+        return Err(Failure::usage(format!(
+            "sample {sample}: the sampler has {count}, counted from 0"
+        )));
     }
     Ok(PixelTree {
         pixel,
@@ -117,8 +133,12 @@ fn elements(pipeline: &Pipeline) -> usize {
 
 /// Materials that differ; shapes share them.
 fn materials(pipeline: &Pipeline) -> usize {
-    let mut places: Vec<*const ()> =
-        pipeline.world.materials.iter().map(|material| Arc::as_ptr(material).cast()).collect();
+    let mut places: Vec<*const ()> = pipeline
+        .world
+        .materials
+        .iter()
+        .map(|material| Arc::as_ptr(material).cast())
+        .collect();
     places.sort_unstable();
     places.dedup();
     places.len()
@@ -150,17 +170,34 @@ fn needs(pipeline: &Pipeline) -> Vec<&'static str> {
         (Needs::SHADING_NORMAL, "interpolated normals"),
         (Needs::UV, "texture coordinates"),
     ];
-    let needed = all.into_iter().filter(|(need, _)| pipeline.world.needs().contains(*need));
+    let needed = all
+        .into_iter()
+        .filter(|(need, _)| pipeline.world.needs().contains(*need));
     needed.map(|(_, name)| name).collect()
 }
 
 fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     let row = |name: &str, text: &str| println!("{name:<14} {text}");
-    let or_none = |list: Vec<&str>| if list.is_empty() { "none".to_owned() } else { list.join(", ") };
+    let or_none = |list: Vec<&str>| {
+        if list.is_empty() {
+            "none".to_owned()
+        } else {
+            list.join(", ")
+        }
+    };
     let size = pipeline.film.size;
-    let layers: Vec<&str> = pipeline.film.aovs.iter().flat_map(|aov| aov.channels()).copied().collect();
+    let layers: Vec<&str> = pipeline
+        .film
+        .aovs
+        .iter()
+        .flat_map(|aov| aov.channels())
+        .copied()
+        .collect();
     let samples = pipeline.sampler.count();
-    row("film", &format!("{} x {}, layers: {}", size.width, size.height, or_none(layers)));
+    row(
+        "film",
+        &format!("{} x {}, layers: {}", size.width, size.height, or_none(layers)),
+    );
     row("camera", &names.camera);
     row("sampler", &format!("{}, {samples} a pixel", names.sampler));
     row("integrator", &names.integrator);
@@ -170,10 +207,16 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         println!("  {name:<20} {value}");
     }
     let (shapes, elements) = (names.shapes.len(), elements(pipeline));
-    row("shapes", &format!("{shapes}, as {elements} elements (triangles and whole shapes)"));
+    row(
+        "shapes",
+        &format!("{shapes}, as {elements} elements (triangles and whole shapes)"),
+    );
     let lights: Vec<&str> = names.lights.iter().map(String::as_str).collect();
     row("lights", &format!("{}: {}", lights.len(), or_none(lights)));
-    row("materials", &format!("{} for the {shapes} shapes", materials(pipeline)));
+    row(
+        "materials",
+        &format!("{} for the {shapes} shapes", materials(pipeline)),
+    );
     row("needs", &or_none(needs(pipeline)));
     let (meshes, film) = (mesh_bytes(pipeline), film_bytes(pipeline));
     row("bytes", &format!("meshes {meshes}, film {film}"));
@@ -234,12 +277,19 @@ fn print_node(node: &TreeNode, names: &Names) {
 
 fn colour(value: Rgb) -> String {
     let [r, g, b] = value.to_array();
-    if r == g && g == b { format!("{r}") } else { format!("[{r}, {g}, {b}]") }
+    if r == g && g == b {
+        format!("{r}")
+    } else {
+        format!("[{r}, {g}, {b}]")
+    }
 }
 
 fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>) -> Value {
     let size = pipeline.film.size;
-    let left_out = pipeline.left_out.iter().map(|part| json!({ "what": part.what, "why": part.why }));
+    let left_out = pipeline
+        .left_out
+        .iter()
+        .map(|part| json!({ "what": part.what, "why": part.why }));
     json!({
         "width": size.width,
         "height": size.height,

@@ -19,14 +19,22 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let only = arguments.family.as_deref().map(family).transpose()?;
-    let families = FamilyName::ALL.into_iter().filter(|name| only.is_none_or(|only| only == *name));
+    let families = FamilyName::ALL
+        .into_iter()
+        .filter(|name| only.is_none_or(|only| only == *name));
     let entries = |name: FamilyName| registry.entries().filter(move |entry| entry.family == name);
     if arguments.json {
         let list: Vec<Value> = families.flat_map(entries).map(describe).collect();
         println!("{:#}", Value::from(list));
         return Ok(Exit::Pass);
     }
-    let widest = |field: fn(&Entry) -> &str| registry.entries().map(|entry| field(entry).len()).max().unwrap_or(0);
+    let widest = |field: fn(&Entry) -> &str| {
+        registry
+            .entries()
+            .map(|entry| field(entry).len())
+            .max()
+            .unwrap_or(0)
+    };
     let (type_width, crate_width) = (widest(|entry| entry.name), widest(|entry| entry.crate_name));
     for (number, name) in families.enumerate() {
         if number > 0 {

@@ -29,7 +29,10 @@ struct Arguments {
 
 /// The commands with their arguments.
 #[derive(Subcommand)]
-#[expect(missing_docs, reason = "clap would show documentation here instead of that of the arguments")]
+#[expect(
+    missing_docs,
+    reason = "clap would show documentation here instead of that of the arguments"
+)]
 pub enum Command {
     Render(render::Arguments),
     Validate(validate::Arguments),

@@ -37,12 +37,14 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     let mut options = arguments.scenes.options(program);
     if arguments.scenes.reference == ReferenceMode::Stored {
-        return Err(Failure::usage("references can only be rendered by a live Mitsuba"));
+        return Err(Failure::usage(
+            "references can only be rendered by a live Mitsuba",
+        ));
     }
     options.mode = whitstone_validate::Mode::Live;
     let scenes = find_scenes(&arguments.scenes.paths).map_err(Failure::usage)?;
-    let mut validator =
-        Validator::new(registry, options.clone(), &|text| eprintln!("{text}")).map_err(Failure::environment)?;
+    let mut validator = Validator::new(registry, options.clone(), &|text| eprintln!("{text}"))
+        .map_err(Failure::environment)?;
     let mut waiting = 0;
     for path in &scenes {
         let flattened = flatten(path, &options.overrides).map_err(Failure::usage)?;

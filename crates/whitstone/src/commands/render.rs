@@ -40,7 +40,12 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     let as_png = match extension.as_deref() {
         Some("exr") => false,
         Some("png") => true,
-        _ => return Err(Failure::usage(format!("{}: expected a name that ends in .exr or .png", output.display()))),
+        _ => {
+            return Err(Failure::usage(format!(
+                "{}: expected a name that ends in .exr or .png",
+                output.display()
+            )));
+        }
     };
     let pipeline = build(&arguments.scene, registry)?;
     let size = pipeline.film.size;
@@ -59,7 +64,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             exposure: arguments.exposure,
         };
         let raster = Raster::preview(&image, tone).map_err(Failure::usage)?;
-        raster.write_png(output.with_extension("png")).map_err(Failure::environment)?;
+        raster
+            .write_png(output.with_extension("png"))
+            .map_err(Failure::environment)?;
     }
     let rays = film.counters.total();
     let mrays = rays as f64 / film.render_seconds / 1e6;

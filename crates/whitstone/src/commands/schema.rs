@@ -32,7 +32,11 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     let schema = match (&arguments.family, &arguments.name) {
         (Some(name), Some(plugin)) => {
             let entry = registry.get(family(name)?, plugin).map_err(|error| {
-                let advice = error.help.iter().map(|help| format!(": {help}")).collect::<String>();
+                let advice = error
+                    .help
+                    .iter()
+                    .map(|help| format!(": {help}"))
+                    .collect::<String>();
                 Failure::usage(format!("{}{advice}", error.message))
             })?;
             Value::from(entry.schema())

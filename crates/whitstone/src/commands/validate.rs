@@ -71,6 +71,7 @@ impl Arguments {
             reuse: !self.fresh,
             threads: self.threads,
             overrides: self.overrides.clone(),
+            ours_overrides: Vec::new(),
             time_limit: Duration::from_secs(self.time_limit),
             program: program.to_owned(),
         }
@@ -116,14 +117,20 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let folder = arguments.target.join("validate");
     write_results(&results, &folder, arguments.json.as_deref())?;
     print_summary(&results.summary, &folder);
-    let passed = results.results.iter().all(|case| case.status == Some(Status::Pass));
+    let passed = results
+        .results
+        .iter()
+        .all(|case| case.status == Some(Status::Pass));
     Ok(if passed { Exit::Pass } else { Exit::Differs })
 }
 
 fn write_results(results: &Results, folder: &Path, json: Option<&Path>) -> Result<(), Failure> {
     std::fs::create_dir_all(folder).map_err(Failure::environment)?;
     let text = serde_json::to_string_pretty(results).map_err(Failure::environment)? + "\n";
-    for path in [Some(folder.join("results.json").as_path()), json].into_iter().flatten() {
+    for path in [Some(folder.join("results.json").as_path()), json]
+        .into_iter()
+        .flatten()
+    {
         atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
     }
     let page = report::html(results);
@@ -136,7 +143,10 @@ fn print_case(case: &CaseResult) {
         _ => "FAIL",
     };
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2e}"));
-    let source = case.reference.as_ref().map_or("-", |reference| reference.source.as_str());
+    let source = case
+        .reference
+        .as_ref()
+        .map_or("-", |reference| reference.source.as_str());
     println!(
         "{status}  {:<32} rmse {:>8}  interior {:>8} <= {:.2e}  over {:>4}  explained {:>3} <= {:<3}  unexplained {:>4}  {:>6.3} s  {:>6} s  {source} {}",
         case.scene,
@@ -148,7 +158,8 @@ fn print_case(case: &CaseResult) {
         case.explained_limit,
         case.unexplained,
         case.render_s,
-        case.reference_s.map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
+        case.reference_s
+            .map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
         case.twin,
     );
     for problem in &case.problems {
@@ -161,7 +172,10 @@ fn print_case(case: &CaseResult) {
             pixel.y,
             pixel.ours,
             pixel.reference,
-            pixel.first_difference.as_ref().map_or_else(String::new, |text| format!("\n        {text}")),
+            pixel
+                .first_difference
+                .as_ref()
+                .map_or_else(String::new, |text| format!("\n        {text}")),
         );
     }
     if !case.problems.is_empty() {
@@ -178,7 +192,9 @@ fn print_summary(summary: &Summary, folder: &Path) {
         summary.explained,
         summary.unexplained,
         summary.nonfinite,
-        summary.median_rel_rmse_interior.map_or_else(|| "-".to_owned(), |m| format!("{m:.2e}")),
+        summary
+            .median_rel_rmse_interior
+            .map_or_else(|| "-".to_owned(), |m| format!("{m:.2e}")),
         summary.references,
         summary.seconds,
     );
