@@ -49,6 +49,8 @@ pub struct Bvh {
     root: Option<Child>,
     /// Largest absolute coordinate of any box.
     reach: f64,
+    /// Whether the smaller stack does not do.
+    deep: bool,
     statistics: Statistics,
 }
 
@@ -140,6 +142,7 @@ impl Bvh {
             slots: built.slots,
             root: built.root,
             reach: built.reach,
+            deep: built.depth > USUAL_DEPTH,
             statistics,
         }
     }
@@ -244,15 +247,11 @@ impl Bvh {
         });
         occluded
     }
-
-    fn is_deep(&self) -> bool {
-        self.statistics["depth"] as usize > USUAL_DEPTH
-    }
 }
 
 impl Accelerator for Bvh {
     fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        if self.is_deep() {
+        if self.deep {
             self.closest_in::<MAX_DEPTH>(ray, interval, skip)
         } else {
             self.closest_in::<USUAL_DEPTH>(ray, interval, skip)
@@ -260,7 +259,7 @@ impl Accelerator for Bvh {
     }
 
     fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
-        if self.is_deep() {
+        if self.deep {
             self.occluded_in::<MAX_DEPTH>(ray, interval, skip)
         } else {
             self.occluded_in::<USUAL_DEPTH>(ray, interval, skip)

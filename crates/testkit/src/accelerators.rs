@@ -116,6 +116,8 @@ struct Aim {
     size: f64,
     /// Some corners of triangles: rays through them and in axis-parallel planes of them.
     corners: Vec<DVec3>,
+    /// Some triangles: rays through their insides, however thin they are.
+    triangles: Vec<[DVec3; 3]>,
 }
 
 impl Aim {
@@ -134,20 +136,22 @@ impl Aim {
             Shape::Triangles(mesh) => Some(mesh),
             _ => None,
         });
-        let positions = meshes.flat_map(|mesh| mesh.positions.iter().copied());
-        let mut corners: Vec<DVec3> = positions.take(4096).collect();
+        let all = meshes.flat_map(|mesh| (0..mesh.triangles.len() as u32).map(|i| mesh.corners(i)));
+        let triangles: Vec<[DVec3; 3]> = all.take(1 << 14).collect();
+        let mut corners: Vec<DVec3> = triangles.iter().map(|triangle| triangle[0]).collect();
         corners.push(center);
         Self {
             center,
             size,
             corners,
+            triangles,
         }
     }
 
     fn ray(&self, number: u32, random: &mut Random) -> Ray {
         let corner = self.corners[random.below(self.corners.len())];
         let around = self.center + 0.7 * self.size * random.cube();
-        match number % 6 {
+        match number % 7 {
             // Anywhere to anywhere.
             0 => Ray::new(around, random.direction()),
             1 => {
@@ -177,6 +181,15 @@ impl Aim {
                 let mut direction = random.direction();
                 direction[axis] = if random.unit() < 0.5 { 0.0 } else { -0.0 };
                 Ray::new(origin, direction)
+            }
+            // To the inside of a triangle, flat enough that the slightest error of direction is a large one
+            // of distance.
+            5 if !self.triangles.is_empty() => {
+                let [a, b, c] = self.triangles[random.below(self.triangles.len())];
+                let (u, v) = (0.5 * random.unit(), 0.5 * random.unit());
+                let inside = a + u * (b - a) + v * (c - a);
+                let origin = inside + self.size * (random.direction() * DVec3::new(1.0, 1.0, 0.1));
+                Ray::new(origin, inside - origin)
             }
             // From very far.
             _ => {
@@ -264,14 +277,22 @@ fn ball(random: &mut Random, scale: f64) -> Shape {
     }))
 }
 
-/// Long thin triangles in few planes, crossing one another at nearly the same distance.
+/// Long thin triangles in few planes, some along an axis and nearly in one another, so that rays meet
+/// several at nearly the same distance; the flattest are only as wide as rounding.
 fn needles(random: &mut Random, count: usize) -> Shape {
     let corners = (0..count).flat_map(|i| {
-        let plane = [-0.5, 0.0, 0.5][i % 3];
-        let start = DVec3::new(random.signed(), random.signed(), plane);
-        let (s, c) = (7.0 * random.unit()).sin_cos();
+        let width = 10f64.powi(-(random.below(15) as i32));
+        let (start, angle) = if i % 2 == 0 {
+            let plane = [-0.5, 0.0, 0.5][i % 3];
+            (
+                DVec3::new(random.signed(), random.signed(), plane),
+                7.0 * random.unit(),
+            )
+        } else {
+            (DVec3::new(random.signed(), 1e-13 * random.signed(), 0.25), 0.0)
+        };
+        let (s, c) = f64::sin_cos(angle);
         let along = DVec3::new(c, s, 0.0);
-        let width = 10f64.powi(-(random.below(12) as i32));
         [start, start + along, start + width * DVec3::new(-s, c, 0.0)]
     });
     Shape::Triangles(mesh_of(corners.collect()))
