@@ -55,13 +55,20 @@ pub fn bits(pipeline: &Pipeline, threads: usize) -> Vec<u32> {
         progress: None,
     });
     let layers = film.layers.iter().flat_map(|(_, values)| values);
-    film.rgb.as_flattened().iter().chain(layers).map(|value| value.to_bits()).collect()
+    film.rgb
+        .as_flattened()
+        .iter()
+        .chain(layers)
+        .map(|value| value.to_bits())
+        .collect()
 }
 
 /// Names of what is in a folder, sorted.
 pub fn entries(folder: &Path) -> Vec<String> {
     let found = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut names: Vec<String> = found.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<String> = found
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
     names.sort();
     names
 }

@@ -14,7 +14,10 @@ fn folder() -> PathBuf {
 #[test]
 fn every_fault_is_named_at_its_place_and_nothing_is_written() {
     let mut problems = Vec::new();
-    let names: Vec<String> = entries(&folder()).into_iter().filter(|name| name.ends_with(".toml")).collect();
+    let names: Vec<String> = entries(&folder())
+        .into_iter()
+        .filter(|name| name.ends_with(".toml"))
+        .collect();
     assert!(names.len() > 40, "the scenes are not found: {names:?}");
     for name in &names {
         if let Err(problem) = check(name) {
@@ -32,14 +35,20 @@ fn every_fault_is_named_at_its_place_and_nothing_is_written() {
 fn every_expected_message_has_its_scene() {
     for name in entries(&folder()) {
         if let Some(stem) = name.strip_suffix(".stderr") {
-            assert!(folder().join(format!("{stem}.toml")).is_file(), "{name} has no scene");
+            assert!(
+                folder().join(format!("{stem}.toml")).is_file(),
+                "{name} has no scene"
+            );
         }
     }
 }
 
 fn check(name: &str) -> Result<(), String> {
     let text = fs::read_to_string(folder().join(name)).map_err(|error| error.to_string())?;
-    let arguments = text.lines().next().and_then(|line| line.strip_prefix("# arguments: "));
+    let arguments = text
+        .lines()
+        .next()
+        .and_then(|line| line.strip_prefix("# arguments: "));
     let out = tempfile::tempdir().map_err(|error| error.to_string())?;
     let output = program!()
         .current_dir(folder())

@@ -94,9 +94,11 @@ pub fn finish(result: Result<Exit, Failure>) -> ExitCode {
 
 fn with_prefix(problem: &str) -> String {
     // Reports about scenes bring their own, perhaps in colour.
-    let plain =
-        problem.trim_start_matches(|c: char| c == '\u{1b}' || c == '[' || c == ';' || c.is_ascii_digit());
-    if plain.starts_with("merror") || problem.starts_with("error:") {
+    let mut plain = problem;
+    while let Some((_, rest)) = plain.strip_prefix("\u{1b}[").and_then(|codes| codes.split_once('m')) {
+        plain = rest;
+    }
+    if plain.starts_with("error:") || plain.starts_with("error\u{1b}") {
         problem.to_owned()
     } else {
         format!("error: {problem}")

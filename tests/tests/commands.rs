@@ -1,0 +1,453 @@
+//! The commands as users call them: what they print, what they write, how they end.
+
+use serde_json::Value;
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Output, Stdio};
+use whitstone::image::{Image, exr_io};
+use whitstone_tests::{entries, program, root, scenes};
+
+fn run(arguments: &[&str]) -> Output {
+    program!().current_dir(root()).args(arguments).output().unwrap()
+}
+
+fn code(output: &Output) -> Option<i32> {
+    output.status.code()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+/// An image of 8 x 6 pixels of grey 1, but for those that are given.
+fn image(folder: &Path, name: &str, others: &[(usize, usize, f32)]) -> String {
+    let value = |x, y| {
+        others
+            .iter()
+            .find(|other| (other.0, other.1) == (x, y))
+            .map_or(1.0, |other| other.2)
+    };
+    let image = Image::from_fn(8, 6, |x, y| [value(x, y); 3]).unwrap();
+    let path = folder.join(name);
+    exr_io::write(&path, &image).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn compare_tells_equal_from_different() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = image(folder.path(), "plain.exr", &[]);
+    let other = image(folder.path(), "other.exr", &[(3, 2, 1.5)]);
+    let (report, picture) = (folder.path().join("report.json"), folder.path().join("trio.png"));
+    let extra = [
+        "--json",
+        report.to_str().unwrap(),
+        "--png",
+        picture.to_str().unwrap(),
+    ];
+
+    let output = run(&[&["compare", &plain, &plain], &extra[..]].concat());
+    assert_eq!(code(&output), Some(0), "{}", stderr(&output));
+    assert!(stdout(&output).ends_with("pass\n"));
+    assert_eq!(json(&report)["metrics"]["rmse"], 0.0);
+
+    let output = run(&[&["compare", &other, &plain], &extra[..]].concat());
+    assert_eq!(code(&output), Some(1));
+    assert!(stdout(&output).contains("pixel (3, 2): ours [1.5, 1.5, 1.5], reference [1.0, 1.0, 1.0]"));
+    let report = json(&report);
+    assert_eq!(
+        (&report["status"], &report["pixels_over_tolerance"]),
+        (&Value::from("fail"), &Value::from(1))
+    );
+    assert_eq!(
+        (&report["worst"][0]["x"], &report["worst"][0]["y"]),
+        (&Value::from(3), &Value::from(2))
+    );
+    assert_eq!(fs::read(picture).unwrap()[..4], *b"\x89PNG");
+}
+
+#[test]
+fn compare_keeps_to_the_limits_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = image(folder.path(), "plain.exr", &[]);
+    let other = image(folder.path(), "other.exr", &[(3, 2, 1.5)]);
+    // One pixel of 48 differs by 0.5: the root mean square is 0.0722, half of it relative.
+    for (limits, expected) in [
+        (&["--max-over", "1"][..], 0),
+        (&["--max-over", "0"], 1),
+        (&["--max-rmse", "0.073"], 0),
+        (&["--max-rmse", "0.072"], 1),
+        (&["--max-rmse", "0.073", "--max-over", "0"], 1),
+        (&["--max-rel-rmse-interior", "0.0361"], 0),
+        (&["--max-rel-rmse-interior", "0.036"], 1),
+        (&["--relative", "0.5"], 0),
+        (&["--max-rmse", "nan"], 2),
+        (&["--max-rmse", "-1"], 2),
+        (&["--relative", "inf"], 2),
+    ] {
+        let output = run(&[&["compare", &other, &plain], limits].concat());
+        assert_eq!(
+            code(&output),
+            Some(expected),
+            "{limits:?}: {}{}",
+            stdout(&output),
+            stderr(&output)
+        );
+    }
+}
+
+#[test]
+fn compare_counts_what_is_not_finite_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = image(folder.path(), "plain.exr", &[]);
+    let bad = image(
+        folder.path(),
+        "bad.exr",
+        &[(0, 0, f32::NAN), (7, 5, f32::INFINITY)],
+    );
+    let report = folder.path().join("report.json");
+    for (pair, ours) in [([&bad, &plain], 6), ([&plain, &bad], 0)] {
+        let output = run(&[
+            "compare",
+            pair[0],
+            pair[1],
+            "--max-rmse",
+            "1e9",
+            "--json",
+            report.to_str().unwrap(),
+        ]);
+        assert_eq!(code(&output), Some(1));
+        assert!(
+            stdout(&output).contains("6 values are not finite"),
+            "{}",
+            stdout(&output)
+        );
+        assert_eq!(json(&report)["nonfinite"]["ours"], ours);
+        assert_eq!(json(&report)["metrics"], Value::Null);
+    }
+}
+
+#[test]
+fn compare_refuses_what_cannot_be_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = image(folder.path(), "plain.exr", &[]);
+    let put = |name: &str, image: &Image| {
+        let path = folder.path().join(name);
+        exr_io::write(&path, image).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let large = put("large.exr", &Image::from_fn(8, 7, |_, _| [1.0; 3]).unwrap());
+    let mut depth = Image::new(8, 6).unwrap();
+    depth.add_channel("depth.Z", vec![0.0; 48]).unwrap();
+    let depth = put("depth.exr", &depth);
+    let cut = folder.path().join("cut.exr");
+    let bytes = fs::read(&plain).unwrap();
+    fs::write(&cut, &bytes[..bytes.len() - 9]).unwrap();
+    let cut = cut.to_str().unwrap();
+    for (other, expected) in [
+        (large.as_str(), "8 x 6"),
+        (&depth, "channel"),
+        (cut, "cut.exr"),
+        ("none.exr", "none.exr"),
+        ("scenes", "scenes"),
+        ("Cargo.toml", "not an OpenEXR file"),
+    ] {
+        for pair in [[plain.as_str(), other], [other, plain.as_str()]] {
+            let output = run(&["compare", pair[0], pair[1]]);
+            assert_eq!(code(&output), Some(2), "{pair:?}: {}", stderr(&output));
+            assert!(
+                stderr(&output).contains(expected),
+                "{pair:?}: {}",
+                stderr(&output)
+            );
+        }
+    }
+}
+
+#[test]
+fn list_has_every_plugin_with_its_summary() {
+    let registry = whitstone::registry();
+    let (text, list) = (stdout(&run(&["list"])), stdout(&run(&["list", "--json"])));
+    let list: Value = serde_json::from_str(&list).unwrap();
+    let list = list.as_array().unwrap();
+    assert_eq!(list.len(), registry.entries().count());
+    for entry in registry.entries() {
+        assert!(!entry.summary().is_empty(), "{} has no summary", entry.name);
+        assert!(text.contains(&entry.summary()), "{}", entry.name);
+        assert!(
+            list.iter()
+                .any(|item| item["type"] == entry.name && item["crate"] == entry.crate_name)
+        );
+    }
+    for name in ["shapes", "shape", "SHAPES"] {
+        let text = stdout(&run(&["list", name]));
+        assert!(text.contains("sphere") && !text.contains("perspective"), "{text}");
+    }
+    let output = run(&["list", "shaeps"]);
+    assert_eq!(code(&output), Some(2));
+    assert!(
+        stderr(&output).contains("did you mean \"shapes\"?"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+/// A scene as the editors' validators see it.
+fn as_json(path: &Path) -> Value {
+    let table: toml::Table = fs::read_to_string(path).unwrap().parse().unwrap();
+    serde_json::to_value(table).unwrap()
+}
+
+#[test]
+fn the_schema_accepts_every_scene() {
+    let schema: Value = serde_json::from_str(&stdout(&run(&["schema"]))).unwrap();
+    jsonschema::meta::validate(&schema).unwrap();
+    let validator = jsonschema::validator_for(&schema).unwrap();
+    for path in scenes() {
+        let scene = as_json(&path);
+        let errors: Vec<String> = validator
+            .iter_errors(&scene)
+            .map(|error| format!("{error} at {}", error.instance_path()))
+            .collect();
+        assert!(errors.is_empty(), "{}: {}", path.display(), errors.join("\n"));
+    }
+}
+
+#[test]
+fn the_schema_refuses_what_can_be_seen_without_the_rest_of_the_scene() {
+    let schema: Value = serde_json::from_str(&stdout(&run(&["schema"]))).unwrap();
+    let validator = jsonschema::validator_for(&schema).unwrap();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("bad");
+    for name in [
+        "camera_axis",
+        "camera_fov_0",
+        "camera_fov_180",
+        "camera_orthographic_width",
+        "camera_window_distance",
+        "expect",
+        "film_2_to_31",
+        "film_layers",
+        "film_layers_twice",
+        "film_zero",
+        "missing_keys",
+        "unknown_inline_type",
+        "unknown_key",
+        "unknown_table",
+        "unknown_type",
+        "wrong_tables",
+        "wrong_types",
+    ] {
+        let scene = as_json(&folder.join(format!("{name}.toml")));
+        assert!(!validator.is_valid(&scene), "{name}");
+    }
+}
+
+#[test]
+fn the_schema_of_one_plugin() {
+    let schema: Value = serde_json::from_str(&stdout(&run(&["schema", "shapes", "sphere"]))).unwrap();
+    assert!(schema["properties"]["radius"].is_object(), "{schema}");
+    for (arguments, expected) in [
+        (&["schema", "shape", "shpere"][..], "did you mean \"sphere\"?"),
+        (&["schema", "shope", "sphere"], "did you mean \"shape"),
+        (&["schema", "shape"], "TYPE"),
+    ] {
+        let output = run(arguments);
+        assert_eq!(code(&output), Some(2), "{arguments:?}");
+        assert!(
+            stderr(&output).contains(expected),
+            "{arguments:?}: {}",
+            stderr(&output)
+        );
+    }
+}
+
+#[test]
+fn explain_says_what_is_built_and_follows_a_pixel() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("explain.json");
+    let scene = "scenes/showcase/classic.toml";
+    let small = ["--set", "film.width=40", "--set", "film.height=40"];
+    let written = ["--json", path.to_str().unwrap()];
+    let output = run(&[&["explain", scene, "--pixel", "20,20"], &small[..], &written[..]].concat());
+    assert_eq!(code(&output), Some(0), "{}", stderr(&output));
+    let text = stdout(&output);
+    for expected in ["accelerator", "left out", "pixel (20, 20)", "camera ray: "] {
+        assert!(text.contains(expected), "no {expected} in\n{text}");
+    }
+    let report = json(&path);
+    let rays = report["pixel"]["rays"].as_array().unwrap();
+    let value = report["pixel"]["value"][0].as_f64().unwrap();
+    // Without absorption, the pixel is what its rays add, each by its throughput.
+    let sum: f64 = rays
+        .iter()
+        .map(|ray| ray["throughput"][0].as_f64().unwrap() * ray["local"][0].as_f64().unwrap())
+        .sum();
+    assert!((value - sum).abs() <= 1e-12 * value.abs(), "{value} is not {sum}");
+    for (pixel, sample) in [
+        ("40,0", "0"),
+        ("0,40", "0"),
+        ("0,0", "1"),
+        ("x,0", "0"),
+        ("1", "0"),
+        ("-1,0", "0"),
+    ] {
+        let arguments = ["explain", scene, "--sample", sample, &format!("--pixel={pixel}")];
+        let output = run(&[&arguments[..], &small[..]].concat());
+        assert_eq!(code(&output), Some(2), "{pixel} {sample}: {}", stdout(&output));
+    }
+}
+
+#[test]
+fn completions_and_help_for_every_command() {
+    // In a debug build this also runs all checks that clap has for a command line.
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let output = run(&["completions", shell]);
+        assert_eq!(code(&output), Some(0), "{}", stderr(&output));
+        assert!(stdout(&output).contains("validate"), "{shell}");
+    }
+    let help = stdout(&run(&["--help"]));
+    for command in [
+        "render",
+        "explain",
+        "compare",
+        "validate",
+        "list",
+        "schema",
+        "doctor",
+        "completions",
+    ] {
+        assert!(
+            help.contains(&format!("\n  {command} ")),
+            "{command} is not in\n{help}"
+        );
+        let output = run(&[command, "--help"]);
+        assert_eq!(code(&output), Some(0), "{command}");
+    }
+    for command in ["explain", "compare", "list", "schema", "doctor", "completions"] {
+        assert!(
+            stdout(&run(&[command, "--help"])).contains("Example"),
+            "{command}"
+        );
+    }
+    assert_eq!(code(&run(&["teapot"])), Some(2));
+    assert_eq!(code(&run(&[])), Some(2));
+}
+
+#[test]
+fn a_closed_pipe_is_no_panic() {
+    for arguments in [
+        &["list"][..],
+        &["schema"],
+        &["completions", "bash"],
+        &["explain", "scenes/showcase/classic.toml"],
+    ] {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_whitstone-under-test"))
+            .current_dir(root())
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let mut said = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+        let status = child.wait().unwrap();
+        assert!(!said.contains("panicked"), "{arguments:?}: {said}");
+        assert_eq!(status.code(), Some(0), "{arguments:?}: {said}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_behind_standard_output_is_told() {
+    let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_whitstone-under-test"))
+        .arg("list")
+        .stdout(full)
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(3));
+    assert!(stderr(&output).contains("standard output"), "{}", stderr(&output));
+}
+
+/// Whether the file system keeps this user from writing into a folder without permission; it does not keep root.
+#[cfg(unix)]
+fn permissions_count(folder: &Path) -> bool {
+    fs::write(folder.join("probe"), "").is_err()
+}
+
+#[test]
+fn output_that_cannot_be_written_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name);
+    fs::create_dir(place("folder.exr")).unwrap();
+    fs::create_dir(place("folder.json")).unwrap();
+    fs::write(place("file"), "").unwrap();
+    let mut cases: Vec<(PathBuf, i32)> = vec![
+        (place("folder.exr"), 3),
+        (place("none/image.exr"), 3),
+        (place("file/image.exr"), 3),
+        (place("image.bmp"), 2),
+        (place("image"), 2),
+    ];
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        fs::create_dir(place("locked")).unwrap();
+        fs::set_permissions(place("locked"), fs::Permissions::from_mode(0o555)).unwrap();
+        if permissions_count(&place("locked")) {
+            cases.push((place("locked/image.exr"), 3));
+        } else {
+            println!("skipped: a folder without permission (this user may write anywhere)");
+            fs::remove_file(place("locked/probe")).unwrap();
+        }
+    }
+    let before = entries(folder.path());
+    for (path, expected) in cases {
+        let output = program!()
+            .current_dir(root())
+            .args([
+                "render",
+                "scenes/showcase/classic.toml",
+                "--set",
+                "film={width=8,height=8}",
+                "-o",
+            ])
+            .arg(&path)
+            .output()
+            .unwrap();
+        assert_eq!(
+            output.status.code(),
+            Some(expected),
+            "{}: {}",
+            path.display(),
+            stderr(&output)
+        );
+        let named = path.file_name().unwrap().to_string_lossy().into_owned();
+        assert!(
+            stderr(&output).contains(&named),
+            "{}: {}",
+            path.display(),
+            stderr(&output)
+        );
+        assert_eq!(entries(folder.path()), before, "{}", path.display());
+        assert!(entries(&place("folder.exr")).is_empty());
+    }
+    let output = program!()
+        .current_dir(root())
+        .args(["explain", "scenes/showcase/classic.toml", "--json"])
+        .arg(place("folder.json"))
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    assert_eq!(entries(folder.path()), before);
+}
