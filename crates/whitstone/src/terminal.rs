@@ -95,7 +95,10 @@ pub fn finish(result: Result<Exit, Failure>) -> ExitCode {
 fn with_prefix(problem: &str) -> String {
     // Reports about scenes bring their own, perhaps in colour.
     let mut plain = problem;
-    while let Some((_, rest)) = plain.strip_prefix("\u{1b}[").and_then(|codes| codes.split_once('m')) {
+    while let Some((_, rest)) = plain
+        .strip_prefix("\u{1b}[")
+        .and_then(|codes| codes.split_once('m'))
+    {
         plain = rest;
     }
     if plain.starts_with("error:") || plain.starts_with("error\u{1b}") {
