@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
@@ -15,6 +15,8 @@ use thiserror::Error;
 
 /// Longest answer that is taken, in bytes. The longest proper ones, of `probe`, stay far below.
 const MAX_ANSWER: u64 = 256 << 20;
+/// Longest line of standard error that is taken as one, in bytes.
+const MAX_STDERR_LINE: u64 = 4096;
 /// How much of the end of standard error is kept for messages.
 const STDERR_LINES: usize = 40;
 
@@ -61,7 +63,9 @@ pub enum DriverError {
 /// A running driver. It is killed, with its children, when dropped.
 pub struct Driver {
     child: Child,
-    stdin: ChildStdin,
+    /// Lines for standard input. They are written by a thread: a driver that does not read would hold up
+    /// whoever writes more than fits into the pipe.
+    requests: Sender<String>,
     answers: Receiver<std::io::Result<String>>,
     stderr: Arc<Mutex<VecDeque<String>>>,
     limit: Duration,
@@ -194,6 +198,8 @@ impl Driver {
         else {
             unreachable!("all three were asked to be pipes");
         };
+        let (requests, lines) = channel::<String>();
+        thread::spawn(move || write_lines(stdin, &lines));
         let (sender, answers) = sync_channel(1);
         thread::spawn(move || {
             let mut reader = BufReader::new(stdout);
@@ -216,19 +222,29 @@ impl Driver {
         let kept = tail.clone();
         thread::spawn(move || {
             // Bytes, not text: whatever a library prints must not stop the reading.
-            for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
-                let line: String = String::from_utf8_lossy(&line).chars().take(500).collect();
+            let mut reader = BufReader::new(stderr);
+            let mut line = Vec::new();
+            // A part of a line at a time: a line may have no end.
+            while reader
+                .by_ref()
+                .take(MAX_STDERR_LINE)
+                .read_until(b'\n', &mut line)
+                .is_ok_and(|read| read > 0)
+            {
+                let text = String::from_utf8_lossy(&line);
+                let text: String = text.trim_end().chars().take(500).collect();
+                line.clear();
                 let mut kept: std::sync::MutexGuard<'_, VecDeque<String>> =
                     kept.lock().unwrap_or_else(PoisonError::into_inner);
                 if kept.len() == STDERR_LINES {
                     kept.pop_front();
                 }
-                kept.push_back(line);
+                kept.push_back(text);
             }
         });
         Ok(Self {
             child,
-            stdin,
+            requests,
             answers,
             stderr: tail,
             limit,
@@ -240,12 +256,7 @@ impl Driver {
         let op = request["op"].as_str().unwrap_or_default().to_owned();
         let mut line = request.to_string();
         line.push('\n');
-        if self
-            .stdin
-            .write_all(line.as_bytes())
-            .and_then(|()| self.stdin.flush())
-            .is_err()
-        {
+        if self.requests.send(line).is_err() {
             return Err(self.exited());
         }
         let answer = match self.answers.recv_timeout(self.limit) {
@@ -399,6 +410,20 @@ impl Driver {
 impl Drop for Driver {
     fn drop(&mut self) {
         self.kill();
+    }
+}
+
+/// Writes the lines until there are no more or no one reads them; that the driver then gives no answer is
+/// noticed where the answer is waited for.
+fn write_lines(mut stdin: ChildStdin, lines: &Receiver<String>) {
+    for line in lines {
+        if stdin
+            .write_all(line.as_bytes())
+            .and_then(|()| stdin.flush())
+            .is_err()
+        {
+            break;
+        }
     }
 }
 

@@ -56,8 +56,14 @@ pub(crate) fn limit(floor: f64, textured: bool) -> f64 {
     (2.0 * floor).min(cap(textured))
 }
 
-/// What no limit exceeds, however inexact the reference; also the limit of the block bias.
-pub(crate) fn cap(textured: bool) -> f64 {
+/// The largest bias of a block that passes: that of the whole image is at most its RMS error, and a few
+/// pixels may all err to the same side.
+pub(crate) fn bias_limit(floor: f64, textured: bool) -> f64 {
+    (4.0 * floor).min(cap(textured))
+}
+
+/// What no limit exceeds, however inexact the reference.
+fn cap(textured: bool) -> f64 {
     if textured {
         LARGEST_LIMIT_TEXTURED
     } else {

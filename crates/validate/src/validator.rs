@@ -13,7 +13,7 @@ use whitstone_image::error_map::error_map;
 use whitstone_image::{
     CompareError, CompareOptions, Image, Mask, Raster, Tolerance, ToneMap, compare, layers, metrics,
 };
-use whitstone_scene::{Description, Flattened, Pipeline, Plan, RenderOptions, Sources};
+use whitstone_scene::{Description, Flattened, Pipeline, Plan, RenderOptions, Sources, all_errors};
 
 /// Of an image, at least so many pixels may be explained edges.
 const EXPLAINED_PIXELS: usize = 8;
@@ -158,7 +158,7 @@ impl<'a> Validator<'a> {
         let all_overrides = [&self.options.overrides[..], &self.options.ours_overrides].concat();
         let sources = Sources::load(path, &all_overrides)
             .map_err(|error| error.sources.report(&error.errors, false))?;
-        let report = |errors: SceneErrors| sources.report(&errors, false);
+        let report = |_: SceneErrors| sources.report(&all_errors(&sources, self.registry), false);
         let description = Description::parse(&sources).map_err(report)?;
         let plan = Plan::new(&description, self.registry).map_err(report)?;
         let pipeline = Pipeline::build(&plan, self.registry).map_err(report)?;
@@ -265,7 +265,7 @@ impl<'a> Validator<'a> {
         if case.limit == 0.0 {
             case.limit = floor::limit(meta.floor, textured);
         }
-        case.bias_limit = floor::cap(textured);
+        case.bias_limit = floor::bias_limit(meta.floor, textured);
         case.pictures = pictures(&ours.image, reference);
 
         let not_finite = metrics::count_not_finite(&ours.image, reference)?;

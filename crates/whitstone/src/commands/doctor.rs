@@ -50,7 +50,9 @@ struct Findings {
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let rendering = render(registry);
     let environments = environments(&arguments.target);
-    let live = if environments == 0 && arguments.no_install {
+    let live = if arguments.no_install
+        && Environment::existing(&arguments.target, &arguments.references).is_none()
+    {
         Err("its Python environment has not been made yet; `validate` and `doctor` make it".to_owned())
     } else {
         start(arguments)

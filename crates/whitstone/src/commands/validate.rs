@@ -109,7 +109,10 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         summary: Summary::of(&cases, references, start.elapsed().as_secs_f64()),
         provenance: Provenance {
             whitstone: env!("CARGO_PKG_VERSION").to_owned(),
-            threads: arguments.threads,
+            threads: match arguments.threads {
+                0 => std::thread::available_parallelism().map_or(1, usize::from),
+                threads => threads,
+            },
             mitsuba,
         },
         results: cases,
