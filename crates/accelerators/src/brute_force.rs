@@ -7,12 +7,11 @@
 
 use schemars::JsonSchema;
 use serde::Deserialize;
-use std::cell::LazyCell;
 use std::sync::Arc;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Accelerator, Accelerators, Context, Element, Geometry, Interval, Plugin, RawHit, Ray, SceneErrors, Skip,
-    Statistics,
+    Accelerator, Accelerators, Context, Element, Geometry, InstancePath, Interval, Plugin, RawHit, Ray,
+    SceneErrors, Shape, Skip, Statistics,
 };
 
 /// Tries every element in order, without any structure.
@@ -20,11 +19,9 @@ use whitstone_core::{
 #[serde(deny_unknown_fields)]
 pub struct Config {}
 
-/// A list.
+/// The shapes in the order of the scene.
 pub struct BruteForce {
     geometry: Arc<Geometry>,
-    opaque: Vec<Element>,
-    triangles: Vec<Element>,
 }
 
 impl Plugin<Accelerators> for BruteForce {
@@ -36,48 +33,81 @@ impl Plugin<Accelerators> for BruteForce {
         geometry: Arc<Geometry>,
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
-        let is_triangle = |element: &Element| matches!(element, Element::Triangle { .. });
-        let (triangles, opaque) = geometry.elements().partition(is_triangle);
-        Ok(Box::new(Self {
-            geometry,
-            opaque,
-            triangles,
-        }))
+        Ok(Box::new(Self { geometry }))
     }
 }
 
 impl BruteForce {
-    /// The hits of all elements inside the interval, which is never narrowed: the purity of the shapes
-    /// is what other accelerators rely on and this one need not.
-    fn hits(&self, ray: &Ray, interval: Interval, skip: Skip) -> impl Iterator<Item = RawHit> {
-        let (ray, geometry) = (*ray, &*self.geometry);
-        let opaque = self
-            .opaque
-            .iter()
-            .filter_map(move |&element| geometry.intersect_opaque(element, &ray, interval, skip));
-        // Made for the first triangle only: the divisions cost as much as a hit.
-        let sheared = LazyCell::new(move || ShearedRay::new(&ray));
-        let triangles = self
-            .triangles
-            .iter()
-            .filter_map(move |&element| geometry.intersect(element, &ray, &sheared, interval, skip));
-        opaque.chain(triangles)
+    /// Hands every hit inside the interval to `found` until that returns false. The interval is never
+    /// narrowed: the purity of the shapes is what other accelerators rely on and this one need not.
+    #[inline(always)]
+    fn hits(&self, ray: &Ray, interval: Interval, skip: Skip, mut found: impl FnMut(RawHit) -> bool) {
+        // Made for the first mesh only: the divisions cost as much as a hit.
+        let mut sheared = None;
+        for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
+            let leaves = skip.of_shape(InstancePath::WORLD, shape);
+            match part {
+                Shape::Opaque(primitive) => {
+                    if let Some(hit) = primitive.closest(ray, interval, leaves)
+                        && !found(hit.of_shape(InstancePath::WORLD, shape))
+                    {
+                        return;
+                    }
+                }
+                Shape::Triangles(mesh) => {
+                    let sheared = sheared.get_or_insert_with(|| ShearedRay::new(ray));
+                    for triangle in 0..mesh.triangles.len() as u32 {
+                        let element = Element::Triangle { shape, triangle };
+                        if let Some(hit) = self.geometry.intersect(element, ray, sheared, interval, skip)
+                            && !found(hit)
+                        {
+                            return;
+                        }
+                    }
+                }
+                // No other kind can be made here; core adds them together with their code.
+                _ => {}
+            }
+        }
     }
 }
 
 impl Accelerator for BruteForce {
     fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        self.hits(ray, interval, skip)
-            .reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+        let mut best: Option<RawHit> = None;
+        self.hits(ray, interval, skip, |hit| {
+            if best.as_ref().is_none_or(|best| hit.beats(best)) {
+                best = Some(hit);
+            }
+            true
+        });
+        best
     }
 
     fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
-        self.hits(ray, interval, skip).next().is_some()
+        let mut occluded = false;
+        self.hits(ray, interval, skip, |_| {
+            occluded = true;
+            false
+        });
+        occluded
     }
 
     fn statistics(&self) -> Statistics {
-        let elements = self.opaque.len() + self.triangles.len();
-        let bytes = elements * size_of::<Element>();
-        Statistics::from([("elements", elements as f64), ("bytes", bytes as f64)])
+        Statistics::from([
+            ("elements", self.geometry.elements().count() as f64),
+            ("bytes", 0.0),
+        ])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::accelerator_laws;
+
+    #[test]
+    fn obeys_the_laws_of_accelerators() {
+        accelerator_laws::<BruteForce>("");
     }
 }

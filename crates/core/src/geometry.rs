@@ -141,40 +141,12 @@ impl Geometry {
                     params: DVec2::new(u, v),
                 }
             }
-            (_, Shape::Opaque(_)) => return self.intersect_opaque(element, ray, interval, skip),
+            (_, Shape::Opaque(primitive)) => primitive.closest(ray, interval, leaves)?,
             (Element::Opaque { .. }, Shape::Triangles(_)) => return None,
         };
-        interval.contains(hit.t).then_some(RawHit {
-            t: hit.t,
-            params: hit.params,
-            instance: InstancePath::WORLD,
-            shape,
-            primitive: hit.primitive,
-        })
-    }
-
-    /// The hit of a ray with an opaque element inside the interval; `None` for triangles.
-    #[inline]
-    pub fn intersect_opaque(
-        &self,
-        element: Element,
-        ray: &Ray,
-        interval: Interval,
-        skip: Skip,
-    ) -> Option<RawHit> {
-        let shape = element.shape();
-        let Shape::Opaque(primitive) = &self.shapes[shape as usize] else {
-            return None;
-        };
-        let leaves = skip.of_shape(InstancePath::WORLD, shape);
-        let hit = primitive.closest(ray, interval, leaves)?;
-        interval.contains(hit.t).then_some(RawHit {
-            t: hit.t,
-            params: hit.params,
-            instance: InstancePath::WORLD,
-            shape,
-            primitive: hit.primitive,
-        })
+        interval
+            .contains(hit.t)
+            .then(|| hit.of_shape(InstancePath::WORLD, shape))
     }
 
     /// The surface at a hit of this ray.

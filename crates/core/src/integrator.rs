@@ -146,6 +146,7 @@ pub struct Scratch {
 
 impl Scratch {
     /// Notes a ray in the record, if there is one, and returns its number there.
+    #[inline]
     pub fn note(
         &mut self,
         path: &PathState,
@@ -153,9 +154,20 @@ impl Scratch {
         throughput: Rgb,
         local: Rgb,
     ) -> u32 {
-        let Some(nodes) = &mut self.record else {
-            return 0;
-        };
+        match &mut self.record {
+            None => 0,
+            Some(nodes) => Self::note_in(nodes, path, found, throughput, local),
+        }
+    }
+
+    #[cold]
+    fn note_in(
+        nodes: &mut Vec<TreeNode>,
+        path: &PathState,
+        found: Option<(&RawHit, &SurfacePoint)>,
+        throughput: Rgb,
+        local: Rgb,
+    ) -> u32 {
         let name = path.origin.map_or_else(String::new, |(parent, letter)| {
             format!("{}{letter:?}", nodes[parent as usize].path)
         });

@@ -42,6 +42,20 @@ pub struct PrimitiveHit {
     pub params: DVec2,
 }
 
+impl PrimitiveHit {
+    /// As an accelerator returns it.
+    #[inline]
+    pub fn of_shape(self, instance: InstancePath, shape: u32) -> RawHit {
+        RawHit {
+            t: self.t,
+            params: self.params,
+            instance,
+            shape,
+            primitive: self.primitive,
+        }
+    }
+}
+
 /// Which copy of a shape was hit: [`InstancePath::WORLD`] for what is not instanced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct InstancePath(pub u32);
@@ -68,11 +82,13 @@ pub struct RawHit {
 
 impl RawHit {
     /// The order in which hits at the same distance win: lowest first.
+    #[inline]
     pub fn id(&self) -> (InstancePath, u32, u32) {
         (self.instance, self.shape, self.primitive)
     }
 
     /// Whether this hit is to be preferred to `other`: nearer, or equally near and lower in number.
+    #[inline]
     pub fn beats(&self, other: &Self) -> bool {
         self.t < other.t || (self.t == other.t && self.id() < other.id())
     }

@@ -3,7 +3,7 @@
 //! - Twin: Mitsuba `disk` (native).
 //! - Example: `scenes/shapes/disk.toml`.
 
-use crate::frame::{Frame, meet_plane};
+use crate::frame::Frame;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
@@ -55,8 +55,11 @@ impl Primitive for Disk {
     }
 
     fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        let (t, params) = meet_plane(&self.frame.ray_to_object(ray));
-        let hit = leaves.is_none() && interval.contains(t) && params.length_squared() <= 1.0;
+        if leaves.is_some() {
+            return None;
+        }
+        let (t, params) = self.frame.meet_plane(ray, interval)?;
+        let hit = params.length_squared() <= 1.0;
         hit.then_some(PrimitiveHit {
             t,
             primitive: 0,

@@ -1,6 +1,6 @@
 //! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common.
 
-use whitstone_core::{Aabb, DMat3, DVec2, DVec3, Ray, Transform};
+use whitstone_core::{Aabb, DMat3, DVec2, DVec3, Interval, Ray, Transform};
 
 /// Half the distance from 1 to the next number: the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
@@ -37,6 +37,22 @@ impl Frame {
 
     pub(crate) fn ray_to_object(&self, ray: &Ray) -> Ray {
         self.transform.ray_to_object(ray)
+    }
+
+    /// Where a ray meets the plane z = 0 of object space inside the interval: the ray parameter and x, y there.
+    /// A ray that runs in parallel meets it nowhere.
+    #[inline]
+    pub(crate) fn meet_plane(&self, ray: &Ray, interval: Interval) -> Option<(f64, DVec2)> {
+        let inverse = &self.transform.object_from_world().matrix3;
+        let origin = ray.origin - self.transform.world_from_object().translation;
+        let direction = ray.direction;
+        // Most rays are settled by z alone.
+        let row = DVec3::new(inverse.x_axis.z, inverse.y_axis.z, inverse.z_axis.z);
+        let t = -row.dot(origin) / row.dot(direction);
+        interval.contains(t).then(|| {
+            let (origin, direction) = (*inverse * origin, *inverse * direction);
+            (t, origin.truncate() + t * direction.truncate())
+        })
     }
 
     /// Unit normal in world space of the planes across an object axis.
@@ -87,11 +103,4 @@ fn add_up(a: f64, b: f64) -> f64 {
     let b_seen = sum - a;
     let lost = (a - (sum - b_seen)) + (b - b_seen);
     if lost > 0.0 { sum.next_up() } else { sum }
-}
-
-/// Where a ray meets the plane z = 0 of object space: the ray parameter and x, y there. The parameter
-/// is infinite or NaN for a ray that runs in parallel, and so in no interval.
-pub(crate) fn meet_plane(ray: &Ray) -> (f64, DVec2) {
-    let t = -ray.origin.z / ray.direction.z;
-    (t, ray.origin.truncate() + t * ray.direction.truncate())
 }

@@ -6,7 +6,7 @@
 //!   there and loses rows at the horizon.
 //! - Example: `scenes/shapes/plane.toml`.
 
-use crate::frame::{Frame, meet_plane};
+use crate::frame::Frame;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
@@ -43,8 +43,11 @@ impl Primitive for Plane {
     }
 
     fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        let (t, params) = meet_plane(&self.frame.ray_to_object(ray));
-        let hit = leaves.is_none() && interval.contains(t) && params.is_finite();
+        if leaves.is_some() {
+            return None;
+        }
+        let (t, params) = self.frame.meet_plane(ray, interval)?;
+        let hit = params.is_finite();
         hit.then_some(PrimitiveHit {
             t,
             primitive: 0,

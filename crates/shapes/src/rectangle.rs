@@ -3,7 +3,7 @@
 //! - Twin: Mitsuba `rectangle` (native).
 //! - Example: `scenes/shapes/rectangle.toml`.
 
-use crate::frame::{Frame, meet_plane};
+use crate::frame::Frame;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
@@ -37,9 +37,11 @@ impl Primitive for Rectangle {
     }
 
     fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        let (t, params) = meet_plane(&self.frame.ray_to_object(ray));
-        let inside = params.abs().cmple(DVec2::ONE).all();
-        let hit = leaves.is_none() && interval.contains(t) && inside;
+        if leaves.is_some() {
+            return None;
+        }
+        let (t, params) = self.frame.meet_plane(ray, interval)?;
+        let hit = params.abs().cmple(DVec2::ONE).all();
         hit.then_some(PrimitiveHit {
             t,
             primitive: 0,
