@@ -11,6 +11,7 @@ use whitstone_core::{DuplicateType, Materials, Registry};
 
 mod gloss;
 mod optics;
+mod reflectance;
 
 #[cfg(feature = "blinn_phong")]
 pub mod blinn_phong;

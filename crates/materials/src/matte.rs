@@ -5,14 +5,15 @@
 //! - Twin: Mitsuba `diffuse` in `twosided` (native).
 //! - Example: `scenes/materials/matte.toml`.
 
+use crate::reflectance::reflectance;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
 use whitstone_core::config::TextureRef;
 use whitstone_core::{
-    ColorSource, Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneError,
-    SceneErrors, SurfacePoint,
+    ColorSource, Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneErrors,
+    SurfacePoint,
 };
 
 /// Diffuse reflection, equally bright from everywhere.
@@ -38,17 +39,7 @@ impl Plugin<Materials> for Matte {
     type Config = Config;
 
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
-        let reflectance = context.texture(&config.reflectance)?;
-        if let ColorSource::Constant(value) = reflectance
-            && value.max_component() > 1.0
-        {
-            let found = value.max_component();
-            let mut error =
-                SceneError::anywhere(format!("expected a reflectance from 0 to 1, found {found}"))
-                    .with_help("a matte surface cannot reflect more light than falls on it");
-            error.span = config.reflectance.span;
-            return Err(error.into());
-        }
+        let reflectance = reflectance(&config.reflectance, context)?;
         Ok(Arc::new(Self { reflectance }))
     }
 }

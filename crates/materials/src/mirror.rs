@@ -6,6 +6,7 @@
 //! - Example: `scenes/materials/mirror.toml`.
 
 use crate::optics::reflect;
+use crate::reflectance::reflectance;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -19,7 +20,7 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Factor on what is seen in the mirror; a texture or a colour.
+    /// Factor on what is seen in the mirror, from 0 to 1; a texture or a colour.
     #[serde(default = "one")]
     reflectance: TextureRef,
 }
@@ -39,7 +40,7 @@ impl Plugin<Materials> for Mirror {
 
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
         Ok(Arc::new(Self {
-            reflectance: context.texture(&config.reflectance)?,
+            reflectance: reflectance(&config.reflectance, context)?,
         }))
     }
 }
@@ -99,5 +100,13 @@ mod tests {
         let lobes = |text| build::<Materials, Mirror>(text, ()).unwrap().lobes();
         assert_eq!(lobes("reflectance = 0"), Lobes::NOTHING);
         assert_eq!(lobes(""), Lobes::REFLECTION);
+    }
+
+    #[test]
+    fn a_reflectance_above_one_is_refused_at_its_place() {
+        let text = "reflectance = [0, 1.5, 1]";
+        let error = build::<Materials, Mirror>(text, ()).err().unwrap().0.remove(0);
+        assert_eq!(&text[error.span.unwrap()], "[0, 1.5, 1]");
+        assert!(build::<Materials, Mirror>("reflectance = 1", ()).is_ok());
     }
 }
