@@ -8,6 +8,11 @@ pub trait Texture: Send + Sync {
 
     /// The linear value at a point.
     fn value(&self, point: &SurfacePoint) -> Rgb;
+
+    /// The value if it is the same everywhere: the pipeline then puts the colour in the texture's place.
+    fn constant(&self) -> Option<Rgb> {
+        None
+    }
 }
 
 /// A colour parameter of a plugin: a constant costs no call.

@@ -358,7 +358,11 @@ impl Context for Builder<'_, '_> {
             TextureValue::Plugin(PluginRef::Shared(id)) => TextureKey::Shared(id.clone()),
             TextureValue::Plugin(PluginRef::Inline(index)) => TextureKey::Inline(*index),
         };
-        self.shared_texture(key, &span).map(ColorSource::Texture)
+        let texture = self.shared_texture(key, &span)?;
+        Ok(match texture.constant() {
+            Some(color) => ColorSource::Constant(color),
+            None => ColorSource::Texture(texture),
+        })
     }
 
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {

@@ -2,8 +2,8 @@
 
 use whitstone_core::{DVec2, DVec3, Needs, Rgb, SurfacePoint, Texture};
 
-/// Values are finite and not negative whatever the texture coordinates are, always the same, and depend
-/// on the coordinates only if the texture says that it needs them.
+/// Values are finite and not negative whatever the texture coordinates are, always the same, depend on the
+/// coordinates only if the texture says that it needs them, and are the constant that it says it is.
 ///
 /// # Panics
 ///
@@ -57,6 +57,10 @@ pub fn texture_laws(texture: &dyn Texture) {
                 reads_uv || found == elsewhere,
                 "a texture that reads (u, v) says that it needs it"
             );
+            assert!(
+                texture.constant().is_none_or(|constant| constant == found),
+                "a texture that says that it is constant is so at ({u}, {v})"
+            );
         }
     }
 }
@@ -102,5 +106,25 @@ mod tests {
     #[should_panic(expected = "says that it needs it")]
     fn a_hidden_need_is_found() {
         texture_laws(&Made(Needs::NOTHING, |uv: DVec2| f64::from(uv.x > 0.5)));
+    }
+
+    struct Claims;
+
+    impl Texture for Claims {
+        fn needs(&self) -> Needs {
+            Needs::UV
+        }
+        fn value(&self, point: &SurfacePoint) -> Rgb {
+            Rgb::splat(f64::from(point.uv.x > 0.5))
+        }
+        fn constant(&self) -> Option<Rgb> {
+            Some(Rgb::BLACK)
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "says that it is constant")]
+    fn a_false_constant_is_found() {
+        texture_laws(&Claims);
     }
 }

@@ -41,6 +41,10 @@ impl Texture for Constant {
     fn value(&self, _: &SurfacePoint) -> Rgb {
         self.value
     }
+
+    fn constant(&self) -> Option<Rgb> {
+        Some(self.value)
+    }
 }
 
 #[cfg(test)]
@@ -55,5 +59,6 @@ mod tests {
         texture_laws(&*texture);
         let point = SurfacePoint::new(DVec3::ONE, 0.0, DVec3::X);
         assert_eq!(texture.value(&point), Rgb::new(0.1, 0.2, 3.0));
+        assert_eq!(texture.constant(), Some(Rgb::new(0.1, 0.2, 3.0)));
     }
 }
