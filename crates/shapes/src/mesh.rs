@@ -11,6 +11,7 @@ mod ply;
 use crate::lower::{Lowered, Triangles, lower};
 use schemars::JsonSchema;
 use serde::Deserialize;
+use std::borrow::Cow;
 use std::path::Path;
 use whitstone_core::config::FilePath;
 use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
@@ -119,6 +120,14 @@ fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
         .windows(2)
         .skip(1)
         .map(|side| [polygon[0], side[0], side[1]])
+}
+
+/// The beginning of a word, for messages.
+fn shorten(word: &str) -> Cow<'_, str> {
+    match word.char_indices().nth(40) {
+        Some((end, _)) => format!("{}...", &word[..end]).into(),
+        None => word.into(),
+    }
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 //! Not by a library: those that there are hand out groups as separate meshes, in single precision, forget
 //! the line of an error, and misalign corners of which only some have a normal.
 
-use super::{FileError, Triangles, fan};
+use super::{FileError, Triangles, fan, shorten};
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::str::SplitAsciiWhitespace;
@@ -180,14 +180,6 @@ fn numbers<const N: usize>(
         })?;
     }
     Ok(values)
-}
-
-/// The beginning of a word, for messages.
-fn shorten(word: &str) -> Cow<'_, str> {
-    match word.char_indices().nth(40) {
-        Some((end, _)) => format!("{}...", &word[..end]).into(),
-        None => word.into(),
-    }
 }
 
 #[cfg(test)]

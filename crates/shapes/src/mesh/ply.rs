@@ -1,10 +1,16 @@
 //! PLY: the elements `vertex` and `face`; other elements and properties are read over.
+//!
+//! The header and binary bodies are read by a library, text bodies by `text`.
 
-use super::{FileError, Triangles, fan};
+mod text;
+
+use super::{FileError, Triangles, fan, shorten};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType,
 };
+use std::collections::HashSet;
+use text::Lines;
 use whitstone_core::{DVec2, DVec3};
 
 /// Names of each number of a vertex, in the order of [`Vertex::values`].
@@ -35,17 +41,22 @@ struct Face {
 struct Ignored;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
+    let header_lines = check_header_lines(bytes)?;
     let mut reader = Reader::new(bytes);
     let header = Parser::<Ignored>::new()
         .read_header(&mut reader)
         .map_err(|error| explain(&error, error.line()))?;
     check_header(&header)?;
+    let mut body = match header.encoding {
+        Encoding::Ascii => Body::Text(Lines::new(reader.into_inner(), header_lines)),
+        _ => Body::Binary(reader),
+    };
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
     for (name, element) in &header.elements {
         match name.as_str() {
-            "vertex" => vertices = payload::<Vertex>(&mut reader, element, &header)?,
-            "face" => faces = payload::<Face>(&mut reader, element, &header)?,
-            _ => drop(payload::<Ignored>(&mut reader, element, &header)?),
+            "vertex" => vertices = body.elements::<Vertex>(element, &header)?,
+            "face" => faces = body.elements::<Face>(element, &header)?,
+            _ => drop(body.elements::<Ignored>(element, &header)?),
         }
     }
     let has = |values: &[usize]| {
@@ -100,7 +111,66 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
     Ok(object)
 }
 
-/// What the parser would not notice.
+/// What the parser would not notice or would tell in the terms of its grammar; the number of lines.
+fn check_header_lines(bytes: &[u8]) -> Result<usize, FileError> {
+    let grammar = Parser::<Ignored>::new();
+    let mut elements: HashSet<&str> = HashSet::new();
+    let mut properties: HashSet<&str> = HashSet::new();
+    let mut has_format = false;
+    for (line, number) in bytes.split_inclusive(|&byte| byte == b'\n').zip(1..) {
+        let line = std::str::from_utf8(line).ok();
+        let words: Vec<&str> = line.unwrap_or_default().split_ascii_whitespace().collect();
+        let is_good = line.is_some_and(|line| grammar.read_header_line(line).is_ok());
+        if number == 1 && !(is_good && words == ["ply"]) {
+            return Err(FileError::at(
+                1,
+                "expected a PLY file, which begins with a line \"ply\"",
+            ));
+        }
+        let Some(line) = line else {
+            return Err(FileError::at(number, "expected UTF-8 text"));
+        };
+        if !is_good {
+            let message = format!(
+                "expected a line of a PLY header (format, comment, obj_info, element, property or end_header), \
+                 found \"{}\"",
+                shorten(line.trim_ascii())
+            );
+            return Err(FileError::at(number, message));
+        }
+        match words[..] {
+            ["end_header"] if !has_format => {
+                return Err(FileError::at(number, "expected a line \"format\" in the header"));
+            }
+            ["end_header"] => return Ok(number),
+            ["format", ..] if has_format => {
+                return Err(FileError::at(
+                    number,
+                    "expected one line \"format\", found another",
+                ));
+            }
+            ["format", ..] => has_format = true,
+            ["element", name, ..] => {
+                properties.clear();
+                if !elements.insert(name) {
+                    let message = format!("expected one element `{}`, found another", shorten(name));
+                    return Err(FileError::at(number, message));
+                }
+            }
+            ["property", ..] if elements.is_empty() => {
+                return Err(FileError::at(number, "expected an element before its properties"));
+            }
+            ["property", .., name] if !properties.insert(name) => {
+                let message = format!("expected one property `{}`, found another", shorten(name));
+                return Err(FileError::at(number, message));
+            }
+            _ => {}
+        }
+    }
+    Err(FileError::anywhere("expected a line \"end_header\", found none"))
+}
+
+/// What lines do not show.
 fn check_header(header: &Header) -> Result<(), FileError> {
     let Some(vertex) = header.elements.get("vertex") else {
         return Err(FileError::anywhere("expected an element `vertex`"));
@@ -144,20 +214,28 @@ fn is_list(data_type: &PropertyType) -> bool {
     matches!(data_type, PropertyType::List(..))
 }
 
-/// Reads all elements of a kind. The parser takes the number in the header for no promise, so memory stays
-/// in proportion to the file.
-fn payload<E: PropertyAccess>(
-    reader: &mut Reader<&[u8]>,
-    element: &ElementDef,
-    header: &Header,
-) -> Result<Vec<E>, FileError> {
-    Parser::<E>::new()
-        .read_payload_for_element(reader, element, header)
-        .map_err(|error| {
-            // In binary files the parser counts elements as lines.
-            let line = error.line().filter(|_| header.encoding == Encoding::Ascii);
-            explain(&error, line)
-        })
+/// What follows the header. The number of elements in the header is taken for no promise, so memory stays in
+/// proportion to the file.
+enum Body<'a> {
+    Text(Lines<'a>),
+    Binary(Reader<&'a [u8]>),
+}
+
+impl Body<'_> {
+    /// Reads all elements of a kind.
+    fn elements<E: PropertyAccess>(
+        &mut self,
+        element: &ElementDef,
+        header: &Header,
+    ) -> Result<Vec<E>, FileError> {
+        match self {
+            Self::Text(lines) => lines.elements(element),
+            // The parser counts elements as lines.
+            Self::Binary(reader) => Parser::new()
+                .read_payload_for_element(reader, element, header)
+                .map_err(|error| explain(&error, None)),
+        }
+    }
 }
 
 fn explain(error: &ParseError, line: Option<usize>) -> FileError {
@@ -277,40 +355,172 @@ mod tests {
     }
 
     #[test]
+    fn numbers_are_read_as_exporters_write_them() {
+        let body = "\n.5 255 -.5 1. +.25 0\r\n 1. 2.55e+2 1e-1 1 1 0\n\n1 0 1 0 1 1\n0 0 1 0 0 1\n\
+                    7 4 0 1 2 3\n7 3 0 2 3\n2 .5 0.5";
+        let object = parse(format!("{HEADER}{body}").as_bytes()).unwrap();
+        assert_eq!(object.positions[0], DVec3::new(0.5, -0.5, 1.0));
+        assert_eq!(object.uvs[0], DVec2::new(0.25, 0.0));
+        // Not rounded to single precision, whatever the header says.
+        assert_eq!(object.positions[1].y, 0.1);
+        assert_eq!(object.triangles.len(), 3);
+    }
+
+    #[test]
     fn text_that_is_wrong_is_told_with_its_line() {
-        let text = |from: &str, to: &str| format!("{HEADER}{BODY}").replace(from, to);
+        let whole = format!("{HEADER}{BODY}");
+        let told = |from: &str, to: &str| {
+            assert!(whole.contains(from), "{from}");
+            let error = fails(whole.replacen(from, to, 1));
+            (error.line, error.message)
+        };
         // The header has 16 lines.
-        assert_eq!(fails(text("1 255 0 0 1 0\n", "1 255 x 0 1 0\n")).line, Some(18));
-        assert_eq!(fails(text("7 3 0 2 3\n", "7 3 0 2\n")).line, Some(22));
-        assert_eq!(fails(text("7 3 0 2 3\n", "7 3 0 2 4\n")).line, None);
-        assert_eq!(fails(text("property int z", "property wide z")).line, Some(8));
-        assert_eq!(fails(text("ply\n", "plx\n")).line, Some(1));
+        for (from, to, line, message) in [
+            ("ply\n", "plx\n", 1, "begins with a line \"ply\""),
+            ("ply\n", "", 1, "begins with a line \"ply\""),
+            (
+                "format ascii 1.0\n",
+                "format text 1.0\n",
+                2,
+                "found \"format text 1.0\"",
+            ),
+            (
+                "comment made",
+                "format ascii 1.0\ncomment made",
+                3,
+                "one line \"format\"",
+            ),
+            ("format ascii 1.0\n", "", 15, "a line \"format\""),
+            (
+                "comment made by hand\n",
+                "property int w\n",
+                3,
+                "an element before",
+            ),
+            (
+                "property int z",
+                "property wide z",
+                8,
+                "found \"property wide z\"",
+            ),
+            ("property int z", "property int x", 8, "one property `x`"),
+            ("element edge 1", "element vertex 1", 14, "one element `vertex`"),
+            ("element face 2", "element vertex 4", 11, "one element `vertex`"),
+            (
+                "element vertex 4",
+                "element vertex -4",
+                4,
+                "found \"element vertex -4\"",
+            ),
+            (
+                "1 255 0 0 1 0\n",
+                "1 255 x 0 1 0\n",
+                18,
+                "a finite number, found \"x\"",
+            ),
+            (
+                "1 255 0 0 1 0\n",
+                "1 255 0 0 nan 0\n",
+                18,
+                "a finite number, found \"nan\"",
+            ),
+            (
+                "1 255 0 0 1 0\n",
+                "1 255 -1e999 0 1 0\n",
+                18,
+                "a finite number, found \"-1e999\"",
+            ),
+            (
+                "1 255 0 0 1 0\n",
+                "1 256 0 0 1 0\n",
+                18,
+                "from 0 to 255, found \"256\"",
+            ),
+            (
+                "1 255 0 0 1 0\n",
+                "1 255 0 0.5 1 0\n",
+                18,
+                "a whole number of 32 bits, found \"0.5\"",
+            ),
+            (
+                "1 255 0 0 1 0\n",
+                "1 255 0 0 1\n",
+                18,
+                "found the end of the line",
+            ),
+            (
+                "1 255 0 0 1 0\n",
+                "1 255 0 0 1 0 9\n",
+                18,
+                "expected nothing behind",
+            ),
+            ("7 3 0 2 3\n", "7 3 0 2\n", 22, "found the end of the line"),
+            ("7 3 0 2 3\n", "7 -3 0 2 3\n", 22, "from 0 to 255, found \"-3\""),
+        ] {
+            let (found, told) = told(from, to);
+            assert!(found == Some(line) && told.contains(message), "{found:?}: {told}");
+        }
+        for (from, to, message) in [
+            ("7 3 0 2 3\n", "7 3 0 2 4\n", "face 1 does not"),
+            ("7 3 0 2 3\n", "7 3 0 2 -1\n", "face 1 does not"),
+            ("7 3 0 2 3\n", "7 2 0 2\n", "face 1 does not"),
+            (
+                "uchar int vertex_index",
+                "uchar float vertex_index",
+                "face 0 does not",
+            ),
+            (
+                "2 0.5 0.5\n",
+                "",
+                "expected 1 of the element `edge`, one a line, found 0",
+            ),
+            ("property int z", "property int w", "x, y and z"),
+            ("property int z", "property list uchar int z", "found a list"),
+            ("vertex_index", "corners", "`vertex_indices`"),
+            ("element face 2", "element side 2", "an element `face`"),
+            (
+                "end_header\n",
+                "element nothing 9\nend_header\n",
+                "properties of the element `nothing`",
+            ),
+            ("end_header\n", "", "found \"0 255 0 0 0 0\""),
+        ] {
+            let (_, told) = told(from, to);
+            assert!(told.contains(message), "{from} -> {to}: {told}");
+        }
+        assert!(fails("ply\nformat ascii 1.0\n").message.contains("end_header"));
+    }
+
+    #[test]
+    fn counts_are_no_promises() {
+        let whole = format!("{HEADER}{BODY}");
         for (from, to) in [
-            ("7 3 0 2 3\n", "7 3 0 2 -1\n"),
-            ("7 3 0 2 3\n", "7 2 0 2\n"),
-            ("7 3 0 2 3\n", "7 -3 0 2 3\n"),
-            ("7 3 0 2 3\n", "7 1152921504606846976 0 2 3\n"),
-            ("2 0.5 0.5\n", ""),
-            ("property int z", "property int w"),
-            ("property int z", "property list uchar int z"),
-            ("uchar int vertex_index", "uchar float vertex_index"),
-            ("vertex_index", "corners"),
-            ("element face 2", "element side 2"),
             ("element vertex 4", "element vertex 1152921504606846976"),
             ("element vertex 4", "element vertex 18446744073709551616"),
-            ("element vertex 4", "element vertex -4"),
+            ("element face 2", "element face 18446744073709551615"),
+            ("element edge 1", "element edge 18446744073709551615"),
             (
                 "end_header\n",
                 "element nothing 1152921504606846976\nend_header\n",
             ),
-            ("made by hand\n", "made by hand"),
         ] {
-            let error = fails(text(from, to));
-            assert!(
-                !error.message.is_empty() && !error.message.contains('\n'),
-                "{from} -> {to}"
-            );
+            assert!(!fails(whole.replace(from, to)).message.contains('\n'));
         }
+        let long = whole.replace("list uchar int", "list uint int");
+        assert_eq!(
+            fails(long.replace("7 3 0 2 3\n", "7 4294967295 0 2 3\n")).line,
+            Some(22)
+        );
+        assert_eq!(
+            fails(long.replace("7 3 0 2 3\n", "7 1152921504606846976 0\n")).line,
+            Some(22)
+        );
+        // A list of 2^32 - 1 corners in three.
+        let mut binary = binary(false, 0, &[], 1, &[]);
+        let text = String::from_utf8(binary.clone()).unwrap();
+        binary = text.replace("list uchar uint", "list uint uint").into_bytes();
+        binary.extend([0xff; 16]);
+        assert!(fails(binary).message.contains("face"));
     }
 
     #[test]
