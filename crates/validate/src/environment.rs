@@ -110,6 +110,12 @@ impl Environment {
             .then_some(place.environment)
     }
 
+    /// The folder of the environment: above that of its programs.
+    pub fn folder(&self) -> &Path {
+        let programs = self.python.parent();
+        programs.and_then(Path::parent).unwrap_or(&self.python)
+    }
+
     fn is_complete(&self, folder: &Path) -> bool {
         folder.join("complete").is_file() && self.python.exists()
     }

@@ -36,6 +36,16 @@ pub enum LiveError {
     /// The driver's image.
     #[error("the driver's image: {0}")]
     Image(String),
+    /// The environment has another Mitsuba than the one that is pinned.
+    #[error("Mitsuba {found} is installed, {pinned} is pinned; remove {} and run again", environment.display())]
+    Version {
+        /// What answered.
+        found: String,
+        /// What the requirements name.
+        pinned: String,
+        /// Folder of the environment.
+        environment: PathBuf,
+    },
 }
 
 #[derive(Default, Serialize, Deserialize)]
@@ -74,7 +84,25 @@ impl Live {
                 hello
             }
         };
+        live.check_version()?;
         Ok(live)
+    }
+
+    /// Another version has other facts: its images would be compared under wrong assumptions.
+    fn check_version(&self) -> Result<(), LiveError> {
+        let requirements = self.environment.package.join("requirements.txt");
+        let text = std::fs::read_to_string(requirements).unwrap_or_default();
+        let pinned = text
+            .lines()
+            .find_map(|line| line.trim().strip_prefix("mitsuba=="));
+        match pinned.map(str::trim) {
+            Some(pinned) if pinned != self.hello.mitsuba => Err(LiveError::Version {
+                found: self.hello.mitsuba.clone(),
+                pinned: pinned.to_owned(),
+                environment: self.environment.folder().to_owned(),
+            }),
+            _ => Ok(()),
+        }
     }
 
     /// Versions.

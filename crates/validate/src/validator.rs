@@ -68,6 +68,8 @@ pub struct Validator<'a> {
     live: Option<Live>,
     /// Why there is no live Mitsuba, if there is none.
     not_live: Option<String>,
+    /// The first failure of a live Mitsuba that was there.
+    broken: Option<String>,
 }
 
 /// A live Mitsuba was asked for and cannot be had: exit code 3.
@@ -104,7 +106,14 @@ impl<'a> Validator<'a> {
             options,
             live,
             not_live,
+            broken: None,
         })
+    }
+
+    /// The first failure of the live Mitsuba while it was used: a crash, no answer, half an image. In
+    /// [`Mode::Live`] the run is then no verdict on the scenes.
+    pub fn broken(&self) -> Option<&str> {
+        self.broken.as_deref()
     }
 
     /// Why references are stored ones, if they are.
@@ -232,8 +241,13 @@ impl<'a> Validator<'a> {
                 }
                 // Whether the scene has a twin does not depend on the run.
                 Err(error @ LiveError::Driver(DriverError::Unsupported(_))) => return Err(error.to_string()),
-                Err(error) if self.options.mode == Mode::Live => return Err(error.to_string()),
-                Err(error) => case.left_out.push(format!("live reference: {error}")),
+                Err(error) => {
+                    self.broken.get_or_insert_with(|| error.to_string());
+                    if self.options.mode == Mode::Live {
+                        return Err(error.to_string());
+                    }
+                    case.left_out.push(format!("live reference: {error}"));
+                }
             }
         }
         let accept = format!("{} reference --accept {}", self.options.program, path.display());

@@ -120,6 +120,15 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let folder = arguments.target.join("validate");
     write_results(&results, &folder, arguments.json.as_deref())?;
     print_summary(&results.summary, &folder);
+    if let Some(problem) = validator.broken() {
+        if arguments.reference == ReferenceMode::Live {
+            return Err(Failure::environment(problem));
+        }
+        eprintln!(
+            "warning: the live Mitsuba failed, stored references served instead: {problem}\n\
+             warning: `{program} doctor` tells more"
+        );
+    }
     let passed = results
         .results
         .iter()

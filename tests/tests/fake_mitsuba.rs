@@ -1,0 +1,94 @@
+//! A Mitsuba that is there and does not do its work: exit code 3 where it was asked for, stored references
+//! and a warning where it was not.
+#![cfg(unix)]
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::Output;
+use whitstone_tests::{program, root};
+
+const SCENE: &str = "scenes/shapes/sphere.toml";
+
+/// A Python that makes environments of itself, says `hello` as Mitsuba `version`, and answers everything
+/// else by `behaviour` (shell).
+fn fake_python(folder: &Path, version: &str, behaviour: &str) {
+    let script = format!(
+        r#"#!/bin/sh
+case "$1 $2" in
+"-c "*) echo 3.11.0 ;;
+"-m venv") mkdir -p "$3/bin" && cp "$0" "$3/bin/python" ;;
+"-m pip") ;;
+"-m whitstone_mitsuba")
+  while read -r line; do
+    case "$line" in
+    *'"op":"hello"'*) echo '{{"ok":true,"mitsuba":"{version}","drjit":"1","variant":"llvm_ad_rgb","python":"3","libllvm":"x","llvm_version":"1","cpu":"c","threads":2}}' ;;
+    *) {behaviour} ;;
+    esac
+  done ;;
+esac
+"#
+    );
+    let path = folder.join("python");
+    fs::write(&path, script).unwrap();
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+fn validate(version: &str, behaviour: &str, reference: &str) -> (Output, String) {
+    let folder = tempfile::tempdir().unwrap();
+    fake_python(folder.path(), version, behaviour);
+    let output = program!()
+        .current_dir(root())
+        .env("WHITSTONE_PYTHON", folder.path().join("python"))
+        .args(["validate", SCENE, "--time-limit", "2", "--reference", reference])
+        .arg("--target")
+        .arg(folder.path().join("target"))
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
+    (output, text)
+}
+
+const PINNED: &str = "3.9.1";
+
+const BROKEN: [(&str, &str, &str); 5] = [
+    ("exit 9", "ended", "a crash"),
+    ("sleep 100", "gave no answer", "a hang"),
+    ("echo good morning", "cannot be understood", "an answer that is none"),
+    (
+        r#"echo '{"ok":true,"seconds":{"load":0,"trace":0},"rays":{"closest":1,"shadow":0},"twin":"native","rehits":0,"samples":1}'"#,
+        "wrote no image",
+        "no image",
+    ),
+    (
+        r#"echo '{"ok":false,"kind":"internal","error":"out of luck"}'"#,
+        "out of luck",
+        "a refusal",
+    ),
+];
+
+#[test]
+fn asked_for_it_ends_in_exit_code_3_with_the_reason() {
+    for (behaviour, expected, what) in BROKEN {
+        let (output, text) = validate(PINNED, behaviour, "live");
+        assert_eq!(output.status.code(), Some(3), "{what}: {text}");
+        assert!(text.contains(expected), "{what}: {text}");
+    }
+}
+
+#[test]
+fn not_asked_for_the_stored_references_serve_with_a_warning() {
+    for (behaviour, expected, what) in BROKEN {
+        let (output, text) = validate(PINNED, behaviour, "auto");
+        assert_eq!(output.status.code(), Some(0), "{what}: {text}");
+        assert!(text.contains("warning") && text.contains(expected), "{what}: {text}");
+        assert!(text.contains("stored"), "{what}: {text}");
+    }
+}
+
+#[test]
+fn another_version_is_refused() {
+    let (output, text) = validate("3.10.0", "exit 9", "live");
+    assert_eq!(output.status.code(), Some(3), "{text}");
+    assert!(text.contains("3.10.0 is installed, 3.9.1 is pinned"), "{text}");
+}
