@@ -91,17 +91,24 @@ impl Integrator for Whitted {
             depth: 0,
             origin: None,
         };
-        let mut sum = self.trace(world, &camera, scratch);
-        while let Some(path) = scratch.pending.pop() {
-            sum += self.trace(world, &path, scratch);
+        let mut sum = Rgb::BLACK;
+        let mut next = Some(camera);
+        while let Some(path) = next.take().or_else(|| scratch.pending.pop()) {
+            sum += self.trace(world, &path, scratch, &mut next);
         }
         sum
     }
 }
 
 impl Whitted {
-    /// What this ray alone adds to the pixel; its branches are left on the stack.
-    fn trace(&self, world: &World, path: &PathState, scratch: &mut Scratch) -> Rgb {
+    /// What this ray alone adds to the pixel. Its first branch is left in `next`, its second on the stack.
+    fn trace(
+        &self,
+        world: &World,
+        path: &PathState,
+        scratch: &mut Scratch,
+        next: &mut Option<PathState>,
+    ) -> Rgb {
         scratch.counters.closest += 1;
         let Some(hit) = world.accelerator.closest(&path.ray, Interval::FORWARD, path.skip) else {
             let background = endless(world, path.absorption, path.ray.direction);
@@ -126,14 +133,14 @@ impl Whitted {
         if lobes.intersects(Lobes::REFLECTION | Lobes::TRANSMISSION) {
             let mut branches = Branches::default();
             material.branches(&point, view, &mut branches);
-            // Backwards: what is pushed last is traced first.
+            // Backwards: what comes last is traced first.
             for branch in branches.iter().rev() {
                 let Some(mut child) = self.follow(path, branch, &point, view, skip, throughput) else {
                     continue;
                 };
                 child.origin = Some((node, branch.kind.into()));
                 if path.depth < self.max_depth {
-                    scratch.pending.push(child);
+                    scratch.pending.extend(next.replace(child));
                 } else if self.at_max_depth == AtMaxDepth::Background {
                     sum += child.throughput * endless(world, child.absorption, branch.direction);
                 }
