@@ -146,6 +146,8 @@ pub struct CaseResult {
     pub status: Option<Status>,
     /// Why it failed, and what to do; empty for a pass.
     pub problems: Vec<String>,
+    /// Whether the scene itself is wrong, so that nothing was rendered.
+    pub scene_error: bool,
     /// What our pipeline did without.
     pub left_out: Vec<String>,
     /// The command that runs this case alone.

@@ -141,7 +141,10 @@ impl<'a> Validator<'a> {
             ..CaseResult::default()
         };
         match self.render(path, &mut case) {
-            Err(report) => case.problems.push(report),
+            Err(report) => {
+                case.scene_error = true;
+                case.problems.push(report);
+            }
             Ok(mut ours) => {
                 tamper(&mut ours.image);
                 match self.reference(path, &ours.flattened, &mut case) {

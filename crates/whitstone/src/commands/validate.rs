@@ -92,6 +92,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     }
     let bar = progress(scenes.len() as u64, "validating");
     let mut cases = Vec::new();
+    print_header();
     for path in &scenes {
         bar.set_message(path.display().to_string());
         let case = validator.validate(path);
@@ -129,6 +130,12 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
              warning: `{program} doctor` tells more"
         );
     }
+    let wrong = results.results.iter().filter(|case| case.scene_error).count();
+    if wrong > 0 {
+        return Err(Failure::usage(format!(
+            "scenes that cannot be rendered: {wrong}; see above"
+        )));
+    }
     let passed = results
         .results
         .iter()
@@ -149,6 +156,23 @@ fn write_results(results: &Results, folder: &Path, json: Option<&Path>) -> Resul
     atomic::write_bytes(folder.join("index.html"), page.as_bytes()).map_err(Failure::environment)
 }
 
+/// The heads of the columns of [`print_case`].
+fn print_header() {
+    println!(
+        "      {:<30} {:>8} {:>8} {:>8} {:>6} {:>9} {:>11} {:>8} {:>8}  {:<6} twin",
+        "scene",
+        "rmse",
+        "interior",
+        "limit",
+        "over",
+        "explained",
+        "unexplained",
+        "ours s",
+        "ref. s",
+        "source"
+    );
+}
+
 fn print_case(case: &CaseResult) {
     let status = match case.status {
         Some(Status::Pass) => "pass",
@@ -160,14 +184,13 @@ fn print_case(case: &CaseResult) {
         .as_ref()
         .map_or("-", |reference| reference.source.as_str());
     println!(
-        "{status}  {:<32} rmse {:>8}  interior {:>8} <= {:.2e}  over {:>4}  explained {:>3} <= {:<3}  unexplained {:>4}  {:>6.3} s  {:>6} s  {source} {}",
+        "{status}  {:<30} {:>8} {:>8} {:>8} {:>6} {:>9} {:>11} {:>8.3} {:>8}  {source:<6} {}",
         case.scene,
         number(case.rmse),
         number(case.rel_rmse_interior),
-        case.limit,
+        number((case.limit > 0.0).then_some(case.limit)),
         case.pixels_over_tolerance,
-        case.explained,
-        case.explained_limit,
+        format!("{}/{}", case.explained, case.explained_limit),
         case.unexplained,
         case.render_s,
         case.reference_s
