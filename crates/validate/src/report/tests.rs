@@ -1,8 +1,10 @@
+mod page;
+
 use super::html;
 use crate::driver::Hello;
 use crate::explain::Reason;
 use crate::{CaseResult, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel};
-use scraper::{ElementRef, Html, Selector};
+use page::Page;
 use whitstone_image::error_map::error_map;
 use whitstone_image::metrics::BlockBias;
 use whitstone_image::{Image, Raster, ToneMap};
@@ -289,40 +291,45 @@ fn example() -> Results {
     results(cases, "live")
 }
 
-fn parse(page: &str) -> Html {
-    let document = Html::parse_document(page);
-    assert_eq!(
-        document.errors,
-        Vec::<String>::new(),
-        "the page is not well-formed"
-    );
-    document
+fn parse(page: &str) -> Page {
+    let page = Page::parse(page);
+    assert_eq!(page.errors, Vec::<String>::new(), "the page is not well-formed");
+    page
 }
 
-fn select<'a>(document: &'a Html, selector: &str) -> Vec<ElementRef<'a>> {
-    document.select(&Selector::parse(selector).unwrap()).collect()
-}
-
-fn text(element: ElementRef) -> String {
-    element
-        .text()
-        .collect::<Vec<_>>()
-        .join(" ")
-        .split_whitespace()
-        .collect::<Vec<_>>()
-        .join(" ")
-}
-
-fn row(document: &Html, id: &str) -> String {
-    text(select(document, &format!("tr[data-case='{id}']"))[0])
+fn row(document: &Page, id: &str) -> String {
+    document.select(&format!("tr[data-case='{id}']"))[0].text()
 }
 
 #[test]
 fn the_check_of_well_formed_pages_sees_what_is_left_open() {
     let broken = "<!doctype html><html lang=en><head><title>t</title></head><body><section><p>a</section></div></body></html>";
-    assert!(!Html::parse_document(broken).errors.is_empty());
+    assert!(!Page::parse(broken).errors.is_empty());
     let open = "<!doctype html><html lang=en><head><title>t</title></head><body><section>a</body></html>";
-    assert!(!Html::parse_document(open).errors.is_empty());
+    assert!(!Page::parse(open).errors.is_empty());
+}
+
+#[test]
+fn selectors_find_what_they_name_and_no_more() {
+    let page = parse(
+        "<!doctype html><html lang=en><head><title>t</title></head><body>\
+         <div id=a class='x y'><p class=x>1 <b>2</b>\n3</p></div><p class=y data-n='7'>4</p></body></html>",
+    );
+    let found = |selector: &str| {
+        page.select(selector)
+            .iter()
+            .map(|node| node.text())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(found("p"), ["1 2 3", "4"]);
+    assert_eq!(found(".x"), ["1 2 3", "1 2 3"]);
+    assert_eq!(found("#a p.x"), ["1 2 3"]);
+    assert_eq!(found("body #a b"), ["2"]);
+    assert_eq!(found("p[data-n]"), ["4"]);
+    assert_eq!(found("[data-n='7'].y"), ["4"]);
+    for nothing in ["p p", "#a .y", "p.x.y", "[data-n='8']", "b p", ".xy"] {
+        assert!(found(nothing).is_empty(), "{nothing}");
+    }
 }
 
 #[test]
@@ -331,10 +338,10 @@ fn every_case_has_its_values_and_limits() {
     let page = html(&results);
     let document = parse(&page);
     assert_eq!(
-        select(&document, "table.summary tbody tr").len(),
+        document.select("table.summary tbody tr").len(),
         results.results.len()
     );
-    assert_eq!(select(&document, "details.case").len(), results.results.len());
+    assert_eq!(document.select("details.case").len(), results.results.len());
     let failed = row(&document, "case-3");
     for part in [
         "FAIL",
@@ -359,7 +366,7 @@ fn every_case_has_its_values_and_limits() {
     ] {
         assert!(passed.contains(part), "{part} is not in: {passed}");
     }
-    let section = text(select(&document, "#case-1")[0]);
+    let section = document.select("#case-1")[0].text();
     for part in [
         "4.17e-7 ≤ 9.60e-7",
         "darker in G of the block at (32, 64)",
@@ -371,35 +378,40 @@ fn every_case_has_its_values_and_limits() {
     ] {
         assert!(section.contains(part), "{part} is not in: {section}");
     }
-    assert!(text(select(&document, "dl.provenance")[0]).contains("19.1.7"));
+    assert!(document.select("dl.provenance")[0].text().contains("19.1.7"));
 }
 
 #[test]
 fn failures_come_first_are_open_and_marked_by_more_than_colour() {
     let page = html(&example());
     let document = parse(&page);
-    let first = select(&document, "table.summary tbody tr")[0];
-    assert_eq!(first.value().attr("data-case"), Some("case-3"));
-    assert_eq!(select(&document, "details.case[open]").len(), 2);
-    assert_eq!(select(&document, "tr[data-case='case-3'] td.over").len(), 4);
+    let first = &document.select("table.summary tbody tr")[0];
+    assert_eq!(first.attribute("data-case").as_deref(), Some("case-3"));
+    assert_eq!(document.select("details.case[open]").len(), 2);
+    assert_eq!(document.select("tr[data-case='case-3'] td.over").len(), 4);
     assert!(
-        select(&document, "tr[data-case='case-3'] td.over")
+        document
+            .select("tr[data-case='case-3'] td.over")
             .into_iter()
-            .all(|cell| { text(cell).starts_with("✗ over the limit:") })
+            .all(|cell| { cell.text().starts_with("✗ over the limit:") })
     );
-    assert!(select(&document, "tr[data-case='case-1'] td.over").is_empty());
-    assert!(text(select(&document, "h1")[0]).contains("2 of 9 cases fail"));
-    assert!(text(select(&document, ".problems pre")[0]).contains("1123 pixels differ"));
+    assert!(document.select("tr[data-case='case-1'] td.over").is_empty());
+    assert!(document.select("h1")[0].text().contains("2 of 9 cases fail"));
+    assert!(
+        document.select(".problems pre")[0]
+            .text()
+            .contains("1123 pixels differ")
+    );
 }
 
 #[test]
 fn hostile_text_stays_text() {
     let page = html(&results(vec![hostile()], HOSTILE));
     let document = parse(&page);
-    assert_eq!(select(&document, "script").len(), 1, "only the page's own");
+    assert_eq!(document.select("script").len(), 1, "only the page's own");
     assert!(!page.contains("alert(\"1\")") && !page.contains("<img src=x"));
-    assert!(select(&document, "[onerror]").is_empty());
-    let shown = text(select(&document, "#case-1 .problems pre")[0]);
+    assert!(document.select("[onerror]").is_empty());
+    let shown = document.select("#case-1 .problems pre")[0].text();
     assert_eq!(shown, HOSTILE.split_whitespace().collect::<Vec<_>>().join(" "));
 }
 
@@ -409,12 +421,12 @@ fn absent_numbers_are_dashes_with_a_reason() {
     let document = parse(&page);
     let missing = row(&document, "case-7");
     assert!(missing.contains('–') && !missing.contains("0 ≤ 0"), "{missing}");
-    for dash in select(&document, ".absent") {
-        assert!(dash.value().attr("title").is_some_and(|title| !title.is_empty()));
+    for dash in document.select(".absent") {
+        assert!(dash.attribute("title").is_some_and(|title| !title.is_empty()));
     }
     // No case at all, and one of which nothing is known.
     let empty = html(&results(Vec::new(), "stored (no Python was found)"));
-    assert!(text(select(&parse(&empty), "h1")[0]).contains("No case was run"));
+    assert!(parse(&empty).select("h1")[0].text().contains("No case was run"));
     parse(&html(&results(vec![CaseResult::default()], "live")));
 }
 
@@ -422,25 +434,24 @@ fn absent_numbers_are_dashes_with_a_reason() {
 fn nothing_is_loaded_and_every_picture_has_words() {
     let page = html(&example());
     let document = parse(&page);
-    for image in select(&document, "img") {
+    for image in document.select("img") {
         assert!(
             image
-                .value()
-                .attr("src")
+                .attribute("src")
                 .is_some_and(|src| src.starts_with("data:image/png;base64,"))
         );
-        assert!(image.value().attr("alt").is_some_and(|alt| !alt.is_empty()));
+        assert!(image.attribute("alt").is_some_and(|alt| !alt.is_empty()));
     }
-    assert_eq!(select(&document, "details.case img").len(), 3 * 8);
-    for link in select(&document, "[href]") {
-        let target = link.value().attr("href").unwrap_or_default();
+    assert_eq!(document.select("details.case img").len(), 3 * 8);
+    for link in document.select("[href]") {
+        let target = link.attribute("href").unwrap_or_default();
         assert!(target.starts_with('#') || target.starts_with("data:"), "{target}");
     }
-    let style = text(select(&document, "style")[0]);
+    let style = document.select("style")[0].text();
     assert!(!style.contains("@import") && !style.contains("http"));
     // Small pictures are magnified by whole numbers.
-    let figure = select(&document, "#case-1 figure")[0];
-    assert_eq!(figure.value().attr("style"), Some("width: 384px"));
+    let figure = &document.select("#case-1 figure")[0];
+    assert_eq!(figure.attribute("style").as_deref(), Some("width: 384px"));
 }
 
 /// With `WHITSTONE_REPORT_EXAMPLE` set to a folder, examples to look at are written there.
