@@ -2,6 +2,7 @@
 
 mod assets;
 mod bench;
+mod dependencies;
 mod features;
 mod readme;
 mod tidy;
@@ -23,7 +24,8 @@ struct Arguments {
 enum Verb {
     #[command(flatten)]
     Whitstone(commands::Command),
-    /// Check what the compiler cannot: that every plugin has its file, feature, example, twin and documentation
+    /// Check what the compiler cannot: that every plugin has its file, feature, example, twin and documentation,
+    /// and that all licences of dependencies are allowed
     Tidy,
     /// Check that every plugin feature compiles alone
     Features,

@@ -1,6 +1,6 @@
 //! What the compiler cannot check: one name in five places for every plugin, no list that drifts.
 
-use crate::{assets, verdict};
+use crate::{assets, dependencies, verdict};
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::{Entry, FamilyName, Registry};
@@ -19,6 +19,7 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     problems.extend(assets::check());
     problems.extend(check_stored());
     problems.extend(check_sources());
+    problems.extend(dependencies::check());
     let plugins = registry.entries().count();
     verdict(
         &problems,
@@ -65,9 +66,10 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
             example.display()
         ),
     );
+    let laws = format!("{}_laws", entry.family.singular());
     require(
-        source.contains("_laws"),
-        format!("{}: no test calls the laws of the family", file.display()),
+        source.contains(&laws),
+        format!("{}: no test calls `{laws}`", file.display()),
     );
     let manifest = read(&krate.join("Cargo.toml"));
     require(
