@@ -78,7 +78,7 @@ const FAULTS: [Fault; 11] = [
         scene: CLASSIC,
         overrides: || set("accelerator.type=far_spawn"),
         tamper: |_| {},
-        found: |case| case.unexplained > 0 || case.rel_rmse_interior.is_some_and(|error| error > case.limit),
+        found: |case| case.unexplained().is_over() || case.interior().is_over(),
     },
     Fault {
         name: "one NaN",

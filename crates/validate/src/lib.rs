@@ -14,6 +14,6 @@ mod validator;
 
 pub use live::{Live, LiveError};
 pub use result::{
-    CaseResult, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel,
+    CaseResult, Check, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel,
 };
 pub use validator::{Mode, NoLive, Options, Validator, find_scenes, flatten, scene_key};

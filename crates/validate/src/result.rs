@@ -92,6 +92,8 @@ pub struct CaseResult {
     pub height: usize,
     /// A pixel.
     pub samples: u32,
+    /// Whether it came to the comparison: otherwise its counts are 0 and mean nothing.
+    pub compared: bool,
     /// Over all pixels and RGB.
     pub rmse: Option<f64>,
     /// Over the pixels that are not explained edges, relative.
@@ -198,6 +200,136 @@ pub struct LayerResult {
     pub max_abs: Option<f64>,
 }
 
+/// A number of a case beside the largest one that passes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Check<T> {
+    /// Absent where there was no comparison or it gave none.
+    pub value: Option<T>,
+    /// Absent where it was not known yet.
+    pub limit: Option<T>,
+}
+
+impl<T: PartialOrd> Check<T> {
+    /// Whether the case fails by it. NaN does; an absent value does not: why it is absent is a problem of its own.
+    pub fn is_over(&self) -> bool {
+        let (Some(value), Some(limit)) = (&self.value, &self.limit) else {
+            return false;
+        };
+        let is_kept = value <= limit;
+        !is_kept
+    }
+}
+
+/// Every number that has a limit.
+impl CaseResult {
+    /// `rel_rmse_interior`.
+    pub fn interior(&self) -> Check<f64> {
+        self.measured(self.rel_rmse_interior, self.limit)
+    }
+
+    /// Size of the bias of the most biased block.
+    pub fn bias(&self) -> Check<f64> {
+        self.measured(
+            self.signed_block_bias.map(|block| block.bias.abs()),
+            self.bias_limit,
+        )
+    }
+
+    /// Pixels that differ explainably.
+    pub fn explained(&self) -> Check<usize> {
+        self.counted(self.explained, self.explained_limit)
+    }
+
+    /// Pixels that nothing explains.
+    pub fn unexplained(&self) -> Check<usize> {
+        self.counted(self.unexplained, 0)
+    }
+
+    /// Values that are not finite.
+    pub fn nonfinite(&self) -> Check<usize> {
+        self.counted(self.nonfinite, 0)
+    }
+
+    /// Pixels of a layer of ids that differ: as many as there may be explained ones.
+    pub fn ids(&self, layer: &LayerResult) -> Check<usize> {
+        Check {
+            value: layer.differing,
+            limit: Some(self.explained_limit),
+        }
+    }
+
+    /// Those of the worst layer.
+    pub fn worst_ids(&self) -> Check<usize> {
+        let checks = self.layers.iter().map(|layer| self.ids(layer));
+        let worst = checks.max_by_key(|check| check.value);
+        worst.unwrap_or(Check {
+            value: None,
+            limit: Some(self.explained_limit),
+        })
+    }
+
+    /// A limit of 0 stands for none before the comparison.
+    fn measured(&self, value: Option<f64>, limit: f64) -> Check<f64> {
+        Check {
+            value,
+            limit: (self.compared || limit > 0.0).then_some(limit),
+        }
+    }
+
+    fn counted(&self, count: usize, limit: usize) -> Check<usize> {
+        Check {
+            value: self.compared.then_some(count),
+            limit: Some(limit),
+        }
+    }
+
+    /// The limits that it does not keep, in words.
+    pub fn broken_limits(&self) -> Vec<String> {
+        let mut problems = Vec::new();
+        if self.nonfinite().is_over() {
+            problems.push(format!("{} values are not finite", self.nonfinite));
+        }
+        if self.unexplained().is_over() {
+            problems.push(format!(
+                "{} pixels differ and nothing explains it",
+                self.unexplained
+            ));
+        }
+        if self.explained().is_over() {
+            problems.push(format!(
+                "{} pixels differ explainably, more than {}",
+                self.explained, self.explained_limit
+            ));
+        }
+        match self.rel_rmse_interior {
+            None if self.compared && self.nonfinite == 0 => {
+                problems.push("there is no interior to compare".to_owned());
+            }
+            Some(error) if self.interior().is_over() => problems.push(format!(
+                "rel_rmse_interior {error:.2e} is above the limit {:.2e}",
+                self.limit
+            )),
+            _ => {}
+        }
+        if let Some(block) = self.signed_block_bias
+            && self.bias().is_over()
+        {
+            problems.push(format!(
+                "the block at ({}, {}) is biased by {:.2e} in {}, above the limit {:.2e}",
+                block.x, block.y, block.bias, block.channel, self.bias_limit
+            ));
+        }
+        for layer in &self.layers {
+            if let Some(count) = layer.differing
+                && self.ids(layer).is_over()
+            {
+                problems.push(format!("{} differs at {count} pixels", layer.name));
+            }
+        }
+        problems
+    }
+}
+
 impl Summary {
     /// Counts over some cases.
     pub fn of(cases: &[CaseResult], references: String, seconds: f64) -> Self {
@@ -222,6 +354,83 @@ impl Summary {
             median_rel_rmse_interior: middle(&errors),
             references,
             seconds,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// On all its limits.
+    fn case() -> CaseResult {
+        CaseResult {
+            compared: true,
+            rel_rmse_interior: Some(1e-6),
+            limit: 1e-6,
+            signed_block_bias: Some(BlockBias {
+                bias: -1e-5,
+                channel: "G",
+                x: 0,
+                y: 16,
+                pixels: 256,
+            }),
+            bias_limit: 1e-5,
+            explained: 8,
+            explained_limit: 8,
+            layers: vec![ids(Some(8)), ids(None), ids(Some(3))],
+            ..CaseResult::default()
+        }
+    }
+
+    fn ids(differing: Option<usize>) -> LayerResult {
+        LayerResult {
+            name: "shape_id.I".to_owned(),
+            differing,
+            rms: None,
+            max_abs: None,
+        }
+    }
+
+    #[test]
+    fn what_is_on_its_limit_passes_and_what_is_beyond_is_told() {
+        assert_eq!(case().broken_limits(), Vec::<String>::new());
+        assert_eq!(case().worst_ids().value, Some(8));
+        type Change = fn(&mut CaseResult);
+        let beyond: [(Change, &str); 9] = [
+            (|case| case.rel_rmse_interior = Some(1.01e-6), "1.01e-6 is above"),
+            (|case| case.rel_rmse_interior = Some(f64::NAN), "NaN is above"),
+            (|case| case.rel_rmse_interior = None, "no interior"),
+            (|case| case.limit = 0.0, "above the limit 0"),
+            (|case| case.bias_limit = 0.99e-5, "biased by -1.00e-5 in G"),
+            (|case| case.explained = 9, "9 pixels differ explainably"),
+            (|case| case.unexplained = 1, "1 pixels differ and nothing"),
+            (|case| case.nonfinite = 1, "1 values are not finite"),
+            (|case| case.layers.push(ids(Some(9))), "shape_id.I differs at 9"),
+        ];
+        for (change, message) in beyond {
+            let mut case = case();
+            change(&mut case);
+            let problems = case.broken_limits();
+            assert!(
+                problems.len() == 1 && problems[0].contains(message),
+                "{problems:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn without_a_comparison_there_are_no_values() {
+        let case = CaseResult::default();
+        assert_eq!(case.broken_limits(), Vec::<String>::new());
+        assert_eq!((case.interior().value, case.interior().limit), (None, None));
+        for check in [
+            case.explained(),
+            case.unexplained(),
+            case.nonfinite(),
+            case.worst_ids(),
+        ] {
+            assert_eq!(check.value, None);
         }
     }
 }

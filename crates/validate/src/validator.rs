@@ -320,7 +320,8 @@ impl<'a> Validator<'a> {
             case.mean_reference = Some(measured.mean_reference);
             case.signed_block_bias = measured.signed_block_bias;
         }
-        check_limits(case);
+        case.compared = true;
+        case.problems.extend(case.broken_limits());
         Ok(())
     }
 
@@ -486,52 +487,6 @@ impl<'a> Validator<'a> {
         }
         Ok(())
     }
-}
-
-/// Compares every number with its limit.
-fn check_limits(case: &mut CaseResult) {
-    let mut problems = Vec::new();
-    if case.nonfinite > 0 {
-        problems.push(format!("{} values are not finite", case.nonfinite));
-    }
-    if case.unexplained > 0 {
-        problems.push(format!(
-            "{} pixels differ and nothing explains it",
-            case.unexplained
-        ));
-    }
-    if case.explained > case.explained_limit {
-        problems.push(format!(
-            "{} pixels differ explainably, more than {}",
-            case.explained, case.explained_limit
-        ));
-    }
-    match case.rel_rmse_interior {
-        None if case.nonfinite == 0 => problems.push("there is no interior to compare".to_owned()),
-        Some(error) if error > case.limit => {
-            problems.push(format!(
-                "rel_rmse_interior {error:.2e} is above the limit {:.2e}",
-                case.limit
-            ));
-        }
-        _ => {}
-    }
-    if let Some(block) = case.signed_block_bias
-        && block.bias.abs() > case.bias_limit
-    {
-        problems.push(format!(
-            "the block at ({}, {}) is biased by {:.2e} in {}, above the limit {:.2e}",
-            block.x, block.y, block.bias, block.channel, case.bias_limit
-        ));
-    }
-    for layer in &case.layers {
-        if let Some(count) = layer.differing
-            && count > case.explained_limit
-        {
-            problems.push(format!("{} differs at {count} pixels", layer.name));
-        }
-    }
-    case.problems.extend(problems);
 }
 
 /// The scene as the reference gets it.

@@ -1,5 +1,6 @@
 //! Numbers as people read them: few digits, a value beside its limit, a dash for what is absent.
 
+use crate::Check;
 use askama::Template;
 use askama::filters::HtmlSafe;
 
@@ -81,22 +82,22 @@ pub(super) struct Limited {
 impl HtmlSafe for Limited {}
 
 impl Limited {
-    /// Numbers as [`Number::error`] shows them. An absent value is not over its limit: why it is absent is a problem
-    /// of its own. NaN is.
-    pub(super) fn error(value: Option<f64>, limit: Option<f64>) -> Self {
+    /// Numbers as [`Number::error`] shows them.
+    pub(super) fn error(check: Check<f64>) -> Self {
         Self {
-            value: Number::error(value),
-            limit: Number::error(limit).or("the limit comes with the reference"),
-            over: matches!((value, limit), (Some(value), Some(limit)) if value.is_nan() || value > limit),
+            value: Number::error(check.value),
+            limit: Number::error(check.limit).or("the limit comes with the reference"),
+            over: check.is_over(),
         }
     }
 
     /// Numbers as [`Number::count`] shows them.
-    pub(super) fn count(value: Option<usize>, limit: usize) -> Self {
+    pub(super) fn count(check: Check<usize>) -> Self {
+        let number = |count: Option<usize>| Number::count(count.map(|count| count as u64));
         Self {
-            value: Number::count(value.map(|v| v as u64)),
-            limit: Number::count(limit as u64),
-            over: value.is_some_and(|value| value > limit),
+            value: number(check.value),
+            limit: number(check.limit),
+            over: check.is_over(),
         }
     }
 
@@ -207,14 +208,18 @@ mod tests {
 
     #[test]
     fn values_beside_limits() {
-        let kept = Limited::error(Some(1e-6), Some(2e-6));
+        let check = |value, limit| Limited::error(Check { value, limit });
+        let kept = check(Some(1e-6), Some(2e-6));
         assert!(!kept.over && kept.to_string().contains('≤'));
         assert_eq!(kept.used().as_deref(), Some("0.50"));
-        let over = Limited::count(Some(3), 2);
+        let over = Limited::count(Check {
+            value: Some(3),
+            limit: Some(2),
+        });
         assert!(over.over && over.to_string().contains("over the limit"));
         assert_eq!(over.used(), None);
-        assert!(Limited::error(Some(f64::NAN), Some(1.0)).over);
-        let absent = Limited::error(None, None);
+        assert!(check(Some(f64::NAN), Some(1.0)).over);
+        let absent = check(None, None);
         assert!(!absent.over && absent.to_string().contains("no comparison"));
         assert_eq!(absent.value.sort(), "");
     }

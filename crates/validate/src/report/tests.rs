@@ -69,6 +69,7 @@ fn case(scene: &str, twin: &str) -> CaseResult {
         width: 96,
         height: 96,
         samples: 1,
+        compared: true,
         rmse: Some(3.21e-7),
         rel_rmse_interior: Some(4.17e-7),
         limit: 9.6e-7,
@@ -421,6 +422,13 @@ fn absent_numbers_are_dashes_with_a_reason() {
     let document = parse(&page);
     let missing = row(&document, "case-7");
     assert!(missing.contains('–') && !missing.contains("0 ≤ 0"), "{missing}");
+    // As black as the reference: nothing to explain, and compared all the same.
+    let alike = CaseResult {
+        compared: true,
+        ..CaseResult::default()
+    };
+    let page = html(&results(vec![alike], "live"));
+    assert!(row(&parse(&page), "case-1").contains("0 ≤ 0"));
     for dash in document.select(".absent") {
         assert!(dash.attribute("title").is_some_and(|title| !title.is_empty()));
     }

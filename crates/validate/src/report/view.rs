@@ -338,19 +338,11 @@ fn failed(case: &CaseResult) -> bool {
     case.status != Some(Status::Pass)
 }
 
-/// Whether it came so far that its counts mean something: a case that did not has zeros there.
-fn compared(case: &CaseResult) -> bool {
-    case.rmse.is_some() || case.nonfinite > 0 || case.pixels_over_tolerance > 0
-}
-
 impl<'a> CaseView<'a> {
     fn new(index: usize, case: &'a CaseResult) -> Self {
-        let compared = compared(case);
         let rendered = case.width > 0;
-        let counted = |count: usize| compared.then_some(count);
-        let limit = |limit: f64| (limit > 0.0).then_some(limit);
+        let ids = Limited::count(case.worst_ids());
         let ours = |value: f64| Number::plain(rendered.then_some(value)).or("it was not rendered");
-        let ids = case.layers.iter().filter_map(|layer| layer.differing).max();
         let source = case
             .reference
             .as_ref()
@@ -382,17 +374,14 @@ impl<'a> CaseView<'a> {
             source,
             twin,
             twin_meaning: twin_meaning(twin),
-            interior: Limited::error(case.rel_rmse_interior, limit(case.limit)),
-            bias: Limited::error(
-                case.signed_block_bias.map(|block| block.bias.abs()),
-                limit(case.bias_limit),
-            ),
-            explained: Limited::count(counted(case.explained), case.explained_limit),
-            unexplained: Limited::count(counted(case.unexplained), 0),
-            nonfinite: Limited::count(counted(case.nonfinite), 0),
+            interior: Limited::error(case.interior()),
+            bias: Limited::error(case.bias()),
+            explained: Limited::count(case.explained()),
+            unexplained: Limited::count(case.unexplained()),
+            nonfinite: Limited::count(case.nonfinite()),
             ids: Limited {
-                value: Number::count(ids.map(|count| count as u64)).or("no layer of ids was compared"),
-                ..Limited::count(ids, case.explained_limit)
+                value: ids.value.or("no layer of ids was compared"),
+                ..ids
             },
             rmse: Number::error(case.rmse),
             render_s: ours(case.render_s),
@@ -409,7 +398,7 @@ impl<'a> CaseView<'a> {
                 .iter()
                 .map(|pixel| Pixel::new(pixel, case.mean_reference))
                 .collect(),
-            over: Number::count(counted(case.pixels_over_tolerance).map(|count| count as u64)),
+            over: Number::count(case.compared.then_some(case.pixels_over_tolerance as u64)),
             layers: layers(case),
         };
         view.checked = view.checked();
@@ -652,9 +641,7 @@ fn layers(case: &CaseResult) -> Vec<Layer<'_>> {
         .iter()
         .map(|layer| Layer {
             name: &layer.name,
-            differing: layer
-                .differing
-                .map(|count| Limited::count(Some(count), case.explained_limit)),
+            differing: layer.differing.map(|_| Limited::count(case.ids(layer))),
             rms: Number::error(layer.rms).or("ids are compared as they are"),
             max_abs: Number::error(layer.max_abs).or("ids are compared as they are"),
         })

@@ -179,6 +179,7 @@ fn print_case(case: &CaseResult) {
         _ => "FAIL",
     };
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2e}"));
+    let count = |text: String| if case.compared { text } else { "-".to_owned() };
     let source = case
         .reference
         .as_ref()
@@ -188,10 +189,10 @@ fn print_case(case: &CaseResult) {
         case.scene,
         number(case.rmse),
         number(case.rel_rmse_interior),
-        number((case.limit > 0.0).then_some(case.limit)),
-        case.pixels_over_tolerance,
-        format!("{}/{}", case.explained, case.explained_limit),
-        case.unexplained,
+        number(case.interior().limit),
+        count(case.pixels_over_tolerance.to_string()),
+        count(format!("{}/{}", case.explained, case.explained_limit)),
+        count(case.unexplained.to_string()),
         case.render_s,
         case.reference_s
             .map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
