@@ -54,7 +54,11 @@ const PINNED: &str = "3.9.1";
 const BROKEN: [(&str, &str, &str); 5] = [
     ("exit 9", "ended", "a crash"),
     ("sleep 100", "gave no answer", "a hang"),
-    ("echo good morning", "cannot be understood", "an answer that is none"),
+    (
+        "echo good morning",
+        "cannot be understood",
+        "an answer that is none",
+    ),
     (
         r#"echo '{"ok":true,"seconds":{"load":0,"trace":0},"rays":{"closest":1,"shadow":0},"twin":"native","rehits":0,"samples":1}'"#,
         "wrote no image",
@@ -81,7 +85,10 @@ fn not_asked_for_the_stored_references_serve_with_a_warning() {
     for (behaviour, expected, what) in BROKEN {
         let (output, text) = validate(PINNED, behaviour, "auto");
         assert_eq!(output.status.code(), Some(0), "{what}: {text}");
-        assert!(text.contains("warning") && text.contains(expected), "{what}: {text}");
+        assert!(
+            text.contains("warning") && text.contains(expected),
+            "{what}: {text}"
+        );
         assert!(text.contains("stored"), "{what}: {text}");
     }
 }
