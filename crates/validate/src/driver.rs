@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 use thiserror::Error;
 
@@ -68,6 +68,7 @@ pub struct Driver {
     requests: Sender<String>,
     answers: Receiver<std::io::Result<String>>,
     stderr: Arc<Mutex<VecDeque<String>>>,
+    stderr_reader: JoinHandle<()>,
     limit: Duration,
 }
 
@@ -220,7 +221,7 @@ impl Driver {
         });
         let tail = Arc::new(Mutex::new(VecDeque::new()));
         let kept = tail.clone();
-        thread::spawn(move || {
+        let stderr_reader = thread::spawn(move || {
             // Bytes, not text: whatever a library prints must not stop the reading.
             let mut reader = BufReader::new(stderr);
             let mut line = Vec::new();
@@ -247,6 +248,7 @@ impl Driver {
             requests,
             answers,
             stderr: tail,
+            stderr_reader,
             limit,
         })
     }
@@ -388,7 +390,15 @@ impl Driver {
         }
     }
 
+    /// The end of standard error. Called when the process is gone: what it wrote last may still be on its
+    /// way through the pipe.
     fn stderr_tail(&self) -> String {
+        for _ in 0..100 {
+            if self.stderr_reader.is_finished() {
+                break;
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
         let lines = self.stderr.lock().unwrap_or_else(PoisonError::into_inner);
         lines.iter().map(|line| format!("\n  | {line}")).collect()
     }
