@@ -11,7 +11,7 @@ use whitstone::core::{
     Aabb, Accelerator, Accelerators, Context, Geometry, Interval, Needs, Plugin, Primitive, PrimitiveHit,
     RawHit, Ray, Registry, SceneErrors, Shape, Shapes, Skip, Statistics, SurfacePoint, Transform,
 };
-use whitstone::image::{Image, Limits, Raster, ToneMap, texels};
+use whitstone::image::{Image, Limits, Raster, texels};
 use whitstone::validate::environment::Environment;
 use whitstone::validate::{CaseResult, Mode, Options, Status, Validator};
 use whitstone_accelerators::brute_force::{self, BruteForce};
@@ -166,13 +166,10 @@ fn wrong_picture() -> PathBuf {
     let (x, y) = (texels.width / 2, texels.height / 2);
     let color = raster.pixel(x, y).expect("the middle is inside");
     raster.set(x, y, color.map(|c| if c > 128 { c - 13 } else { c + 13 }));
-    let _ = ToneMap::default();
-    let folder = std::env::temp_dir().join(format!("whitstone-faults-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).expect("the folder for temporary files is writable");
+    let folder = std::path::absolute("target/whitstone/faults").expect("there is a working folder");
+    std::fs::create_dir_all(&folder).expect("target/ is writable");
     let path = folder.join("wrong.png");
-    raster
-        .write_png(&path)
-        .expect("the folder for temporary files is writable");
+    raster.write_png(&path).expect("target/ is writable");
     path
 }
 
