@@ -102,6 +102,15 @@ impl Cli {
     }
 }
 
+/// A number of threads. More than any machine runs at once would only wait for each other, and starting
+/// tens of thousands can exhaust it.
+fn threads(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if count <= 1024 => Ok(count),
+        _ => Err("expected a number from 0 to 1024".to_owned()),
+    }
+}
+
 /// A scene on the command line.
 #[derive(Args, Clone, Debug)]
 pub struct SceneArguments {

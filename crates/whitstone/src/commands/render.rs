@@ -24,7 +24,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     exposure: f64,
     /// Threads; 0 for one a core. The image does not depend on it
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = super::threads)]
     threads: usize,
     /// Write sizes, times and ray counts to this file as JSON
     #[arg(long, value_name = "FILE")]

@@ -35,7 +35,7 @@ pub struct Arguments {
     #[arg(long, default_value = "references", value_name = "DIR")]
     pub references: PathBuf,
     /// Threads; 0 for one a core
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = super::threads)]
     pub threads: usize,
     /// How long the driver may take for one answer, in seconds
     #[arg(long, default_value_t = 300, value_name = "SECONDS")]
