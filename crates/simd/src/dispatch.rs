@@ -1,0 +1,95 @@
+#![allow(
+    unsafe_code,
+    reason = "calling a function that is compiled for more instructions than the caller"
+)]
+
+use std::sync::OnceLock;
+
+/// A set of vector instructions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// What every processor of the target has: SSE2 on x86-64, NEON on AArch64.
+    Baseline,
+    /// AVX2, FMA and BMI: 4 doubles or 8 floats a register.
+    Avx2,
+    /// AVX-512 F, BW, DQ and VL besides: 8 doubles or 16 floats.
+    Avx512,
+}
+
+impl Level {
+    /// The best that this processor has, or what the environment variable `WHITSTONE_SIMD` (`baseline`,
+    /// `avx2`, `avx512`) allows of it; asked once.
+    pub fn current() -> Self {
+        static LEVEL: OnceLock<Level> = OnceLock::new();
+        *LEVEL.get_or_init(|| {
+            let wanted = match std::env::var("WHITSTONE_SIMD").as_deref() {
+                Ok("baseline") => Self::Baseline,
+                Ok("avx2") => Self::Avx2,
+                _ => Self::Avx512,
+            };
+            Self::detected().min(wanted)
+        })
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn detected() -> Self {
+        macro_rules! all {
+            ($($feature:tt)*) => { $(std::arch::is_x86_feature_detected!($feature))&&* };
+        }
+        if !all!("avx2" "fma" "bmi1" "bmi2" "lzcnt" "popcnt") {
+            Self::Baseline
+        } else if all!("avx512f" "avx512bw" "avx512dq" "avx512vl") {
+            Self::Avx512
+        } else {
+            Self::Avx2
+        }
+    }
+
+    #[cfg(not(target_arch = "x86_64"))]
+    fn detected() -> Self {
+        Self::Baseline
+    }
+}
+
+/// Runs `f` compiled for the best instructions of this processor, as far as `f` is inlined: pass
+/// `#[inline(always)] || ...` and call only what is marked likewise.
+#[inline(always)]
+pub fn dispatch<R>(f: impl FnOnce() -> R) -> R {
+    #[cfg(target_arch = "x86_64")]
+    match Level::current() {
+        Level::Baseline => {}
+        // SAFETY: the processor has the features of a level that `current` returns.
+        Level::Avx2 => return unsafe { avx2(f) },
+        // SAFETY: as above.
+        Level::Avx512 => return unsafe { avx512(f) },
+    }
+    f()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+fn avx2<R>(f: impl FnOnce() -> R) -> R {
+    f()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+fn avx512<R>(f: impl FnOnce() -> R) -> R {
+    f()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_level_computes_the_same() {
+        let a: Vec<f64> = (0..67).map(|i| 1.0 / f64::from(i + 1)).collect();
+        let found: Vec<u64> = dispatch(
+            #[inline(always)]
+            || a.iter().map(|x| (x * x + x).sqrt().to_bits()).collect(),
+        );
+        let plain: Vec<u64> = a.iter().map(|x| (x * x + x).sqrt().to_bits()).collect();
+        assert_eq!(found, plain);
+    }
+}

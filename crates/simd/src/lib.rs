@@ -1,0 +1,10 @@
+//! Run-time choice of vector instructions.
+//!
+//! Whitstone is compiled for the plain instruction set of its target and needs no `-C target-cpu`. Loops
+//! that are worth it are compiled once more for each [`Level`], and [`dispatch`] runs the best version that
+//! the processor has. What is computed does not depend on it: Rust never fuses `a * b + c` by itself, and
+//! every other operation is rounded the same way in vector registers.
+
+mod dispatch;
+
+pub use dispatch::{Level, dispatch};
