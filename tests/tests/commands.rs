@@ -283,15 +283,32 @@ fn explain_says_what_is_built_and_follows_a_pixel() {
     for expected in ["accelerator", "left out", "pixel (20, 20)", "camera ray: "] {
         assert!(text.contains(expected), "no {expected} in\n{text}");
     }
-    let report = json(&path);
-    let rays = report["pixel"]["rays"].as_array().unwrap();
-    let value = report["pixel"]["value"][0].as_f64().unwrap();
-    // Without absorption, the pixel is what its rays add, each by its throughput.
-    let sum: f64 = rays
-        .iter()
-        .map(|ray| ray["throughput"][0].as_f64().unwrap() * ray["local"][0].as_f64().unwrap())
-        .sum();
-    assert!((value - sum).abs() <= 1e-12 * value.abs(), "{value} is not {sum}");
+    // The pixel is what its rays add, each by its throughput: also at the depth limit, in absorbing media, and
+    // where no branch is followed.
+    let nested = "scenes/showcase/nested_dielectrics.toml";
+    for (scene, change, limits) in [
+        (scene, "integrator={min_contribution=0.01}", false),
+        (scene, "integrator.max_depth=0", true),
+        (scene, "integrator={type=\"appel\"}", false),
+        (nested, "integrator.max_depth=2", true),
+    ] {
+        let arguments = ["explain", scene, "--pixel", "27,22", "--set", change];
+        let output = run(&[&arguments[..], &small[..], &written[..]].concat());
+        assert_eq!(code(&output), Some(0), "{}", stderr(&output));
+        let report = json(&path);
+        let rays = report["pixel"]["rays"].as_array().unwrap();
+        let value = report["pixel"]["value"][0].as_f64().unwrap();
+        let sum: f64 = rays
+            .iter()
+            .map(|ray| ray["throughput"][0].as_f64().unwrap() * ray["local"][0].as_f64().unwrap())
+            .sum();
+        assert!(
+            (value - sum).abs() <= 1e-12 * value.abs(),
+            "{scene}: {value} is not {sum}"
+        );
+        let found = rays.iter().any(|ray| ray["limit"] == true);
+        assert_eq!(found, limits, "{scene}, {change}");
+    }
     for (pixel, sample) in [
         ("40,0", "0"),
         ("0,40", "0"),

@@ -11,7 +11,7 @@ pub trait Integrator: Send + Sync {
     fn follows_branches(&self) -> bool;
 
     /// Radiance along the ray, a pure function of world and ray. `scratch` is working memory, kept
-    /// between calls of one thread, and counts the rays.
+    /// between calls of one thread, and counts the rays; if it has a record, every ray is noted there.
     fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb;
 }
 
@@ -160,6 +160,16 @@ impl Scratch {
         }
     }
 
+    /// Notes in the record, if there is one, a branch that is not followed because it lies beyond the depth
+    /// limit, with the radiance that stands for it.
+    #[inline]
+    pub fn note_limit(&mut self, path: &PathState, local: Rgb) {
+        if let Some(nodes) = &mut self.record {
+            let node = Self::note_in(nodes, path, None, path.throughput, local);
+            nodes[node as usize].limit = true;
+        }
+    }
+
     #[cold]
     fn note_in(
         nodes: &mut Vec<TreeNode>,
@@ -181,12 +191,14 @@ impl Scratch {
             n_s: point.map_or(DVec3::ZERO, |point| point.n_s),
             throughput,
             local,
+            limit: false,
         });
         nodes.len() as u32 - 1
     }
 }
 
-/// A ray of the tree under a camera ray and what it found.
+/// A ray of the tree under a camera ray and what it found. The sum of `throughput * local` over all nodes is the
+/// radiance along the camera ray.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TreeNode {
     /// "" for the camera ray, then a letter for each branch: R for reflection, T for transmission.
@@ -205,6 +217,8 @@ pub struct TreeNode {
     pub throughput: Rgb,
     /// Radiance that the node adds by itself: lights at a surface, or the background.
     pub local: Rgb,
+    /// Whether this is a branch beyond the depth limit, which was not traced: a leaf with what stands for it.
+    pub limit: bool,
 }
 
 /// A ray of the tree under a camera ray, waiting to be traced.
@@ -223,6 +237,21 @@ pub struct PathState {
     /// For [`Scratch::record`]: the number there of the node that it comes from, and the letter of the
     /// branch; `None` for a camera ray.
     pub origin: Option<(u32, PathLetter)>,
+}
+
+impl PathState {
+    /// The start of a tree: a camera ray, in empty space.
+    #[inline]
+    pub fn camera(ray: Ray) -> Self {
+        Self {
+            ray,
+            skip: Skip::NOTHING,
+            throughput: Rgb::WHITE,
+            absorption: Rgb::BLACK,
+            depth: 0,
+            origin: None,
+        }
+    }
 }
 
 /// Which branch a ray is.

@@ -9,7 +9,8 @@ use crate::shadows::Shadows;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
-    Context, Integrator, Integrators, Interval, Lobes, Plugin, Ray, Rgb, SceneErrors, Scratch, Skip, World,
+    Context, Integrator, Integrators, Interval, Lobes, PathState, Plugin, Ray, Rgb, SceneErrors, Scratch,
+    Skip, World,
 };
 
 /// Ray casting: local shading with shadows, without reflected or refracted rays.
@@ -44,17 +45,22 @@ impl Integrator for Appel {
 
     fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
         scratch.counters.closest += 1;
+        let path = PathState::camera(*ray);
         let Some(hit) = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING) else {
-            return world.background(ray.direction);
+            let background = world.background(ray.direction);
+            scratch.note(&path, None, Rgb::WHITE, background);
+            return background;
         };
         let material = &*world.materials[hit.shape as usize];
-        if !material.lobes().contains(Lobes::LOCAL) {
-            return Rgb::BLACK;
-        }
         let view = -ray.direction;
         let point = world.surface(ray, &hit).seen_from(view);
-        self.shadows
-            .local(world, material, &point, view, Skip::leaving(&hit), scratch)
+        let mut local = Rgb::BLACK;
+        if material.lobes().contains(Lobes::LOCAL) {
+            let skip = Skip::leaving(&hit);
+            local = self.shadows.local(world, material, &point, view, skip, scratch);
+        }
+        scratch.note(&path, Some((&hit, &point)), Rgb::WHITE, local);
+        local
     }
 }
 

@@ -83,16 +83,8 @@ impl Integrator for Whitted {
 
     fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
         scratch.pending.clear();
-        let camera = PathState {
-            ray: *ray,
-            skip: Skip::NOTHING,
-            throughput: Rgb::WHITE,
-            absorption: Rgb::BLACK,
-            depth: 0,
-            origin: None,
-        };
         let mut sum = Rgb::BLACK;
-        let mut next = Some(camera);
+        let mut next = Some(PathState::camera(*ray));
         while let Some(path) = next.take().or_else(|| scratch.pending.pop()) {
             sum += self.trace(world, &path, scratch, &mut next);
         }
@@ -116,11 +108,12 @@ impl Whitted {
             return path.throughput * background;
         };
         let throughput = path.throughput * path.absorption.transmittance(hit.t);
-        if throughput.is_black() {
-            return Rgb::BLACK;
-        }
         let view = -path.ray.direction;
         let point = world.surface(&path.ray, &hit).seen_from(view);
+        if throughput.is_black() {
+            scratch.note(path, Some((&hit, &point)), throughput, Rgb::BLACK);
+            return Rgb::BLACK;
+        }
         let skip = Skip::leaving(&hit);
         let material = &*world.materials[hit.shape as usize];
         let lobes = material.lobes();
@@ -142,7 +135,9 @@ impl Whitted {
                 if path.depth < self.max_depth {
                     scratch.pending.extend(next.replace(child));
                 } else if self.at_max_depth == AtMaxDepth::Background {
-                    sum += child.throughput * endless(world, child.absorption, branch.direction);
+                    let limit = endless(world, child.absorption, branch.direction);
+                    scratch.note_limit(&child, limit);
+                    sum += child.throughput * limit;
                 }
             }
         }
@@ -191,6 +186,7 @@ fn endless(world: &World, absorption: Rgb, direction: DVec3) -> Rgb {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_core::TreeNode;
     use whitstone_testkit::{Lamp, Simple, Wall, build, floor, integrator_laws, world_of_walls};
 
     const SKY: Lamp = Lamp {
@@ -275,6 +271,55 @@ mod tests {
         assert_eq!(scratch.counters.closest, (1 << 13) - 1);
         assert!(scratch.pending.capacity() <= 16, "{}", scratch.pending.capacity());
         assert!(found.g > 0.5 && found.g < 1.0);
+    }
+
+    /// What explains a pixel must be all of it: also branches beyond the limit, and hits that absorption hides.
+    #[test]
+    fn the_record_sums_to_the_radiance() {
+        let glass = |absorption| Simple {
+            diffuse: 0.25,
+            reflect: Rgb::new(0.5, 0.25, 0.125),
+            transmit: Rgb::new(0.25, 0.5, 0.5),
+            absorption,
+            ..Simple::default()
+        };
+        let ceiling = Wall {
+            point: DVec3::Y,
+            normal: DVec3::NEG_Y,
+        };
+        let cases = [
+            (1.0, "max_depth = 3", 8, 0),
+            (1.0, "max_depth = 3\nat_max_depth = \"black\"", 0, 0),
+            // exp(-2000) is 0: what lies a metre below the floor is hit and adds nothing.
+            (2000.0, "max_depth = 3", 2, 2),
+        ];
+        for (absorption, text, limits, hidden) in cases {
+            let material = glass(Rgb::splat(absorption));
+            let below = Wall {
+                point: DVec3::NEG_Y,
+                normal: DVec3::NEG_Y,
+            };
+            let walls = [(floor(0.0), material), (ceiling, material), (below, material)];
+            let world = world_of_walls(&walls, SKY);
+            let mut scratch = Scratch {
+                record: Some(Vec::new()),
+                ..Scratch::default()
+            };
+            let integrator = build::<Integrators, Whitted>(text, ()).unwrap();
+            let ray = Ray::new(DVec3::new(0.0, 0.5, 0.0), DVec3::NEG_Y);
+            let found = integrator.radiance(&world, &ray, &mut scratch);
+            let nodes = scratch.record.unwrap();
+            let sum: Rgb = nodes.iter().map(|node| node.throughput * node.local).sum();
+            let off = (found + sum * -1.0).map(f64::abs).max_component();
+            assert!(off <= 1e-15, "{text}: {found:?} is not {sum:?}");
+            let count = |what: fn(&TreeNode) -> bool| nodes.iter().filter(|node| what(node)).count();
+            assert_eq!(count(|node| node.limit), limits, "{text}, {absorption}");
+            assert_eq!(
+                count(|node| node.shape >= 0 && node.throughput.is_black()),
+                hidden,
+                "{text}, {absorption}"
+            );
+        }
     }
 
     #[test]

@@ -179,15 +179,21 @@ fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
     let mut clean = Scratch::default();
     let found = integrator.radiance(world, &ray, &mut clean);
     assert!(clean.counters.closest >= 1, "a camera ray is counted");
-    // What another ray left behind.
-    let lost = PathState {
-        ray: Ray::new(DVec3::ONE, DVec3::NEG_Y),
-        skip: Skip::NOTHING,
-        throughput: Rgb::WHITE,
-        absorption: Rgb::BLACK,
-        depth: 0,
-        origin: None,
+    let mut recording = Scratch {
+        record: Some(Vec::new()),
+        ..Scratch::default()
     };
+    let told = integrator.radiance(world, &ray, &mut recording);
+    assert_eq!(found, told, "the record changes nothing");
+    let nodes = recording.record.unwrap_or_default();
+    let sum: Rgb = nodes.iter().map(|node| node.throughput * node.local).sum();
+    let scale = found.max_component().max(1.0);
+    assert!(
+        (found + sum * -1.0).map(f64::abs).max_component() <= 1e-12 * scale,
+        "the record sums to {sum:?}, not to {found:?}"
+    );
+    // What another ray left behind.
+    let lost = PathState::camera(Ray::new(DVec3::ONE, DVec3::NEG_Y));
     let mut used = Scratch {
         pending: vec![lost],
         ..Scratch::default()
@@ -212,7 +218,7 @@ fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
 /// Rays that hit nothing see the background; surfaces show their local radiance, with shadows exactly if
 /// `shadows`, and lights on the other side of the geometry give nothing; branches are followed exactly if
 /// the integrator says so, and none that is on the wrong side of the geometry; the result depends on
-/// nothing else.
+/// nothing else; and the record of the rays, where one is asked for, sums to it.
 ///
 /// The integrator must be in its default configuration, but for shadows.
 ///
@@ -345,6 +351,7 @@ mod tests {
         forgets_sides: bool,
         reads_scratch: bool,
         forgets_background: bool,
+        forgets_record: bool,
     }
 
     impl Integrator for Made {
@@ -360,11 +367,13 @@ mod tests {
                 0.0
             };
             let Some(hit) = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING) else {
-                return if self.forgets_background {
+                let background = if self.forgets_background {
                     Rgb::BLACK
                 } else {
                     world.background(ray.direction)
                 };
+                scratch.note(&PathState::camera(*ray), None, Rgb::WHITE, background);
+                return background;
             };
             let view = -ray.direction;
             let point = world.surface(ray, &hit).seen_from(view);
@@ -387,6 +396,10 @@ mod tests {
                         sum += branch.weight * world.background(branch.direction);
                     }
                 }
+            }
+            if !self.forgets_record {
+                let path = PathState::camera(*ray);
+                scratch.note(&path, Some((&hit, &point)), Rgb::WHITE, sum);
             }
             sum
         }
@@ -442,6 +455,18 @@ mod tests {
         integrator_laws(
             &Made {
                 reads_scratch: true,
+                ..Made::default()
+            },
+            true,
+        );
+    }
+
+    #[test]
+    #[should_panic(expected = "the record sums to")]
+    fn a_missing_record_is_found() {
+        integrator_laws(
+            &Made {
+                forgets_record: true,
                 ..Made::default()
             },
             true,

@@ -438,6 +438,15 @@ fn write_lines(mut stdin: ChildStdin, lines: &Receiver<String>) {
 }
 
 /// A number that JSON may not be able to write.
+pub(crate) fn number<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Number::deserialize(deserializer).map(|number| number.0)
+}
+
+/// Three of them.
+pub(crate) fn numbers<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<[f64; 3], D::Error> {
+    <[Number; 3]>::deserialize(deserializer).map(|three| three.map(|number| number.0))
+}
+
 struct Number(f64);
 
 impl<'de> Deserialize<'de> for Number {

@@ -237,6 +237,16 @@ impl Live {
         Ok(pixels.iter().map(plain).collect())
     }
 
+    /// The ray tree of a sample of a pixel.
+    pub fn tree(
+        &mut self,
+        scene: SceneText<'_>,
+        pixel: [usize; 2],
+        sample: u32,
+    ) -> Result<Vec<crate::tree::Node>, DriverError> {
+        self.ask(|driver| driver.tree(scene, pixel, sample))
+    }
+
     /// A reference to be stored: with the ranges that explain edges without a live Mitsuba.
     ///
     /// `progress` is told how many of how many renderings are done.

@@ -1,8 +1,12 @@
 //! Ray trees of one sample, ours and the reference's, and where they part.
 
+use crate::driver::{number, numbers};
 use serde::Deserialize;
 use whitstone_core::{Scratch, TreeNode};
 use whitstone_scene::Pipeline;
+
+/// Below this a throughput may be 0 in single precision, and what lies behind it cannot be compared.
+const LEAST_THROUGHPUT: f64 = f32::MIN_POSITIVE as f64;
 
 /// A node of the reference's tree, as the driver tells it.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -11,21 +15,23 @@ pub struct Node {
     pub path: String,
     /// Number of the shape; -1 for a miss.
     pub shape: i64,
-    /// Number of the primitive.
-    #[serde(default)]
-    pub primitive: Option<i64>,
-    /// Distance.
-    #[serde(default)]
-    pub t: Option<f64>,
+    /// Number of the primitive; -1 for a miss.
+    pub primitive: i64,
+    /// Distance; infinite for a miss.
+    #[serde(deserialize_with = "number")]
+    pub t: f64,
     /// Shading normal.
-    #[serde(default)]
-    pub n_s: Option<[f64; 3]>,
+    #[serde(deserialize_with = "numbers")]
+    pub n_s: [f64; 3],
     /// Factor on the node's radiance in the pixel.
-    #[serde(default)]
-    pub throughput: Option<[f64; 3]>,
+    #[serde(deserialize_with = "numbers")]
+    pub throughput: [f64; 3],
     /// Radiance that the node adds by itself.
+    #[serde(deserialize_with = "numbers")]
+    pub local: [f64; 3],
+    /// Whether it stands for a branch beyond the depth limit.
     #[serde(default)]
-    pub local: Option<[f64; 3]>,
+    pub limit: bool,
 }
 
 /// Our tree for a sample of a pixel.
@@ -58,33 +64,52 @@ pub fn first_difference(ours: &[TreeNode], theirs: &[Node]) -> Option<String> {
         let mine = ours.iter().find(|node| node.path == path);
         let other = theirs.iter().find(|node| node.path == path);
         match (mine, other) {
-            (Some(_), None) => Some(format!("{name}: only ours goes on")),
-            (None, Some(_)) => Some(format!("{name}: only the reference goes on")),
+            (Some(mine), None) => {
+                matters(mine.throughput.to_array()).then(|| format!("{name}: only ours goes on"))
+            }
+            (None, Some(other)) => {
+                matters(other.throughput).then(|| format!("{name}: only the reference goes on"))
+            }
             (Some(mine), Some(other)) => difference(mine, other).map(|what| format!("{name}: {what}")),
             (None, None) => None,
         }
     })
 }
 
+/// Whether a node can add anything; one that is not a number does.
+fn matters(throughput: [f64; 3]) -> bool {
+    !throughput.iter().all(|v| v.abs() <= LEAST_THROUGHPUT)
+}
+
 fn difference(ours: &TreeNode, theirs: &Node) -> Option<String> {
-    let hit = |shape: i64, primitive: i64| match shape {
-        -1 => "nothing".to_owned(),
-        _ => format!("shape {shape}, primitive {primitive}"),
+    if !matters(ours.throughput.to_array()) && !matters(theirs.throughput) {
+        return None;
+    }
+    let hit = |shape: i64, primitive: i64, limit: bool| match (limit, shape) {
+        (true, _) => "is at the depth limit".to_owned(),
+        (false, -1) => "hits nothing".to_owned(),
+        _ => format!("hits shape {shape}, primitive {primitive}"),
     };
-    let primitive = theirs.primitive.unwrap_or(ours.primitive);
-    if (ours.shape, ours.primitive) != (theirs.shape, primitive) {
+    let mine = (ours.shape, ours.primitive, ours.limit);
+    let other = (theirs.shape, theirs.primitive, theirs.limit);
+    if mine != other {
         return Some(format!(
-            "ours hits {}, the reference {}",
-            hit(ours.shape, ours.primitive),
-            hit(theirs.shape, primitive)
+            "ours {}, the reference {}",
+            hit(mine.0, mine.1, mine.2),
+            hit(other.0, other.1, other.2)
         ));
     }
-    let far = |a: f64, b: f64, scale: f64| (a - b).abs() > 1e-4 * scale.max(1e-6);
-    if let Some(t) = theirs.t
-        && ours.shape >= 0
-        && far(ours.t, t, t.abs())
-    {
-        return Some(format!("at distance {} in ours, {t} in the reference", ours.t));
+    // Not `>`: what is not a number differs.
+    let far = |a: f64, b: f64, scale: f64| {
+        let near = (a - b).abs() <= 1e-4 * scale.max(1e-6);
+        !near
+    };
+    let is_hit = ours.shape >= 0;
+    if is_hit && far(ours.t, theirs.t, theirs.t.abs()) {
+        return Some(format!(
+            "at distance {} in ours, {} in the reference",
+            ours.t, theirs.t
+        ));
     }
     let vectors = [
         ("shading normal", ours.n_s.to_array(), theirs.n_s, 1.0),
@@ -92,11 +117,122 @@ fn difference(ours: &TreeNode, theirs: &Node) -> Option<String> {
         ("local radiance", ours.local.to_array(), theirs.local, 0.0),
     ];
     vectors.into_iter().find_map(|(name, a, b, least_scale)| {
-        let b = b?;
         let scale = b.iter().fold(least_scale, |scale: f64, v| scale.max(v.abs()));
         let differs = a.iter().zip(&b).any(|(a, b)| far(*a, *b, scale));
         // A miss has no normal.
-        let compared = ours.shape >= 0 || name != "shading normal";
+        let compared = is_hit || name != "shading normal";
         (differs && compared).then(|| format!("{name} {a:?} in ours, {b:?} in the reference"))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+    use whitstone_core::{DVec3, Rgb};
+
+    fn mine(path: &str, shape: i64) -> TreeNode {
+        TreeNode {
+            path: path.to_owned(),
+            shape,
+            primitive: if shape < 0 { -1 } else { 0 },
+            t: if shape < 0 { f64::INFINITY } else { 2.0 },
+            position: DVec3::ZERO,
+            n_s: DVec3::Y,
+            throughput: Rgb::splat(0.5),
+            local: Rgb::splat(0.25),
+            limit: false,
+        }
+    }
+
+    /// The same node as the driver writes it.
+    fn other(node: &TreeNode) -> Node {
+        let t = if node.shape < 0 {
+            json!("inf")
+        } else {
+            json!(node.t)
+        };
+        serde_json::from_value(json!({
+            "path": node.path, "shape": node.shape, "primitive": node.primitive, "t": t, "p": [0, 0, 0],
+            "n_g": [0, 1, 0], "n_s": node.n_s.to_array(), "uv": [0, 0], "lights": [],
+            "throughput": node.throughput.to_array(), "local": node.local.to_array(), "limit": node.limit,
+        }))
+        .unwrap()
+    }
+
+    fn parted(ours: &[TreeNode], change: impl Fn(&mut Vec<Node>)) -> Option<String> {
+        let mut theirs: Vec<Node> = ours.iter().map(other).collect();
+        change(&mut theirs);
+        first_difference(ours, &theirs)
+    }
+
+    #[test]
+    fn a_miss_is_read_and_equal_trees_agree() {
+        let tree = [mine("", 0), mine("R", -1)];
+        assert_eq!(other(&tree[1]).t, f64::INFINITY);
+        assert_eq!(parted(&tree, |_| {}), None);
+        assert!(serde_json::from_value::<Node>(json!({ "path": "", "shape": -1 })).is_err());
+    }
+
+    #[test]
+    fn every_difference_is_told_at_the_least_depth() {
+        let mut limit = mine("T", -1);
+        limit.limit = true;
+        let tree = [mine("", 0), mine("R", 1), limit];
+        type Change = fn(&mut Vec<Node>);
+        let changes: [(Change, &str); 9] = [
+            (
+                |nodes| nodes[1].shape = 2,
+                "ray R: ours hits shape 1, primitive 0, the reference hits shape 2",
+            ),
+            (
+                |nodes| nodes[0].t = 2.001,
+                "camera ray: at distance 2 in ours, 2.001",
+            ),
+            (
+                |nodes| nodes[0].t = f64::NAN,
+                "camera ray: at distance 2 in ours, NaN",
+            ),
+            (
+                |nodes| nodes[0].n_s = [0.0, 0.0, 1.0],
+                "camera ray: shading normal",
+            ),
+            (|nodes| nodes[1].throughput[2] = 0.51, "ray R: throughput"),
+            (|nodes| nodes[1].local[0] = f64::NAN, "ray R: local radiance"),
+            (
+                |nodes| nodes[2].limit = false,
+                "ray T: ours is at the depth limit, the reference hits nothing",
+            ),
+            (|nodes| drop(nodes.pop()), "ray T: only ours goes on"),
+            (
+                |nodes| {
+                    let mut node = nodes[1].clone();
+                    node.path = "RR".into();
+                    nodes.push(node)
+                },
+                "ray RR: only the reference goes on",
+            ),
+        ];
+        for (change, expected) in changes {
+            let found = parted(&tree, change).unwrap_or_default();
+            assert!(found.starts_with(expected), "{found} is not {expected}");
+        }
+    }
+
+    /// Absorption takes our throughput to 1e-300 and that of single precision to 0.
+    #[test]
+    fn what_single_precision_has_lost_is_not_compared() {
+        let mut faint = mine("T", 3);
+        faint.throughput = Rgb::splat(1e-300);
+        let tree = [mine("", 0), faint];
+        assert_eq!(parted(&tree, |nodes| drop(nodes.pop())), None);
+        assert_eq!(
+            parted(&tree, |nodes| {
+                nodes[1].throughput = [0.0; 3];
+                nodes[1].local = [9.0; 3]
+            }),
+            None
+        );
+        assert!(parted(&tree, |nodes| nodes[1].throughput = [1e-3; 3]).is_some());
+    }
 }

@@ -432,16 +432,20 @@ impl<'a> Validator<'a> {
         Ok(())
     }
 
-    /// Where our ray tree and the live reference's part, in words.
+    /// Where our ray tree and the live reference's part, in words, or why that cannot be told. Only a stored
+    /// reference has no tree.
     fn first_difference(&mut self, ours: &Ours, pixel: [usize; 2]) -> Option<String> {
-        let driver = self.live.as_mut()?.driver().ok()?;
+        let live = self.live.as_mut()?;
         let text = SceneText {
             text: &ours.flattened.text,
             base: &ours.flattened.base,
         };
         let samples = ours.pipeline.sampler.count();
         for sample in 0..samples {
-            let theirs = driver.tree(text, pixel, sample).ok()?;
+            let theirs = match live.tree(text, pixel, sample) {
+                Ok(theirs) => theirs,
+                Err(error) => return Some(format!("sample {sample}: the reference's ray tree: {error}")),
+            };
             let mine = tree::ours(&ours.pipeline, pixel, sample);
             if let Some(difference) = tree::first_difference(&mine, &theirs) {
                 return Some(format!("sample {sample}: {difference}"));

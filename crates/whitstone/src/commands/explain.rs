@@ -256,8 +256,13 @@ fn print_node(node: &TreeNode, names: &Names) {
         depth => format!("depth {depth} {}", &node.path[depth - 1..]),
     };
     if node.shape < 0 {
+        let what = if node.limit {
+            "beyond the depth limit"
+        } else {
+            "nothing"
+        };
         println!(
-            "{indent}{name}: nothing, throughput {}, background {}",
+            "{indent}{name}: {what}, throughput {}, background {}",
             colour(node.throughput),
             colour(node.local)
         );
@@ -328,6 +333,7 @@ fn tree_report(tree: &PixelTree) -> Value {
             "n_s": node.n_s.to_array(),
             "throughput": node.throughput.to_array(),
             "local": node.local.to_array(),
+            "limit": node.limit,
         })
     };
     json!({
