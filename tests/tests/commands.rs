@@ -287,7 +287,11 @@ fn explain_says_what_is_built_and_follows_a_pixel() {
     // where no branch is followed.
     let nested = "scenes/showcase/nested_dielectrics.toml";
     for (scene, change, limits) in [
-        (scene, "integrator={min_contribution=0.01}", false),
+        (
+            scene,
+            "integrator={type=\"whitted\",min_contribution=0.01}",
+            false,
+        ),
         (scene, "integrator.max_depth=0", true),
         (scene, "integrator={type=\"appel\"}", false),
         (nested, "integrator.max_depth=2", true),
