@@ -8,6 +8,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
+use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
     Accelerator, Accelerators, Context, Element, Geometry, InstancePath, Interval, Plugin, RawHit, Ray,
@@ -91,6 +92,54 @@ impl Accelerator for BruteForce {
             false
         });
         occluded
+    }
+
+    fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+        hits.clear(rays);
+        for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
+            match part {
+                Shape::Opaque(primitive) => primitive.closest_stream(shape, rays, hits),
+                Shape::Triangles(mesh) => {
+                    for lane in 0..rays.len {
+                        let (ray, skip) = (rays.ray(lane), rays.skip.skip(lane));
+                        let sheared = ShearedRay::new(&ray);
+                        for triangle in 0..mesh.triangles.len() as u32 {
+                            let element = Element::Triangle { shape, triangle };
+                            let interval = Interval::up_to(hits.t.0[lane]);
+                            let hit = self.geometry.intersect(element, &ray, &sheared, interval, skip);
+                            if let Some(hit) = hit {
+                                hits.set(lane, &hit);
+                            }
+                        }
+                    }
+                }
+                // No other kind can be made here; core adds them together with their code.
+                _ => {}
+            }
+        }
+    }
+
+    fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
+        hidden[..rays.len].fill(false);
+        for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
+            match part {
+                Shape::Opaque(primitive) => primitive.occluded_stream(shape, rays, hidden),
+                Shape::Triangles(mesh) => {
+                    for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
+                        let (ray, skip) = (rays.ray(lane), rays.skip.skip(lane));
+                        let (interval, sheared) = (rays.interval(lane), ShearedRay::new(&ray));
+                        *hidden = *hidden
+                            || (0..mesh.triangles.len() as u32).any(|triangle| {
+                                let element = Element::Triangle { shape, triangle };
+                                self.geometry
+                                    .intersect(element, &ray, &sheared, interval, skip)
+                                    .is_some()
+                            });
+                    }
+                }
+                _ => {}
+            }
+        }
     }
 
     fn statistics(&self) -> Statistics {

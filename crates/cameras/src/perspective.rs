@@ -12,8 +12,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
 use whitstone_core::config::{Finite, Positive};
+use whitstone_core::stream::{LANES, Lanes, RayStream};
 use whitstone_core::{
-    Camera, Cameras, Context, DVec2, DVec3, FilmSize, Plugin, Ray, SceneError, SceneErrors,
+    Camera, Cameras, Context, DVec2, DVec3, FilmSize, Plugin, Ray, SceneError, SceneErrors, simd,
 };
 
 /// A pinhole camera, by its angle of view or by a window in front of it.
@@ -168,6 +169,7 @@ fn scaled(w: view::Window, distance: f64) -> (view::Window, f64) {
 }
 
 impl Camera for Perspective {
+    #[inline(always)]
     fn ray(&self, raster: DVec2) -> Ray {
         let DVec2 { x: a, y: c } = self.window.at(raster, self.film);
         let Frame {
@@ -179,16 +181,31 @@ impl Camera for Perspective {
         let through = a * right + c * up - self.distance * backwards;
         Ray::new(origin, normalize(through))
     }
+
+    fn ray_stream(&self, raster: &Lanes<DVec2>, rays: &mut RayStream) {
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in 0..rays.len.min(LANES) {
+                    let ray = self.ray(raster[lane]);
+                    rays.origin.set(lane, ray.origin);
+                    rays.direction.set(lane, ray.direction);
+                }
+            },
+        );
+    }
 }
 
 /// A unit vector even where the squares of the components underflow.
+#[inline(always)]
 fn normalize(v: DVec3) -> DVec3 {
     let squared = v.length_squared();
-    if squared > 1e-280 {
-        v / squared.sqrt()
+    let scaled = if squared > 1e-280 {
+        v
     } else {
-        (v / v.abs().max_element()).normalize()
-    }
+        v / v.abs().max_element()
+    };
+    scaled / scaled.length()
 }
 
 #[cfg(test)]

@@ -143,6 +143,7 @@ impl Window {
 
     /// The point (a, c) of the window behind a raster position. Weighted ends rather than an end and a
     /// step: the ends are met exactly, and an image of something symmetrical is symmetrical to the bit.
+    #[inline(always)]
     pub(crate) fn at(&self, raster: DVec2, film: DVec2) -> DVec2 {
         let (near, far) = (raster / film, (film - raster) / film);
         DVec2::new(self.l * far.x + self.r * near.x, self.t * far.y + self.b * near.y)

@@ -1,3 +1,4 @@
+use crate::stream::{HitStream, Lanes, RayStream};
 use crate::{Interval, RawHit, Ray, Skip};
 use std::collections::BTreeMap;
 
@@ -12,6 +13,24 @@ pub trait Accelerator: Send + Sync {
 
     /// Whether anything is hit inside the interval.
     fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool;
+
+    /// [`Self::closest`] for every ray of a stream.
+    fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+        hits.clear(rays);
+        for lane in 0..rays.len {
+            let skip = rays.skip.skip(lane);
+            if let Some(hit) = self.closest(&rays.ray(lane), rays.interval(lane), skip) {
+                hits.set(lane, &hit);
+            }
+        }
+    }
+
+    /// [`Self::occluded`] for every ray of a stream.
+    fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
+        for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
+            *hidden = self.occluded(&rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
+        }
+    }
 
     /// What was built, for people.
     fn statistics(&self) -> Statistics;

@@ -1,4 +1,5 @@
 use crate::Ray;
+use crate::stream::{Lanes, RayStream};
 use glam::DVec2;
 
 /// Size of the image in pixels, each at least 1.
@@ -15,4 +16,13 @@ pub trait Camera: Send + Sync {
     /// The ray through `raster`, in pixels from the top left corner, x right and y down (section 3 of the
     /// model). The direction is of unit length.
     fn ray(&self, raster: DVec2) -> Ray;
+
+    /// [`Self::ray`] through each of `rays.len` positions: origins and directions.
+    fn ray_stream(&self, raster: &Lanes<DVec2>, rays: &mut RayStream) {
+        for lane in 0..rays.len {
+            let ray = self.ray(raster[lane]);
+            rays.origin.set(lane, ray.origin);
+            rays.direction.set(lane, ray.direction);
+        }
+    }
 }

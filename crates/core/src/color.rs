@@ -1,3 +1,4 @@
+use crate::simd::select;
 use glam::DVec3;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Mul, MulAssign};
@@ -30,12 +31,21 @@ impl Rgb {
         Self::new(value, value, value)
     }
 
+    /// One of two colours, by values: straight-line code.
+    #[inline(always)]
+    pub fn choose(first: bool, a: Self, b: Self) -> Self {
+        let pick = |a: f64, b: f64| select(first, a, b);
+        Self::new(pick(a.r, b.r), pick(a.g, b.g), pick(a.b, b.b))
+    }
+
     /// The largest channel.
+    #[inline(always)]
     pub fn max_component(self) -> f64 {
         self.r.max(self.g).max(self.b)
     }
 
     /// Whether every channel is exactly zero.
+    #[inline(always)]
     pub fn is_black(self) -> bool {
         self == Self::BLACK
     }
@@ -46,6 +56,7 @@ impl Rgb {
     }
 
     /// Applies `f` to each channel.
+    #[inline(always)]
     pub fn map(self, f: impl Fn(f64) -> f64) -> Self {
         Self::new(f(self.r), f(self.g), f(self.b))
     }
@@ -72,12 +83,14 @@ impl From<DVec3> for Rgb {
 
 impl Add for Rgb {
     type Output = Self;
+    #[inline(always)]
     fn add(self, other: Self) -> Self {
         Self::new(self.r + other.r, self.g + other.g, self.b + other.b)
     }
 }
 
 impl AddAssign for Rgb {
+    #[inline(always)]
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
     }
@@ -85,12 +98,14 @@ impl AddAssign for Rgb {
 
 impl Mul for Rgb {
     type Output = Self;
+    #[inline(always)]
     fn mul(self, other: Self) -> Self {
         Self::new(self.r * other.r, self.g * other.g, self.b * other.b)
     }
 }
 
 impl MulAssign for Rgb {
+    #[inline(always)]
     fn mul_assign(&mut self, other: Self) {
         *self = *self * other;
     }
@@ -98,6 +113,7 @@ impl MulAssign for Rgb {
 
 impl Mul<f64> for Rgb {
     type Output = Self;
+    #[inline(always)]
     fn mul(self, factor: f64) -> Self {
         self.map(|c| c * factor)
     }

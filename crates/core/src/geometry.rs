@@ -1,3 +1,4 @@
+use crate::stream::{HitStream, PointStream, RayStream};
 use crate::triangle::{ShearedRay, TriangleHit};
 use crate::{Aabb, InstancePath, Interval, Needs, PrimitiveHit, RawHit, Ray, Shape, Skip, SurfacePoint};
 use glam::{DVec2, DVec3};
@@ -154,6 +155,25 @@ impl Geometry {
         match &self.shapes[hit.shape as usize] {
             Shape::Triangles(mesh) => mesh.surface(hit, needs),
             Shape::Opaque(primitive) => primitive.surface(ray, hit, needs),
+        }
+    }
+
+    /// [`Self::surface`] for every ray of a stream, all of which hit this shape.
+    pub fn surface_stream(
+        &self,
+        shape: u32,
+        rays: &RayStream,
+        hits: &HitStream,
+        needs: Needs,
+        points: &mut PointStream,
+    ) {
+        match &self.shapes[shape as usize] {
+            Shape::Triangles(mesh) => {
+                for lane in 0..rays.len {
+                    points.set(lane, &mesh.surface(&hits.hit(lane), needs));
+                }
+            }
+            Shape::Opaque(primitive) => primitive.surface_stream(rays, hits, needs, points),
         }
     }
 }

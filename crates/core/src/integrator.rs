@@ -1,8 +1,11 @@
+use crate::simd;
+use crate::stream::{Colors, HitStream, Ids, LANES, Lanes, PointStream, RayStream, SampleStreams};
 use crate::{
     Accelerator, BranchKind, Geometry, Incoming, Interval, Light, LightGives, LightSample, Material, Needs,
     RawHit, Ray, Rgb, Skip, SurfacePoint,
 };
 use glam::DVec3;
+use std::any::Any;
 use std::sync::Arc;
 
 /// Computes the radiance that arrives along a camera ray.
@@ -13,6 +16,13 @@ pub trait Integrator: Send + Sync {
     /// Radiance along the ray, a pure function of world and ray. `scratch` is working memory, kept
     /// between calls of one thread, and counts the rays; if it has a record, every ray is noted there.
     fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb;
+
+    /// [`Self::radiance`] for every ray of a stream of camera rays: the same bits, and the same counts.
+    fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
+        for lane in 0..rays.len {
+            out.set(lane, self.radiance(world, &rays.ray(lane), scratch));
+        }
+    }
 }
 
 /// What an integrator sees of a scene, ready to trace.
@@ -73,6 +83,24 @@ impl World {
         self.geometry.surface(ray, hit, self.needs[hit.shape as usize])
     }
 
+    /// [`Self::surface`] for every ray of a stream, all of which hit this shape, as its viewers see it.
+    pub fn surface_stream(&self, shape: u32, rays: &RayStream, hits: &HitStream, points: &mut PointStream) {
+        points.len = rays.len;
+        let needs = self.needs[shape as usize];
+        self.geometry.surface_stream(shape, rays, hits, needs, points);
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in 0..rays.len.min(LANES) {
+                    let view = -rays.direction.get(lane);
+                    points.view.set(lane, view);
+                    let n_s = points.get(lane).seen_from(view).n_s;
+                    points.n_s.set(lane, n_s);
+                }
+            },
+        );
+    }
+
     /// Union of what the materials in use read.
     pub fn needs(&self) -> Needs {
         self.needs.iter().fold(Needs::NOTHING, |all, needs| all | *needs)
@@ -117,16 +145,120 @@ impl World {
     }
 }
 
+/// Shadow rays of a stream of points.
+#[derive(Default)]
+struct ShadowRays {
+    /// Lane by lane of the points, of use only where lit.
+    all: RayStream,
+    /// Those of them that are lit, close together.
+    lit: RayStream,
+    hidden: Hidden,
+}
+
+/// What [`Accelerator::occluded_stream`] found.
+struct Hidden(Lanes<bool>);
+
+impl Default for Hidden {
+    fn default() -> Self {
+        Self([false; LANES])
+    }
+}
+
+/// Working memory for the lights of a stream of points.
+#[derive(Default)]
+pub struct LightMemory {
+    /// Light samples; after [`World::gather_lights_stream`] black where they do not reach their points.
+    pub samples: SampleStreams,
+    shadows: Box<ShadowRays>,
+}
+
+impl World {
+    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`. `leaves` names the
+    /// primitives that the points lie on.
+    pub fn gather_lights_stream(
+        &self,
+        points: &PointStream,
+        leaves: &Ids,
+        shadows: bool,
+        memory: &mut LightMemory,
+        counters: &mut Counters,
+    ) {
+        let LightMemory {
+            samples,
+            shadows: rays,
+        } = memory;
+        let ShadowRays { all, lit, hidden } = &mut **rays;
+        samples.clear();
+        for light in &self.lights {
+            light.samples_stream(points.len, &points.position, samples);
+        }
+        let len = points.len.min(LANES);
+        for samples in samples.iter_mut() {
+            let mut faces = [false; LANES];
+            simd::dispatch(
+                #[inline(always)]
+                || {
+                    for lane in 0..len {
+                        let (point, view) = (points.get(lane), points.view.get(lane));
+                        let sample = samples.get(lane);
+                        let lit = (point.n_towards(view).dot(sample.direction) > 0.0)
+                            & point.same_side(view, sample.direction)
+                            & !sample.irradiance.is_black();
+                        faces[lane] = lit;
+                        let start = point.leave(sample.direction);
+                        all.origin.set(lane, start);
+                        all.direction.set(lane, sample.direction);
+                        all.limit[lane] = distance_to_light(&point, start, &sample);
+                        let reaching = if lit { sample.irradiance } else { Rgb::BLACK };
+                        samples.irradiance.set(lane, reaching);
+                    }
+                },
+            );
+            if !shadows {
+                continue;
+            }
+            lit.len = 0;
+            let mut lanes = [0_u16; LANES];
+            for lane in 0..len {
+                lanes[lit.len % LANES] = lane as u16;
+                lit.len += usize::from(faces[lane]);
+            }
+            counters.shadow += lit.len as u64;
+            if lit.len == len {
+                all.len = len;
+                all.skip.clone_from(leaves);
+                self.accelerator.occluded_stream(all, &mut hidden.0);
+            } else {
+                for (to, &lane) in lanes[..lit.len].iter().enumerate() {
+                    lit.copy(to, all, lane as usize);
+                    lit.skip.copy(to, leaves, lane as usize);
+                }
+                self.accelerator.occluded_stream(lit, &mut hidden.0);
+            }
+            for (&lane, _) in lanes[..lit.len]
+                .iter()
+                .zip(&hidden.0)
+                .filter(|(_, hidden)| **hidden)
+            {
+                samples.irradiance.set(lane as usize, Rgb::BLACK);
+            }
+        }
+    }
+}
+
 /// How far a shadow ray from `start` must be free. The way that the start was moved along the ray is taken
 /// off, and some roundings of the coordinates: a surface that holds the light does not hide it, as the
 /// model demands of anything that is not strictly between.
+#[inline(always)]
 fn distance_to_light(point: &SurfacePoint, start: DVec3, sample: &LightSample) -> f64 {
-    if sample.distance == f64::INFINITY {
-        return f64::INFINITY;
-    }
     let moved = (start - point.position).dot(sample.direction);
     let coordinates = point.position.abs().max_element() + sample.distance;
-    sample.distance - moved - 8.0 * f64::EPSILON * coordinates
+    let free = sample.distance - moved - 8.0 * f64::EPSILON * coordinates;
+    if sample.distance == f64::INFINITY {
+        f64::INFINITY
+    } else {
+        free
+    }
 }
 
 /// Working memory of one thread.
@@ -140,11 +272,32 @@ pub struct Scratch {
     pub pending: Vec<PathState>,
     /// Rays traced so far by this thread.
     pub counters: Counters,
+    /// Working memory of the integrator's own kind; see [`Scratch::take_memory`].
+    memory: Option<Box<dyn Any + Send>>,
     /// Where integrators note every ray of the tree, if there is a list: for finding faults.
     pub record: Option<Vec<TreeNode>>,
 }
 
 impl Scratch {
+    /// With a record, still empty.
+    pub fn recording() -> Self {
+        Self {
+            record: Some(Vec::new()),
+            ..Self::default()
+        }
+    }
+
+    /// The working memory that was put back last, if it is of this kind, else new one.
+    pub fn take_memory<M: Default + Send + 'static>(&mut self) -> Box<M> {
+        let kept = self.memory.take().and_then(|memory| memory.downcast().ok());
+        kept.unwrap_or_default()
+    }
+
+    /// Keeps working memory for the next call.
+    pub fn put_memory<M: Send + 'static>(&mut self, memory: Box<M>) {
+        self.memory = Some(memory);
+    }
+
     /// Notes a ray in the record, if there is one, and returns its number there.
     #[inline]
     pub fn note(

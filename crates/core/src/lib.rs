@@ -17,6 +17,8 @@ mod ray;
 mod registry;
 mod sampler;
 mod shape;
+mod straight;
+pub mod stream;
 mod texture;
 mod transform;
 pub mod triangle;
@@ -27,9 +29,11 @@ pub use color::Rgb;
 pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
 pub use geometry::{Element, Geometry, TriangleMesh};
 pub use glam::{DAffine3, DMat3, DVec2, DVec3};
-pub use integrator::{Counters, Integrator, PathLetter, PathState, Scratch, TreeNode, World};
+pub use integrator::{Counters, Integrator, LightMemory, PathLetter, PathState, Scratch, TreeNode, World};
 pub use light::{Light, LightGives, LightSample};
-pub use material::{Branch, BranchKind, Branches, Illumination, Incoming, Lobes, Material};
+pub use material::{
+    Branch, BranchKind, BranchStream, BranchStreams, Branches, Illumination, Incoming, Lobes, Material,
+};
 pub use ray::{Aabb, Interval, Ray};
 pub use registry::{
     Accelerators, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights, Materials, Plugin,
@@ -37,5 +41,7 @@ pub use registry::{
 };
 pub use sampler::Sampler;
 pub use shape::{InstancePath, Needs, Primitive, PrimitiveHit, RawHit, Shape, Skip, SurfacePoint};
+pub use straight::Straight;
 pub use texture::{ColorSource, Texture};
 pub use transform::Transform;
+pub use whitstone_simd as simd;

@@ -1,4 +1,5 @@
 use crate::Rgb;
+use crate::stream::{SampleStreams, Vectors};
 use glam::DVec3;
 use std::ops::{BitOr, BitOrAssign};
 
@@ -11,6 +12,24 @@ pub trait Light: Send + Sync {
     /// Adds what arrives at a point, not yet tested for shadows: at most a fixed number of samples.
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
         let _ = (point, out);
+    }
+
+    /// [`Self::samples`] for the first `len` points of a stream. What arrives at different points as the
+    /// k-th sample shares a stream; where there is none, its irradiance is black.
+    fn samples_stream(&self, len: usize, points: &Vectors, out: &mut SampleStreams) {
+        let mut streams: Vec<usize> = Vec::new();
+        let mut samples = Vec::new();
+        for lane in 0..len {
+            samples.clear();
+            self.samples(points.get(lane), &mut samples);
+            for (k, sample) in samples.iter().enumerate() {
+                if k == streams.len() {
+                    streams.push(out.len());
+                    out.add().irradiance.fill(len, Rgb::BLACK);
+                }
+                out.stream(streams[k]).set(lane, sample);
+            }
+        }
     }
 
     /// Uniform radiance from all around, for the materials' ambient terms.

@@ -1,3 +1,4 @@
+use crate::stream::{Colors, PointStream, SampleStreams, Vectors};
 use crate::{Needs, Rgb, SurfacePoint};
 use glam::DVec3;
 use std::ops::BitOr;
@@ -18,6 +19,41 @@ pub trait Material: Send + Sync {
     fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
         let _ = (point, view, light);
         Rgb::BLACK
+    }
+
+    /// [`Self::local`] for every point of a stream. Lanes of light samples that are black do not reach
+    /// their points.
+    fn local_stream(&self, points: &PointStream, ambient: Rgb, lights: &SampleStreams, out: &mut Colors) {
+        let mut incoming = Vec::with_capacity(lights.len());
+        for lane in 0..points.len {
+            incoming.clear();
+            let samples = lights.iter().map(|stream| stream.get(lane));
+            incoming.extend(
+                samples
+                    .filter(|s| !s.irradiance.is_black())
+                    .map(|sample| Incoming {
+                        direction: sample.direction,
+                        irradiance: sample.irradiance,
+                    }),
+            );
+            let light = Illumination {
+                ambient,
+                lights: &incoming,
+            };
+            out.set(lane, self.local(&points.get(lane), points.view.get(lane), &light));
+        }
+    }
+
+    /// [`Self::branches`] for every point of a stream.
+    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+        for lane in 0..points.len {
+            let mut branches = Branches::default();
+            self.branches(&points.get(lane), points.view.get(lane), &mut branches);
+            out.clear(lane);
+            for branch in branches.iter() {
+                out.set(lane, branch);
+            }
+        }
     }
 
     /// The directions in which a Whitted integrator goes on, reflection first.
@@ -99,21 +135,69 @@ pub struct Branch {
     pub kind: BranchKind,
 }
 
-/// At most two branches: reflection and transmission.
+/// At most two branches: a reflection and a transmission.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Branches {
-    items: [Option<Branch>; 2],
+    reflection: Option<Branch>,
+    transmission: Option<Branch>,
 }
 
 impl Branches {
-    /// Adds a branch. A third one is a fault of the material and panics.
+    /// Adds a branch. A second one of its kind is a fault of the material and panics.
     pub fn push(&mut self, branch: Branch) {
-        let slot = self.items.iter_mut().find(|slot| slot.is_none());
-        *slot.expect("a material has at most two branches") = Some(branch);
+        let slot = match branch.kind {
+            BranchKind::Reflection => &mut self.reflection,
+            BranchKind::Transmission { .. } => &mut self.transmission,
+        };
+        assert!(slot.is_none(), "a material has at most one branch of a kind");
+        *slot = Some(branch);
     }
 
-    /// The branches in the order in which they were added.
+    /// The branches, reflection first.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = &Branch> {
-        self.items.iter().flatten()
+        self.reflection.iter().chain(&self.transmission)
+    }
+}
+
+/// One branch of each point of a stream, where it has it.
+#[derive(Clone, Default)]
+pub struct BranchStream {
+    /// Unit directions away from the surfaces.
+    pub direction: Vectors,
+    /// Factors on the radiance that comes from there; a branch of weight zero is none.
+    pub weight: Colors,
+}
+
+/// The branches of the points of a stream: at most a reflection and a transmission each.
+#[derive(Clone, Default)]
+pub struct BranchStreams {
+    /// On the viewer's side, in the medium that the viewer is in.
+    pub reflection: BranchStream,
+    /// To the other side.
+    pub transmission: BranchStream,
+    /// Absorption coefficients (per metre) of the media that transmitted rays travel in.
+    pub absorption: Colors,
+}
+
+impl BranchStreams {
+    /// Takes both branches from a lane.
+    #[inline(always)]
+    pub fn clear(&mut self, lane: usize) {
+        self.reflection.weight.set(lane, Rgb::BLACK);
+        self.transmission.weight.set(lane, Rgb::BLACK);
+    }
+
+    /// Replaces the branch of its kind in a lane.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, branch: &Branch) {
+        let stream = match branch.kind {
+            BranchKind::Reflection => &mut self.reflection,
+            BranchKind::Transmission { absorption } => {
+                self.absorption.set(lane, absorption);
+                &mut self.transmission
+            }
+        };
+        stream.direction.set(lane, branch.direction);
+        stream.weight.set(lane, branch.weight);
     }
 }

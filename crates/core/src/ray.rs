@@ -12,11 +12,13 @@ pub struct Ray {
 
 impl Ray {
     /// A ray from its parts.
+    #[inline(always)]
     pub const fn new(origin: DVec3, direction: DVec3) -> Self {
         Self { origin, direction }
     }
 
     /// The point at parameter `t`.
+    #[inline(always)]
     pub fn at(&self, t: f64) -> DVec3 {
         self.origin + t * self.direction
     }

@@ -1,3 +1,4 @@
+use crate::stream::{HitStream, Lanes, PointStream, RayStream};
 use crate::{Aabb, Interval, Ray, TriangleMesh};
 use glam::{DVec2, DVec3};
 use std::ops::{BitOr, BitOrAssign};
@@ -29,6 +30,36 @@ pub trait Primitive: Send + Sync {
     /// The surface at a hit that `closest` returned for this ray. Only what `needs` names must be
     /// right in the result.
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
+
+    /// [`Self::closest`] for every ray of a stream; `shape` is the number of this object. Hits that were
+    /// found before are replaced by nearer ones.
+    fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
+        for lane in 0..rays.len {
+            let interval = Interval::up_to(hits.t.0[lane]);
+            let leaves = rays.skip.skip(lane).of_shape(InstancePath::WORLD, shape);
+            if let Some(hit) = self.closest(&rays.ray(lane), interval, leaves) {
+                hits.offer(lane, true, shape, &hit);
+            }
+        }
+    }
+
+    /// Sets the lanes of the rays that this object hits inside their intervals.
+    fn occluded_stream(&self, shape: u32, rays: &RayStream, hidden: &mut Lanes<bool>) {
+        for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
+            let leaves = rays.skip.skip(lane).of_shape(InstancePath::WORLD, shape);
+            *hidden = *hidden
+                || self
+                    .closest(&rays.ray(lane), rays.interval(lane), leaves)
+                    .is_some();
+        }
+    }
+
+    /// [`Self::surface`] for every ray of a stream, all of which hit this object.
+    fn surface_stream(&self, rays: &RayStream, hits: &HitStream, needs: Needs, points: &mut PointStream) {
+        for lane in 0..rays.len {
+            points.set(lane, &self.surface(&rays.ray(lane), &hits.hit(lane), needs));
+        }
+    }
 }
 
 /// A hit as a primitive sees it.
@@ -107,6 +138,16 @@ impl Skip {
         Self(Some(hit.id()))
     }
 
+    /// A ray that leaves this primitive of this shape.
+    pub const fn of(instance: InstancePath, shape: u32, primitive: u32) -> Self {
+        Self(Some((instance, shape, primitive)))
+    }
+
+    /// What is skipped, if anything is: copy, shape, primitive.
+    pub const fn id(&self) -> Option<(InstancePath, u32, u32)> {
+        self.0
+    }
+
     /// The sub-primitive of this shape that is left, if it is one of this shape's.
     #[inline]
     pub fn of_shape(&self, instance: InstancePath, shape: u32) -> Option<u32> {
@@ -166,6 +207,7 @@ pub struct SurfacePoint {
 
 impl SurfacePoint {
     /// A point whose shading normal is the geometric one and whose texture coordinates are zero.
+    #[inline(always)]
     pub const fn new(position: DVec3, error: f64, n_g: DVec3) -> Self {
         Self {
             position,
@@ -177,6 +219,7 @@ impl SurfacePoint {
     }
 
     /// Where a ray in direction `d` leaves: on that side of the surface, beyond its error bound.
+    #[inline(always)]
     pub fn leave(&self, d: DVec3) -> DVec3 {
         self.position + (self.error * self.n_g.dot(d).signum()) * self.n_g
     }
@@ -184,6 +227,7 @@ impl SurfacePoint {
     /// Rule S of the model: the shading normal, made to agree with the geometric one about the side
     /// that the viewer (in direction `view`) is on.
     #[must_use]
+    #[inline(always)]
     pub fn seen_from(mut self, view: DVec3) -> Self {
         if self.n_s.dot(view) * self.n_g.dot(view) < 0.0 {
             self.n_s = -self.n_s;
@@ -192,6 +236,7 @@ impl SurfacePoint {
     }
 
     /// The shading normal turned towards a viewer in direction `view`; after [`Self::seen_from`].
+    #[inline(always)]
     pub fn n_towards(&self, view: DVec3) -> DVec3 {
         if self.n_g.dot(view) >= 0.0 {
             self.n_s
@@ -201,11 +246,13 @@ impl SurfacePoint {
     }
 
     /// Rule G of the model for directions that must be on the viewer's side of the geometry.
+    #[inline(always)]
     pub fn same_side(&self, a: DVec3, b: DVec3) -> bool {
         self.n_g.dot(a) * self.n_g.dot(b) > 0.0
     }
 
     /// Rule G for transmitted directions.
+    #[inline(always)]
     pub fn opposite_sides(&self, a: DVec3, b: DVec3) -> bool {
         self.n_g.dot(a) * self.n_g.dot(b) < 0.0
     }

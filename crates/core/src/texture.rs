@@ -1,3 +1,4 @@
+use crate::stream::{Colors, PointStream};
 use crate::{Needs, Rgb, SurfacePoint};
 use std::sync::Arc;
 
@@ -8,6 +9,13 @@ pub trait Texture: Send + Sync {
 
     /// The linear value at a point.
     fn value(&self, point: &SurfacePoint) -> Rgb;
+
+    /// [`Self::value`] for every point of a stream.
+    fn value_stream(&self, points: &PointStream, out: &mut Colors) {
+        for lane in 0..points.len {
+            out.set(lane, self.value(&points.get(lane)));
+        }
+    }
 
     /// The value if it is the same everywhere: the pipeline then puts the colour in the texture's place.
     fn constant(&self) -> Option<Rgb> {
@@ -31,6 +39,14 @@ impl ColorSource {
         match self {
             Self::Constant(value) => *value,
             Self::Texture(texture) => texture.value(point),
+        }
+    }
+
+    /// The values at the points of a stream.
+    pub fn value_stream(&self, points: &PointStream, out: &mut Colors) {
+        match self {
+            Self::Constant(value) => out.fill(points.len, *value),
+            Self::Texture(texture) => texture.value_stream(points, out),
         }
     }
 

@@ -5,13 +5,12 @@
 //! - Twin: the driver at depth 0, without branches.
 //! - Example: `scenes/integrators/appel.toml`.
 
+use crate::rules::Rules;
 use crate::shadows::Shadows;
 use schemars::JsonSchema;
 use serde::Deserialize;
-use whitstone_core::{
-    Context, Integrator, Integrators, Interval, Lobes, PathState, Plugin, Ray, Rgb, SceneErrors, Scratch,
-    Skip, World,
-};
+use whitstone_core::stream::{Colors, RayStream};
+use whitstone_core::{Context, Integrator, Integrators, Plugin, Ray, Rgb, SceneErrors, Scratch, World};
 
 /// Ray casting: local shading with shadows, without reflected or refracted rays.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -24,7 +23,7 @@ pub struct Config {
 
 /// See the module.
 pub struct Appel {
-    shadows: Shadows,
+    rules: Rules,
 }
 
 impl Plugin<Integrators> for Appel {
@@ -33,7 +32,10 @@ impl Plugin<Integrators> for Appel {
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Integrator>, SceneErrors> {
         Ok(Box::new(Self {
-            shadows: config.shadows,
+            rules: Rules {
+                shadows: config.shadows,
+                branches: None,
+            },
         }))
     }
 }
@@ -44,23 +46,11 @@ impl Integrator for Appel {
     }
 
     fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
-        scratch.counters.closest += 1;
-        let path = PathState::camera(*ray);
-        let Some(hit) = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING) else {
-            let background = world.background(ray.direction);
-            scratch.note(&path, None, Rgb::WHITE, background);
-            return background;
-        };
-        let material = &*world.materials[hit.shape as usize];
-        let view = -ray.direction;
-        let point = world.surface(ray, &hit).seen_from(view);
-        let mut local = Rgb::BLACK;
-        if material.lobes().contains(Lobes::LOCAL) {
-            let skip = Skip::leaving(&hit);
-            local = self.shadows.local(world, material, &point, view, skip, scratch);
-        }
-        scratch.note(&path, Some((&hit, &point)), Rgb::WHITE, local);
-        local
+        self.rules.radiance(world, ray, scratch)
+    }
+
+    fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
+        self.rules.radiance_stream(world, rays, scratch, out);
     }
 }
 

@@ -9,7 +9,9 @@
 
 use whitstone_core::{DuplicateType, Integrators, Registry};
 
+mod rules;
 mod shadows;
+mod wave;
 
 #[cfg(feature = "appel")]
 pub mod appel;

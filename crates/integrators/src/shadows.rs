@@ -16,6 +16,11 @@ pub(crate) enum Shadows {
 }
 
 impl Shadows {
+    /// Whether surfaces hide lights.
+    pub(crate) fn hide(self) -> bool {
+        self == Self::Opaque
+    }
+
     /// Radiance towards `view` from the lights that reach the point.
     pub(crate) fn local(
         self,
@@ -26,7 +31,7 @@ impl Shadows {
         skip: Skip,
         scratch: &mut Scratch,
     ) -> Rgb {
-        world.gather_lights(point, view, skip, self == Self::Opaque, scratch);
+        world.gather_lights(point, view, skip, self.hide(), scratch);
         let light = Illumination {
             ambient: world.ambient,
             lights: &scratch.incoming,

@@ -3,19 +3,19 @@
 //! Whitted 1980, *An improved illumination model for shaded display*. The tree of rays is walked depth
 //! first, reflection before transmission, on an explicit stack: a hundred thousand bounces must not
 //! exhaust that of the thread. Since a ray is replaced by its two branches, of which one is followed
-//! first, the stack never holds more than `max_depth + 1` of them.
+//! first, the stack never holds more than `max_depth + 1` of them. See `rules` for one ray and `wave` for
+//! streams of them.
 //!
 //! - Twin: Mitsuba through the driver, which walks the same tree by levels.
 //! - Example: `scenes/integrators/whitted.toml`.
 
+use crate::rules::{Beyond, Limits, Rules};
 use crate::shadows::Shadows;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{IntegerIn, NonNegative};
-use whitstone_core::{
-    Branch, BranchKind, Branches, Context, DVec3, Integrator, Integrators, Interval, Lobes, PathState,
-    Plugin, Ray, Rgb, SceneErrors, Scratch, Skip, SurfacePoint, World,
-};
+use whitstone_core::stream::{Colors, RayStream};
+use whitstone_core::{Context, Integrator, Integrators, Plugin, Ray, Rgb, SceneErrors, Scratch, World};
 
 /// Recursive ray tracing: local shading, and a reflected and a refracted ray at each surface that has them.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -29,7 +29,7 @@ pub struct Config {
     min_contribution: NonNegative,
     /// What a branch beyond `max_depth` sees: the "background", as in the lecture notes, or "black".
     #[serde(default)]
-    at_max_depth: AtMaxDepth,
+    at_max_depth: Beyond,
     /// "opaque": surfaces hide lights; "none": every light is visible.
     #[serde(default)]
     shadows: Shadows,
@@ -43,23 +43,9 @@ fn zero() -> NonNegative {
     NonNegative::new(0.0).expect("0 is not negative")
 }
 
-/// What lies beyond the depth limit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-enum AtMaxDepth {
-    /// The background in the direction of the branch.
-    #[default]
-    Background,
-    /// Nothing.
-    Black,
-}
-
 /// See the module.
 pub struct Whitted {
-    max_depth: u32,
-    min_contribution: f64,
-    at_max_depth: AtMaxDepth,
-    shadows: Shadows,
+    rules: Rules,
 }
 
 impl Plugin<Integrators> for Whitted {
@@ -68,10 +54,14 @@ impl Plugin<Integrators> for Whitted {
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Integrator>, SceneErrors> {
         Ok(Box::new(Self {
-            max_depth: config.max_depth.get(),
-            min_contribution: config.min_contribution.get(),
-            at_max_depth: config.at_max_depth,
-            shadows: config.shadows,
+            rules: Rules {
+                shadows: config.shadows,
+                branches: Some(Limits {
+                    max_depth: config.max_depth.get(),
+                    min_contribution: config.min_contribution.get(),
+                    beyond: config.at_max_depth,
+                }),
+            },
         }))
     }
 }
@@ -82,111 +72,18 @@ impl Integrator for Whitted {
     }
 
     fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
-        scratch.pending.clear();
-        let mut sum = Rgb::BLACK;
-        let mut next = Some(PathState::camera(*ray));
-        while let Some(path) = next.take().or_else(|| scratch.pending.pop()) {
-            sum += self.trace(world, &path, scratch, &mut next);
-        }
-        sum
-    }
-}
-
-impl Whitted {
-    /// What this ray alone adds to the pixel. Its first branch is left in `next`, its second on the stack.
-    fn trace(
-        &self,
-        world: &World,
-        path: &PathState,
-        scratch: &mut Scratch,
-        next: &mut Option<PathState>,
-    ) -> Rgb {
-        scratch.counters.closest += 1;
-        let Some(hit) = world.accelerator.closest(&path.ray, Interval::FORWARD, path.skip) else {
-            let background = endless(world, path.absorption, path.ray.direction);
-            scratch.note(path, None, path.throughput, background);
-            return path.throughput * background;
-        };
-        let throughput = path.throughput * path.absorption.transmittance(hit.t);
-        let view = -path.ray.direction;
-        let point = world.surface(&path.ray, &hit).seen_from(view);
-        if throughput.is_black() {
-            scratch.note(path, Some((&hit, &point)), throughput, Rgb::BLACK);
-            return Rgb::BLACK;
-        }
-        let skip = Skip::leaving(&hit);
-        let material = &*world.materials[hit.shape as usize];
-        let lobes = material.lobes();
-        let mut local = Rgb::BLACK;
-        if lobes.contains(Lobes::LOCAL) {
-            local = self.shadows.local(world, material, &point, view, skip, scratch);
-        }
-        let node = scratch.note(path, Some((&hit, &point)), throughput, local);
-        let mut sum = throughput * local;
-        if lobes.intersects(Lobes::REFLECTION | Lobes::TRANSMISSION) {
-            let mut branches = Branches::default();
-            material.branches(&point, view, &mut branches);
-            // Backwards: what comes last is traced first.
-            for branch in branches.iter().rev() {
-                let Some(mut child) = self.follow(path, branch, &point, view, skip, throughput) else {
-                    continue;
-                };
-                child.origin = Some((node, branch.kind.into()));
-                if path.depth < self.max_depth {
-                    scratch.pending.extend(next.replace(child));
-                } else if self.at_max_depth == AtMaxDepth::Background {
-                    let limit = endless(world, child.absorption, branch.direction);
-                    scratch.note_limit(&child, limit);
-                    sum += child.throughput * limit;
-                }
-            }
-        }
-        sum
+        self.rules.radiance(world, ray, scratch)
     }
 
-    /// The ray of a branch, unless it counts for nothing: by rule G, or for its weight.
-    fn follow(
-        &self,
-        path: &PathState,
-        branch: &Branch,
-        point: &SurfacePoint,
-        view: DVec3,
-        skip: Skip,
-        throughput: Rgb,
-    ) -> Option<PathState> {
-        let Branch {
-            direction,
-            weight,
-            kind,
-        } = *branch;
-        let (allowed, absorption) = match kind {
-            BranchKind::Reflection => (point.same_side(view, direction), path.absorption),
-            BranchKind::Transmission { absorption } => (point.opposite_sides(view, direction), absorption),
-        };
-        let throughput = throughput * weight;
-        let contribution = throughput.max_component();
-        // One more than the limit for the children of the deepest rays, which are never traced.
-        let depth = path.depth + 1;
-        (allowed && contribution > 0.0 && contribution >= self.min_contribution).then(|| PathState {
-            ray: Ray::new(point.leave(direction), direction),
-            skip,
-            throughput,
-            absorption,
-            depth,
-            origin: None,
-        })
+    fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
+        self.rules.radiance_stream(world, rays, scratch, out);
     }
-}
-
-/// The background through an endless stretch of a medium.
-fn endless(world: &World, absorption: Rgb, direction: DVec3) -> Rgb {
-    absorption.transmittance(f64::INFINITY) * world.background(direction)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::TreeNode;
+    use whitstone_core::{DVec3, TreeNode};
     use whitstone_testkit::{Lamp, Simple, Wall, build, floor, integrator_laws, world_of_walls};
 
     const SKY: Lamp = Lamp {
@@ -301,10 +198,7 @@ mod tests {
             };
             let walls = [(floor(0.0), material), (ceiling, material), (below, material)];
             let world = world_of_walls(&walls, SKY);
-            let mut scratch = Scratch {
-                record: Some(Vec::new()),
-                ..Scratch::default()
-            };
+            let mut scratch = Scratch::recording();
             let integrator = build::<Integrators, Whitted>(text, ()).unwrap();
             let ray = Ray::new(DVec3::new(0.0, 0.5, 0.0), DVec3::NEG_Y);
             let found = integrator.radiance(&world, &ray, &mut scratch);

@@ -9,6 +9,7 @@ use serde::Deserialize;
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, Vector3};
+use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
     Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, SceneError, SceneErrors,
 };
@@ -55,6 +56,13 @@ impl Light for Directional {
 
     fn samples(&self, _: DVec3, out: &mut Vec<LightSample>) {
         out.push(self.sample);
+    }
+
+    fn samples_stream(&self, len: usize, _: &Vectors, out: &mut SampleStreams) {
+        let out = out.add();
+        for lane in 0..len {
+            out.set(lane, &self.sample);
+        }
     }
 }
 

@@ -2,7 +2,8 @@
 
 use schemars::JsonSchema;
 use serde::Deserialize;
-use whitstone_core::{DVec3, LightSample, Rgb};
+use whitstone_core::stream::{LANES, SampleStreams, Vectors};
+use whitstone_core::{DVec3, LightSample, Rgb, simd};
 
 /// How the light of a source with a position falls off with the distance d.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -17,12 +18,11 @@ pub(crate) enum Falloff {
 
 /// Unit direction and length of a vector; `None` for zero.
 pub(crate) fn direction_and_length(v: DVec3) -> Option<(DVec3, f64)> {
-    let largest = v.abs().max_element();
-    // Outside of this range squares over- or underflow; inside, scaling would only cost.
-    if (1e-140..1e140).contains(&largest) {
+    if is_usual(v) {
         let length = v.length();
         return Some((v / length, length));
     }
+    let largest = v.abs().max_element();
     if largest == 0.0 {
         return None;
     }
@@ -31,20 +31,64 @@ pub(crate) fn direction_and_length(v: DVec3) -> Option<(DVec3, f64)> {
     Some((scaled / length, length * largest))
 }
 
+/// [`sample`] for every point of a stream.
+pub(crate) fn sample_stream(
+    position: DVec3,
+    len: usize,
+    points: &Vectors,
+    intensity: Rgb,
+    falloff: Falloff,
+    out: &mut SampleStreams,
+) {
+    let out = out.add();
+    let mut usual = true;
+    simd::dispatch(
+        #[inline(always)]
+        || {
+            for lane in 0..len.min(LANES) {
+                let v = position - points.get(lane);
+                usual &= is_usual(v);
+                let distance = v.length();
+                out.set(lane, &sample_at(v / distance, distance, intensity, falloff));
+            }
+        },
+    );
+    if !usual {
+        for lane in 0..len {
+            match sample(position, points.get(lane), intensity, falloff) {
+                Some(sample) => out.set(lane, &sample),
+                None => out.irradiance.set(lane, Rgb::BLACK),
+            }
+        }
+    }
+}
+
+/// Whether the squares of the components neither over- nor underflow.
+#[inline(always)]
+fn is_usual(v: DVec3) -> bool {
+    let largest = v.abs().max_element();
+    (largest >= 1e-140) & (largest < 1e140)
+}
+
 /// The light of a source at `position` that arrives at `point`; none at the source itself.
 pub(crate) fn sample(position: DVec3, point: DVec3, intensity: Rgb, falloff: Falloff) -> Option<LightSample> {
     let (direction, distance) = direction_and_length(position - point)?;
+    Some(sample_at(direction, distance, intensity, falloff))
+}
+
+#[inline(always)]
+fn sample_at(direction: DVec3, distance: f64, intensity: Rgb, falloff: Falloff) -> LightSample {
     let irradiance = match falloff {
         // Divided twice, since d² may underflow where the quotient is still a number; what then exceeds
         // all numbers is the largest one, lest an infinity meet a zero.
         Falloff::InverseSquare => intensity.map(|i| (i / distance / distance).min(f64::MAX)),
         Falloff::None => intensity,
     };
-    Some(LightSample {
+    LightSample {
         direction,
         distance,
         irradiance,
-    })
+    }
 }
 
 #[cfg(test)]

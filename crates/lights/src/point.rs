@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Color, Vector3};
+use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneErrors};
 
 /// A point that shines equally in all directions.
@@ -55,6 +56,10 @@ impl Light for Point {
             self.intensity,
             self.falloff,
         ));
+    }
+
+    fn samples_stream(&self, len: usize, points: &Vectors, out: &mut SampleStreams) {
+        emission::sample_stream(self.position, len, points, self.intensity, self.falloff, out);
     }
 }
 

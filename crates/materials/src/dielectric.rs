@@ -11,9 +11,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Color, Positive};
+use whitstone_core::stream::{LANES, PointStream};
 use whitstone_core::{
-    Branch, BranchKind, Branches, Context, DVec3, Lobes, Material, Materials, Needs, Plugin, Rgb,
-    SceneErrors, SurfacePoint,
+    Branch, BranchKind, BranchStreams, Branches, Context, DVec3, Lobes, Material, Materials, Needs, Plugin,
+    Rgb, SceneErrors, SurfacePoint, simd, simd::select,
 };
 
 /// A smooth transparent body: reflection and refraction by Fresnel's equations.
@@ -83,31 +84,68 @@ impl Material for Dielectric {
     }
 
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
-        let n = point.n_towards(view);
-        let (interface, absorption) = if point.n_g.dot(view) > 0.0 {
-            (&self.outside, self.interior_absorption)
-        } else {
-            (&self.inside, self.exterior_absorption)
-        };
-        let reflection = |weight| Branch {
-            direction: reflect(n, view),
-            weight: Rgb::splat(weight),
-            kind: BranchKind::Reflection,
-        };
-        let Some(crossing) = interface.cross(n, view) else {
-            out.push(reflection(1.0));
-            return;
-        };
-        let fresnel = interface.fresnel(&crossing);
-        if fresnel.reflected > 0.0 {
-            out.push(reflection(fresnel.reflected));
-        }
+        let split = self.split(point, view);
         out.push(Branch {
-            direction: crossing.direction,
-            // In this order, since eta² may overflow where the product is a number.
-            weight: Rgb::splat(fresnel.transmitted * interface.eta() * interface.eta()),
-            kind: BranchKind::Transmission { absorption },
+            direction: split.reflected,
+            weight: Rgb::splat(split.reflectance),
+            kind: BranchKind::Reflection,
         });
+        out.push(Branch {
+            direction: split.transmitted,
+            weight: Rgb::splat(split.transmittance),
+            kind: BranchKind::Transmission {
+                absorption: split.absorption,
+            },
+        });
+    }
+
+    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in 0..points.len.min(LANES) {
+                    let split = self.split(&points.get(lane), points.view.get(lane));
+                    let (reflectance, transmittance) = (split.reflectance, split.transmittance);
+                    out.reflection.direction.set(lane, split.reflected);
+                    out.reflection.weight.set(lane, Rgb::splat(reflectance));
+                    out.transmission.direction.set(lane, split.transmitted);
+                    out.transmission.weight.set(lane, Rgb::splat(transmittance));
+                    out.absorption.set(lane, split.absorption);
+                }
+            },
+        );
+    }
+}
+
+/// Both branches at a point; one of weight zero is none.
+struct Split {
+    reflected: DVec3,
+    reflectance: f64,
+    transmitted: DVec3,
+    /// Of radiance: scaled by the squared relative index.
+    transmittance: f64,
+    /// Of the medium on the other side.
+    absorption: Rgb,
+}
+
+impl Dielectric {
+    #[inline(always)]
+    fn split(&self, point: &SurfacePoint, view: DVec3) -> Split {
+        let n = point.n_towards(view);
+        let from_outside = point.n_g.dot(view) > 0.0;
+        let interface = Interface::choose(from_outside, &self.outside, &self.inside);
+        let (inside, outside) = (self.interior_absorption, self.exterior_absorption);
+        let crossing = interface.cross(n, view);
+        let fresnel = interface.fresnel(&crossing);
+        // In this order, since eta² may overflow where the product is a number.
+        let transmittance = fresnel.transmitted * interface.eta() * interface.eta();
+        Split {
+            reflected: reflect(n, view),
+            reflectance: select(crossing.total, 1.0, fresnel.reflected),
+            transmitted: crossing.direction,
+            transmittance: select(crossing.total, 0.0, transmittance),
+            absorption: Rgb::choose(from_outside, inside, outside),
+        }
     }
 }
 

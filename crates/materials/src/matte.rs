@@ -11,9 +11,10 @@ use serde::Deserialize;
 use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
 use whitstone_core::config::TextureRef;
+use whitstone_core::stream::{Colors, LANES, PointStream, SampleStreams};
 use whitstone_core::{
     ColorSource, Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneErrors,
-    SurfacePoint,
+    SurfacePoint, simd,
 };
 
 /// Diffuse reflection, equally bright from everywhere.
@@ -64,6 +65,29 @@ impl Material for Matte {
             irradiance += incoming.irradiance * n.dot(incoming.direction).max(0.0);
         }
         self.reflectance.value(point) * (light.ambient + irradiance * FRAC_1_PI)
+    }
+
+    fn local_stream(&self, points: &PointStream, ambient: Rgb, lights: &SampleStreams, out: &mut Colors) {
+        let len = points.len.min(LANES);
+        let mut reflectance = Colors::default();
+        self.reflectance.value_stream(points, &mut reflectance);
+        out.fill(len, Rgb::BLACK);
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for light in lights.iter() {
+                    for lane in 0..len {
+                        let n = points.get(lane).n_towards(points.view.get(lane));
+                        let cosine = n.dot(light.direction.get(lane)).max(0.0);
+                        out.set(lane, out.get(lane) + light.irradiance.get(lane) * cosine);
+                    }
+                }
+                for lane in 0..len {
+                    let light = ambient + out.get(lane) * FRAC_1_PI;
+                    out.set(lane, reflectance.get(lane) * light);
+                }
+            },
+        );
     }
 }
 

@@ -11,9 +11,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::TextureRef;
+use whitstone_core::stream::{LANES, PointStream};
 use whitstone_core::{
-    Branch, BranchKind, Branches, ColorSource, Context, DVec3, Lobes, Material, Materials, Needs, Plugin,
-    SceneErrors, SurfacePoint,
+    Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Lobes, Material, Materials,
+    Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd,
 };
 
 /// A perfect mirror on both sides.
@@ -64,6 +65,21 @@ impl Material for Mirror {
             weight: self.reflectance.value(point),
             kind: BranchKind::Reflection,
         });
+    }
+
+    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+        self.reflectance.value_stream(points, &mut out.reflection.weight);
+        out.transmission.weight.fill(points.len, Rgb::BLACK);
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in 0..points.len.min(LANES) {
+                    let view = points.view.get(lane);
+                    let n = points.get(lane).n_towards(view);
+                    out.reflection.direction.set(lane, reflect(n, view));
+                }
+            },
+        );
     }
 }
 

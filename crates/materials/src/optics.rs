@@ -26,13 +26,16 @@
 //! - `1 - R = 2 n_i n_t c_i c_t (1/D_s² + 1/D_p²)`, from `(a + b)² - (a - b)² = 4 a b`.
 
 use whitstone_core::DVec3;
+use whitstone_core::simd::select;
 
 /// The mirror direction of `v`.
+#[inline(always)]
 pub(crate) fn reflect(n: DVec3, v: DVec3) -> DVec3 {
     nearly_unit(2.0 * n.dot(v) * n - v)
 }
 
 /// A step of Newton's method for 1/|v|: rounding errors must not add up over many bounces.
+#[inline(always)]
 fn nearly_unit(v: DVec3) -> DVec3 {
     v * (1.5 - 0.5 * v.length_squared())
 }
@@ -69,9 +72,11 @@ pub(crate) struct Interface {
     q: f64,
 }
 
-/// A ray that goes through an interface.
+/// A ray that goes through an interface, or would.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Crossing {
+    /// Whether nothing goes through: total internal reflection. The rest then means nothing.
+    pub(crate) total: bool,
     /// Unit direction into the other side.
     pub(crate) direction: DVec3,
     cos_i: f64,
@@ -109,56 +114,64 @@ impl Interface {
     }
 
     /// Whether the indices are equal: nothing is reflected or bent, from either side.
+    #[inline(always)]
     pub(crate) fn is_open(&self) -> bool {
         self.difference == 0.0
     }
 
     /// n_i/n_t.
+    #[inline(always)]
     pub(crate) fn eta(&self) -> f64 {
         self.eta
     }
 
-    /// The refracted ray, or `None` at total internal reflection.
-    pub(crate) fn cross(&self, n: DVec3, v: DVec3) -> Option<Crossing> {
+    /// One of two interfaces, by values: straight-line code.
+    #[inline(always)]
+    pub(crate) fn choose(first: bool, a: &Self, b: &Self) -> Self {
+        let pick = |a: f64, b: f64| select(first, a, b);
+        Self {
+            n_i: pick(a.n_i, b.n_i),
+            n_t: pick(a.n_t, b.n_t),
+            difference: pick(a.difference, b.difference),
+            eta: pick(a.eta, b.eta),
+            g: pick(a.g, b.g),
+            q: pick(a.q, b.q),
+        }
+    }
+
+    /// The refracted ray. Straight-line code: streams run it in vector registers.
+    #[inline(always)]
+    pub(crate) fn cross(&self, n: DVec3, v: DVec3) -> Crossing {
         let cosine = n.dot(v);
         // A normal that looks away can only come from a view along the geometry, where rule G drops the
         // branch: any unit direction will do.
         let (n, cos_i) = if cosine < 0.0 { (-n, -cosine) } else { (n, cosine) };
         let sine = n.cross(v);
         let sin_i = sine.length();
-        if self.is_open() {
-            return Some(Crossing {
-                direction: -v,
-                cos_i,
-                sin_i,
-                cos_t: cos_i,
-            });
-        }
         let Self { eta, g, q, .. } = *self;
         let (a, b) = (eta * sin_i, eta * cos_i);
-        let cos_t_squared = if a * a < 0.5 || g <= -1.0 {
-            (1.0 - a) * (1.0 + a)
-        } else if eta <= 1.0 {
-            g + b * b
-        } else {
-            (b - q) * (b + q)
-        };
-        if cos_t_squared <= 0.0 {
-            return None;
-        }
-        let cos_t = cos_t_squared.sqrt();
+        let by_sine = (1.0 - a) * (1.0 + a);
+        let into_denser = g + b * b;
+        let into_thinner = (b - q) * (b + q);
+        let by_cosine = select(eta <= 1.0, into_denser, into_thinner);
+        let sine_will_do = (a * a < 0.5) | (g <= -1.0);
+        let cos_t_squared = select(sine_will_do, by_sine, by_cosine);
+        let cos_t = cos_t_squared.max(0.0).sqrt();
         // (n x v) x n is v without its part along n, and as long as the sine: a unit vector even for a
         // huge eta.
-        let direction = nearly_unit(-(cos_t * n + eta * sine.cross(n)));
-        Some(Crossing {
-            direction,
+        let bent = nearly_unit(-(cos_t * n + eta * sine.cross(n)));
+        let open = self.is_open();
+        Crossing {
+            total: (cos_t_squared <= 0.0) & !open,
+            direction: if open { -v } else { bent },
             cos_i,
             sin_i,
-            cos_t,
-        })
+            cos_t: select(open, cos_i, cos_t),
+        }
     }
 
     /// Fresnel's equations for unpolarised light.
+    #[inline(always)]
     pub(crate) fn fresnel(&self, crossing: &Crossing) -> Fresnel {
         let Self {
             n_i,
@@ -167,12 +180,6 @@ impl Interface {
             eta,
             ..
         } = *self;
-        if self.is_open() {
-            return Fresnel {
-                reflected: 0.0,
-                transmitted: 1.0,
-            };
-        }
         let Crossing {
             cos_i, sin_i, cos_t, ..
         } = *crossing;
@@ -181,9 +188,11 @@ impl Interface {
         let r_s = difference * (n_i + n_t) / d_s / d_s;
         let r_p = difference * (n_i + n_t) * (eta * sin_i - cos_i) * (eta * sin_i + cos_i) / d_p / d_p;
         let both = (n_i * cos_i) * (n_t * cos_t);
+        let transmitted = 2.0 * (both / d_s / d_s + both / d_p / d_p);
+        let open = self.is_open();
         Fresnel {
-            reflected: 0.5 * (r_s * r_s + r_p * r_p),
-            transmitted: 2.0 * (both / d_s / d_s + both / d_p / d_p),
+            reflected: select(open, 0.0, 0.5 * (r_s * r_s + r_p * r_p)),
+            transmitted: select(open, 1.0, transmitted),
         }
     }
 }

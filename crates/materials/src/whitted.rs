@@ -155,10 +155,11 @@ impl Material for Whitted {
         } else {
             (&self.inside, self.exterior_absorption)
         };
-        let Some(crossing) = interface.cross(n, view) else {
+        let crossing = interface.cross(n, view);
+        if crossing.total {
             out.push(reflection(k_refl + k_refr));
             return;
-        };
+        }
         if !k_refl.is_black() {
             out.push(reflection(k_refl));
         }

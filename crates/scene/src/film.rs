@@ -1,12 +1,18 @@
 use crate::{Aov, Pipeline};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
-use whitstone_core::{Counters, DVec2, Interval, Needs, RawHit, Ray, Rgb, Scratch, Skip};
+use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, RayStream};
+use whitstone_core::{Counters, DVec2, Needs, RawHit, Ray, Rgb, Scratch};
 use whitstone_image::{Image, ImageError};
 
 /// Edge length of the square tiles that threads share out, in pixels.
 const TILE: u32 = 16;
+const _: () = assert!((TILE * TILE) as usize <= LANES);
+
+/// Edge length of the squares within a tile.
+const SQUARE: u32 = 4;
 
 /// A rendered image.
 pub struct Film {
@@ -45,10 +51,58 @@ struct Tile {
     height: u32,
 }
 
-struct RenderedTile {
+impl Tile {
+    /// The pixels, from the tile's corner, in small squares: rays of one register stay close together.
+    fn order(&self, order: &mut Vec<[u32; 2]>) {
+        let square = |k: u32| [k % (TILE / SQUARE) * SQUARE, k / (TILE / SQUARE) * SQUARE];
+        let squares = (0..(TILE / SQUARE).pow(2)).map(square);
+        let all =
+            squares.flat_map(|[x, y]| (0..SQUARE * SQUARE).map(move |k| [x + k % SQUARE, y + k / SQUARE]));
+        order.clear();
+        order.extend(all.filter(|[x, y]| *x < self.width && *y < self.height));
+    }
+}
+
+/// Working memory of one thread, and the tile that was rendered last.
+#[derive(Default)]
+struct TileScratch {
+    scratch: Scratch,
+    /// The pixels from the tile's corner, in the order of the lanes.
+    order: Vec<[u32; 2]>,
     rgb: Vec<[f32; 3]>,
-    layers: Vec<Vec<f32>>,
-    counters: Counters,
+    /// All channels of the first pixel, then those of the next.
+    layers: Vec<f32>,
+    rays: Box<RayStream>,
+    raster: Box<Raster>,
+    radiance: Box<Colors>,
+    hits: Box<HitStream>,
+}
+
+struct Raster(Lanes<DVec2>);
+
+impl Default for Raster {
+    fn default() -> Self {
+        Self([DVec2::ZERO; LANES])
+    }
+}
+
+impl TileScratch {
+    /// Hands over what was rendered and counted since the last call.
+    fn write(&mut self, tile: &Tile, film: &mut Film) {
+        film.counters.add(std::mem::take(&mut self.scratch.counters));
+        let channels = film.layers.len();
+        for (lane, ([x, y], rgb)) in self.order.iter().zip(&self.rgb).enumerate() {
+            let place = (tile.y + y) as usize * film.width as usize + (tile.x + x) as usize;
+            film.rgb[place] = *rgb;
+            for (channel, (_, layer)) in film.layers.iter_mut().enumerate() {
+                layer[place] = self.layers[lane * channels + channel];
+            }
+        }
+    }
+}
+
+fn pixel_corner(pixel: [u32; 2]) -> DVec2 {
+    DVec2::new(f64::from(pixel[0]), f64::from(pixel[1]))
 }
 
 impl Aov {
@@ -103,19 +157,7 @@ impl Pipeline {
                 height: TILE.min(size.height - y),
             })
             .collect();
-        let rendered: Vec<RenderedTile> = tiles
-            .par_iter()
-            .map_init(Scratch::default, |scratch, tile| {
-                let rendered = self.render_tile(tile, scratch);
-                let pixels = u64::from(tile.width) * u64::from(tile.height);
-                let so_far = done.fetch_add(pixels, Ordering::Relaxed) + pixels;
-                if let Some(progress) = progress {
-                    progress(so_far, total);
-                }
-                rendered
-            })
-            .collect();
-        let mut film = Film {
+        let film = Mutex::new(Film {
             width: size.width,
             height: size.height,
             rgb: vec![[0.0; 3]; total as usize],
@@ -129,55 +171,87 @@ impl Pipeline {
             samples: self.sampler.count(),
             counters: Counters::default(),
             render_seconds: 0.0,
-        };
-        for (tile, part) in tiles.iter().zip(&rendered) {
-            film.counters.add(part.counters);
-            for row in 0..tile.height {
-                let from = (row * tile.width) as usize..((row + 1) * tile.width) as usize;
-                let to = ((tile.y + row) as usize * size.width as usize) + tile.x as usize;
-                let to = to..to + tile.width as usize;
-                film.rgb[to.clone()].copy_from_slice(&part.rgb[from.clone()]);
-                for ((_, layer), values) in film.layers.iter_mut().zip(&part.layers) {
-                    layer[to.clone()].copy_from_slice(&values[from.clone()]);
+        });
+        tiles
+            .par_iter()
+            .for_each_init(TileScratch::default, |scratch, tile| {
+                self.render_tile(tile, scratch);
+                scratch.write(tile, &mut film.lock().unwrap_or_else(PoisonError::into_inner));
+                let pixels = u64::from(tile.width) * u64::from(tile.height);
+                let so_far = done.fetch_add(pixels, Ordering::Relaxed) + pixels;
+                if let Some(progress) = progress {
+                    progress(so_far, total);
                 }
-            }
-        }
+            });
+        let mut film = film.into_inner().unwrap_or_else(PoisonError::into_inner);
         film.render_seconds = start.elapsed().as_secs_f64();
         film
     }
 
-    fn render_tile(&self, tile: &Tile, scratch: &mut Scratch) -> RenderedTile {
-        let pixels = (tile.width * tile.height) as usize;
-        let channels = self.film.aovs.iter().map(|aov| aov.channels().len()).sum();
-        let mut rendered = RenderedTile {
-            rgb: Vec::with_capacity(pixels),
-            layers: vec![Vec::with_capacity(pixels); channels],
-            counters: Counters::default(),
-        };
-        let before = scratch.counters;
-        for y in tile.y..tile.y + tile.height {
-            for x in tile.x..tile.x + tile.width {
-                let color = self.pixel([x, y], scratch);
-                rendered.rgb.push(color.to_array().map(|c| c as f32));
-                if channels > 0 {
-                    self.layers([x, y], &mut rendered.layers);
-                }
+    fn render_tile(&self, tile: &Tile, scratch: &mut TileScratch) {
+        let TileScratch {
+            scratch,
+            order,
+            rgb,
+            layers,
+            rays,
+            raster,
+            radiance,
+            hits,
+        } = scratch;
+        tile.order(order);
+        let corner = |[x, y]: [u32; 2]| [tile.x + x, tile.y + y];
+        let count = self.sampler.count();
+        let mut sums = [Rgb::BLACK; LANES];
+        rays.len = order.len();
+        for sample in 0..count {
+            for (raster, pixel) in raster.0.iter_mut().zip(&*order) {
+                *raster = self.raster(corner(*pixel), sample);
+            }
+            self.camera.ray_stream(&raster.0, rays);
+            self.integrator
+                .radiance_stream(&self.world, rays, scratch, radiance);
+            for (lane, sum) in sums.iter_mut().enumerate().take(order.len()) {
+                *sum += radiance.get(lane);
             }
         }
-        rendered.counters = Counters {
-            closest: scratch.counters.closest - before.closest,
-            shadow: scratch.counters.shadow - before.shadow,
-        };
-        rendered
+        rgb.clear();
+        rgb.extend(sums[..order.len()].iter().map(|sum| {
+            let mean = *sum * (1.0 / f64::from(count));
+            mean.to_array().map(|c| c as f32)
+        }));
+        layers.clear();
+        if self.film.aovs.is_empty() {
+            return;
+        }
+        for (raster, pixel) in raster.0.iter_mut().zip(&*order) {
+            *raster = pixel_corner(corner(*pixel)) + 0.5;
+        }
+        self.camera.ray_stream(&raster.0, rays);
+        self.world.accelerator.closest_stream(rays, hits);
+        for lane in 0..order.len() {
+            let (ray, hit) = (rays.ray(lane), hits.get(lane));
+            for aov in &self.film.aovs {
+                layers.extend(
+                    self.layer_values(*aov, &ray, hit.as_ref())
+                        .iter()
+                        .map(|v| *v as f32),
+                );
+            }
+        }
+    }
+
+    /// Where a sample of a pixel lies in the image.
+    fn raster(&self, pixel: [u32; 2], sample: u32) -> DVec2 {
+        pixel_corner(pixel) + self.sampler.position(pixel, sample)
     }
 
     /// The camera ray of a sample of a pixel.
     pub fn camera_ray(&self, pixel: [u32; 2], sample: u32) -> Ray {
-        let corner = DVec2::new(f64::from(pixel[0]), f64::from(pixel[1]));
-        self.camera.ray(corner + self.sampler.position(pixel, sample))
+        self.camera.ray(self.raster(pixel, sample))
     }
 
-    /// The value of one pixel: the mean over its samples.
+    /// The value of one pixel, the mean over its samples, by itself: the same as in the image.
     pub fn pixel(&self, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
         let count = self.sampler.count();
         let sum: Rgb = (0..count)
@@ -187,23 +261,6 @@ impl Pipeline {
             })
             .sum();
         sum * (1.0 / f64::from(count))
-    }
-
-    fn layers(&self, pixel: [u32; 2], out: &mut [Vec<f32>]) {
-        let raster = DVec2::new(f64::from(pixel[0]) + 0.5, f64::from(pixel[1]) + 0.5);
-        let ray = self.camera.ray(raster);
-        let hit = self
-            .world
-            .accelerator
-            .closest(&ray, Interval::FORWARD, Skip::NOTHING);
-        let mut values = out.iter_mut();
-        for aov in &self.film.aovs {
-            for value in self.layer_values(*aov, &ray, hit.as_ref()) {
-                if let Some(layer) = values.next() {
-                    layer.push(value as f32);
-                }
-            }
-        }
     }
 
     fn layer_values(&self, aov: Aov, ray: &Ray, hit: Option<&RawHit>) -> Vec<f64> {

@@ -3,13 +3,13 @@
 //! - Twin: Mitsuba `disk` (native).
 //! - Example: `scenes/shapes/disk.toml`.
 
-use crate::frame::Frame;
+use crate::frame::{Frame, flat_hit};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape,
+    Shapes, Straight, SurfacePoint, Transform,
 };
 
 /// The disk x² + y² <= 1 in the plane z = 0 of its object space; the outside is +z.
@@ -18,6 +18,7 @@ use whitstone_core::{
 pub struct Config {}
 
 /// In world space.
+#[derive(Clone)]
 pub struct Disk {
     frame: Frame,
 }
@@ -42,7 +43,7 @@ impl Plugin<Shapes> for Disk {
     }
 }
 
-impl Primitive for Disk {
+impl Straight for Disk {
     fn bounds(&self) -> Aabb {
         let [x, y, _] = self.frame.columns(DVec3::ONE);
         // The disk reaches sqrt(x² + y²) along each world axis: exact if one of them is zero, else up to
@@ -54,19 +55,19 @@ impl Primitive for Disk {
         self.frame.around([0, 1, 2].map(|i| reach(x[i], y[i])))
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        if leaves.is_some() {
-            return None;
-        }
-        let (t, params) = self.frame.meet_plane(ray, interval)?;
-        let hit = params.length_squared() <= 1.0;
-        hit.then_some(PrimitiveHit {
-            t,
-            primitive: 0,
-            params,
-        })
+    #[inline(always)]
+    fn comes_near(&self, ray: &Ray) -> bool {
+        self.frame.approaches(ray)
     }
 
+    #[inline(always)]
+    fn hit(&self, ray: &Ray, min: f64, leaves: bool) -> PrimitiveHit {
+        let (t, params) = self.frame.meet_plane(ray);
+        let inside = params.length_squared() <= 1.0;
+        flat_hit(t, params, inside, min, leaves)
+    }
+
+    #[inline(always)]
     fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         let (position, error) = self.frame.point(hit.params.extend(0.0), 2);
         let mut point = SurfacePoint::new(position, error, self.frame.normal(2));

@@ -1,11 +1,13 @@
 //! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common.
 
-use whitstone_core::{Aabb, DMat3, DVec2, DVec3, Interval, Ray, Transform};
+use whitstone_core::simd::select;
+use whitstone_core::{Aabb, DMat3, DVec2, DVec3, PrimitiveHit, Ray, Transform};
 
 /// Half the distance from 1 to the next number: the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
 /// The object space of a shape whose faces lie in planes across the object axes.
+#[derive(Clone)]
 pub(crate) struct Frame {
     transform: Transform,
     /// Unit normals in world space of the planes across each object axis.
@@ -39,23 +41,29 @@ impl Frame {
         self.transform.ray_to_object(ray)
     }
 
-    /// Where a ray meets the plane z = 0 of object space inside the interval: the ray parameter and x, y there.
-    /// A ray that runs in parallel meets it nowhere.
-    #[inline]
-    pub(crate) fn meet_plane(&self, ray: &Ray, interval: Interval) -> Option<(f64, DVec2)> {
+    /// Where a ray meets the plane z = 0 of object space: the ray parameter and x, y there. A ray that runs
+    /// in parallel meets it at infinity or, inside of it, at NaN.
+    #[inline(always)]
+    pub(crate) fn meet_plane(&self, ray: &Ray) -> (f64, DVec2) {
+        let inverse = &self.transform.object_from_world().matrix3;
+        let origin = *inverse * (ray.origin - self.transform.world_from_object().translation);
+        let direction = *inverse * ray.direction;
+        let t = -origin.z / direction.z;
+        (t, origin.truncate() + t * direction.truncate())
+    }
+
+    /// Whether a ray goes towards the plane z = 0 of object space at all.
+    #[inline(always)]
+    pub(crate) fn approaches(&self, ray: &Ray) -> bool {
         let inverse = &self.transform.object_from_world().matrix3;
         let origin = ray.origin - self.transform.world_from_object().translation;
-        let direction = ray.direction;
-        // Most rays are settled by z alone.
         let row = DVec3::new(inverse.x_axis.z, inverse.y_axis.z, inverse.z_axis.z);
-        let t = -row.dot(origin) / row.dot(direction);
-        interval.contains(t).then(|| {
-            let (origin, direction) = (*inverse * origin, *inverse * direction);
-            (t, origin.truncate() + t * direction.truncate())
-        })
+        let (height, slope) = (row.dot(origin), row.dot(ray.direction));
+        (height > 0.0) & (slope < 0.0) | (height < 0.0) & (slope > 0.0)
     }
 
     /// Unit normal in world space of the planes across an object axis.
+    #[inline(always)]
     pub(crate) fn normal(&self, axis: usize) -> DVec3 {
         self.normals[axis]
     }
@@ -65,6 +73,7 @@ impl Frame {
     ///
     /// The bound: three products and three sums leave in each coordinate at most four roundings of the
     /// sum of the absolute terms; the ray that leaves along the normal adds one more; then the tilt.
+    #[inline(always)]
     pub(crate) fn point(&self, p: DVec3, axis: usize) -> (DVec3, f64) {
         let origin = self.transform.world_from_object().translation;
         let [x, y, z] = self.columns(p);
@@ -90,9 +99,21 @@ impl Frame {
     }
 
     /// The columns of the matrix, multiplied by the coordinates of `p`.
+    #[inline(always)]
     pub(crate) fn columns(&self, p: DVec3) -> [DVec3; 3] {
         let m = self.transform.world_from_object().matrix3;
         [p.x * m.x_axis, p.y * m.y_axis, p.z * m.z_axis]
+    }
+}
+
+/// The hit of a ray with the part of a plane that `inside` says; one that leaves the plane does not meet it.
+#[inline(always)]
+pub(crate) fn flat_hit(t: f64, params: DVec2, inside: bool, min: f64, leaves: bool) -> PrimitiveHit {
+    let counts = inside & (t > min) & !leaves;
+    PrimitiveHit {
+        t: select(counts, t, f64::NAN),
+        primitive: 0,
+        params,
     }
 }
 

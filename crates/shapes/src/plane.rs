@@ -6,12 +6,12 @@
 //!   there and loses rows at the horizon.
 //! - Example: `scenes/shapes/plane.toml`.
 
-use crate::frame::Frame;
+use crate::frame::{Frame, flat_hit};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
-    Aabb, Context, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors,
-    Shape, Shapes, SurfacePoint, Transform,
+    Aabb, Context, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape, Shapes,
+    Straight, SurfacePoint, Transform,
 };
 
 /// The endless plane z = 0 of its object space; the outside is +z.
@@ -20,6 +20,7 @@ use whitstone_core::{
 pub struct Config {}
 
 /// In world space.
+#[derive(Clone)]
 pub struct Plane {
     frame: Frame,
 }
@@ -37,24 +38,24 @@ impl Plugin<Shapes> for Plane {
     }
 }
 
-impl Primitive for Plane {
+impl Straight for Plane {
     fn bounds(&self) -> Aabb {
         Aabb::EVERYTHING
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        if leaves.is_some() {
-            return None;
-        }
-        let (t, params) = self.frame.meet_plane(ray, interval)?;
-        let hit = params.is_finite();
-        hit.then_some(PrimitiveHit {
-            t,
-            primitive: 0,
-            params,
-        })
+    #[inline(always)]
+    fn comes_near(&self, ray: &Ray) -> bool {
+        self.frame.approaches(ray)
     }
 
+    #[inline(always)]
+    fn hit(&self, ray: &Ray, min: f64, leaves: bool) -> PrimitiveHit {
+        let (t, params) = self.frame.meet_plane(ray);
+        let inside = (params.x.abs() < f64::INFINITY) & (params.y.abs() < f64::INFINITY);
+        flat_hit(t, params, inside, min, leaves)
+    }
+
+    #[inline(always)]
     fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         let (position, error) = self.frame.point(hit.params.extend(0.0), 2);
         let mut point = SurfacePoint::new(position, error, self.frame.normal(2));
@@ -69,6 +70,7 @@ impl Primitive for Plane {
 mod tests {
     use super::*;
     use whitstone_core::DVec3;
+    use whitstone_core::Interval;
     use whitstone_testkit::{build, shape_laws_everywhere};
 
     #[test]

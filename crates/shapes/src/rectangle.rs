@@ -3,12 +3,12 @@
 //! - Twin: Mitsuba `rectangle` (native).
 //! - Example: `scenes/shapes/rectangle.toml`.
 
-use crate::frame::Frame;
+use crate::frame::{Frame, flat_hit};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneErrors,
-    Shape, Shapes, SurfacePoint, Transform,
+    Aabb, Context, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneErrors, Shape, Shapes, Straight,
+    SurfacePoint, Transform,
 };
 
 /// The square -1 <= x, y <= 1 in the plane z = 0 of its object space; the outside is +z.
@@ -17,6 +17,7 @@ use whitstone_core::{
 pub struct Config {}
 
 /// In world space.
+#[derive(Clone)]
 pub struct Rectangle {
     frame: Frame,
 }
@@ -31,24 +32,24 @@ impl Plugin<Shapes> for Rectangle {
     }
 }
 
-impl Primitive for Rectangle {
+impl Straight for Rectangle {
     fn bounds(&self) -> Aabb {
         self.frame.bounds(DVec3::new(1.0, 1.0, 0.0))
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        if leaves.is_some() {
-            return None;
-        }
-        let (t, params) = self.frame.meet_plane(ray, interval)?;
-        let hit = params.abs().cmple(DVec2::ONE).all();
-        hit.then_some(PrimitiveHit {
-            t,
-            primitive: 0,
-            params,
-        })
+    #[inline(always)]
+    fn comes_near(&self, ray: &Ray) -> bool {
+        self.frame.approaches(ray)
     }
 
+    #[inline(always)]
+    fn hit(&self, ray: &Ray, min: f64, leaves: bool) -> PrimitiveHit {
+        let (t, params) = self.frame.meet_plane(ray);
+        let inside = (params.x.abs() <= 1.0) & (params.y.abs() <= 1.0);
+        flat_hit(t, params, inside, min, leaves)
+    }
+
+    #[inline(always)]
     fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         let (position, error) = self.frame.point(hit.params.extend(0.0), 2);
         let mut point = SurfacePoint::new(position, error, self.frame.normal(2));
@@ -62,6 +63,7 @@ impl Primitive for Rectangle {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_core::Interval;
     use whitstone_testkit::{build, shape_laws_everywhere};
 
     #[test]

@@ -11,9 +11,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
 use whitstone_core::config::{Positive, Vector3};
+use whitstone_core::simd::select;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape,
+    Shapes, Straight, SurfacePoint, Transform,
 };
 
 /// A sphere; the outside is away from its center.
@@ -37,6 +38,7 @@ fn one() -> Positive {
 }
 
 /// In world space.
+#[derive(Clone)]
 pub struct Sphere {
     center: DVec3,
     radius: f64,
@@ -60,46 +62,7 @@ impl Plugin<Shapes> for Sphere {
     }
 }
 
-impl Sphere {
-    /// Both roots in ascending order.
-    fn roots(&self, ray: &Ray) -> Option<[f64; 2]> {
-        let (l, d) = (ray.origin - self.center, ray.direction);
-        let a = d.length_squared();
-        let b = l.dot(d);
-        // Most rays miss by far. The squares below are right to a few roundings of the larger one, so a
-        // margin of 1e-12 of it leaves every doubtful ray to the careful form.
-        let (l_squared, r_squared) = (l.length_squared(), self.radius * self.radius);
-        let far = a * l_squared;
-        let passes_by = far - b * b > a * r_squared + 1e-12 * far;
-        // Outside and going away.
-        let behind = b > 0.0 && l_squared > r_squared + 1e-12 * l_squared;
-        if passes_by || behind {
-            return None;
-        }
-        let distance = l.length();
-        // |l|² - r², without the cancellation of the squares.
-        let c = (distance - self.radius) * (distance + self.radius);
-        let discriminant = if distance < 2.0 * self.radius {
-            b * b - a * c
-        } else {
-            let perpendicular = (l - (b / a) * d).length();
-            a * (self.radius - perpendicular) * (self.radius + perpendicular)
-        };
-        if discriminant.is_nan() || discriminant < 0.0 {
-            return None;
-        }
-        // The sum that does not cancel gives one root, the product of the roots the other.
-        let q = -(b + discriminant.sqrt().copysign(b));
-        let (first, second) = (c / q, q / a);
-        Some(if first < second {
-            [first, second]
-        } else {
-            [second, first]
-        })
-    }
-}
-
-impl Primitive for Sphere {
+impl Straight for Sphere {
     fn bounds(&self) -> Aabb {
         Aabb {
             min: self.center - self.radius,
@@ -109,21 +72,52 @@ impl Primitive for Sphere {
         .padded(2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius))
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        let mut roots = self.roots(ray)?;
-        if leaves.is_some() {
-            // One of the roots is the start itself, moved off zero by rounding: the smaller one.
-            let start = usize::from(roots[1].abs() < roots[0].abs());
-            roots[start] = f64::NAN;
-        }
-        let t = roots.into_iter().find(|t| interval.contains(*t))?;
-        Some(PrimitiveHit {
-            t,
-            primitive: 0,
-            params: DVec2::ZERO,
-        })
+    #[inline(always)]
+    fn comes_near(&self, ray: &Ray) -> bool {
+        let (l, d) = (ray.origin - self.center, ray.direction);
+        let (a, b) = (d.length_squared(), l.dot(d));
+        // The squares below are right to a few roundings of the larger one, so a margin of 1e-12 of it
+        // leaves every doubtful ray to the careful form.
+        let (l_squared, r_squared) = (l.length_squared(), self.radius * self.radius);
+        let far = a * l_squared;
+        let passes_by = far - b * b > a * r_squared + 1e-12 * far;
+        // Outside and going away.
+        let behind = (b > 0.0) & (l_squared > r_squared + 1e-12 * l_squared);
+        !(passes_by | behind)
     }
 
+    #[inline(always)]
+    fn hit(&self, ray: &Ray, min: f64, leaves: bool) -> PrimitiveHit {
+        let (l, d) = (ray.origin - self.center, ray.direction);
+        let (a, b) = (d.length_squared(), l.dot(d));
+        let distance = l.length();
+        // |l|² - r², without the cancellation of the squares.
+        let c = (distance - self.radius) * (distance + self.radius);
+        let perpendicular = (l - (b / a) * d).length();
+        let near_form = b * b - a * c;
+        let far_form = a * (self.radius - perpendicular) * (self.radius + perpendicular);
+        let discriminant = select(distance < 2.0 * self.radius, near_form, far_form);
+        // The sum that does not cancel gives one root, the product of the roots the other. Both are NaN
+        // if the discriminant is negative.
+        let q = -(b + discriminant.sqrt().copysign(b));
+        let (one, other) = (c / q, q / a);
+        let ascending = one < other;
+        let first = select(ascending, one, other);
+        let second = select(ascending, other, one);
+        // For a ray that leaves the sphere, one of the roots is the start itself, moved off zero by
+        // rounding: the smaller one.
+        let second_is_start = second.abs() < first.abs();
+        let first_counts = (first > min) & !(leaves & !second_is_start);
+        let second_counts = (second > min) & !(leaves & second_is_start);
+        let later = select(second_counts, second, f64::NAN);
+        PrimitiveHit {
+            t: select(first_counts, first, later),
+            primitive: 0,
+            params: DVec2::ZERO,
+        }
+    }
+
+    #[inline(always)]
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         let n = (ray.at(hit.t) - self.center).normalize();
         // Projected onto the sphere, the point is as accurate as its coordinates allow, from however
@@ -132,24 +126,31 @@ impl Primitive for Sphere {
         let error = 2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius);
         let mut point = SurfacePoint::new(position, error, n);
         if needs.contains(Needs::UV) {
-            let local = self
-                .transform
-                .object_from_world()
-                .transform_vector3(n)
-                .normalize();
-            let phi = local.y.atan2(local.x);
-            let phi = if phi < 0.0 { phi + TAU } else { phi };
-            // acos loses half the digits near the poles; atan2 of both legs does not.
-            let theta = local.truncate().length().atan2(local.z);
-            point.uv = DVec2::new(phi / TAU, 1.0 - theta / std::f64::consts::PI);
+            point.uv = self.uv(n);
         }
         point
+    }
+}
+
+impl Sphere {
+    fn uv(&self, n: DVec3) -> DVec2 {
+        let local = self
+            .transform
+            .object_from_world()
+            .transform_vector3(n)
+            .normalize();
+        let phi = local.y.atan2(local.x);
+        let phi = if phi < 0.0 { phi + TAU } else { phi };
+        // acos loses half the digits near the poles; atan2 of both legs does not.
+        let theta = local.truncate().length().atan2(local.z);
+        DVec2::new(phi / TAU, 1.0 - theta / std::f64::consts::PI)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_core::{Interval, Primitive};
     use whitstone_testkit::shape_laws_everywhere;
 
     fn unit() -> Sphere {

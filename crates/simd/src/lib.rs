@@ -8,3 +8,10 @@
 mod dispatch;
 
 pub use dispatch::{Level, dispatch};
+
+/// One of two values, both computed: unlike `if`, never a jump, which would keep a loop out of vector
+/// registers.
+#[inline(always)]
+pub fn select<T>(condition: bool, yes: T, no: T) -> T {
+    std::hint::select_unpredictable(condition, yes, no)
+}

@@ -179,10 +179,7 @@ fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
     let mut clean = Scratch::default();
     let found = integrator.radiance(world, &ray, &mut clean);
     assert!(clean.counters.closest >= 1, "a camera ray is counted");
-    let mut recording = Scratch {
-        record: Some(Vec::new()),
-        ..Scratch::default()
-    };
+    let mut recording = Scratch::recording();
     let told = integrator.radiance(world, &ray, &mut recording);
     assert_eq!(found, told, "the record changes nothing");
     let nodes = recording.record.unwrap_or_default();
@@ -194,10 +191,8 @@ fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
     );
     // What another ray left behind.
     let lost = PathState::camera(Ray::new(DVec3::ONE, DVec3::NEG_Y));
-    let mut used = Scratch {
-        pending: vec![lost],
-        ..Scratch::default()
-    };
+    let mut used = Scratch::default();
+    used.pending.push(lost);
     used.incoming.push(Incoming {
         direction: DVec3::Y,
         irradiance: Rgb::WHITE,

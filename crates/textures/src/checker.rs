@@ -7,7 +7,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Color, Scale2, Vector2};
-use whitstone_core::{Context, DVec2, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, Texture, Textures};
+use whitstone_core::stream::{Colors, LANES, PointStream};
+use whitstone_core::{
+    Context, DVec2, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, Texture, Textures, simd,
+};
 
 /// Two colours in squares, like a chessboard.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -70,12 +73,24 @@ impl Texture for Checker {
         Needs::UV
     }
 
+    #[inline(always)]
     fn value(&self, point: &SurfacePoint) -> Rgb {
         let cell = (point.uv * self.scale + self.offset).floor();
         // The remainder after division by 2, exact for every finite number; a sum of cell numbers could
         // round. Without a cell (NaN) the colour is b.
         let odd = cell - 2.0 * (0.5 * cell).floor();
         if odd.x == odd.y { self.a } else { self.b }
+    }
+
+    fn value_stream(&self, points: &PointStream, out: &mut Colors) {
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in 0..points.len.min(LANES) {
+                    out.set(lane, self.value(&points.get(lane)));
+                }
+            },
+        );
     }
 }
 

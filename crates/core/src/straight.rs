@@ -1,0 +1,154 @@
+use crate::simd;
+use crate::stream::{HitStream, LANES, Lanes, PointStream, RayStream};
+use crate::{Aabb, InstancePath, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, SurfacePoint};
+use glam::DVec2;
+
+/// Lanes that are looked at together: two registers of the widest kind.
+const GROUP: usize = 16;
+const _: () = assert!(LANES.is_multiple_of(GROUP));
+
+/// A [`Primitive`] whose arithmetic is straight-line: it is written once, for one ray, and runs in vector
+/// registers for streams of rays.
+///
+/// Mark every method `#[inline(always)]`, choose with `if a { b } else { c }` between *values* that are
+/// both computed, join conditions with `&` and `|`, and return NaN instead of leaving early. The methods
+/// are also called for lanes that mean nothing; they must not panic. (`if` on the same condition again and
+/// again may become a jump: [`simd::select`] never does.)
+pub trait Straight: Clone + Send + Sync {
+    /// See [`Primitive::bounds`].
+    fn bounds(&self) -> Aabb;
+
+    /// A cheap test: false only if the ray has no hit at all. A group of rays of which none comes near is
+    /// done with it.
+    fn comes_near(&self, ray: &Ray) -> bool;
+
+    /// The nearest hit beyond `min`; its `t` is NaN where there is none. `leaves` says that the ray leaves
+    /// this object, which has one sub-primitive only.
+    fn hit(&self, ray: &Ray, min: f64, leaves: bool) -> PrimitiveHit;
+
+    /// See [`Primitive::surface`].
+    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
+}
+
+impl<P: Straight> Primitive for P {
+    fn bounds(&self) -> Aabb {
+        Straight::bounds(self)
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        if !self.comes_near(ray) {
+            return None;
+        }
+        let hit = self.hit(ray, interval.min, leaves.is_some());
+        interval.contains(hit.t).then_some(hit)
+    }
+
+    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        Straight::surface(self, ray, hit, needs)
+    }
+
+    fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
+        // A copy that nothing else can point to: what is read of it stays in registers.
+        let primitive = self.clone();
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for group in groups(rays) {
+                    let near = near(&primitive, rays, group);
+                    if !any(&near) {
+                        continue;
+                    }
+                    let mut t = [0.0; GROUP];
+                    let (mut u, mut v) = (t, t);
+                    for k in 0..GROUP {
+                        let lane = group * GROUP + k;
+                        let hit = primitive.hit(&rays.ray(lane), 0.0, leaves(rays, lane, shape));
+                        (t[k], u[k], v[k]) = (hit.t, hit.params.x, hit.params.y);
+                    }
+                    for k in 0..GROUP {
+                        let hit = PrimitiveHit {
+                            t: t[k],
+                            primitive: 0,
+                            params: DVec2::new(u[k], v[k]),
+                        };
+                        hits.offer(group * GROUP + k, near[k], shape, &hit);
+                    }
+                }
+            },
+        );
+    }
+
+    fn occluded_stream(&self, shape: u32, rays: &RayStream, hidden: &mut Lanes<bool>) {
+        let primitive = self.clone();
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for group in groups(rays) {
+                    let near = near(&primitive, rays, group);
+                    if !any(&near) {
+                        continue;
+                    }
+                    let mut hit = [false; GROUP];
+                    for k in 0..GROUP {
+                        let lane = group * GROUP + k;
+                        let t = primitive.hit(&rays.ray(lane), 0.0, leaves(rays, lane, shape)).t;
+                        hit[k] = near[k] & (t > 0.0) & (t < rays.limit[lane]);
+                    }
+                    for k in 0..GROUP {
+                        hidden[group * GROUP + k] |= hit[k];
+                    }
+                }
+            },
+        );
+    }
+
+    fn surface_stream(&self, rays: &RayStream, hits: &HitStream, needs: Needs, points: &mut PointStream) {
+        let primitive = self.clone();
+        let len = rays.len.min(LANES);
+        // Texture coordinates may take functions that have no vector form.
+        if needs.contains(Needs::UV) {
+            for lane in 0..len {
+                points.set(
+                    lane,
+                    &Straight::surface(&primitive, &rays.ray(lane), &hits.hit(lane), needs),
+                );
+            }
+            return;
+        }
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in 0..len {
+                    let (ray, hit) = (rays.ray(lane), hits.hit(lane));
+                    points.set(lane, &Straight::surface(&primitive, &ray, &hit, Needs::NOTHING));
+                }
+            },
+        );
+    }
+}
+
+#[inline(always)]
+fn leaves(rays: &RayStream, lane: usize, shape: u32) -> bool {
+    (rays.skip.shape[lane] == shape) & (rays.skip.instance[lane] == InstancePath::WORLD.0)
+}
+
+/// Numbers of the groups that hold the rays; below `LANES / GROUP`.
+#[inline(always)]
+fn groups(rays: &RayStream) -> std::ops::Range<usize> {
+    0..rays.len.min(LANES).div_ceil(GROUP)
+}
+
+/// Which rays of a group come near.
+#[inline(always)]
+fn near(primitive: &impl Straight, rays: &RayStream, group: usize) -> [bool; GROUP] {
+    let mut near = [false; GROUP];
+    for (k, near) in near.iter_mut().enumerate() {
+        *near = primitive.comes_near(&rays.ray(group * GROUP + k));
+    }
+    near
+}
+
+#[inline(always)]
+fn any(near: &[bool; GROUP]) -> bool {
+    near.iter().fold(false, |any, near| any | near)
+}

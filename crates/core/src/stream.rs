@@ -1,0 +1,409 @@
+//! Rays side by side: structures of arrays in which lane `i` of every array belongs to the same ray.
+//!
+//! Plugins are asked about a whole stream at once, so that a virtual call is paid once for many rays and
+//! the arithmetic between runs in vector registers. A plugin whose arithmetic is straight-line writes it once, for one
+//! lane, marks it `#[inline(always)]`, and loops over the lanes inside [`crate::simd::dispatch`]; one that
+//! is not inherits a loop over its scalar method. **Both give the same bits**: that is a law of every trait
+//! with a stream method.
+//!
+//! Lanes from `len` on hold whatever was there before: arithmetic on them is harmless and its result is
+//! never read.
+
+use crate::simd::select;
+use crate::{InstancePath, Interval, LightSample, PrimitiveHit, RawHit, Ray, Rgb, Skip, SurfacePoint};
+use glam::{DVec2, DVec3};
+
+/// Most rays in a stream.
+pub const LANES: usize = 256;
+
+/// One value for each ray of a stream.
+pub type Lanes<T> = [T; LANES];
+
+/// The number of no shape: a miss, or a ray that leaves nothing.
+pub const NO_SHAPE: u32 = u32::MAX;
+
+/// Vectors side by side.
+#[derive(Clone)]
+#[repr(align(64))]
+pub struct Vectors {
+    x: Lanes<f64>,
+    y: Lanes<f64>,
+    z: Lanes<f64>,
+}
+
+impl Default for Vectors {
+    fn default() -> Self {
+        let [x, y, z] = [[0.0; LANES]; 3];
+        Self { x, y, z }
+    }
+}
+
+impl Vectors {
+    /// The vector of a lane.
+    #[inline(always)]
+    pub fn get(&self, lane: usize) -> DVec3 {
+        DVec3::new(self.x[lane], self.y[lane], self.z[lane])
+    }
+
+    /// Replaces the vector of a lane.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, value: DVec3) {
+        (self.x[lane], self.y[lane], self.z[lane]) = (value.x, value.y, value.z);
+    }
+}
+
+/// Colours side by side.
+#[derive(Clone)]
+#[repr(align(64))]
+pub struct Colors {
+    r: Lanes<f64>,
+    g: Lanes<f64>,
+    b: Lanes<f64>,
+}
+
+impl Default for Colors {
+    fn default() -> Self {
+        let [r, g, b] = [[0.0; LANES]; 3];
+        Self { r, g, b }
+    }
+}
+
+impl Colors {
+    /// The colour of a lane.
+    #[inline(always)]
+    pub fn get(&self, lane: usize) -> Rgb {
+        Rgb::new(self.r[lane], self.g[lane], self.b[lane])
+    }
+
+    /// Replaces the colour of a lane.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, value: Rgb) {
+        (self.r[lane], self.g[lane], self.b[lane]) = (value.r, value.g, value.b);
+    }
+
+    /// The same colour in the first `len` lanes.
+    pub fn fill(&mut self, len: usize, value: Rgb) {
+        self.r[..len].fill(value.r);
+        self.g[..len].fill(value.g);
+        self.b[..len].fill(value.b);
+    }
+}
+
+/// Names of primitives side by side.
+#[derive(Clone)]
+#[repr(align(64))]
+pub struct Ids {
+    /// Copy of the shape.
+    pub instance: Lanes<u32>,
+    /// Number of the shape, or [`NO_SHAPE`].
+    pub shape: Lanes<u32>,
+    /// Number of the primitive in the shape.
+    pub primitive: Lanes<u32>,
+}
+
+impl Default for Ids {
+    fn default() -> Self {
+        Self {
+            instance: [0; LANES],
+            shape: [NO_SHAPE; LANES],
+            primitive: [0; LANES],
+        }
+    }
+}
+
+impl Ids {
+    /// Copies a lane from another stream.
+    #[inline(always)]
+    pub fn copy(&mut self, to: usize, from: &Self, lane: usize) {
+        self.instance[to] = from.instance[lane];
+        self.shape[to] = from.shape[lane];
+        self.primitive[to] = from.primitive[lane];
+    }
+
+    /// What a ray that leaves the primitive of this lane must not meet again.
+    #[inline(always)]
+    pub fn skip(&self, lane: usize) -> Skip {
+        match self.shape[lane] {
+            NO_SHAPE => Skip::NOTHING,
+            shape => Skip::of(InstancePath(self.instance[lane]), shape, self.primitive[lane]),
+        }
+    }
+
+    /// Replaces the name in a lane by what `skip` names.
+    pub fn set_skip(&mut self, lane: usize, skip: Skip) {
+        let (instance, shape, primitive) = skip.id().unwrap_or((InstancePath::WORLD, NO_SHAPE, 0));
+        (self.instance[lane], self.shape[lane], self.primitive[lane]) = (instance.0, shape, primitive);
+    }
+}
+
+/// Rays side by side. Each counts hits at parameters strictly between 0 and its limit.
+#[derive(Clone)]
+#[repr(align(64))]
+pub struct RayStream {
+    /// Rays in use.
+    pub len: usize,
+    /// Where they start, in metres.
+    pub origin: Vectors,
+    /// Unit directions.
+    pub direction: Vectors,
+    /// Upper ends of their intervals.
+    pub limit: Lanes<f64>,
+    /// The primitives that they leave.
+    pub skip: Ids,
+}
+
+impl Default for RayStream {
+    fn default() -> Self {
+        Self {
+            len: 0,
+            origin: Vectors::default(),
+            direction: Vectors::default(),
+            limit: [f64::INFINITY; LANES],
+            skip: Ids::default(),
+        }
+    }
+}
+
+impl RayStream {
+    /// The ray of a lane.
+    #[inline(always)]
+    pub fn ray(&self, lane: usize) -> Ray {
+        Ray::new(self.origin.get(lane), self.direction.get(lane))
+    }
+
+    /// The range in which the ray of a lane counts hits.
+    #[inline(always)]
+    pub fn interval(&self, lane: usize) -> Interval {
+        Interval::up_to(self.limit[lane])
+    }
+
+    /// Replaces a lane.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, ray: Ray, limit: f64, skip: Skip) {
+        self.origin.set(lane, ray.origin);
+        self.direction.set(lane, ray.direction);
+        self.limit[lane] = limit;
+        self.skip.set_skip(lane, skip);
+    }
+
+    /// Copies a lane from another stream.
+    #[inline(always)]
+    pub fn copy(&mut self, to: usize, from: &Self, lane: usize) {
+        self.origin.set(to, from.origin.get(lane));
+        self.direction.set(to, from.direction.get(lane));
+        self.limit[to] = from.limit[lane];
+        self.skip.copy(to, &from.skip, lane);
+    }
+}
+
+/// The nearest hits of a [`RayStream`], lane by lane.
+#[derive(Clone, Default)]
+#[repr(align(64))]
+pub struct HitStream {
+    /// Ray parameters; at a miss the limit of the ray.
+    pub t: Numbers,
+    /// First surface parameter.
+    pub u: Numbers,
+    /// Second surface parameter.
+    pub v: Numbers,
+    /// What was hit.
+    pub id: Ids,
+}
+
+/// A number for each lane.
+#[derive(Clone)]
+#[repr(align(64))]
+pub struct Numbers(pub Lanes<f64>);
+
+impl Default for Numbers {
+    fn default() -> Self {
+        Self([0.0; LANES])
+    }
+}
+
+impl HitStream {
+    /// Forgets all hits: misses up to the limits of the rays.
+    pub fn clear(&mut self, rays: &RayStream) {
+        self.t.0[..rays.len].copy_from_slice(&rays.limit[..rays.len]);
+        self.id.shape[..rays.len].fill(NO_SHAPE);
+    }
+
+    /// The hit of a lane.
+    #[inline(always)]
+    pub fn get(&self, lane: usize) -> Option<RawHit> {
+        (self.id.shape[lane] != NO_SHAPE).then(|| self.hit(lane))
+    }
+
+    /// The hit of a lane that is not a miss.
+    #[inline(always)]
+    pub fn hit(&self, lane: usize) -> RawHit {
+        RawHit {
+            t: self.t.0[lane],
+            params: DVec2::new(self.u.0[lane], self.v.0[lane]),
+            instance: InstancePath(self.id.instance[lane]),
+            shape: self.id.shape[lane],
+            primitive: self.id.primitive[lane],
+        }
+    }
+
+    /// Replaces a lane by a hit.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, hit: &RawHit) {
+        self.t.0[lane] = hit.t;
+        (self.u.0[lane], self.v.0[lane]) = (hit.params.x, hit.params.y);
+        self.id.instance[lane] = hit.instance.0;
+        self.id.shape[lane] = hit.shape;
+        self.id.primitive[lane] = hit.primitive;
+    }
+
+    /// Takes a hit of a shape into a lane if it is the nearest there so far. Shapes are offered in the
+    /// order of their numbers, so that the lowest one stays where distances are equal. `counts` is false
+    /// for what is no hit at all.
+    #[inline(always)]
+    pub fn offer(&mut self, lane: usize, counts: bool, shape: u32, hit: &PrimitiveHit) {
+        let nearer = counts & (hit.t > 0.0) & (hit.t < self.t.0[lane]);
+        let choose = |new: f64, old: f64| select(nearer, new, old);
+        let choose_id = |new: u32, old: u32| select(nearer, new, old);
+        self.t.0[lane] = choose(hit.t, self.t.0[lane]);
+        self.u.0[lane] = choose(hit.params.x, self.u.0[lane]);
+        self.v.0[lane] = choose(hit.params.y, self.v.0[lane]);
+        self.id.instance[lane] = choose_id(InstancePath::WORLD.0, self.id.instance[lane]);
+        self.id.shape[lane] = choose_id(shape, self.id.shape[lane]);
+        self.id.primitive[lane] = choose_id(hit.primitive, self.id.primitive[lane]);
+    }
+
+    /// Copies a lane from another stream.
+    #[inline(always)]
+    pub fn copy(&mut self, to: usize, from: &Self, lane: usize) {
+        self.t.0[to] = from.t.0[lane];
+        self.u.0[to] = from.u.0[lane];
+        self.v.0[to] = from.v.0[lane];
+        self.id.copy(to, &from.id, lane);
+    }
+}
+
+/// Surface points side by side.
+#[derive(Clone, Default)]
+#[repr(align(64))]
+pub struct PointStream {
+    /// Points in use.
+    pub len: usize,
+    /// See [`SurfacePoint::position`].
+    pub position: Vectors,
+    /// See [`SurfacePoint::error`].
+    pub error: Numbers,
+    /// See [`SurfacePoint::n_g`].
+    pub n_g: Vectors,
+    /// See [`SurfacePoint::n_s`].
+    pub n_s: Vectors,
+    /// First texture coordinate.
+    pub u: Numbers,
+    /// Second texture coordinate.
+    pub v: Numbers,
+    /// Unit directions to the viewers.
+    pub view: Vectors,
+}
+
+impl PointStream {
+    /// The point of a lane.
+    #[inline(always)]
+    pub fn get(&self, lane: usize) -> SurfacePoint {
+        SurfacePoint {
+            position: self.position.get(lane),
+            error: self.error.0[lane],
+            n_g: self.n_g.get(lane),
+            n_s: self.n_s.get(lane),
+            uv: DVec2::new(self.u.0[lane], self.v.0[lane]),
+        }
+    }
+
+    /// Replaces the point of a lane, not the view.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, point: &SurfacePoint) {
+        self.position.set(lane, point.position);
+        self.error.0[lane] = point.error;
+        self.n_g.set(lane, point.n_g);
+        self.n_s.set(lane, point.n_s);
+        (self.u.0[lane], self.v.0[lane]) = (point.uv.x, point.uv.y);
+    }
+}
+
+/// Light samples side by side: one sample for each point of a stream.
+#[derive(Clone, Default)]
+#[repr(align(64))]
+pub struct SampleStream {
+    /// Unit directions from the points to the light.
+    pub direction: Vectors,
+    /// In metres; infinite for directional lights.
+    pub distance: Numbers,
+    /// Irradiance in W/m² on surfaces that face the light; black where nothing arrives.
+    pub irradiance: Colors,
+}
+
+impl SampleStream {
+    /// The sample of a lane.
+    #[inline(always)]
+    pub fn get(&self, lane: usize) -> LightSample {
+        LightSample {
+            direction: self.direction.get(lane),
+            distance: self.distance.0[lane],
+            irradiance: self.irradiance.get(lane),
+        }
+    }
+
+    /// Replaces the sample of a lane.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, sample: &LightSample) {
+        self.direction.set(lane, sample.direction);
+        self.distance.0[lane] = sample.distance;
+        self.irradiance.set(lane, sample.irradiance);
+    }
+}
+
+/// The light samples of the points of a stream. What was allocated is used again.
+#[derive(Default)]
+pub struct SampleStreams {
+    used: usize,
+    streams: Vec<Box<SampleStream>>,
+}
+
+impl SampleStreams {
+    /// Forgets all samples.
+    pub fn clear(&mut self) {
+        self.used = 0;
+    }
+
+    /// One more sample for each point; its lanes hold what was there before.
+    pub fn add(&mut self) -> &mut SampleStream {
+        if self.used == self.streams.len() {
+            self.streams.push(Box::default());
+        }
+        self.used += 1;
+        &mut self.streams[self.used - 1]
+    }
+
+    /// Samples at each point.
+    pub fn len(&self) -> usize {
+        self.used
+    }
+
+    /// Whether no point has any sample.
+    pub fn is_empty(&self) -> bool {
+        self.used == 0
+    }
+
+    /// One sample of each point, by its place in the order in which they were added.
+    pub fn stream(&mut self, place: usize) -> &mut SampleStream {
+        &mut self.streams[..self.used][place]
+    }
+
+    /// The samples in the order in which they were added.
+    pub fn iter(&self) -> impl Iterator<Item = &SampleStream> {
+        self.streams[..self.used].iter().map(|stream| &**stream)
+    }
+
+    /// The samples in the order in which they were added.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut SampleStream> {
+        self.streams[..self.used].iter_mut().map(|stream| &mut **stream)
+    }
+}

@@ -1,0 +1,139 @@
+//! How trees of rays are walked, for one camera ray: what the integrators have in common.
+
+use crate::shadows::Shadows;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use whitstone_core::{
+    Branch, BranchKind, Branches, DVec3, Interval, Lobes, PathState, Ray, Rgb, Scratch, Skip, SurfacePoint,
+    World,
+};
+
+/// What is traced at a surface.
+pub(crate) struct Rules {
+    pub(crate) shadows: Shadows,
+    /// `None`: local shading only.
+    pub(crate) branches: Option<Limits>,
+}
+
+/// How far branches are followed.
+#[derive(Clone, Copy)]
+pub(crate) struct Limits {
+    pub(crate) max_depth: u32,
+    pub(crate) min_contribution: f64,
+    pub(crate) beyond: Beyond,
+}
+
+/// What lies beyond the depth limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Beyond {
+    /// The background in the direction of the branch.
+    #[default]
+    Background,
+    /// Nothing.
+    Black,
+}
+
+impl Rules {
+    /// Radiance along one camera ray: the tree under it is walked depth first.
+    pub(crate) fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
+        scratch.pending.clear();
+        let mut sum = Rgb::BLACK;
+        let mut next = Some(PathState::camera(*ray));
+        while let Some(path) = next.take().or_else(|| scratch.pending.pop()) {
+            sum += self.trace(world, &path, scratch, &mut next);
+        }
+        sum
+    }
+
+    /// What this ray alone adds to the pixel. Its first branch is left in `next`, its second on the stack.
+    fn trace(
+        &self,
+        world: &World,
+        path: &PathState,
+        scratch: &mut Scratch,
+        next: &mut Option<PathState>,
+    ) -> Rgb {
+        scratch.counters.closest += 1;
+        let Some(hit) = world.accelerator.closest(&path.ray, Interval::FORWARD, path.skip) else {
+            let background = endless(world, path.absorption, path.ray.direction);
+            scratch.note(path, None, path.throughput, background);
+            return path.throughput * background;
+        };
+        let throughput = path.throughput * path.absorption.transmittance(hit.t);
+        let view = -path.ray.direction;
+        let point = world.surface(&path.ray, &hit).seen_from(view);
+        if throughput.is_black() {
+            scratch.note(path, Some((&hit, &point)), throughput, Rgb::BLACK);
+            return Rgb::BLACK;
+        }
+        let skip = Skip::leaving(&hit);
+        let material = &*world.materials[hit.shape as usize];
+        let lobes = material.lobes();
+        let mut local = Rgb::BLACK;
+        if lobes.contains(Lobes::LOCAL) {
+            local = self.shadows.local(world, material, &point, view, skip, scratch);
+        }
+        let node = scratch.note(path, Some((&hit, &point)), throughput, local);
+        let mut sum = throughput * local;
+        if let Some(limits) = self.branches
+            && lobes.intersects(Lobes::REFLECTION | Lobes::TRANSMISSION)
+        {
+            let mut branches = Branches::default();
+            material.branches(&point, view, &mut branches);
+            // Backwards: what comes last is traced first.
+            for branch in branches.iter().rev() {
+                let Some(mut child) = follow(path, branch, &point, view, skip, throughput, limits) else {
+                    continue;
+                };
+                child.origin = Some((node, branch.kind.into()));
+                if path.depth < limits.max_depth {
+                    scratch.pending.extend(next.replace(child));
+                } else if limits.beyond == Beyond::Background {
+                    let limit = endless(world, child.absorption, branch.direction);
+                    scratch.note_limit(&child, limit);
+                    sum += child.throughput * limit;
+                }
+            }
+        }
+        sum
+    }
+}
+
+/// The ray of a branch, unless it counts for nothing: by rule G, or for its weight.
+fn follow(
+    path: &PathState,
+    branch: &Branch,
+    point: &SurfacePoint,
+    view: DVec3,
+    skip: Skip,
+    throughput: Rgb,
+    limits: Limits,
+) -> Option<PathState> {
+    let Branch {
+        direction,
+        weight,
+        kind,
+    } = *branch;
+    let (allowed, absorption) = match kind {
+        BranchKind::Reflection => (point.same_side(view, direction), path.absorption),
+        BranchKind::Transmission { absorption } => (point.opposite_sides(view, direction), absorption),
+    };
+    let throughput = throughput * weight;
+    let contribution = throughput.max_component();
+    // One more than the limit for the children of the deepest rays, which are never traced.
+    let depth = path.depth + 1;
+    (allowed && contribution > 0.0 && contribution >= limits.min_contribution).then(|| PathState {
+        ray: Ray::new(point.leave(direction), direction),
+        skip,
+        throughput,
+        absorption,
+        depth,
+        origin: None,
+    })
+}
+
+/// The background through an endless stretch of a medium.
+pub(crate) fn endless(world: &World, absorption: Rgb, direction: DVec3) -> Rgb {
+    absorption.transmittance(f64::INFINITY) * world.background(direction)
+}
