@@ -1,5 +1,5 @@
 use crate::simd;
-use crate::stream::{Colors, HitStream, Ids, LANES, Lanes, PointStream, RayStream, SampleStreams};
+use crate::stream::{Colors, HitStream, Ids, LANES, Lanes, PointStream, RayStream, SampleStreams, Vectors};
 use crate::{
     Accelerator, BranchKind, Geometry, Incoming, Interval, Light, LightGives, LightSample, Material, Needs,
     RawHit, Ray, Rgb, Skip, SurfacePoint,
@@ -76,6 +76,18 @@ impl World {
             .iter()
             .map(|light| light.background(direction))
             .sum()
+    }
+
+    /// [`Self::background`] in the first `len` directions of a stream.
+    pub fn background_stream(&self, len: usize, directions: &Vectors, out: &mut Colors) {
+        out.fill(len, Rgb::BLACK);
+        for light in &self.backgrounds {
+            let mut seen = Colors::default();
+            light.background_stream(len, directions, &mut seen);
+            for lane in 0..len {
+                out.set(lane, out.get(lane) + seen.get(lane));
+            }
+        }
     }
 
     /// The surface at a hit, with the normals and coordinates that its material reads.

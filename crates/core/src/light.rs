@@ -1,5 +1,5 @@
 use crate::Rgb;
-use crate::stream::{SampleStreams, Vectors};
+use crate::stream::{Colors, SampleStreams, Vectors};
 use glam::DVec3;
 use std::ops::{BitOr, BitOrAssign};
 
@@ -41,6 +41,13 @@ pub trait Light: Send + Sync {
     fn background(&self, direction: DVec3) -> Rgb {
         let _ = direction;
         Rgb::BLACK
+    }
+
+    /// [`Self::background`] in the first `len` directions of a stream.
+    fn background_stream(&self, len: usize, directions: &Vectors, out: &mut Colors) {
+        for lane in 0..len {
+            out.set(lane, self.background(directions.get(lane)));
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 //! reflection before transmission, so that sums have the same bits and memory stays bounded: what waits is
 //! one ray a level and pixel.
 
-use crate::rules::{Beyond, Rules, endless};
+use crate::rules::{Beyond, Limits, Rules, endless};
 use std::mem::swap;
 use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, NO_SHAPE, PointStream, RayStream};
 use whitstone_core::{
@@ -17,23 +17,23 @@ struct Paths {
     rays: RayStream,
     throughput: Colors,
     absorption: Colors,
-    /// Whether any ray travels in a medium that absorbs.
+    /// Whether any ray may travel in a medium that absorbs.
     absorbing: bool,
     /// Bounces before the ray.
-    depth: Numbers<u32>,
+    depth: Values<u32>,
     /// Which camera ray it belongs to.
-    slot: Numbers<u16>,
+    slot: Values<u16>,
 }
 
-struct Numbers<T>(Lanes<T>);
+struct Values<T>(Lanes<T>);
 
-impl<T: Copy + Default> Default for Numbers<T> {
+impl<T: Copy + Default> Default for Values<T> {
     fn default() -> Self {
         Self([T::default(); LANES])
     }
 }
 
-/// Working memory: about half a megabyte a thread.
+/// Working memory: about 200 KiB a thread.
 #[derive(Default)]
 pub(crate) struct Memory {
     current: Box<Paths>,
@@ -44,12 +44,12 @@ pub(crate) struct Memory {
     group_hits: Box<HitStream>,
     points: PointStream,
     lights: LightMemory,
-    local: Colors,
+    /// Radiance along the rays of a group, and what it adds to the pixels.
+    radiance: Colors,
     branches: BranchStreams,
     reflected: Followed,
     transmitted: Followed,
-    /// What waits, by camera ray.
-    pending: Vec<Vec<PathState>>,
+    waiting: Waiting,
     order: Vec<u64>,
 }
 
@@ -59,10 +59,35 @@ struct Followed {
     rays: RayStream,
     throughput: Colors,
     /// Whether the branch counts for anything.
-    alive: Numbers<bool>,
+    alive: Values<bool>,
+}
+
+/// The rays that were put off, a stack for each camera ray.
+#[derive(Default)]
+struct Waiting {
+    stacks: Vec<Vec<PathState>>,
+    /// On all stacks together.
+    count: usize,
 }
 
 impl Paths {
+    fn start(&mut self, rays: &RayStream) {
+        self.rays.clone_from(rays);
+        self.throughput.fill(rays.len, Rgb::WHITE);
+        self.absorption.fill(rays.len, Rgb::BLACK);
+        self.absorbing = false;
+        self.depth.0.fill(0);
+        for (slot, number) in self.slot.0.iter_mut().zip(0..) {
+            *slot = number;
+        }
+    }
+
+    fn clear(&mut self) {
+        self.rays.len = 0;
+        self.absorbing = false;
+    }
+
+    #[inline(always)]
     fn copy(&mut self, to: usize, from: &Self, lane: usize) {
         self.rays.copy(to, &from.rays, lane);
         self.throughput.set(to, from.throughput.get(lane));
@@ -83,6 +108,25 @@ impl Paths {
     }
 }
 
+impl Waiting {
+    /// Goes on with the ray of this pixel that was put off last, if any is left.
+    #[inline(always)]
+    fn resume(&mut self, next: &mut Paths, slot: u16) {
+        if self.count > 0
+            && let Some(path) = self.stacks[slot as usize].pop()
+        {
+            self.count -= 1;
+            next.push(&path, slot);
+        }
+    }
+
+    fn push(&mut self, slot: u16, path: PathState) {
+        self.stacks.resize_with(LANES, Vec::new);
+        self.stacks[slot as usize].push(path);
+        self.count += 1;
+    }
+}
+
 impl Rules {
     pub(crate) fn radiance_stream(
         &self,
@@ -93,15 +137,7 @@ impl Rules {
     ) {
         let mut memory = scratch.take_memory::<Memory>();
         let m = &mut *memory;
-        m.pending.resize_with(LANES, Vec::new);
-        m.current.rays.clone_from(rays);
-        m.current.throughput.fill(rays.len, Rgb::WHITE);
-        m.current.absorption.fill(rays.len, Rgb::BLACK);
-        m.current.absorbing = false;
-        for lane in 0..rays.len {
-            m.current.depth.0[lane] = 0;
-            m.current.slot.0[lane] = lane as u16;
-        }
+        m.current.start(rays);
         out.fill(rays.len, Rgb::BLACK);
         while m.current.rays.len > 0 {
             self.wave(world, m, &mut scratch.counters, out);
@@ -112,156 +148,235 @@ impl Rules {
 
     /// Traces the current rays and leaves in `next` the one of each pixel that comes after.
     fn wave(&self, world: &World, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
-        m.next.rays.len = 0;
-        m.next.absorbing = false;
+        m.next.clear();
         let len = m.current.rays.len;
         counters.closest += len as u64;
         world.accelerator.closest_stream(&m.current.rays, &mut m.hits);
         if m.current.absorbing {
-            for lane in 0..len {
-                if m.hits.id.shape[lane] == NO_SHAPE {
-                    continue;
-                }
-                let path = &mut m.current;
-                let through = path.absorption.get(lane).transmittance(m.hits.t.0[lane]);
-                let throughput = path.throughput.get(lane) * through;
-                path.throughput.set(lane, throughput);
-                if throughput.is_black() {
-                    // Nothing that is seen there reaches the pixel.
-                    m.hits.id.shape[lane] = NO_SHAPE;
-                }
-            }
+            absorb(&mut m.current, &mut m.hits);
         }
-        m.order.clear();
-        let keys = m.hits.id.shape[..len].iter().zip(0_u64..);
-        m.order
-            .extend(keys.map(|(shape, lane)| u64::from(*shape) << 32 | lane));
-        let first = m.hits.id.shape[0];
-        let alike = m.hits.id.shape[..len].iter().all(|shape| *shape == first);
-        if !alike {
-            m.order.sort_unstable();
-        }
-        let order = std::mem::take(&mut m.order);
-        for lanes in order.chunk_by(|a, b| a >> 32 == b >> 32) {
-            let shape = (lanes[0] >> 32) as u32;
-            if shape == NO_SHAPE {
-                for lane in lanes.iter().map(|key| *key as u32 as usize) {
-                    let direction = m.current.rays.direction.get(lane);
-                    let seen = endless(world, m.current.absorption.get(lane), direction);
-                    let slot = m.current.slot.0[lane];
-                    add(out, slot, m.current.throughput.get(lane) * seen);
-                    resume(&mut m.pending, &mut m.next, slot);
-                }
-                continue;
-            }
-            if alike {
-                swap(&mut m.group, &mut m.current);
-                swap(&mut m.group_hits, &mut m.hits);
-            } else {
-                m.group.rays.len = lanes.len();
-                for (to, key) in lanes.iter().enumerate() {
-                    let lane = *key as u32 as usize % LANES;
-                    m.group.copy(to % LANES, &m.current, lane);
-                    m.group_hits.copy(to % LANES, &m.hits, lane);
-                }
-            }
+        let shapes = &m.hits.id.shape[..len];
+        if shapes.iter().all(|shape| *shape == shapes[0]) {
+            let shape = shapes[0];
+            swap(&mut m.group, &mut m.current);
+            swap(&mut m.group_hits, &mut m.hits);
             self.shade(world, shape, m, counters, out);
+            return;
+        }
+        let mut order = std::mem::take(&mut m.order);
+        order.clear();
+        order.extend(
+            shapes
+                .iter()
+                .zip(0..)
+                .map(|(shape, lane)| u64::from(*shape) << 32 | lane),
+        );
+        order.sort_unstable();
+        for lanes in order.chunk_by(|a, b| a >> 32 == b >> 32) {
+            m.group.rays.len = lanes.len();
+            m.group.absorbing = m.current.absorbing;
+            for (to, key) in lanes.iter().enumerate().take(LANES) {
+                let lane = *key as u32 as usize % LANES;
+                m.group.copy(to, &m.current, lane);
+                m.group_hits.copy(to, &m.hits, lane);
+            }
+            self.shade(world, (lanes[0] >> 32) as u32, m, counters, out);
         }
         m.order = order;
     }
 
-    /// Local radiance and branches of the rays in `group`, all of which hit this shape.
+    /// What the rays in `group`, all of which hit this shape or none, add to their pixels, and the rays that
+    /// come after them.
     fn shade(&self, world: &World, shape: u32, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
-        let group = &m.group;
-        let len = group.rays.len;
-        world.surface_stream(shape, &group.rays, &m.group_hits, &mut m.points);
+        if shape == NO_SHAPE {
+            background(world, &m.group, &mut m.radiance);
+            weigh(&m.group, &mut m.radiance);
+            add(&m.group, &m.radiance, out);
+            m.resume_all();
+            return;
+        }
+        let len = m.group.rays.len;
+        world.surface_stream(shape, &m.group.rays, &m.group_hits, &mut m.points);
         let material = &*world.materials[shape as usize];
         let lobes = material.lobes();
-        m.local.fill(len, Rgb::BLACK);
         if lobes.contains(Lobes::LOCAL) {
             let (points, leaves) = (&m.points, &m.group_hits.id);
             world.gather_lights_stream(points, leaves, self.shadows.hide(), &mut m.lights, counters);
-            material.local_stream(points, world.ambient, &m.lights.samples, &mut m.local);
+            material.local_stream(points, world.ambient, &m.lights.samples, &mut m.radiance);
+            weigh(&m.group, &mut m.radiance);
+        } else {
+            m.radiance.fill(len, Rgb::BLACK);
         }
-        let branching = match self.branches {
-            Some(_) if lobes.intersects(Lobes::REFLECTION | Lobes::TRANSMISSION) => self.branches,
-            _ => None,
-        };
-        let Some(limits) = branching else {
-            for lane in 0..len {
-                let slot = group.slot.0[lane];
-                add(out, slot, group.throughput.get(lane) * m.local.get(lane));
-                resume(&mut m.pending, &mut m.next, slot);
+        match self.branches {
+            Some(limits) if lobes.intersects(Lobes::REFLECTION | Lobes::TRANSMISSION) => {
+                material.branches_stream(&m.points, &mut m.branches);
+                m.follow(limits);
+                m.stop_at_limit(world, limits);
+                add(&m.group, &m.radiance, out);
+                m.go_on();
             }
-            return;
-        };
-        material.branches_stream(&m.points, &mut m.branches);
-        let least = limits.min_contribution;
-        follow(
-            group,
-            &m.points,
-            &m.branches.reflection,
-            Side::Same,
-            least,
-            &mut m.reflected,
-        );
-        follow(
-            group,
-            &m.points,
-            &m.branches.transmission,
-            Side::Other,
-            least,
-            &mut m.transmitted,
-        );
-        for lane in 0..len {
-            let slot = group.slot.0[lane];
-            let depth = group.depth.0[lane];
-            let skip = m.group_hits.id.skip(lane);
-            let mut sum = group.throughput.get(lane) * m.local.get(lane);
-            let mut first = None;
-            // Backwards: what comes last is traced first.
-            let kinds = [
-                (&m.transmitted, &m.branches.absorption),
-                (&m.reflected, &group.absorption),
-            ];
-            for (branch, absorption) in kinds {
-                if !branch.alive.0[lane] {
-                    continue;
-                }
-                let absorption = absorption.get(lane);
-                let throughput = branch.throughput.get(lane);
-                if depth < limits.max_depth {
-                    let child = PathState {
-                        ray: branch.rays.ray(lane),
-                        skip,
-                        throughput,
-                        absorption,
-                        depth: depth + 1,
-                        origin: None,
-                    };
-                    m.pending[slot as usize].extend(first.replace(child));
-                } else if limits.beyond == Beyond::Background {
-                    sum += throughput * endless(world, absorption, branch.rays.direction.get(lane));
-                }
-            }
-            add(out, slot, sum);
-            match first {
-                Some(child) => m.next.push(&child, slot),
-                None => resume(&mut m.pending, &mut m.next, slot),
+            _ => {
+                add(&m.group, &m.radiance, out);
+                m.resume_all();
             }
         }
     }
 }
 
-fn add(out: &mut Colors, slot: u16, value: Rgb) {
-    let slot = slot as usize;
-    out.set(slot, out.get(slot) + value);
+impl Memory {
+    /// Goes on with what was put off, where a ray has no branches.
+    fn resume_all(&mut self) {
+        if self.waiting.count > 0 {
+            for slot in &self.group.slot.0[..self.group.rays.len] {
+                self.waiting.resume(&mut self.next, *slot);
+            }
+        }
+    }
+
+    /// Finds the branches that count.
+    fn follow(&mut self, limits: Limits) {
+        let Self {
+            group,
+            points,
+            branches,
+            ..
+        } = self;
+        let least = limits.min_contribution;
+        follow(
+            group,
+            points,
+            &branches.reflection,
+            Side::Same,
+            least,
+            &mut self.reflected,
+        );
+        follow(
+            group,
+            points,
+            &branches.transmission,
+            Side::Other,
+            least,
+            &mut self.transmitted,
+        );
+    }
+
+    /// Puts the background in the place of branches beyond the depth limit.
+    fn stop_at_limit(&mut self, world: &World, limits: Limits) {
+        let depths = &self.group.depth.0[..self.group.rays.len];
+        if depths.iter().all(|depth| *depth < limits.max_depth) {
+            return;
+        }
+        // Backwards, as for a single ray.
+        let kinds = [
+            (&mut self.transmitted, &self.branches.absorption),
+            (&mut self.reflected, &self.group.absorption),
+        ];
+        for (branch, absorption) in kinds {
+            for lane in (0..depths.len()).filter(|lane| depths[*lane] >= limits.max_depth) {
+                let alive = std::mem::take(&mut branch.alive.0[lane]);
+                if alive && limits.beyond == Beyond::Background {
+                    let seen = endless(world, absorption.get(lane), branch.rays.direction.get(lane));
+                    let sum = self.radiance.get(lane) + branch.throughput.get(lane) * seen;
+                    self.radiance.set(lane, sum);
+                }
+            }
+        }
+    }
+
+    /// Takes the first branch of each ray into the next wave and puts its second one off.
+    fn go_on(&mut self) {
+        let Self {
+            group,
+            group_hits,
+            branches,
+            reflected,
+            transmitted,
+            waiting,
+            next,
+            ..
+        } = self;
+        next.absorbing |= group.absorbing;
+        for lane in 0..group.rays.len.min(LANES) {
+            let (slot, depth) = (group.slot.0[lane], group.depth.0[lane] + 1);
+            let (first, absorption) = match (reflected.alive.0[lane], transmitted.alive.0[lane]) {
+                (false, false) => {
+                    waiting.resume(next, slot);
+                    continue;
+                }
+                (false, true) => (&*transmitted, branches.absorption.get(lane)),
+                (true, second) => {
+                    if second {
+                        let path = PathState {
+                            ray: transmitted.rays.ray(lane),
+                            skip: group_hits.id.skip(lane),
+                            throughput: transmitted.throughput.get(lane),
+                            absorption: branches.absorption.get(lane),
+                            depth,
+                            origin: None,
+                        };
+                        waiting.push(slot, path);
+                    }
+                    (&*reflected, group.absorption.get(lane))
+                }
+            };
+            let to = next.rays.len % LANES;
+            next.rays.len += 1;
+            next.rays.origin.set(to, first.rays.origin.get(lane));
+            next.rays.direction.set(to, first.rays.direction.get(lane));
+            next.rays.skip.copy(to, &group_hits.id, lane);
+            next.throughput.set(to, first.throughput.get(lane));
+            next.absorption.set(to, absorption);
+            next.absorbing |= !absorption.is_black();
+            next.depth.0[to] = depth;
+            next.slot.0[to] = slot;
+        }
+    }
 }
 
-/// Goes on with the ray of this pixel that was put off last, if any is left.
-fn resume(pending: &mut [Vec<PathState>], next: &mut Paths, slot: u16) {
-    if let Some(path) = pending[slot as usize].pop() {
-        next.push(&path, slot);
+/// Weakens the rays by the media they came through. One of which nothing is left has hit nothing.
+fn absorb(paths: &mut Paths, hits: &mut HitStream) {
+    for lane in 0..paths.rays.len {
+        if hits.id.shape[lane] == NO_SHAPE {
+            continue;
+        }
+        let through = paths.absorption.get(lane).transmittance(hits.t.0[lane]);
+        let throughput = paths.throughput.get(lane) * through;
+        paths.throughput.set(lane, throughput);
+        if throughput.is_black() {
+            hits.id.shape[lane] = NO_SHAPE;
+        }
+    }
+}
+
+/// What rays see that hit nothing.
+fn background(world: &World, paths: &Paths, radiance: &mut Colors) {
+    let len = paths.rays.len;
+    world.background_stream(len, &paths.rays.direction, radiance);
+    if paths.absorbing {
+        for lane in 0..len {
+            let through = paths.absorption.get(lane).transmittance(f64::INFINITY);
+            radiance.set(lane, through * radiance.get(lane));
+        }
+    }
+}
+
+/// Multiplies radiance by the throughput of its ray.
+fn weigh(paths: &Paths, radiance: &mut Colors) {
+    simd::dispatch(
+        #[inline(always)]
+        || {
+            for lane in 0..paths.rays.len.min(LANES) {
+                radiance.set(lane, paths.throughput.get(lane) * radiance.get(lane));
+            }
+        },
+    );
+}
+
+/// Adds to the pixels.
+fn add(paths: &Paths, values: &Colors, out: &mut Colors) {
+    for (lane, slot) in paths.slot.0.iter().enumerate().take(paths.rays.len) {
+        let slot = *slot as usize % LANES;
+        out.set(slot, out.get(slot) + values.get(lane));
     }
 }
 

@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::Color;
+use whitstone_core::stream::{Colors, Vectors};
 use whitstone_core::{Context, DVec3, Light, LightGives, Lights, Plugin, Rgb, SceneErrors};
 
 /// What a ray sees that hits nothing: the same radiance in every direction.
@@ -40,6 +41,10 @@ impl Light for Background {
 
     fn background(&self, _: DVec3) -> Rgb {
         self.radiance
+    }
+
+    fn background_stream(&self, len: usize, _: &Vectors, out: &mut Colors) {
+        out.fill(len, self.radiance);
     }
 }
 
