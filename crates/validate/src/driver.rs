@@ -86,8 +86,10 @@ pub struct Setting {
     pub dy: f64,
     /// Perturbation of every ray, in units of 2^-24.
     pub ulps: f64,
-    /// Of the perturbation.
+    /// Of the perturbation and of the rounding of vertices.
     pub seed: u32,
+    /// Whether the numbers of meshes are rounded to single precision at random, not to the nearest.
+    pub vertices: bool,
 }
 
 impl Default for Setting {
@@ -99,6 +101,7 @@ impl Default for Setting {
             dy: 0.0,
             ulps: 0.0,
             seed: 0,
+            vertices: false,
         }
     }
 }

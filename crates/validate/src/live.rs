@@ -148,10 +148,12 @@ impl Live {
         }
         let (image, rendered) = self.render(scene, Setting::default())?;
         let mut worst = floor::SMALLEST_FLOOR;
+        let mut moved = 0;
         for setting in floor::settings() {
             let (varied, _) = self.render(scene, setting)?;
             let between = floor::between(&image, &varied).map_err(|e| LiveError::Image(e.to_string()))?;
-            worst = worst.max(between);
+            worst = worst.max(between.error);
+            moved = moved.max(between.moved);
         }
         let stored = Stored {
             image,
@@ -165,6 +167,7 @@ impl Live {
                 scene_hash: scene_hash.to_owned(),
                 twin: rendered.twin,
                 floor: worst,
+                moved: Some(moved),
                 samples: rendered.samples,
                 seconds: rendered.seconds.trace,
                 rays: [rendered.rays.closest, rendered.rays.shadow],

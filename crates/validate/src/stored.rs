@@ -35,6 +35,9 @@ pub struct Meta {
     pub twin: String,
     /// Its own error: see [`crate::floor`].
     pub floor: f64,
+    /// Pixels over tolerance between it and the variation of it that has most of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moved: Option<usize>,
     /// Samples a pixel.
     pub samples: u32,
     /// Time of the rendering, for the record.

@@ -235,7 +235,8 @@ impl<'a> Validator<'a> {
             match live.reference(text, &hash) {
                 Ok(reference) => {
                     if let Ok(stored) = &stored {
-                        case.drift = floor::between(&stored.image, &reference.image).ok();
+                        let drift = floor::between(&stored.image, &reference.image);
+                        case.drift = drift.ok().map(|difference| difference.error);
                     }
                     return Ok(Against {
                         stored: reference,

@@ -74,11 +74,11 @@ class Determinism(Case):
 
     def test_probe_is_render(self):
         scene = film(64, 48) + SCENE
-        settings = [{}, {"dx": 1e-3, "dy": -2e-3}, {"k": 16}, {"robust": False}, {"ulps": 4, "seed": 7}]
+        settings = [{}, {"dx": 1e-3, "dy": -2e-3}, {"k": 16}, {"robust": False}, {"ulps": 4, "seed": 7}, {"vertices": True, "seed": 3}]
         generator = np.random.default_rng(1)
         pixels = [[int(generator.integers(64)), int(generator.integers(48))] for _ in range(40)]
         values = np.array(self.ask("probe", scene, pixels=pixels, settings=settings)["values"])
-        self.assertEqual(values.shape, (5, 40, 3))
+        self.assertEqual(values.shape, (6, 40, 3))
         for setting, found in zip(settings, values):
             channels, _ = self.render(scene, setting=setting)
             expected = np.array([[channels[letter][y, x] for letter in "RGB"] for x, y in pixels])

@@ -90,7 +90,7 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     theirs = np.zeros((rays.real, 3), dtype=np.float32)  # added up as the driver does
     # One emitter at a time: of several, the integrator would choose one at random.
     for emitter in built.emitters:
-        scene, _ = load_shapes(document, built.bsdfs, setting.robust, {"zz_emitter": emitter})
+        scene, _ = load_shapes(document, built.bsdfs, setting, {"zz_emitter": emitter})
         theirs += _sample({"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}, scene, rays)
     return _compare(level.hits.local.numpy().T[: rays.real][lit], theirs[lit])
 
@@ -118,6 +118,6 @@ def _path(built: Built, setting: Setting) -> Dict[str, Any]:
     rays = tracer.camera_rays(x, y, np.zeros(len(x), dtype=np.int64), _CENTRE)
     ours = tracer.trace(rays, 0).numpy().T[: rays.real]
     bounces = document.integrator.max_depth
-    scene, _ = load_shapes(document, built.bsdfs, setting.robust, {"zz_emitter": built.background})
+    scene, _ = load_shapes(document, built.bsdfs, setting, {"zz_emitter": built.background})
     theirs = _sample({"type": "path", "max_depth": bounces + 1, "rr_depth": bounces + 2}, scene, rays)
     return _compare(ours, theirs)

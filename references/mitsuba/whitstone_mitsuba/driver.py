@@ -19,7 +19,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from .runtime import ULP, dr, mi
-from .scene import NOTHING, Built
+from .scene import NOTHING, Built, geometry
 from .settings import Setting
 
 # Lanes traced together at most. A level takes about 300 bytes for each.
@@ -156,10 +156,10 @@ class Counts:
 
 
 class Tracer:
-    """Traces rays through one built scene under one or several settings (which may differ in all but `robust`)."""
+    """Traces rays through one built scene under one or several settings (which may differ in all but the geometry)."""
 
     def __init__(self, built: Built, settings: Sequence[Setting], record: bool = False, rehits: bool = False) -> None:
-        assert all(setting.robust == built.robust for setting in settings)
+        assert all(geometry(setting) == built.geometry for setting in settings)
         self.built = built
         self.document = built.document
         self.settings = list(settings)

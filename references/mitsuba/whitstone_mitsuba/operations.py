@@ -15,7 +15,7 @@ from . import aovs, check, document, exr, timing, tree
 from .driver import Tracer
 from .errors import DriverError
 from .runtime import LLVM, VARIANT, dr, mi, set_threads
-from .scene import Built, Cache
+from .scene import Built, Cache, geometry
 from .settings import Setting
 
 Request = Dict[str, Any]
@@ -33,15 +33,18 @@ def _get(request: Request, key: str, kind: type, default: Any = None) -> Any:
     return value
 
 
-def _load(request: Request, robust: bool) -> Built:
+def _load(request: Request, setting: Setting) -> Built:
     """The request's scene, from the cache where neither its text nor its files changed."""
     key = (_get(request, "scene", str), _get(request, "base", str, "."))
     parsed = _documents.get(key, lambda: document.parse(*key))
     if not parsed.folder.unchanged():
         _documents.forget(key)
         parsed = _documents.get(key, lambda: document.parse(*key))
+    if setting.vertices:
+        # Of use once, and there may be many seeds: not kept.
+        return Built(parsed, setting)
     # Keyed by identity: a document read again is another one. (The entry keeps the document alive, so ids are not reused.)
-    return _scenes.get((id(parsed), robust), lambda: Built(parsed, robust))
+    return _scenes.get((id(parsed), setting.robust), lambda: Built(parsed, setting))
 
 
 def _threads(request: Request) -> None:
@@ -84,7 +87,7 @@ def render(request: Request) -> Answer:
     out = _get(request, "out", str)
     _threads(request)
     begin = time.perf_counter()
-    built = _load(request, setting.robust)
+    built = _load(request, setting)
     loaded = time.perf_counter()
     doc = built.document
     x, y = _all_pixels(built)
@@ -112,15 +115,17 @@ def render(request: Request) -> Answer:
 
 
 def probe(request: Request) -> Answer:
-    """Some pixels under some settings; all settings that share a scene are traced together."""
+    """Some pixels under some settings; all settings that share a geometry are traced together."""
     pixels = _get(request, "pixels", list)
     settings = [Setting.read(value) for value in _get(request, "settings", list, [None])]
     _threads(request)
     values: List[Any] = [None] * len(settings)
-    for robust in sorted({setting.robust for setting in settings}):
-        built = _load(request, robust)
+    groups: Dict[Any, List[int]] = {}
+    for number, setting in enumerate(settings):
+        groups.setdefault(geometry(setting), []).append(number)
+    for mine in groups.values():
+        built = _load(request, settings[mine[0]])
         xy = np.array([_pixel(pixel, built) for pixel in pixels], dtype=np.int64).reshape(-1, 2)
-        mine = [number for number, setting in enumerate(settings) if setting.robust == robust]
         tracer = Tracer(built, [settings[number] for number in mine])
         which = np.repeat(np.arange(len(mine)), len(xy))
         radiance = tracer.pixels(np.tile(xy[:, 0], len(mine)), np.tile(xy[:, 1], len(mine)), which)
@@ -141,7 +146,7 @@ def tree_(request: Request) -> Answer:
     """The ray tree of one sample of one pixel."""
     setting = Setting.read(request.get("setting"))
     _threads(request)
-    built = _load(request, setting.robust)
+    built = _load(request, setting)
     x, y = _pixel(request.get("pixel"), built)
     return {"nodes": tree.grow(built, setting, x, y, _get(request, "sample", int, 0))}
 
@@ -150,7 +155,7 @@ def check_(request: Request) -> Answer:
     """The driver against Mitsuba's own integrators."""
     setting = Setting.read(request.get("setting"))
     _threads(request)
-    return check.run(_load(request, setting.robust), setting)
+    return check.run(_load(request, setting), setting)
 
 
 def time_(request: Request) -> Answer:
@@ -161,7 +166,7 @@ def time_(request: Request) -> Answer:
     if repeats < 1:
         raise DriverError(f"repeats: expected at least 1, found {repeats}")
     depth = None if request.get("path_depth") is None else _get(request, "path_depth", int)
-    return timing.run(_load(request, setting.robust), setting, repeats, depth)
+    return timing.run(_load(request, setting), setting, repeats, depth)
 
 
 OPERATIONS: Dict[str, Callable[[Request], Answer]] = {

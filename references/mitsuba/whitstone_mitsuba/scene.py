@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Optional, Sequence
+from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
+from . import rounding
 from . import shapes as shape_module
 from .document import Document
 from .runtime import dr, mi
+from .settings import Setting
 
 NOTHING = 0xFFFFFFFF
 
@@ -30,16 +32,19 @@ def _anchors() -> "mi.Scene":
 _ANCHORS: Optional["mi.Scene"] = None
 
 
-def load_shapes(document: Document, bsdfs: Sequence["mi.BSDF"], robust: bool, extra: Optional[dict] = None) -> Any:
+def load_shapes(document: Document, bsdfs: Sequence["mi.BSDF"], setting: Setting, extra: Optional[dict] = None) -> Any:
     """(scene, shapes in the document's order). `extra`: emitters or a sensor for the check against Mitsuba's integrators."""
     global _ANCHORS
     if _ANCHORS is None:
         _ANCHORS = _anchors()
-    built = [shape.build(bsdfs[shape.material]) for shape in document.shapes]
+    rounded = rounding.of(setting.vertex_seed)
+    built = [shape.build(bsdfs[shape.material], rounded) for shape in document.shapes]
     content = {f"shape{number:08d}": shape for number, shape in enumerate(built)}
     # Never optimised: merging would change the numbers of shapes and primitives.
     scene = mi.load_dict(
-        {"type": "scene", "embree_use_robust_intersections": robust, **content, **(extra or {})}, parallel=False, optimize=False
+        {"type": "scene", "embree_use_robust_intersections": setting.robust, **content, **(extra or {})},
+        parallel=False,
+        optimize=False,
     )
     return scene, built
 
@@ -52,18 +57,23 @@ def _integers(values: Any) -> "mi.UInt32":
     return mi.UInt32(np.ascontiguousarray(np.ravel(values), dtype=np.uint32))
 
 
+def geometry(setting: Setting) -> Tuple[bool, Optional[int]]:
+    """What of a setting the built scene depends on; all else is the tracer's."""
+    return setting.robust, setting.vertex_seed
+
+
 class Built:
     """A scene ready to be traced. Tables end with a spare entry, so that they never have the size 1 (another kernel)."""
 
-    def __init__(self, document: Document, robust: bool) -> None:
+    def __init__(self, document: Document, setting: Setting) -> None:
         self.document = document
-        self.robust = robust
+        self.geometry = geometry(setting)
         self.bsdfs = [material.build() for material in document.materials]
         self.ambients = [None if material.ambient is None else material.ambient.build() for material in document.materials]
         self.emitters = [lamp.build() for lamp in document.lights.lamps]
         self.background = document.lights.background_emitter()
         self.sensor = document.camera.build() if document.camera.native() else None
-        self.scene, self._shapes = load_shapes(document, self.bsdfs, robust)
+        self.scene, self._shapes = load_shapes(document, self.bsdfs, setting)
         self._tables()
 
     def _tables(self) -> None:

@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from . import meshes, transforms
+from . import meshes, rounding, transforms
 from .errors import SceneError
 from .fields import REQUIRED, Fields, nearest
 from .files import Folder
@@ -41,6 +41,10 @@ class Rules:
     plane: Optional[np.ndarray] = None
 
 
+# (bsdf, how to round the numbers of a mesh) -> Mitsuba shape
+Builder = Callable[["mi.BSDF", rounding.Rounding], "mi.Shape"]
+
+
 @dataclass(frozen=True)
 class Shape:
     """A shape as read."""
@@ -48,12 +52,16 @@ class Shape:
     type: str
     material: int
     rules: Rules
-    # bsdf -> Mitsuba shape
-    build: Callable[["mi.BSDF"], "mi.Shape"]
+    build: Builder
 
 
 def make_mesh(
-    positions: np.ndarray, faces: np.ndarray, uvs: np.ndarray, normals: Optional[np.ndarray], bsdf: Optional["mi.BSDF"]
+    positions: np.ndarray,
+    faces: np.ndarray,
+    uvs: np.ndarray,
+    normals: Optional[np.ndarray],
+    bsdf: Optional["mi.BSDF"],
+    rounded: rounding.Rounding = rounding.nearest,
 ) -> "mi.Mesh":
     """A Mitsuba mesh from arrays, in world space. It always has uv, so that all meshes run the same two kernels."""
     props = mi.Properties()
@@ -62,23 +70,23 @@ def make_mesh(
         props["mesh_bsdf"] = bsdf
     mesh = mi.Mesh("mesh", len(positions), len(faces), props, normals is not None, True)
     parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = np.ravel(positions).astype(np.float32)
+    parameters["vertex_positions"] = rounded(np.ravel(positions))
     parameters["faces"] = np.ravel(faces).astype(np.uint32)
-    parameters["vertex_texcoords"] = np.ravel(uvs).astype(np.float32)
+    parameters["vertex_texcoords"] = rounded(np.ravel(uvs))
     if normals is not None:
-        parameters["vertex_normals"] = np.ravel(normals).astype(np.float32)
+        parameters["vertex_normals"] = rounded(np.ravel(normals))
     parameters.update()
     return mesh
 
 
-def _native(plugin: str, matrix: np.ndarray) -> Callable[["mi.BSDF"], "mi.Shape"]:
-    def build(bsdf: "mi.BSDF") -> "mi.Shape":
+def _native(plugin: str, matrix: np.ndarray) -> Builder:
+    def build(bsdf: "mi.BSDF", _: rounding.Rounding) -> "mi.Shape":
         return mi.load_dict({"type": plugin, "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf})
 
     return build
 
 
-def _triangles(triangles: meshes.Triangles, matrix: np.ndarray, smooth: bool) -> Callable[["mi.BSDF"], "mi.Shape"]:
+def _triangles(triangles: meshes.Triangles, matrix: np.ndarray, smooth: bool) -> Builder:
     """Triangles in object space, transformed in float64."""
     linear = matrix[:3, :3]
     positions = triangles.positions @ linear.T + matrix[:3, 3]
@@ -93,7 +101,7 @@ def _triangles(triangles: meshes.Triangles, matrix: np.ndarray, smooth: bool) ->
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     uvs = triangles.uvs if triangles.uvs is not None else np.zeros((len(positions), 2))
-    return lambda bsdf: make_mesh(positions, faces, uvs, normals, bsdf)
+    return lambda bsdf, rounded: make_mesh(positions, faces, uvs, normals, bsdf, rounded)
 
 
 def _similarity(fields: Fields, matrix: np.ndarray) -> float:

@@ -45,7 +45,7 @@ def run(built: Built, setting: Setting, repeats: int, path_depth: Optional[int])
     samples = len(document.samples)
     depth = document.integrator.max_depth + 1 if path_depth is None else path_depth
     sensor = document.camera.build(samples)
-    scene, _ = load_shapes(document, built.bsdfs, setting.robust, {**emitters, "zz_sensor": sensor})
+    scene, _ = load_shapes(document, built.bsdfs, setting, {**emitters, "zz_sensor": sensor})
     integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
     path_s = _median(repeats, lambda: dr.eval(mi.render(scene, integrator=integrator, sensor=sensor, spp=samples)))
     return {

@@ -624,6 +624,10 @@ fn in_words(reason: &Reason) -> String {
             "ill-conditioned: {} units in the last place take the reference to our value",
             plain_count(*ulps)
         ),
+        Reason::Vertices { ulps } => format!(
+            "ill-conditioned: {} units in the last place of its rays and one of its vertices take the reference to our value",
+            plain_count(*ulps)
+        ),
     }
 }
 

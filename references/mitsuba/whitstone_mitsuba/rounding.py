@@ -1,0 +1,47 @@
+"""From float64 to the float32 numbers of a mesh: to the nearest, or otherwise, to see what that rounding does (setting `vertices`)."""
+
+from __future__ import annotations
+
+from typing import Callable, Optional
+
+import numpy as np
+
+# Gives float32 numbers for float64 ones.
+Rounding = Callable[[np.ndarray], np.ndarray]
+
+
+def nearest(values: np.ndarray) -> np.ndarray:
+    """As every float32 program rounds."""
+    return np.asarray(values, dtype=np.float64).astype(np.float32)
+
+
+def by_hash(seed: int) -> Rounding:
+    """Down or up, as a hash of seed and number says: each with the probability of its nearness (stochastic rounding).
+
+    Equal numbers give equal ones, so that vertices at one place stay at one place and no gap opens between triangles; what
+    float32 holds exactly stays as it is.
+    """
+
+    def rounded(values: np.ndarray) -> np.ndarray:
+        exact = np.ascontiguousarray(values, dtype=np.float64)
+        near = exact.astype(np.float32)
+        side = np.where(exact > near, np.float32(np.inf), np.float32(-np.inf))
+        other = np.nextafter(near, side)
+        bits = _mix(exact.view(np.uint64) ^ _mix(np.array([seed + 1], dtype=np.uint64)))
+        chance = (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53
+        # Multiplied out, because the gap underflows where the numbers do.
+        return np.where(np.abs(exact - near) > chance * np.abs(other.astype(np.float64) - near), other, near)
+
+    return rounded
+
+
+def of(seed: Optional[int]) -> Rounding:
+    """To the nearest without a seed."""
+    return nearest if seed is None else by_hash(seed)
+
+
+def _mix(h: np.ndarray) -> np.ndarray:
+    """A 64-bit integer hash (the finaliser of splitmix64, S. Vigna 2015)."""
+    h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return h ^ (h >> np.uint64(31))
