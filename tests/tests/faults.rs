@@ -284,6 +284,7 @@ fn run(fault: &Fault, mode: Mode) -> Result<(), Failed> {
         ours_overrides,
         time_limit: Duration::from_secs(120),
         program: "whitstone".to_owned(),
+        flags: String::new(),
     };
     let validate = |ours_overrides: Vec<String>, tamper: Tamper| -> Result<CaseResult, Failed> {
         let mut validator = Validator::new(&registry, options(ours_overrides), &|_| {})?;

@@ -6,38 +6,78 @@ use whitstone_tests::{program, root};
 
 const SCENE: &str = "scenes/showcase/classic.toml";
 
+/// Nothing was compared, so nothing differs: something is missing.
 #[test]
 fn a_missing_stored_reference_fails_visibly() {
     let folder = tempfile::tempdir().unwrap();
     let report = folder.path().join("report.json");
-    let output = program!()
-        .current_dir(root())
-        .args([
-            "validate",
-            SCENE,
-            "--reference",
-            "stored",
-            "--set",
-            "film={width=16,height=16}",
-        ])
-        .arg("--references")
-        .arg(folder.path().join("references"))
-        .arg("--target")
-        .arg(folder.path().join("target"))
-        .arg("--json")
-        .arg(&report)
-        .output()
-        .unwrap();
-    let stdout = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(
-        output.status.code(),
-        Some(1),
-        "{stdout}{}",
-        String::from_utf8_lossy(&output.stderr)
+    let (references, target) = (folder.path().join("references"), folder.path().join("a target"));
+    let scene = folder.path().join("scene.toml");
+    fs::write(
+        &scene,
+        fs::read_to_string(root().join("scenes/shapes/disk.toml")).unwrap(),
+    )
+    .unwrap();
+    let validate = |more: &[&str]| {
+        let output = program!()
+            .current_dir(root())
+            .arg("validate")
+            .arg(&scene)
+            .args(["--reference", "stored"])
+            .args(more)
+            .arg("--references")
+            .arg(&references)
+            .arg("--target")
+            .arg(&target)
+            .arg("--json")
+            .arg(&report)
+            .output()
+            .unwrap();
+        let stdout = String::from_utf8_lossy(&output.stdout).into_owned();
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(3), "{stdout}{stderr}");
+        assert!(
+            stdout.contains("FAIL") && stdout.contains("no stored reference"),
+            "{stdout}"
+        );
+        assert!(
+            stderr.contains("could not be compared with a reference: 1"),
+            "{stderr}"
+        );
+        stdout
+    };
+    let scene_name = scene.display();
+    let flags = format!(
+        "--reference stored --references {} --target '{}'",
+        references.display(),
+        target.display()
+    );
+    let told = validate(&[]);
+    // The words of both commands are complete, and the name is not that of a scene of the repository.
+    assert!(
+        told.contains(&format!("again: whitstone validate {scene_name} {flags}\n")),
+        "{told}"
     );
     assert!(
-        stdout.contains("FAIL") && stdout.contains("no stored reference"),
-        "{stdout}"
+        told.contains(&format!("whitstone reference --accept {scene_name} {flags}\n")),
+        "{told}"
+    );
+    assert!(
+        told.contains(&format!("FAIL  {}", folder.path().join("scene").display())),
+        "{told}"
+    );
+    // A reference of a changed scene would take the place of the scene's own.
+    let told = validate(&["--set", "camera.fov=30", "--set", "light[0].intensity=[1, 2, 3]"]);
+    let changes = "--set camera.fov=30 --set 'light[0].intensity=[1, 2, 3]'";
+    assert!(
+        told.contains(&format!(
+            "again: whitstone validate {scene_name} {changes} {flags}\n"
+        )),
+        "{told}"
+    );
+    assert!(
+        !told.contains("--accept") && told.contains("changed by --set"),
+        "{told}"
     );
     let report: serde_json::Value = serde_json::from_slice(&fs::read(report).unwrap()).unwrap();
     assert_eq!(report["summary"]["passed"], 0);
@@ -81,6 +121,27 @@ fn a_missing_python_is_told_with_advice() {
     let report: serde_json::Value = serde_json::from_slice(&fs::read(report).unwrap()).unwrap();
     assert_eq!(report["rendering"]["works"], true);
     assert_eq!(report["live"]["works"], false);
+}
+
+#[test]
+fn outside_of_the_repository_it_is_told_that_there_are_no_scenes() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = program!()
+        .current_dir(folder.path())
+        .arg("validate")
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert!(
+        stderr.contains("scenes: no such file or folder; name scenes"),
+        "{stderr}"
+    );
+    assert!(
+        output.stdout.is_empty(),
+        "{}",
+        String::from_utf8_lossy(&output.stdout)
+    );
 }
 
 #[test]

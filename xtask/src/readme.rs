@@ -95,6 +95,7 @@ fn validate(registry: &Registry) -> Result<Vec<CaseResult>, Failure> {
         ours_overrides: Vec::new(),
         time_limit: Duration::from_secs(1),
         program: "cargo xtask".to_owned(),
+        flags: String::new(),
     };
     let mut validator = Validator::new(registry, options, &|_| {}).map_err(Failure::environment)?;
     let scenes = find_scenes(&[PathBuf::from("scenes")]).map_err(Failure::environment)?;

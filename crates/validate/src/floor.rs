@@ -78,7 +78,7 @@ pub(crate) fn bias_limit(floor: f64, textured: bool) -> f64 {
 }
 
 /// What no limit exceeds, however inexact the reference.
-fn cap(textured: bool) -> f64 {
+pub(crate) fn cap(textured: bool) -> f64 {
     if textured {
         LARGEST_LIMIT_TEXTURED
     } else {

@@ -1,10 +1,12 @@
 //! The validation harness: the same scene through Whitstone and through a reference, compared, every
-//! differing pixel explained or called a bug.
+//! differing pixel explained or told.
 
 pub mod driver;
 pub mod environment;
 pub mod explain;
 pub mod floor;
+mod inexact;
+mod key;
 mod live;
 pub mod report;
 mod result;
@@ -12,8 +14,9 @@ pub mod stored;
 pub mod tree;
 mod validator;
 
+pub use key::{find_scenes, scene_key};
 pub use live::{Live, LiveError};
 pub use result::{
     CaseResult, Check, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel,
 };
-pub use validator::{Mode, NoLive, Options, Validator, find_scenes, flatten, scene_key};
+pub use validator::{Mode, NoLive, Options, Validator, flatten, quoted};

@@ -17,7 +17,8 @@ pub struct Live {
     environment: Environment,
     driver: Option<Driver>,
     hello: Hello,
-    /// Of the driver's source: another driver's answers are not reused.
+    /// Of the driver's source and of the variations that the floor is measured with: answers of another driver,
+    /// or to other questions, are not reused.
     driver_hash: String,
     cache: PathBuf,
     reuse: bool,
@@ -139,17 +140,27 @@ impl Live {
     }
 
     /// The reference of a scene with its measured floor: rendered, or taken from an earlier run.
-    pub fn reference(&mut self, scene: SceneText<'_>, scene_hash: &str) -> Result<Stored, LiveError> {
+    ///
+    /// `progress` is told how many of how many renderings are done.
+    pub fn reference(
+        &mut self,
+        scene: SceneText<'_>,
+        scene_hash: &str,
+        progress: &dyn Fn(usize, usize),
+    ) -> Result<Stored, LiveError> {
         let folder = self.folder(scene_hash);
         if self.reuse
             && let Ok(stored) = Stored::read(&folder, scene_hash)
         {
             return Ok(stored);
         }
+        let variations = floor::settings();
+        progress(0, 1 + variations.len());
         let (image, rendered) = self.render(scene, Setting::default())?;
         let mut worst = floor::SMALLEST_FLOOR;
         let mut moved = 0;
-        for setting in floor::settings() {
+        for (done, setting) in variations.into_iter().enumerate() {
+            progress(1 + done, 1 + variations.len());
             let (varied, _) = self.render(scene, setting)?;
             let between = floor::between(&image, &varied).map_err(|e| LiveError::Image(e.to_string()))?;
             worst = worst.max(between.error);
@@ -259,7 +270,7 @@ impl Live {
         scene_hash: &str,
         progress: &dyn Fn(usize, usize),
     ) -> Result<Stored, LiveError> {
-        let mut stored = self.reference(scene, scene_hash)?;
+        let mut stored = self.reference(scene, scene_hash, progress)?;
         let image_error = |error: &dyn std::fmt::Display| LiveError::Image(error.to_string());
         let pixels = stored.image.pixel_count();
         let at = |image: &Image, index: usize| -> Option<[f64; 3]> {
@@ -329,7 +340,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
     atomic::write_bytes(path, bytes).map_err(|error| LiveError::Image(error.to_string()))
 }
 
-/// Hash of the driver's Python files and requirements.
+/// Hash of the driver's Python files and requirements, and of what it is asked for a floor.
 fn hash_sources(package: &Path) -> String {
     let mut files: Vec<PathBuf> = std::fs::read_dir(package.join("whitstone_mitsuba"))
         .into_iter()
@@ -340,6 +351,7 @@ fn hash_sources(package: &Path) -> String {
         .collect();
     files.sort();
     let mut hasher = blake3::Hasher::new();
+    hasher.update(format!("{:?}", floor::settings()).as_bytes());
     for path in files {
         hasher.update(&std::fs::read(&path).unwrap_or_default());
     }

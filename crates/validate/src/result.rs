@@ -102,6 +102,11 @@ pub struct CaseResult {
     pub limit: f64,
     /// The reference's own error in this scene.
     pub floor: f64,
+    /// Pixels over tolerance between the reference and the variation of it that has most of them; not known of
+    /// stored references of old.
+    pub moved: Option<usize>,
+    /// For a case that fails: what shows that the reference is too inexact in this scene to be judged by.
+    pub inexact: Vec<String>,
     /// Why the limit differs from the default, if it does.
     pub limit_reason: Option<String>,
     /// Mean relative squared error.
@@ -183,6 +188,9 @@ pub struct WorstPixel {
     pub reference: [f32; 3],
     /// What explains it; none for an unexplained pixel.
     pub reason: Option<Reason>,
+    /// For unexplained pixels of a live reference: the smallest and largest value of each channel that it took
+    /// under all that was tried.
+    pub tried: Option<[[f64; 3]; 2]>,
     /// For unexplained pixels: where the two ray trees part.
     pub first_difference: Option<String>,
 }

@@ -8,6 +8,9 @@ use whitstone_scene::Pipeline;
 /// Below this a throughput may be 0 in single precision, and what lies behind it cannot be compared.
 const LEAST_THROUGHPUT: f64 = f32::MIN_POSITIVE as f64;
 
+/// Distances that differ by so many units in the last place of single precision are the same.
+const COINCIDENT_ULPS: f64 = 4.0;
+
 /// A node of the reference's tree, as the driver tells it.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Node {
@@ -78,6 +81,22 @@ fn matters(throughput: [f64; 3]) -> bool {
     !throughput.iter().all(|v| v.abs() <= LEAST_THROUGHPUT)
 }
 
+/// What it means that two surfaces are hit at the same distance, as far as single precision can tell.
+fn coincident(ours: &TreeNode, theirs: &Node) -> Option<String> {
+    let same = (ours.t - theirs.t).abs() <= COINCIDENT_ULPS * f64::from(f32::EPSILON) * theirs.t.abs();
+    let what = if ours.shape == theirs.shape {
+        "a common edge or coincident surfaces"
+    } else {
+        "coincident surfaces"
+    };
+    (ours.shape >= 0 && theirs.shape >= 0 && same).then(|| {
+        format!(
+            ", both at distance {}; {what}: rounding decides which one wins",
+            theirs.t
+        )
+    })
+}
+
 fn difference(ours: &TreeNode, theirs: &Node) -> Option<String> {
     if !matters(ours.throughput.to_array()) && !matters(theirs.throughput) {
         return None;
@@ -91,9 +110,10 @@ fn difference(ours: &TreeNode, theirs: &Node) -> Option<String> {
     let other = (theirs.shape, theirs.primitive, theirs.limit);
     if mine != other {
         return Some(format!(
-            "ours {}, the reference {}",
+            "ours {}, the reference {}{}",
             hit(mine.0, mine.1, mine.2),
-            hit(other.0, other.1, other.2)
+            hit(other.0, other.1, other.2),
+            coincident(ours, theirs).unwrap_or_default(),
         ));
     }
     // Not `>`: what is not a number differs.
@@ -213,6 +233,24 @@ mod tests {
         for (change, expected) in changes {
             let found = parted(&tree, change).unwrap_or_default();
             assert!(found.starts_with(expected), "{found} is not {expected}");
+        }
+    }
+
+    #[test]
+    fn coincident_surfaces_are_named() {
+        let tree = [mine("", 4)];
+        let hint = |shape, t| {
+            parted(&tree, |nodes| {
+                nodes[0].shape = shape;
+                nodes[0].primitive = 1;
+                nodes[0].t = t;
+            })
+            .unwrap()
+        };
+        assert!(hint(5, 2.0000005).ends_with("coincident surfaces: rounding decides which one wins"));
+        assert!(hint(4, 2.0).contains("a common edge or coincident surfaces"));
+        for apart in [hint(5, 2.000002), hint(-1, 2.0), hint(5, f64::NAN)] {
+            assert!(!apart.contains("coincident"), "{apart}");
         }
     }
 

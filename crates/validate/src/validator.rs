@@ -1,11 +1,12 @@
 use crate::driver::{DriverError, SceneText};
 use crate::environment::Environment;
-use crate::explain::{Reason, explain, trials};
+use crate::explain::{Range, Reason, explain, trials};
+use crate::key::{folder_of, scene_key};
 use crate::live::{Live, LiveError};
 use crate::report::ERROR_VIEW;
 use crate::result::{CaseResult, LayerResult, Pictures, Reference, Status, WorstPixel};
 use crate::stored::{Stored, StoredError};
-use crate::{floor, tree};
+use crate::{floor, inexact, tree};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::{Needs, Registry, SceneErrors};
@@ -59,6 +60,8 @@ pub struct Options {
     pub time_limit: Duration,
     /// How the user calls this program, for commands in messages.
     pub program: String,
+    /// What else a command in a message must say to do the same again: ` --set a=b`, or nothing.
+    pub flags: String,
 }
 
 /// Validates scenes.
@@ -70,6 +73,8 @@ pub struct Validator<'a> {
     not_live: Option<String>,
     /// The first failure of a live Mitsuba that was there.
     broken: Option<String>,
+    /// Is told what is being done.
+    stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
 }
 
 /// A live Mitsuba was asked for and cannot be had: exit code 3.
@@ -90,6 +95,24 @@ struct Ours {
     pipeline: Pipeline,
 }
 
+/// A pixel over tolerance.
+struct Judged {
+    pixel: [usize; 2],
+    reason: Option<Reason>,
+    /// All values that a live reference took there.
+    tried: Option<Range>,
+}
+
+impl Judged {
+    fn unexplained(pixel: &[usize; 2]) -> Self {
+        Self {
+            pixel: *pixel,
+            reason: None,
+            tried: None,
+        }
+    }
+}
+
 impl<'a> Validator<'a> {
     /// Makes the Python environment if needed; `say` is told what takes long.
     pub fn new(registry: &'a Registry, options: Options, say: &dyn Fn(&str)) -> Result<Self, NoLive> {
@@ -107,7 +130,13 @@ impl<'a> Validator<'a> {
             live,
             not_live,
             broken: None,
+            stage: Box::new(|_| {}),
         })
+    }
+
+    /// Has `stage` told, from now on, what is being done: a scene can take minutes.
+    pub fn tell(&mut self, stage: impl Fn(&str) + Send + Sync + 'a) {
+        self.stage = Box::new(stage);
     }
 
     /// The first failure of the live Mitsuba while it was used: a crash, no answer, half an image. In
@@ -135,7 +164,7 @@ impl<'a> Validator<'a> {
     pub fn validate_tampered(&mut self, path: &Path, tamper: &dyn Fn(&mut Image)) -> CaseResult {
         let scene = scene_key(path, &self.options.scenes);
         let mut case = CaseResult {
-            command: format!("{} validate {}", self.options.program, path.display()),
+            command: self.command("validate", path),
             scene,
             config: "default".to_owned(),
             ..CaseResult::default()
@@ -165,6 +194,12 @@ impl<'a> Validator<'a> {
         case
     }
 
+    /// The command that does something with this scene alone as this run does.
+    fn command(&self, verb: &str, path: &Path) -> String {
+        let Options { program, flags, .. } = &self.options;
+        format!("{program} {verb} {}{flags}", quoted(&path.display().to_string()))
+    }
+
     fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, String> {
         let flattened = flatten(path, &self.options.overrides)?;
         let all_overrides = [&self.options.overrides[..], &self.options.ours_overrides].concat();
@@ -174,9 +209,10 @@ impl<'a> Validator<'a> {
         let description = Description::parse(&sources).map_err(report)?;
         let plan = Plan::new(&description, self.registry).map_err(report)?;
         let pipeline = Pipeline::build(&plan, self.registry).map_err(report)?;
+        let stage = &self.stage;
         let film = pipeline.render(RenderOptions {
             threads: self.options.threads,
-            progress: None,
+            progress: Some(&|done, all| stage(&format!("ours, {}%", 100 * done / all.max(1)))),
         });
         let image = film
             .to_image(&pipeline.scene_hash)
@@ -216,7 +252,7 @@ impl<'a> Validator<'a> {
     /// The folder of a scene's stored reference.
     pub fn stored_folder(&self, path: &Path) -> PathBuf {
         let key = scene_key(path, &self.options.scenes);
-        self.options.references.join("images").join(key)
+        self.options.references.join("images").join(folder_of(&key))
     }
 
     fn reference(
@@ -232,7 +268,9 @@ impl<'a> Validator<'a> {
             base: &flattened.base,
         };
         if let Some(live) = &mut self.live {
-            match live.reference(text, &hash) {
+            let stage = &self.stage;
+            let told = |done, all| stage(&format!("the reference, {done} of {all} renderings"));
+            match live.reference(text, &hash, &told) {
                 Ok(reference) => {
                     if let Ok(stored) = &stored {
                         let drift = floor::between(&stored.image, &reference.image);
@@ -254,10 +292,18 @@ impl<'a> Validator<'a> {
                 }
             }
         }
-        let accept = format!("{} reference --accept {}", self.options.program, path.display());
         match stored {
             Ok(stored) => Ok(Against { stored, live: false }),
+            // One of the changed scene would take the place of the scene's own.
+            Err(error @ (StoredError::Missing(_) | StoredError::Stale { .. }))
+                if !self.options.overrides.is_empty() =>
+            {
+                Err(format!(
+                    "{error}; a scene that is changed by --set can be compared with a live reference only"
+                ))
+            }
             Err(error @ (StoredError::Missing(_) | StoredError::Stale { .. })) => {
+                let accept = self.command("reference --accept", path);
                 Err(format!("{error}; render a new one by: {accept}"))
             }
             Err(error) => Err(error.to_string()),
@@ -278,6 +324,7 @@ impl<'a> Validator<'a> {
         });
         case.twin = meta.twin.clone();
         case.floor = meta.floor;
+        case.moved = meta.moved;
         case.reference_s = Some(meta.seconds);
         let textured = ours.pipeline.world.needs().contains(Needs::UV);
         if case.limit == 0.0 {
@@ -291,11 +338,11 @@ impl<'a> Validator<'a> {
         let tolerance = Tolerance::default();
         let over = metrics::over_tolerance(&ours.image, reference, tolerance)?;
         case.pixels_over_tolerance = over.count();
-        let reasons = self.explain(ours, against, &over, tolerance, case);
+        let judged = self.explain(ours, against, &over, tolerance, case);
         let mut explained = Mask::new(over.width(), over.height());
-        for ([x, y], reason) in &reasons {
+        for Judged { pixel, reason, .. } in &judged {
             if let Some(reason) = reason {
-                explained.set(*x, *y, true);
+                explained.set(pixel[0], pixel[1], true);
                 if let Reason::Shift { radius_px } = reason {
                     case.explained_radius_px = case.explained_radius_px.max(*radius_px);
                 }
@@ -303,7 +350,7 @@ impl<'a> Validator<'a> {
         }
         case.explained = explained.count();
         case.unexplained = case.pixels_over_tolerance - case.explained;
-        self.list_worst(case, ours, reference, &over, &reasons)?;
+        self.list_worst(case, ours, reference, &over, &judged)?;
         self.compare_layers(case, &ours.image, reference, &explained)?;
 
         if case.nonfinite == 0 {
@@ -323,6 +370,9 @@ impl<'a> Validator<'a> {
         }
         case.compared = true;
         case.problems.extend(case.broken_limits());
+        if !case.problems.is_empty() {
+            case.inexact = inexact::notes(case, &ours.pipeline.world.geometry, textured);
+        }
         Ok(())
     }
 
@@ -334,7 +384,7 @@ impl<'a> Validator<'a> {
         over: &Mask,
         tolerance: Tolerance,
         case: &mut CaseResult,
-    ) -> Vec<([usize; 2], Option<Reason>)> {
+    ) -> Vec<Judged> {
         let pixels: Vec<[usize; 2]> = over.pixels().map(|(x, y)| [x, y]).collect();
         let reference = &against.stored.image;
         let mean = metrics::mean_reference(reference).unwrap_or(0.0);
@@ -349,7 +399,7 @@ impl<'a> Validator<'a> {
         // Thousands of differing pixels are a fault, not edges; the worst of them are enough to see it.
         let most = 20 * case.explained_limit.max(EXPLAINED_PIXELS);
         let (asked, beyond) = pixels.split_at(pixels.len().min(most));
-        let mut reasons: Vec<([usize; 2], Option<Reason>)> = Vec::new();
+        let mut judged: Vec<Judged> = Vec::new();
         if !against.live {
             for &pixel in asked {
                 let [x, y] = pixel;
@@ -358,13 +408,17 @@ impl<'a> Validator<'a> {
                 let held =
                     range.is_some_and(|range| range.holds(value(&ours.image, pixel), allowed(nominal)));
                 let finite = value(&ours.image, pixel).iter().all(|v| v.is_finite());
-                reasons.push((pixel, (held && finite).then_some(Reason::StoredRange)));
+                judged.push(Judged {
+                    reason: (held && finite).then_some(Reason::StoredRange),
+                    ..Judged::unexplained(&pixel)
+                });
             }
         } else if !asked.is_empty() {
             let text = SceneText {
                 text: &ours.flattened.text,
                 base: &ours.flattened.base,
             };
+            (self.stage)(&format!("tracing {} pixels of the reference again", asked.len()));
             let answer = self
                 .live
                 .as_mut()
@@ -375,19 +429,28 @@ impl<'a> Validator<'a> {
                     for (&pixel, variants) in asked.iter().zip(&values) {
                         let nominal = value(reference, pixel);
                         let ours = value(&ours.image, pixel);
-                        reasons.push((pixel, explain(ours, nominal, allowed(nominal), &trials, variants)));
+                        let mut tried = Range::of(nominal);
+                        variants
+                            .iter()
+                            .flatten()
+                            .for_each(|variant| tried.include(*variant));
+                        judged.push(Judged {
+                            pixel,
+                            reason: explain(ours, nominal, allowed(nominal), &trials, variants),
+                            tried: Some(tried),
+                        });
                     }
                 }
                 Some(Err(error)) => {
                     case.problems
                         .push(format!("pixels could not be traced again: {error}"));
-                    reasons.extend(asked.iter().map(|pixel| (*pixel, None)));
+                    judged.extend(asked.iter().map(Judged::unexplained));
                 }
-                None => reasons.extend(asked.iter().map(|pixel| (*pixel, None))),
+                None => judged.extend(asked.iter().map(Judged::unexplained)),
             }
         }
-        reasons.extend(beyond.iter().map(|pixel| (*pixel, None)));
-        reasons
+        judged.extend(beyond.iter().map(Judged::unexplained));
+        judged
     }
 
     fn list_worst(
@@ -396,13 +459,12 @@ impl<'a> Validator<'a> {
         ours: &Ours,
         reference: &Image,
         over: &Mask,
-        reasons: &[([usize; 2], Option<Reason>)],
+        judged: &[Judged],
     ) -> Result<(), CompareError> {
-        let unexplained = Mask::from_fn(over.width(), over.height(), |x, y| {
-            reasons
-                .iter()
-                .any(|(pixel, reason)| *pixel == [x, y] && reason.is_none())
-        });
+        let mut unexplained = Mask::new(over.width(), over.height());
+        for Judged { pixel: [x, y], .. } in judged.iter().filter(|one| one.reason.is_none()) {
+            unexplained.set(*x, *y, true);
+        }
         let mut worst = metrics::worst(&ours.image, reference, WORST, Some(&unexplained))?;
         let rest = metrics::worst(&ours.image, reference, WORST, Some(over))?;
         worst.extend(
@@ -412,10 +474,9 @@ impl<'a> Validator<'a> {
         worst.truncate(WORST);
         for (rank, pixel) in worst.iter().enumerate() {
             let place = [pixel.x, pixel.y];
-            let reason = reasons
-                .iter()
-                .find(|(p, _)| *p == place)
-                .and_then(|(_, reason)| *reason);
+            let found = judged.iter().find(|one| one.pixel == place);
+            let reason = found.and_then(|one| one.reason);
+            let tried = found.and_then(|one| one.tried).filter(|_| reason.is_none());
             let first_difference = if reason.is_none() && rank < TREES {
                 self.first_difference(ours, place)
             } else {
@@ -427,6 +488,7 @@ impl<'a> Validator<'a> {
                 ours: pixel.ours,
                 reference: pixel.reference,
                 reason,
+                tried: tried.map(|range| [range.min, range.max]),
                 first_difference,
             });
         }
@@ -437,6 +499,7 @@ impl<'a> Validator<'a> {
     /// reference has no tree.
     fn first_difference(&mut self, ours: &Ours, pixel: [usize; 2]) -> Option<String> {
         let live = self.live.as_mut()?;
+        (self.stage)("comparing ray trees");
         let text = SceneText {
             text: &ours.flattened.text,
             base: &ours.flattened.base,
@@ -502,6 +565,16 @@ pub fn flatten(path: &Path, overrides: &[String]) -> Result<Flattened, String> {
     Ok(description.flattened)
 }
 
+/// A word of a command as a shell reads it.
+pub fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "_./=,:@%+-".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
+}
+
 fn pictures(ours: &Image, reference: &Image) -> Option<Pictures> {
     let tone = ToneMap::default();
     let png = |raster: Raster| raster.to_png().ok();
@@ -517,37 +590,4 @@ fn start_live(options: &Options, say: &dyn Fn(&str)) -> Result<Live, String> {
         Environment::ensure(&options.target, &options.references, say).map_err(|error| error.to_string())?;
     let cache = options.target.join("live");
     Live::start(environment, cache, options.reuse, options.time_limit).map_err(|error| error.to_string())
-}
-
-/// Name of a scene: its path below `root` without the extension; the whole path for one elsewhere.
-pub fn scene_key(path: &Path, root: &Path) -> String {
-    let absolute = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let (path, root) = (absolute(path), absolute(root));
-    let relative = path.strip_prefix(&root).map_or_else(
-        |_| path.file_name().map(PathBuf::from).unwrap_or_default(),
-        Path::to_owned,
-    );
-    relative.with_extension("").to_string_lossy().replace('\\', "/")
-}
-
-/// All scene files at or below the given paths, sorted; folders named `assets` and `parts` hold none.
-pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
-    let mut found = Vec::new();
-    let mut open: Vec<PathBuf> = paths.to_vec();
-    while let Some(path) = open.pop() {
-        let is_part = path
-            .file_name()
-            .is_some_and(|name| name == "assets" || name == "parts");
-        if path.is_dir() {
-            if !is_part {
-                for entry in std::fs::read_dir(&path)? {
-                    open.push(entry?.path());
-                }
-            }
-        } else if paths.contains(&path) || path.extension().is_some_and(|e| e == "toml") {
-            found.push(path);
-        }
-    }
-    found.sort();
-    Ok(found)
 }

@@ -96,6 +96,7 @@ fn case(scene: &str, twin: &str) -> CaseResult {
             ours: [0.081, 0.12, 0.161],
             reference: [0.31, 0.121, 0.07],
             reason: Some(Reason::Shift { radius_px: 1e-3 }),
+            tried: None,
             first_difference: None,
         }],
         layers: vec![
@@ -133,6 +134,7 @@ fn failing() -> CaseResult {
         ours,
         reference,
         reason,
+        tried: first.map(|_| [[0.05, 0.12, 0.2], [0.0912, 0.13, 0.2]]),
         first_difference: first.map(str::to_owned),
     };
     CaseResult {
@@ -198,6 +200,7 @@ fn failing() -> CaseResult {
             "11 pixels differ explainably, more than 8".to_owned(),
             "rel_rmse_interior 8.73e-3 is above the limit 9.60e-7".to_owned(),
         ],
+        inexact: vec!["it differs from itself by more than the tolerance at 2722 pixels".to_owned()],
         status: Some(Status::Fail),
         pictures: pictures(96, 0.63, 3e-6),
         ..case("materials/dielectric", "native")
@@ -232,6 +235,7 @@ fn hostile() -> CaseResult {
         }),
         limit_reason: Some(text.clone()),
         problems: vec![text.clone()],
+        inexact: vec![text.clone()],
         left_out: vec![text.clone()],
         command: text.clone(),
         layers: vec![LayerResult {
@@ -403,6 +407,15 @@ fn failures_come_first_are_open_and_marked_by_more_than_colour() {
             .text()
             .contains("1123 pixels differ")
     );
+    let section = document.select("#case-3")[0].text();
+    for part in [
+        "The reference is inexact here",
+        "differs from itself by more than the tolerance at 2722 pixels",
+        "all tried: 0.0500000, 0.120000, 0.200000 to 0.0912000, 0.130000, 0.200000",
+    ] {
+        assert!(section.contains(part), "{part} is not in: {section}");
+    }
+    assert!(!document.select("#case-1")[0].text().contains("inexact here"));
 }
 
 #[test]

@@ -170,6 +170,7 @@ struct Pixel<'a> {
     reference: [Component; 3],
     times: Number,
     reason: Option<String>,
+    tried: Option<String>,
     first_difference: Option<&'a str>,
 }
 
@@ -604,6 +605,10 @@ impl<'a> Pixel<'a> {
             times: Number::plain(largest.filter(|times| *times > 0.0))
                 .or("the mean of the reference is not known"),
             reason: pixel.reason.as_ref().map(in_words),
+            tried: pixel.tried.map(|[min, max]| {
+                let color = |values: [f64; 3]| values.map(precise).join(", ");
+                format!("all tried: {} to {}", color(min), color(max))
+            }),
             first_difference: pixel.first_difference.as_deref(),
         }
     }

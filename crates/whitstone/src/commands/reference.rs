@@ -10,7 +10,7 @@ use whitstone_image::{ToneMap, exr_io};
 use whitstone_scene::RenderOptions;
 use whitstone_validate::driver::SceneText;
 use whitstone_validate::stored::Stored;
-use whitstone_validate::{Validator, find_scenes, flatten, scene_key};
+use whitstone_validate::{Validator, flatten, quoted, scene_key};
 
 /// Largest image that is stored, in pixels: the references of a repository are to stay small.
 const MAX_PIXELS: u64 = 192 * 192;
@@ -42,7 +42,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         ));
     }
     options.mode = whitstone_validate::Mode::Live;
-    let scenes = find_scenes(&arguments.scenes.paths).map_err(Failure::usage)?;
+    let scenes = arguments.scenes.find()?;
     let mut validator = Validator::new(registry, options.clone(), &|text| eprintln!("{text}"))
         .map_err(Failure::environment)?;
     let mut waiting = 0;
@@ -96,7 +96,15 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     if waiting == 0 {
         return Ok(Exit::Pass);
     }
-    println!("\n{waiting} references are not stored; to keep them: {program} reference --accept");
+    let paths = arguments.scenes.paths.iter();
+    let paths: String = paths
+        .map(|path| format!(" {}", quoted(&path.display().to_string())))
+        .collect();
+    let all = if arguments.all { " --all" } else { "" };
+    println!(
+        "\nreferences that are not stored: {waiting}; to keep them: {program} reference --accept{all}{paths}{}",
+        arguments.scenes.flags()
+    );
     Ok(Exit::Differs)
 }
 

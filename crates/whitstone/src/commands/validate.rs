@@ -7,8 +7,14 @@ use std::time::{Duration, Instant};
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_validate::{
-    CaseResult, Mode, Options, Provenance, Results, Status, Summary, Validator, find_scenes, report,
+    CaseResult, Mode, Options, Provenance, Results, Status, Summary, Validator, find_scenes, quoted, report,
 };
+
+const SCENES: &str = "scenes";
+const TARGET: &str = "target/whitstone";
+const REFERENCES: &str = "references";
+/// In seconds.
+const TIME_LIMIT: u64 = 300;
 
 /// Render scenes with Whitstone and with Mitsuba, compare them, and explain every differing pixel
 ///
@@ -17,7 +23,7 @@ use whitstone_validate::{
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// Scene files, or folders of them
-    #[arg(default_value = "scenes")]
+    #[arg(default_value = SCENES)]
     pub paths: Vec<PathBuf>,
     /// Where references come from
     #[arg(long, value_enum, default_value_t = ReferenceMode::Auto)]
@@ -29,16 +35,16 @@ pub struct Arguments {
     #[arg(long)]
     pub fresh: bool,
     /// Folder for the environment, live references and the report
-    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
+    #[arg(long, default_value = TARGET, value_name = "DIR")]
     pub target: PathBuf,
     /// Folder with the Mitsuba driver and the stored references
-    #[arg(long, default_value = "references", value_name = "DIR")]
+    #[arg(long, default_value = REFERENCES, value_name = "DIR")]
     pub references: PathBuf,
     /// Threads; 0 for one a core
     #[arg(long, default_value_t = 0, value_parser = super::threads)]
     pub threads: usize,
     /// How long the driver may take for one answer, in seconds
-    #[arg(long, default_value_t = 300, value_name = "SECONDS")]
+    #[arg(long, default_value_t = TIME_LIMIT, value_name = "SECONDS")]
     pub time_limit: u64,
     /// Write the results to this file too
     #[arg(long, value_name = "FILE")]
@@ -60,7 +66,7 @@ impl Arguments {
     /// As the library has them. `program` is how messages call this command line.
     pub fn options(&self, program: &str) -> Options {
         Options {
-            scenes: PathBuf::from("scenes"),
+            scenes: PathBuf::from(SCENES),
             references: self.references.clone(),
             target: self.target.clone(),
             mode: match self.reference {
@@ -74,27 +80,70 @@ impl Arguments {
             ours_overrides: Vec::new(),
             time_limit: Duration::from_secs(self.time_limit),
             program: program.to_owned(),
+            flags: self.flags(),
         }
+    }
+
+    /// What of the command line decides about a result, beside the scenes: as it must be written again.
+    pub fn flags(&self) -> String {
+        let mut flags: Vec<(&str, String)> = Vec::new();
+        flags.extend(self.overrides.iter().map(|change| ("--set", change.clone())));
+        match self.reference {
+            ReferenceMode::Auto => {}
+            ReferenceMode::Live => flags.push(("--reference", "live".to_owned())),
+            ReferenceMode::Stored => flags.push(("--reference", "stored".to_owned())),
+        }
+        for (flag, path, default) in [
+            ("--references", &self.references, REFERENCES),
+            ("--target", &self.target, TARGET),
+        ] {
+            if path != Path::new(default) {
+                flags.push((flag, path.display().to_string()));
+            }
+        }
+        if self.time_limit != TIME_LIMIT {
+            flags.push(("--time-limit", self.time_limit.to_string()));
+        }
+        let written = flags
+            .iter()
+            .map(|(flag, value)| format!(" {flag} {}", quoted(value)));
+        written.collect()
+    }
+
+    /// The scenes that are named.
+    pub fn find(&self) -> Result<Vec<PathBuf>, Failure> {
+        let scenes = find_scenes(&self.paths).map_err(|error| {
+            let hint = if self.paths == [PathBuf::from(SCENES)] {
+                "; name scenes, or call it in the folder of Whitstone's repository"
+            } else {
+                ""
+            };
+            Failure::usage(format!("{error}{hint}"))
+        })?;
+        if scenes.is_empty() {
+            return Err(Failure::usage("no scenes were found"));
+        }
+        Ok(scenes)
     }
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     let start = Instant::now();
-    let scenes = find_scenes(&arguments.paths).map_err(Failure::usage)?;
-    if scenes.is_empty() {
-        return Err(Failure::usage("no scenes were found"));
-    }
+    let scenes = arguments.find()?;
     let mut validator = Validator::new(registry, arguments.options(program), &|text| eprintln!("{text}"))
         .map_err(Failure::environment)?;
     if let Some(why) = validator.not_live() {
         eprintln!("warning: no live Mitsuba: {why}\nwarning: comparing with the stored references");
     }
     let bar = progress(scenes.len() as u64, "validating");
+    // The clock runs also while the driver takes its time.
+    bar.enable_steady_tick(Duration::from_millis(200));
     let mut cases = Vec::new();
     print_header();
     for path in &scenes {
-        bar.set_message(path.display().to_string());
+        let (name, teller) = (path.display().to_string(), bar.clone());
+        validator.tell(move |stage| teller.set_message(format!("{name}: {stage}")));
         let case = validator.validate(path);
         bar.suspend(|| print_case(&case));
         cases.push(case);
@@ -136,11 +185,25 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             "scenes that cannot be rendered: {wrong}; see above"
         )));
     }
-    let passed = results
-        .results
+    verdict(&results.results)
+}
+
+/// What was compared decides; only if all of that agrees, it matters that something could not be.
+fn verdict(cases: &[CaseResult]) -> Result<Exit, Failure> {
+    let mut failed = cases
         .iter()
-        .all(|case| case.status == Some(Status::Pass));
-    Ok(if passed { Exit::Pass } else { Exit::Differs })
+        .filter(|case| case.status != Some(Status::Pass))
+        .peekable();
+    if failed.peek().is_none() {
+        return Ok(Exit::Pass);
+    }
+    if failed.any(|case| case.compared) {
+        return Ok(Exit::Differs);
+    }
+    let without = cases.iter().filter(|case| !case.compared).count();
+    Err(Failure::environment(format!(
+        "scenes that could not be compared with a reference: {without}; see above"
+    )))
 }
 
 fn write_results(results: &Results, folder: &Path, json: Option<&Path>) -> Result<(), Failure> {
@@ -159,13 +222,13 @@ fn write_results(results: &Results, folder: &Path, json: Option<&Path>) -> Resul
 /// The heads of the columns of [`print_case`].
 fn print_header() {
     println!(
-        "      {:<30} {:>8} {:>8} {:>8} {:>6} {:>9} {:>11} {:>8} {:>8}  {:<6} twin",
+        "      {:<30} {:>8} {:>8} {:>8} {:>6} {:>11} {:>11} {:>8} {:>8}  {:<6} twin",
         "scene",
         "rmse",
         "interior",
         "limit",
         "over",
-        "explained",
+        "expl. of max",
         "unexplained",
         "ours s",
         "ref. s",
@@ -185,13 +248,13 @@ fn print_case(case: &CaseResult) {
         .as_ref()
         .map_or("-", |reference| reference.source.as_str());
     println!(
-        "{status}  {:<30} {:>8} {:>8} {:>8} {:>6} {:>9} {:>11} {:>8.3} {:>8}  {source:<6} {}",
+        "{status}  {:<30} {:>8} {:>8} {:>8} {:>6} {:>11} {:>11} {:>8.3} {:>8}  {source:<6} {}",
         case.scene,
         number(case.rmse),
         number(case.rel_rmse_interior),
         number(case.interior().limit),
         count(case.pixels_over_tolerance.to_string()),
-        count(format!("{}/{}", case.explained, case.explained_limit)),
+        count(format!("{} of {}", case.explained, case.explained_limit)),
         count(case.unexplained.to_string()),
         case.render_s,
         case.reference_s
@@ -203,16 +266,25 @@ fn print_case(case: &CaseResult) {
     }
     for pixel in case.worst.iter().filter(|pixel| pixel.reason.is_none()).take(3) {
         println!(
-            "      pixel ({}, {}): ours {:?}, reference {:?}{}",
+            "      pixel ({}, {}): ours {:?}, reference {:?}{}{}",
             pixel.x,
             pixel.y,
             pixel.ours,
             pixel.reference,
             pixel
+                .tried
+                .map(|[min, max]| [min, max].map(|color| color.map(|value| value as f32)))
+                .map_or_else(String::new, |[min, max]| format!(
+                    "\n        the reference under shifts, spawn offsets and roundings: {min:?} to {max:?}"
+                )),
+            pixel
                 .first_difference
                 .as_ref()
                 .map_or_else(String::new, |text| format!("\n        {text}")),
         );
+    }
+    for note in &case.inexact {
+        println!("      the reference is inexact here: {note}");
     }
     if !case.problems.is_empty() {
         println!("      again: {}", case.command);

@@ -1,0 +1,189 @@
+//! What only a live Mitsuba can show; listed as ignored where its environment is not there (`cargo xtask validate`
+//! makes it).
+
+use libtest_mimic::{Arguments, Failed, Trial};
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use whitstone::validate::driver::SceneText;
+use whitstone::validate::environment::Environment;
+use whitstone::validate::{CaseResult, Mode, Options, Status, Validator, flatten, tree};
+use whitstone_tests::{load, root};
+
+const CAMERA: &str = "film = { width = 64, height = 64 }\n[camera]\ntype = \"perspective\"\n";
+const SKY: &str = "[[light]]\ntype = \"background\"\nradiance = [0.2, 0.3, 0.4]\n";
+
+fn options() -> Options {
+    Options {
+        scenes: PathBuf::from("scenes"),
+        references: PathBuf::from("references"),
+        target: PathBuf::from("target/whitstone"),
+        mode: Mode::Live,
+        reuse: true,
+        threads: 0,
+        overrides: Vec::new(),
+        ours_overrides: Vec::new(),
+        time_limit: Duration::from_secs(120),
+        program: "whitstone".to_owned(),
+        flags: String::new(),
+    }
+}
+
+/// Validates a scene in a folder of its own, beside a mesh.
+fn validate(scene: &str, mesh: &str) -> Result<CaseResult, Failed> {
+    let folder = tempfile::tempdir()?;
+    fs::write(folder.path().join("mesh.obj"), mesh)?;
+    let path = folder.path().join("scene.toml");
+    fs::write(&path, scene)?;
+    let registry = whitstone::registry();
+    let mut validator = Validator::new(&registry, options(), &|_| {})?;
+    let case = validator.validate(&path);
+    Ok(CaseResult {
+        pictures: None,
+        ..case
+    })
+}
+
+fn check(holds: bool, case: &CaseResult) -> Result<(), Failed> {
+    if holds {
+        Ok(())
+    } else {
+        Err(format!("{case:#?}").into())
+    }
+}
+
+/// A ball of small facets, without normals.
+fn ball(rows: u32, columns: u32) -> String {
+    let mut text = String::new();
+    for row in 0..=rows {
+        for column in 0..columns {
+            let (sin, cos) = (std::f64::consts::PI * f64::from(row) / f64::from(rows)).sin_cos();
+            let (y, x) = (std::f64::consts::TAU * f64::from(column) / f64::from(columns)).sin_cos();
+            let _ = writeln!(text, "v {} {} {}", sin * x, sin * y, cos);
+        }
+    }
+    for row in 0..rows {
+        for column in 0..columns {
+            let at = |row, column: u32| row * columns + column % columns + 1;
+            let [a, b, c, d] = [
+                at(row, column),
+                at(row + 1, column),
+                at(row + 1, column + 1),
+                at(row, column + 1),
+            ];
+            let _ = writeln!(text, "f {a} {b} {c} {d}");
+        }
+    }
+    text
+}
+
+/// Rounding a vertex turns a small facet, and the mirror doubles it. A floor that knows of rays only is 4.8e-7.
+fn small_facets_keep_their_limit() -> Result<(), Failed> {
+    let scene = format!(
+        "{CAMERA}look_at = {{ origin = [0, 1, 4], target = [0, 0, 0] }}\n{SKY}\
+         [[light]]\ntype = \"point\"\nposition = [3, 5, 4]\nintensity = 60\n\
+         [[shape]]\ntype = \"mesh\"\nfile = \"mesh.obj\"\nmaterial = {{ type = \"mirror\" }}\n\
+         transform = {{ rotate = {{ axis = [1, 2, 3], degrees = 31 }} }}\n\
+         [[shape]]\ntype = \"sphere\"\nradius = 9\n\
+         material = {{ type = \"matte\", reflectance = {{ type = \"checker\", scale = [40, 20] }} }}\n"
+    );
+    let case = validate(&scene, &ball(120, 240))?;
+    let beyond_rays = case.rel_rmse_interior.is_some_and(|error| error > 9.6e-7);
+    check(case.status == Some(Status::Pass) && beyond_rays, &case)
+}
+
+/// Ten kilometres from the origin, single precision is off by a hundredth of a ball of 10 cm.
+fn far_from_the_origin_the_reference_is_called_inexact() -> Result<(), Failed> {
+    let scene = format!(
+        "{CAMERA}look_at = {{ origin = [10000, 0.2, 0.6], target = [10000, 0.1, 0] }}\n{SKY}\
+         [[shape]]\ntype = \"sphere\"\ncenter = [10000, 0.1, 0]\nradius = 0.1\nmaterial = {{ type = \"dielectric\" }}\n\
+         [[shape]]\ntype = \"rectangle\"\nmaterial = {{ type = \"matte\", reflectance = {{ type = \"checker\" }} }}\n\
+         transform = [{{ rotate = {{ axis = [1, 0, 0], degrees = -90 }} }}, {{ translate = [10000, 0, 0] }}]\n\
+         [[light]]\ntype = \"point\"\nposition = [10001, 2, 1]\nintensity = 3\n"
+    );
+    let case = validate(&scene, "")?;
+    let told = case.inexact.iter().any(|note| note.contains("leave shape 0"));
+    let ranges = case.worst.iter().any(|pixel| pixel.tried.is_some());
+    check(
+        case.status == Some(Status::Fail) && case.unexplained > 0 && told && ranges,
+        &case,
+    )
+}
+
+/// Two rectangles in one plane, one turned within it: their distances differ by rounding only.
+fn coincident_surfaces_are_named() -> Result<(), Failed> {
+    let shape = |turn: f64, reflectance: f64| {
+        format!(
+            "[[shape]]\ntype = \"rectangle\"\nmaterial = {{ type = \"matte\", reflectance = {reflectance} }}\ntransform = [\
+             {{ rotate = {{ axis = [0, 0, 1], degrees = {turn} }} }}, {{ rotate = {{ axis = [1, 2, 0.5], degrees = 33 }} }}]\n"
+        )
+    };
+    let scene = format!(
+        "{CAMERA}look_at = {{ origin = [0, 1, 4], target = [0, 0, 0] }}\n\
+         [[light]]\ntype = \"ambient\"\nradiance = 1\n{}{}",
+        shape(0.0, 0.2),
+        shape(45.0, 0.8)
+    );
+    let case = validate(&scene, "")?;
+    let named = |text: &String| text.contains("coincident surfaces: rounding decides");
+    let told = case
+        .worst
+        .iter()
+        .any(|pixel| pixel.first_difference.as_ref().is_some_and(named));
+    check(case.status == Some(Status::Fail) && told, &case)
+}
+
+/// Node by node: also misses, leaves at the depth limit, and absorbing media.
+fn ray_trees_agree() -> Result<(), Failed> {
+    let registry = whitstone::registry();
+    let mut validator = Validator::new(&registry, options(), &|_| {})?;
+    let live = validator.live().ok_or("the mode is live")?;
+    let mut limits = 0;
+    for (scene, integrator) in [
+        ("classic", "{ type = \"whitted\" }"),
+        ("classic", "{ type = \"appel\" }"),
+        ("nested_dielectrics", "{ type = \"whitted\", max_depth = 3 }"),
+    ] {
+        let path = Path::new("scenes/showcase").join(scene).with_extension("toml");
+        let overrides = [format!("integrator={integrator}")];
+        let (pipeline, flattened) = (load(&path, &overrides, &registry)?, flatten(&path, &overrides)?);
+        let text = SceneText {
+            text: &flattened.text,
+            base: &flattened.base,
+        };
+        for pixel in [[10, 10], [60, 90], [96, 100], [130, 100], [150, 120]] {
+            let ours = tree::ours(&pipeline, pixel, 0);
+            let theirs = live.tree(text, pixel, 0)?;
+            limits += ours.iter().filter(|node| node.limit).count();
+            if let Some(difference) = tree::first_difference(&ours, &theirs) {
+                return Err(format!("{scene}, {integrator}, {pixel:?}: {difference}").into());
+            }
+        }
+    }
+    if limits == 0 {
+        return Err("no tree has a leaf at the depth limit".into());
+    }
+    Ok(())
+}
+
+/// A test that a machine without Mitsuba leaves out.
+type Test = fn() -> Result<(), Failed>;
+
+fn main() {
+    let arguments = Arguments::from_args();
+    // Scenes are named from the repository.
+    std::env::set_current_dir(root()).expect("the repository is there");
+    let live = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
+    let tests: [(&str, Test); 4] = [
+        ("small facets keep their limit", small_facets_keep_their_limit),
+        (
+            "far from the origin the reference is called inexact",
+            far_from_the_origin_the_reference_is_called_inexact,
+        ),
+        ("coincident surfaces are named", coincident_surfaces_are_named),
+        ("ray trees agree", ray_trees_agree),
+    ];
+    let trials = tests.map(|(name, test)| Trial::test(name, test).with_ignored_flag(!live));
+    libtest_mimic::run(&arguments, trials.into()).exit();
+}
