@@ -85,18 +85,22 @@ impl Material for Dielectric {
 
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
         let split = self.split(point, view);
-        out.push(Branch {
-            direction: split.reflected,
-            weight: Rgb::splat(split.reflectance),
-            kind: BranchKind::Reflection,
-        });
-        out.push(Branch {
-            direction: split.transmitted,
-            weight: Rgb::splat(split.transmittance),
-            kind: BranchKind::Transmission {
-                absorption: split.absorption,
-            },
-        });
+        if split.reflectance > 0.0 {
+            out.push(Branch {
+                direction: split.reflected,
+                weight: Rgb::splat(split.reflectance),
+                kind: BranchKind::Reflection,
+            });
+        }
+        if split.transmittance > 0.0 {
+            out.push(Branch {
+                direction: split.transmitted,
+                weight: Rgb::splat(split.transmittance),
+                kind: BranchKind::Transmission {
+                    absorption: split.absorption,
+                },
+            });
+        }
     }
 
     fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {

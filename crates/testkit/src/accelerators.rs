@@ -3,6 +3,7 @@
 use crate::ball::Ball;
 use crate::random::Random;
 use crate::shapes::same_bits;
+use crate::streams::accelerator_streams;
 use crate::{Wall, build};
 use std::sync::Arc;
 use whitstone_core::triangle::ShearedRay;
@@ -50,6 +51,7 @@ fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Res
     let mut random = Random::new(u64::from(rays));
     let aim = Aim::new(geometry);
     let mut skip = Skip::NOTHING;
+    let mut queries = Vec::new();
     for number in 0..rays {
         let ray = aim.ray(number, &mut random);
         let hits = everything(geometry, &ray, skip);
@@ -87,12 +89,13 @@ fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Res
                 return Err(format!("{ray:?}, {interval:?}, {skip:?}: occluded is {occluded}"));
             }
         }
+        queries.extend([f64::INFINITY, ends[0].abs()].map(|limit| (ray, limit, skip)));
         skip = match nearest(Interval::FORWARD) {
             Some(hit) if number.is_multiple_of(3) => Skip::leaving(&hit),
             _ => Skip::NOTHING,
         };
     }
-    Ok(())
+    accelerator_streams(accelerator, &queries)
 }
 
 /// The hits of every element, anywhere in front.

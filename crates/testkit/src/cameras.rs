@@ -1,19 +1,22 @@
 //! What every camera must satisfy.
 
+use crate::streams::camera_streams;
 use whitstone_core::{Camera, DVec2, FilmSize, Ray};
 
 /// Rays are finite and of unit direction, a function of the position alone, different at different
-/// corners, and show the world as it is rather than mirrored or upside down.
+/// corners, the same one by one and in streams, and show the world as it is rather than mirrored or upside down.
 ///
 /// # Panics
 ///
 /// If the camera breaks one of these laws; the message says which and where.
 pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
     let size = DVec2::new(f64::from(film.width), f64::from(film.height));
+    let mut rasters = Vec::new();
     let steps = [0.0, 1e-9, 0.1, 0.25, 0.5, 0.5 + 1e-12, 0.9, 1.0];
     for x in steps {
         for y in steps {
             let raster = size * DVec2::new(x, y);
+            rasters.extend((0..5).map(|k| raster + 0.01 * f64::from(k)));
             let ray = camera.ray(raster);
             assert!(
                 ray.origin.is_finite(),
@@ -31,6 +34,8 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
             );
         }
     }
+    let broken = camera_streams(camera, &rasters).err();
+    assert_eq!(broken, None, "rays of a stream");
     // A point in front of the camera stands for its ray: what has parallel rays has different origins.
     let point = |x: f64, y: f64| {
         let ray: Ray = camera.ray(size * DVec2::new(x, y));

@@ -1,5 +1,6 @@
 //! What every integrator must satisfy, and the small worlds to try it in.
 
+use crate::streams::integrator_streams;
 use std::sync::Arc;
 use whitstone_core::{
     Aabb, Accelerator, Branch, BranchKind, Branches, DVec2, DVec3, Geometry, Illumination, Incoming,
@@ -189,6 +190,15 @@ fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
         (found + sum * -1.0).map(f64::abs).max_component() <= 1e-12 * scale,
         "the record sums to {sum:?}, not to {found:?}"
     );
+    let rays: Vec<Ray> = (0..400)
+        .map(|k| {
+            let aside = DVec3::new(0.011, 0.0, 0.007) * f64::from(k);
+            let direction = if k % 7 == 3 { -ray.direction } else { ray.direction };
+            Ray::new(ray.origin + aside, direction)
+        })
+        .collect();
+    let broken = integrator_streams(integrator, world, &rays).err();
+    assert_eq!(broken, None, "radiance of a stream");
     // What another ray left behind.
     let lost = PathState::camera(Ray::new(DVec3::ONE, DVec3::NEG_Y));
     let mut used = Scratch::default();

@@ -21,6 +21,7 @@ mod lights;
 mod materials;
 mod samplers;
 mod spread;
+mod streams;
 mod textures;
 
 pub use cameras::camera_laws;

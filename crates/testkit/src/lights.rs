@@ -1,6 +1,7 @@
 //! What every light must satisfy.
 
 use crate::spread::directions;
+use crate::streams::light_streams;
 use crate::textures::is_colour;
 use whitstone_core::{DVec3, Light, LightGives, LightSample, Rgb};
 
@@ -12,7 +13,7 @@ fn samples(light: &dyn Light, point: DVec3) -> Vec<LightSample> {
 
 /// A light gives what it says and nothing else; its samples have unit directions, positive distances and
 /// finite irradiances that are not negative, anywhere in space; they are added to the list and are always
-/// the same.
+/// the same, one by one and in streams.
 ///
 /// # Panics
 ///
@@ -20,9 +21,11 @@ fn samples(light: &dyn Light, point: DVec3) -> Vec<LightSample> {
 pub fn light_laws(light: &dyn Light) {
     let gives = light.gives();
     let mut reached = false;
+    let mut points = Vec::new();
     for direction in directions(64) {
         for distance in [0.0, 5e-324, 1e-170, 1e-12, 1.0, 3.0, 1e6, 1e170, 1e300] {
             let point = distance * direction;
+            points.push(point);
             let found = samples(light, point);
             for sample in &found {
                 let LightSample {
@@ -64,6 +67,10 @@ pub fn light_laws(light: &dyn Light) {
             "a light with a background says that it gives one"
         );
     }
+    let broken = light_streams(light, &points)
+        .and_then(|()| light_streams(light, &directions(300).collect::<Vec<_>>()))
+        .err();
+    assert_eq!(broken, None, "light of a stream");
     let ambient = light.ambient();
     assert!(
         is_colour(ambient),

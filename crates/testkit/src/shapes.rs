@@ -1,10 +1,12 @@
 //! What every shape must satisfy.
 
 use crate::random::Random;
+use crate::streams::{accelerator_streams, surface_streams};
+use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Aabb, DAffine3, DMat3, DVec3, Geometry, Interval, Needs, Plugin, RawHit, Ray, Shape, Shapes, Skip,
-    SurfacePoint, Transform,
+    Aabb, Accelerator, DAffine3, DMat3, DVec3, Geometry, Interval, Needs, Plugin, RawHit, Ray, Shape, Shapes,
+    Skip, Statistics, SurfacePoint, Transform,
 };
 
 /// Where a shape may stand: straight, turned, mirrored, tiny, huge, far away, thin and sheared. Those that
@@ -58,7 +60,7 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
 /// Bounds contain what rays hit. Surface points lie on the surface up to their error, from however far the
 /// ray came; their normals have unit length. The ray parameter is inversely proportional to the length of
 /// the direction. A ray that leaves a hit does not meet it again. A hit depends on the ray alone: not on
-/// the interval, and not on what was asked before.
+/// the interval, and not on what was asked before. Streams of rays get the same bits.
 ///
 /// # Panics
 ///
@@ -71,23 +73,78 @@ pub fn shape_laws(shape: Shape, samples: u32) {
 fn first_broken(shape: Shape, samples: u32) -> Result<(), String> {
     let bench = Bench::new(shape);
     let mut random = Random::new(u64::from(samples));
-    let mut hits = 0;
+    let (mut hits, mut queries, mut surfaces) = (0, Vec::new(), Vec::new());
     for i in 0..samples {
         let ray = bench.aim(i, &mut random);
+        queries.push((ray, f64::INFINITY, Skip::NOTHING));
         let Some(hit) = bench.closest(&ray, Interval::FORWARD, Skip::NOTHING) else {
             continue;
         };
         hits += 1;
+        // Shorter, longer, and leaving what was hit.
+        queries.push((ray, hit.t, Skip::NOTHING));
+        queries.push((ray, hit.t.next_up(), Skip::NOTHING));
+        queries.push((
+            Ray::new(ray.at(hit.t), ray.direction),
+            f64::INFINITY,
+            Skip::leaving(&hit),
+        ));
+        surfaces.push((ray, hit));
         let checked = bench
             .pure(&ray, &hit)
             .and_then(|()| bench.scales(&ray, &hit))
             .and_then(|()| bench.on_surface(&ray, &hit, &mut random));
         checked.map_err(|law| format!("{law}; {ray:?}, {hit:?}"))?;
     }
+    accelerator_streams(&bench, &queries)?;
+    surface_streams(&bench.geometry, &surfaces)?;
     if hits < samples / 50 {
         return Err(format!("too few of {samples} rays hit to tell: {hits}"));
     }
     Ok(())
+}
+
+/// The streams of the shape itself.
+impl Accelerator for Bench {
+    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+        Bench::closest(self, ray, interval, skip)
+    }
+
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+        Bench::closest(self, ray, interval, skip).is_some()
+    }
+
+    fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+        hits.clear(rays);
+        match &self.geometry.shapes()[0] {
+            Shape::Opaque(primitive) => primitive.closest_stream(0, rays, hits),
+            _ => {
+                for lane in 0..rays.len {
+                    let (interval, skip) = (rays.interval(lane), rays.skip.skip(lane));
+                    if let Some(hit) = Bench::closest(self, &rays.ray(lane), interval, skip) {
+                        hits.set(lane, &hit);
+                    }
+                }
+            }
+        }
+    }
+
+    fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
+        hidden[..rays.len].fill(false);
+        match &self.geometry.shapes()[0] {
+            Shape::Opaque(primitive) => primitive.occluded_stream(0, rays, hidden),
+            _ => {
+                for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
+                    let (interval, skip) = (rays.interval(lane), rays.skip.skip(lane));
+                    *hidden = Bench::closest(self, &rays.ray(lane), interval, skip).is_some();
+                }
+            }
+        }
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::new()
+    }
 }
 
 /// A shape alone in its world.

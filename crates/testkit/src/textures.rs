@@ -1,9 +1,10 @@
 //! What every texture must satisfy.
 
+use crate::streams::texture_streams;
 use whitstone_core::{DVec2, DVec3, Needs, Rgb, SurfacePoint, Texture};
 
-/// Values are finite and not negative whatever the texture coordinates are, always the same, depend on the
-/// coordinates only if the texture says that it needs them, and are the constant that it says it is.
+/// Values are finite and not negative whatever the texture coordinates are, always the same, one by one and in
+/// streams, depend on the coordinates only if the texture says that it needs them, and are the constant that it says it is.
 ///
 /// # Panics
 ///
@@ -38,11 +39,18 @@ pub fn texture_laws(texture: &dyn Texture) {
         f64::NEG_INFINITY,
         f64::NAN,
     ];
-    let value = |u: f64, v: f64| {
+    let at = |u: f64, v: f64| {
         let mut point = SurfacePoint::new(DVec3::new(0.3, -1.0, 2.0), 0.0, DVec3::Z);
         point.uv = DVec2::new(u, v);
-        texture.value(&point)
+        point
     };
+    let value = |u: f64, v: f64| texture.value(&at(u, v));
+    let points: Vec<SurfacePoint> = coordinates
+        .into_iter()
+        .flat_map(|u| coordinates.map(|v| at(u, v)))
+        .collect();
+    let broken = texture_streams(texture, &points).err();
+    assert_eq!(broken, None, "values of a stream");
     let reads_uv = texture.needs().contains(Needs::UV);
     let elsewhere = value(0.7, 0.2);
     for u in coordinates {
