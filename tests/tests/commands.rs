@@ -127,7 +127,7 @@ fn compare_counts_what_is_not_finite_first() {
         ]);
         assert_eq!(code(&output), Some(1));
         assert!(
-            stdout(&output).contains("6 values are not finite"),
+            stdout(&output).contains("not finite: 6 values"),
             "{}",
             stdout(&output)
         );
@@ -179,7 +179,12 @@ fn list_has_every_plugin_with_its_summary() {
     let (text, list) = (stdout(&run(&["list"])), stdout(&run(&["list", "--json"])));
     let list: Value = serde_json::from_str(&list).unwrap();
     let list = list.as_array().unwrap();
-    assert_eq!(list.len(), registry.entries().count());
+    // And the word that leaves the choice to the program, as a scene may have it.
+    let auto = list.iter().filter(|item| item["type"] == "auto").count();
+    assert_eq!((list.len(), auto), (registry.entries().count() + 1, 1));
+    let accelerators = stdout(&run(&["list", "accelerators"]));
+    assert!(accelerators.contains("\n  auto "), "{accelerators}");
+    assert!(!stdout(&run(&["list", "shapes"])).contains("auto"));
     for entry in registry.entries() {
         assert!(!entry.summary().is_empty(), "{} has no summary", entry.name);
         assert!(text.contains(&entry.summary()), "{}", entry.name);
@@ -255,10 +260,39 @@ fn the_schema_refuses_what_can_be_seen_without_the_rest_of_the_scene() {
 fn the_schema_of_one_plugin() {
     let schema: Value = serde_json::from_str(&stdout(&run(&["schema", "shapes", "sphere"]))).unwrap();
     assert!(schema["properties"]["radius"].is_object(), "{schema}");
+    assert_eq!(schema["title"], "sphere");
+    jsonschema::meta::validate(&schema).unwrap();
+    let validator = jsonschema::validator_for(&schema).unwrap();
+    for (table, good) in [
+        (
+            "type = 'sphere'\nid = 'ball'\nmaterial = 'glass'\ntransform = { scale = 2 }",
+            true,
+        ),
+        (
+            "type = 'sphere'\nmaterial = { type = 'mirror' }\ntransform = [{ translate = [1, 2, 3] }]",
+            true,
+        ),
+        ("type = 'sphere'\ntransform = { scal = 2 }", false),
+        ("type = 'sphere'\nradius = -1", false),
+        ("type = 'plane'", false),
+        ("radius = 1", false),
+    ] {
+        let table: toml::Table = table.parse().unwrap();
+        let table = serde_json::to_value(table).unwrap();
+        assert_eq!(validator.is_valid(&table), good, "{table}");
+    }
+    // Of every plugin, without references to what is not there.
+    for entry in whitstone::registry().entries() {
+        let text = stdout(&run(&["schema", entry.family.singular(), entry.name]));
+        let schema: Value = serde_json::from_str(&text).unwrap();
+        jsonschema::validator_for(&schema).unwrap_or_else(|error| panic!("{}: {error}", entry.name));
+    }
     for (arguments, expected) in [
         (&["schema", "shape", "shpere"][..], "did you mean \"sphere\"?"),
         (&["schema", "shope", "sphere"], "did you mean \"shape"),
-        (&["schema", "shape"], "TYPE"),
+        (&["schema", "shape"], "expected a TYPE after shape: one of "),
+        (&["schema", "foo"], "unknown family \"foo\""),
+        (&["schema", "shaep"], "did you mean \"shape"),
     ] {
         let output = run(arguments);
         assert_eq!(code(&output), Some(2), "{arguments:?}");
@@ -324,6 +358,22 @@ fn explain_says_what_is_built_and_follows_a_pixel() {
         let arguments = ["explain", scene, "--sample", sample, &format!("--pixel={pixel}")];
         let output = run(&[&arguments[..], &small[..]].concat());
         assert_eq!(code(&output), Some(2), "{pixel} {sample}: {}", stdout(&output));
+    }
+}
+
+#[test]
+fn an_exposure_is_a_number() {
+    for exposure in ["nan", "inf", "x"] {
+        let output = run(&[
+            "render",
+            "scenes/showcase/classic.toml",
+            "--exposure",
+            exposure,
+            "-o",
+            "/dev/null/a.png",
+        ]);
+        assert_eq!(code(&output), Some(2), "{exposure}: {}", stderr(&output));
+        assert!(stderr(&output).contains("number"), "{}", stderr(&output));
     }
 }
 
@@ -462,6 +512,8 @@ fn output_that_cannot_be_written_leaves_nothing() {
         );
         assert_eq!(entries(folder.path()), before, "{}", path.display());
         assert!(entries(&place("folder.exr")).is_empty());
+        // The file that is written first is no one's business.
+        assert!(!stderr(&output).contains("temporary"), "{}", stderr(&output));
     }
     let output = program!()
         .current_dir(root())

@@ -68,7 +68,7 @@ fn verdict(problems: &[String], good: &str) -> Result<Exit, Failure> {
         println!("{good}");
         Ok(Exit::Pass)
     } else {
-        println!("{} problems", problems.len());
+        println!("problems: {}", problems.len());
         Ok(Exit::Differs)
     }
 }

@@ -38,10 +38,10 @@ impl std::fmt::Display for Step {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Inspect => "replace this",
-            Self::Create => "create a temporary file beside it",
+            Self::Create => "create a file in its folder",
             Self::Fill => "write",
             Self::Sync => "sync",
-            Self::Rename => "move the temporary file to it",
+            Self::Rename => "put the finished file there",
             Self::SyncFolder => "sync its folder",
         })
     }

@@ -252,7 +252,10 @@ impl<'s> Reader<'_, 's> {
             other => {
                 self.error(
                     span,
-                    format!("expected the table of a {what}, found {}", type_name(&other)),
+                    format!(
+                        "expected a table, that of the {what}, found {}",
+                        type_name(&other)
+                    ),
                 );
                 None
             }

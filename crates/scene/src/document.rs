@@ -24,6 +24,9 @@ pub(crate) const TOP_LEVEL: [&str; 11] = [
     "expect",
 ];
 
+/// Those of them that are lists.
+const LISTS: [&str; 2] = ["shape", "light"];
+
 /// Most keys in the path of an override: tables nest no deeper in a file either, as far as the parser goes.
 const MAX_PATH: usize = 64;
 
@@ -59,12 +62,23 @@ fn parse(padded: &str) -> (DeTable<'_>, SceneErrors) {
     let errors = errors
         .into_iter()
         .map(|error| SceneError {
+            help: error.span().and_then(|span| list_help(padded, &span)),
             span: error.span(),
             message: error.message().trim().to_owned(),
-            help: None,
         })
         .collect();
     (table.into_inner(), SceneErrors(errors))
+}
+
+/// What is meant by a second `[shape]` or `[light]`, at whose name the parser finds a duplicate key.
+fn list_help(text: &str, span: &SourceSpan) -> Option<String> {
+    let name = text.get(span.clone())?;
+    let in_brackets = text[..span.start].ends_with('[') && text[span.end..].starts_with(']');
+    (LISTS.contains(&name) && in_brackets).then(|| two_brackets(name))
+}
+
+fn two_brackets(name: &str) -> String {
+    format!("write [[{name}]], with two brackets")
 }
 
 /// All files merged, overrides applied.
@@ -81,7 +95,7 @@ pub(crate) fn merge(sources: &Sources) -> Result<DeTable<'_>, SceneErrors> {
             match key.get_ref().as_ref() {
                 "include" => {}
                 name if !TOP_LEVEL.contains(&name) => errors.0.push(unknown_top_level(&key)),
-                "shape" | "light" => append(&mut merged, key, value, &mut errors),
+                name if LISTS.contains(&name) => append(&mut merged, key, value, &mut errors),
                 "material" | "texture" => insert_all(&mut merged, key, value, &mut errors),
                 _ => {
                     merged.insert(key, value);
@@ -115,9 +129,7 @@ fn append<'s>(
     let DeValue::Array(items) = value.into_inner() else {
         let name = key.get_ref();
         let error = SceneError::at(key.span(), format!("expected a list of {name}s"));
-        errors
-            .0
-            .push(error.with_help(format!("write [[{name}]], with two brackets")));
+        errors.0.push(error.with_help(two_brackets(name)));
         return;
     };
     let list = merged

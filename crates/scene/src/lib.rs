@@ -20,5 +20,5 @@ pub use document::{Flattened, nearest_top_level};
 pub use film::{Film, Progress, RenderOptions};
 pub use pipeline::Pipeline;
 pub use plan::{LeftOut, Plan};
-pub use schema::scene_schema;
+pub use schema::{scene_schema, table_schema};
 pub use sources::{LoadError, Position, Sources};

@@ -3,6 +3,8 @@
 use serde_json::{Map, Value, json};
 use whitstone_core::{Entry, FamilyName, Registry};
 
+/// The version of JSON Schema.
+const DIALECT: &str = "https://json-schema.org/draft/2020-12/schema";
 /// The key by which a plugin's schema marks where an inline plugin of a family may stand.
 const FAMILY_MARK: &str = "x-family";
 
@@ -31,7 +33,7 @@ pub fn scene_schema(registry: &Registry) -> Value {
     }
     definitions.insert("transform_step".to_owned(), transform_step());
     json!({
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$schema": DIALECT,
         "title": "Whitstone scene",
         "description": "A scene of the Whitted model; see docs/whitted-model.md.",
         "type": "object",
@@ -39,6 +41,38 @@ pub fn scene_schema(registry: &Registry) -> Value {
         "additionalProperties": false,
         "$defs": definitions,
     })
+}
+
+/// The schema of the table of one plugin, with the keys that every plugin of its family has. Inline plugins in it
+/// are any table with a `type`: which ones there are, the schema of scenes says.
+pub fn table_schema(entry: &Entry) -> Value {
+    let mut definitions = Map::new();
+    let mut schema = plugin_schema(entry, &mut definitions);
+    let inline =
+        json!({ "type": "object", "properties": { "type": { "type": "string" } }, "required": ["type"] });
+    for family in FamilyName::ALL {
+        definitions.insert(family.singular().to_owned(), inline.clone());
+    }
+    definitions.insert("transform_step".to_owned(), transform_step());
+    if let Value::Object(map) = &mut schema {
+        map.insert("$schema".to_owned(), json!(DIALECT));
+        let text = map.values().map(Value::to_string).collect::<String>();
+        let mut used = Map::new();
+        // What a definition needs may come after it; there are no long chains.
+        let mut open = vec![text];
+        while let Some(text) = open.pop() {
+            for (name, value) in &definitions {
+                if !used.contains_key(name) && text.contains(&format!("\"#/$defs/{name}\"")) {
+                    open.push(value.to_string());
+                    used.insert(name.clone(), value.clone());
+                }
+            }
+        }
+        if !used.is_empty() {
+            map.insert("$defs".to_owned(), Value::Object(used));
+        }
+    }
+    schema
 }
 
 fn top_level() -> Value {

@@ -1,5 +1,5 @@
 use crate::document;
-use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
+use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -118,8 +118,15 @@ impl Sources {
 
     /// Name of the scene file.
     pub fn name(&self) -> &str {
-        let main = self.files.iter().rev().find(|s| s.kind == SourceKind::File);
-        main.map_or("scene", |source| &source.name)
+        self.main().map_or("scene", |source| &source.name)
+    }
+
+    /// The scene file; none if it could not be read.
+    fn main(&self) -> Option<&Source> {
+        self.files
+            .iter()
+            .rev()
+            .find(|source| source.kind == SourceKind::File)
     }
 
     /// The files, each after what it includes, as the parser wants them.
@@ -205,6 +212,8 @@ impl Sources {
                         .path(&source.name)
                         .annotation(AnnotationKind::Primary.span(start..end));
                     group = group.element(snippet);
+                } else if let Some(source) = self.main() {
+                    group = group.element(Origin::path(&source.name));
                 }
                 if let Some(help) = &error.help {
                     group = group.element(Level::HELP.message(printable(help)));

@@ -49,7 +49,7 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
         match crate::build::<Shapes, P>(text, transform) {
             Ok(shape) => {
                 let broken = first_broken(shape, samples).err();
-                assert_eq!(broken, None, "a {} that is {name}", P::TYPE);
+                assert_eq!(broken, None, "{} that is {name}", P::TYPE);
             }
             Err(error) if name == "as it is" => panic!("{}: {error}", P::TYPE),
             Err(_) => {}

@@ -18,5 +18,6 @@ pub use key::{find_scenes, scene_key};
 pub use live::{Live, LiveError};
 pub use result::{
     CaseResult, Check, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel,
+    counted,
 };
 pub use validator::{Mode, NoLive, Options, Validator, flatten, quoted};

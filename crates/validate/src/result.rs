@@ -295,18 +295,19 @@ impl CaseResult {
     pub fn broken_limits(&self) -> Vec<String> {
         let mut problems = Vec::new();
         if self.nonfinite().is_over() {
-            problems.push(format!("{} values are not finite", self.nonfinite));
+            problems.push(format!("not finite: {}", counted(self.nonfinite, "value")));
         }
         if self.unexplained().is_over() {
             problems.push(format!(
-                "{} pixels differ and nothing explains it",
-                self.unexplained
+                "unexplained: {} over tolerance",
+                counted(self.unexplained, "pixel")
             ));
         }
         if self.explained().is_over() {
             problems.push(format!(
-                "{} pixels differ explainably, more than {}",
-                self.explained, self.explained_limit
+                "explained: {} over tolerance, more than {}",
+                counted(self.explained, "pixel"),
+                self.explained_limit
             ));
         }
         match self.rel_rmse_interior {
@@ -331,11 +332,16 @@ impl CaseResult {
             if let Some(count) = layer.differing
                 && self.ids(layer).is_over()
             {
-                problems.push(format!("{} differs at {count} pixels", layer.name));
+                problems.push(format!("{} differs at {}", layer.name, counted(count, "pixel")));
             }
         }
         problems
     }
+}
+
+/// "1 pixel", "2 pixels".
+pub fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 impl Summary {
@@ -411,9 +417,12 @@ mod tests {
             (|case| case.rel_rmse_interior = None, "no interior"),
             (|case| case.limit = 0.0, "above the limit 0"),
             (|case| case.bias_limit = 0.99e-5, "biased by -1.00e-5 in G"),
-            (|case| case.explained = 9, "9 pixels differ explainably"),
-            (|case| case.unexplained = 1, "1 pixels differ and nothing"),
-            (|case| case.nonfinite = 1, "1 values are not finite"),
+            (
+                |case| case.explained = 9,
+                "explained: 9 pixels over tolerance, more than 8",
+            ),
+            (|case| case.unexplained = 1, "unexplained: 1 pixel over tolerance"),
+            (|case| case.nonfinite = 1, "not finite: 1 value"),
             (|case| case.layers.push(ids(Some(9))), "shape_id.I differs at 9"),
         ];
         for (change, message) in beyond {

@@ -196,8 +196,8 @@ fn failing() -> CaseResult {
             ),
         ],
         problems: vec![
-            "1123 pixels differ and nothing explains it".to_owned(),
-            "11 pixels differ explainably, more than 8".to_owned(),
+            "unexplained: 1123 pixels over tolerance".to_owned(),
+            "explained: 11 pixels over tolerance, more than 8".to_owned(),
             "rel_rmse_interior 8.73e-3 is above the limit 9.60e-7".to_owned(),
         ],
         inexact: vec!["it differs from itself by more than the tolerance at 2722 pixels".to_owned()],
@@ -405,7 +405,7 @@ fn failures_come_first_are_open_and_marked_by_more_than_colour() {
     assert!(
         document.select(".problems pre")[0]
             .text()
-            .contains("1123 pixels differ")
+            .contains("unexplained: 1123 pixels")
     );
     let section = document.select("#case-3")[0].text();
     for part in [

@@ -9,6 +9,7 @@ use whitstone_image::metrics::{self, NotFinite, WorstPixel};
 use whitstone_image::{
     CompareOptions, ErrorView, Image, Limits, Metrics, Tolerance, ToneMap, compare, exr_io,
 };
+use whitstone_validate::counted;
 
 /// Compare an image with a reference: all metrics, the pixels over tolerance, the worst pixels
 ///
@@ -36,7 +37,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
     /// Brightness of the picture, in stops
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::finite)]
     exposure: f64,
     /// Largest root mean squared difference that passes
     #[arg(long, value_name = "X", value_parser = at_least_0)]
@@ -58,17 +59,8 @@ pub struct Arguments {
     worst: usize,
 }
 
-fn finite(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
-    if value.is_finite() {
-        Ok(value)
-    } else {
-        Err("expected a finite number".to_owned())
-    }
-}
-
 fn at_least_0(text: &str) -> Result<f64, String> {
-    match finite(text)? {
+    match super::finite(text)? {
         value if value >= 0.0 => Ok(value),
         _ => Err("expected a number of at least 0".to_owned()),
     }
@@ -140,7 +132,7 @@ fn broken_limits(arguments: &Arguments, comparison: &Comparison) -> Vec<String> 
     let mut broken = Vec::new();
     let NotFinite { ours, reference } = comparison.not_finite;
     if ours + reference > 0 {
-        broken.push(format!("{} values are not finite", ours + reference));
+        broken.push(format!("not finite: {}", counted(ours + reference, "value")));
     }
     if let Some(metrics) = &comparison.metrics {
         let limits = [

@@ -24,7 +24,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         .filter(|name| only.is_none_or(|only| only == *name));
     let entries = |name: FamilyName| registry.entries().filter(move |entry| entry.family == name);
     if arguments.json {
-        let list: Vec<Value> = families.flat_map(entries).map(describe).collect();
+        let list: Vec<Value> = families
+            .flat_map(|name| entries(name).map(describe).chain(choice(name)))
+            .collect();
         println!("{:#}", Value::from(list));
         return Ok(Exit::Pass);
     }
@@ -49,8 +51,22 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
                 entry.summary()
             );
         }
+        if name == FamilyName::Accelerator {
+            println!("  {AUTO:<type_width$}  {:<crate_width$}  {AUTO_SUMMARY}", "-");
+        }
     }
     Ok(Exit::Pass)
+}
+
+/// No plugin: a word that a scene may have in place of an accelerator's type.
+const AUTO: &str = "auto";
+const AUTO_SUMMARY: &str = "Leaves the choice to the program, also where no accelerator is named; `explain` says what it chose and why.";
+
+/// What else a scene may name in this family.
+fn choice(family: FamilyName) -> Option<Value> {
+    (family == FamilyName::Accelerator).then(|| {
+        json!({ "family": family.singular(), "type": AUTO, "crate": Value::Null, "summary": AUTO_SUMMARY })
+    })
 }
 
 fn describe(entry: &Entry) -> Value {

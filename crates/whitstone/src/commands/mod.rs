@@ -111,6 +111,16 @@ fn threads(text: &str) -> Result<usize, String> {
     }
 }
 
+/// A number that can be calculated with.
+fn finite(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err("expected a finite number".to_owned())
+    }
+}
+
 /// A scene on the command line.
 #[derive(Args, Clone, Debug)]
 pub struct SceneArguments {

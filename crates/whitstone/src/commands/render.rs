@@ -21,7 +21,7 @@ pub struct Arguments {
     #[arg(long)]
     png: bool,
     /// Brightness of PNG pictures, in stops; after it values are cut at 1 and encoded as sRGB
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::finite)]
     exposure: f64,
     /// Threads; 0 for one a core. The image does not depend on it
     #[arg(long, default_value_t = 0, value_parser = super::threads)]

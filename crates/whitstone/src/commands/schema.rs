@@ -3,11 +3,10 @@
 use super::list::family;
 use crate::terminal::{Exit, Failure};
 use clap::Args;
-use serde_json::Value;
 use std::path::PathBuf;
 use whitstone_core::Registry;
 use whitstone_image::atomic;
-use whitstone_scene::scene_schema;
+use whitstone_scene::{scene_schema, table_schema};
 
 /// Print the JSON Schema of whole scenes, or of one plugin's table
 ///
@@ -17,7 +16,6 @@ use whitstone_scene::scene_schema;
 #[command(after_help = "Examples:\n  whitstone schema -o scene.schema.json\n  whitstone schema shape sphere")]
 pub struct Arguments {
     /// Family of the plugin, such as shape
-    #[arg(requires = "type")]
     family: Option<String>,
     /// Its type, such as sphere
     #[arg(id = "type", value_name = "TYPE")]
@@ -30,6 +28,15 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let schema = match (&arguments.family, &arguments.name) {
+        (Some(name), None) => {
+            let family = family(name)?;
+            let entries = registry.entries().filter(|entry| entry.family == family);
+            let types: Vec<&str> = entries.map(|entry| entry.name).collect();
+            return Err(Failure::usage(format!(
+                "expected a TYPE after {name}: one of {}",
+                types.join(", ")
+            )));
+        }
         (Some(name), Some(plugin)) => {
             let entry = registry.get(family(name)?, plugin).map_err(|error| {
                 let advice = error
@@ -39,9 +46,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
                     .collect::<String>();
                 Failure::usage(format!("{}{advice}", error.message))
             })?;
-            Value::from(entry.schema())
+            table_schema(entry)
         }
-        _ => scene_schema(registry),
+        (None, _) => scene_schema(registry),
     };
     let text = format!("{schema:#}\n");
     match &arguments.output {

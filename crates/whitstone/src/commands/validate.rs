@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_validate::{
-    CaseResult, Mode, Options, Provenance, Results, Status, Summary, Validator, find_scenes, quoted, report,
+    CaseResult, Mode, Options, Provenance, Results, Status, Summary, Validator, counted, find_scenes, quoted,
+    report,
 };
 
 const SCENES: &str = "scenes";
@@ -293,13 +294,13 @@ fn print_case(case: &CaseResult) {
 
 fn print_summary(summary: &Summary, folder: &Path) {
     println!(
-        "\n{} cases: {} passed, {} failed; {} pixels explained, {} unexplained, {} values not finite; median interior error {}; references {}; {:.1} s",
-        summary.cases,
+        "\n{}: {} passed, {} failed; {} explained, {} unexplained, {} not finite; median interior error {}; references {}; {:.1} s",
+        counted(summary.cases, "case"),
         summary.passed,
         summary.failed,
-        summary.explained,
+        counted(summary.explained, "pixel"),
         summary.unexplained,
-        summary.nonfinite,
+        counted(summary.nonfinite, "value"),
         summary
             .median_rel_rmse_interior
             .map_or_else(|| "-".to_owned(), |m| format!("{m:.2e}")),
