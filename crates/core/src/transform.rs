@@ -82,10 +82,13 @@ impl Transform {
     /// translation) to a relative 1e-9; `None` otherwise.
     pub fn similarity_scale(&self) -> Option<f64> {
         let m: DMat3 = self.world_from_object.matrix3;
-        let scale = m.x_axis.length();
-        let gram = m.transpose() * m;
-        let expected = DMat3::from_diagonal(DVec3::splat(scale * scale));
-        gram.abs_diff_eq(expected, 1e-9 * scale * scale).then_some(scale)
+        let lengths = DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length());
+        let scale = lengths.x;
+        // Lengths, not their squares, which differ by twice as much.
+        let unit = m * DMat3::from_diagonal(lengths.recip());
+        let perpendicular = (unit.transpose() * unit).abs_diff_eq(DMat3::IDENTITY, 1e-9);
+        let alike = (lengths - scale).abs().max_element() <= 1e-9 * scale;
+        (perpendicular && alike).then_some(scale)
     }
 }
 
@@ -112,7 +115,10 @@ mod tests {
         let turn = DAffine3::from_axis_angle(DVec3::Y, 0.7) * DAffine3::from_scale(DVec3::splat(3.0));
         let scale = Transform::new(turn).unwrap().similarity_scale();
         approx::assert_relative_eq!(scale.unwrap(), 3.0, max_relative = 1e-14);
-        let stretch = DAffine3::from_scale(DVec3::new(1.0, 1.0, 1.1));
-        assert_eq!(Transform::new(stretch).unwrap().similarity_scale(), None);
+        for (stretch, is_similar) in [(1.1, false), (1.0 + 1.1e-9, false), (1.0 + 0.9e-9, true)] {
+            let stretch = turn * DAffine3::from_scale(DVec3::new(1.0, 1.0, stretch));
+            let found = Transform::new(stretch).unwrap().similarity_scale();
+            assert_eq!(found.is_some(), is_similar, "{stretch}");
+        }
     }
 }

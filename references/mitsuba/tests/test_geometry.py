@@ -132,6 +132,27 @@ class Shapes(Case):
                 self.assertEqual(node["n_g"], [0, 0, sign])
         self.refuse(looking([0, 0, 5]) + '[[shape]]\ntype = "disk"\ntransform = { scale = [1, 2, 1] }\n', "scene", "x and y")
 
+    def test_how_alike_columns_must_be(self):
+        """Lengths to a relative 1e-9, whatever their squares differ by; cosines too."""
+        for kind in ("disk", "sphere"):
+            shape = looking([0, 0, 5]) + f'[[shape]]\ntype = "{kind}"\ntransform = [{{ scale = 7 }}, {{}}]\n'
+            for off, good in ((0.9e-9, True), (1.1e-9, False), (-0.9e-9, True), (-1.1e-9, False)):
+                for step in (
+                    f"{{ scale = [1, {1 + off!r}, 1] }}",
+                    f"{{ matrix = [[1, {off!r}, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]] }}",
+                ):
+                    with self.subTest(kind=kind, step=step):
+                        scene = shape.replace("{}", step)
+                        if good:
+                            self.nodes(scene)
+                        else:
+                            self.refuse(scene, "scene", "transform")
+
+    def test_how_flat_a_transform_may_be(self):
+        shape = looking([0, 0, 5]) + '[[shape]]\ntype = "box"\ntransform = { matrix = [[1, 1, 0, 0], [0, SIZE, 0, 0], [0, 0, 1, 0]] }\n'
+        self.nodes(shape.replace("SIZE", "1.1e-15"))
+        self.refuse(shape.replace("SIZE", "0.9e-15"), "scene", "invertible")
+
     def test_box(self):
         for mirror in ("[1, 1, 1]", "[-1, 1, 1]", "[1, -2, 1]"):
             scale = np.array(eval(mirror))
@@ -271,6 +292,27 @@ class Meshes(Case):
         self.write("x.ply", "ply\nformat ascii 1.0\nelement vertex 1\n")
         self.refuse(head.replace("EXT", "ply"), "scene", "malformed", base=self.base)
         self.refuse(head.replace("EXT", "stl"), "scene", ".obj or .ply", base=self.base)
+
+    def test_ply_headers(self):
+        head = looking([0, 0, 3]) + '[[shape]]\ntype = "mesh"\nfile = "x.ply"\n'
+        good = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+        good += "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+        self.write("x.ply", good)
+        self.nodes(head, base=self.base)
+        for old, new, word in (
+            ("float y\n", "float y\nproperty float y\n", "property y of vertex twice"),
+            ("element face", "element vertex 0\nelement face", "element vertex twice"),
+        ):
+            self.write("x.ply", good.replace(old, new))
+            self.refuse(head, "scene", word, base=self.base)
+        # Names of texture coordinates that the model has, and one pair that it has not.
+        for names, found in (("u v", True), ("s t", True), ("texture_u texture_v", True), ("texture_s texture_t", False)):
+            lines = "".join(f"property float {name}\n" for name in names.split())
+            text = good.replace("float z\n", "float z\n" + lines)
+            for point in ("0 0 0", "1 0 0", "0 1 0"):
+                text = text.replace(f"\n{point}\n", f"\n{point} 5 6\n")
+            uvs = meshes.load(self.write("x.ply", text)).uvs
+            self.assertEqual(None if uvs is None else uvs.tolist(), [[5, 6]] * 3 if found else None, names)
 
     def test_a_changed_file_is_read_again(self):
         scene = looking([0.2, 0.2, 3], (0.2, 0.2, 0)) + '[[shape]]\ntype = "mesh"\nfile = "a.obj"\n'

@@ -136,8 +136,12 @@ def _ply_header(data: bytes) -> Tuple[str, List[Tuple[str, int, List[Tuple[str, 
         if words[:1] == ["format"]:
             form = words[1]
         elif words[:1] == ["element"]:
+            if any(name == words[1] for name, _, _ in elements):
+                raise ValueError(f"the header names the element {words[1]} twice")
             elements.append((words[1], int(words[2]), []))
         elif words[:1] == ["property"]:
+            if any(entry[-1] == words[-1] for entry in elements[-1][2]):
+                raise ValueError(f"the header names the property {words[-1]} of {elements[-1][0]} twice")
             elements[-1][2].append(tuple(words[1:]))
     if form not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise ValueError(f"unknown PLY format {form!r}")
@@ -210,7 +214,7 @@ def _ply(data: bytes) -> Triangles:
     if positions is None:
         raise ValueError("the vertices have no x, y, z")
     uvs = None
-    for pair in (("u", "v"), ("s", "t"), ("texture_u", "texture_v"), ("texture_s", "texture_t")):
+    for pair in (("u", "v"), ("s", "t"), ("texture_u", "texture_v")):
         uvs = stack(*pair) if uvs is None else uvs
     return Triangles(positions, triangles, stack("nx", "ny", "nz"), uvs)
 

@@ -141,9 +141,7 @@ def _rectangle(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules,
 
 
 def _disk(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]:
-    x, y = matrix[:3, 0], matrix[:3, 1]
-    square = x @ x
-    if abs(square - y @ y) > 1e-9 * square or abs(x @ y) > 1e-9 * square:
+    if not transforms.alike(matrix[:3, :2]):
         fields.error("transform", "must scale x and y equally")
     return Rules(project=_flat(matrix)), _native("disk", matrix)
 

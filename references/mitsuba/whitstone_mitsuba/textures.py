@@ -99,7 +99,10 @@ class Textures:
             self._read[name] = self._table(table, f"texture.{name}")
 
     def value(self, fields: Fields, key: str, default: Any, low: float, high: float) -> Any:
-        """The texture under `key`: a number, a colour, a name or an inline table; its values within [low, high]."""
+        """The texture under `key`: a number, a colour, a name or an inline table; its values within [low, high].
+
+        Of textures that vary only the lower end is checked: the model leaves the upper one open (§8).
+        """
         raw = fields.take(key, default)
         where = f"{fields.where}.{key}"
         if raw is None:
@@ -117,6 +120,8 @@ class Textures:
                 fields.error(key, f"expected a colour, the name of a texture or a table, found {raw!r}")
                 return Constant((0.0, 0.0, 0.0))
             texture = Constant(color)
+        if not isinstance(texture, Constant):
+            high = float("inf")
         least, most = texture.range()
         if least < low or most > high:
             span = f">= {low:g}" if high == float("inf") else f"from {low:g} to {high:g}"

@@ -67,20 +67,23 @@ def read(value: Any, where: str, errors: List[str]) -> np.ndarray:
         matrix = _step(step, label, errors) @ matrix
     linear = matrix[:3, :3]
     size = np.linalg.norm(linear, axis=0)
-    if not np.all(np.isfinite(matrix)) or not np.all(size > 0) or abs(np.linalg.det(linear / size)) < 1e-12:
+    if not np.all(np.isfinite(matrix)) or not np.all(size > 0) or abs(np.linalg.det(linear / size)) <= 1e-15:
         errors.append(f"{where}: the transform must be invertible")
         return np.eye(4)
     return matrix
 
 
+def alike(columns: np.ndarray) -> bool:
+    """Whether columns are equally long and perpendicular, to a relative 1e-9 (model §9: lengths, not their squares)."""
+    lengths = np.linalg.norm(columns, axis=0)
+    cosines = (columns / lengths).T @ (columns / lengths) - np.eye(len(lengths))
+    return bool(np.all(np.abs(lengths - lengths[0]) <= 1e-9 * lengths[0]) and np.all(np.abs(cosines) <= 1e-9))
+
+
 def similarity_scale(matrix: np.ndarray) -> Optional[float]:
     """The scale of a similarity (rotation or reflection, times one positive number), or None where it is not one."""
     linear = matrix[:3, :3]
-    gram = linear.T @ linear
-    square = np.trace(gram) / 3
-    if np.max(np.abs(gram - square * np.eye(3))) > 1e-9 * square:
-        return None
-    return math.sqrt(square)
+    return float(np.linalg.norm(linear[:, 0])) if alike(linear) else None
 
 
 def mirrors(matrix: np.ndarray) -> bool:
