@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use whitstone::core::{Entry, FamilyName, Registry};
 use whitstone::{Exit, Failure};
 
+/// What each plugin is, exactly.
+const MODEL: &str = "docs/whitted-model.md";
 /// Longest source file, in lines.
 const MAX_LINES: usize = 700;
 
@@ -16,6 +18,7 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
         problems.extend(check_plugin(entry));
     }
     problems.extend(check_strays(registry));
+    problems.extend(check_orphans(registry));
     problems.extend(assets::check());
     problems.extend(check_stored());
     problems.extend(check_sources());
@@ -96,6 +99,12 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
     );
     // What the driver reads is the twin; accelerators have no effect on the image.
     if entry.family != FamilyName::Accelerator {
+        if !is_modelled(&read(Path::new(MODEL)), name) {
+            problems.push(format!(
+                "{MODEL}: does not say what the {} **{name}** is",
+                entry.family.singular()
+            ));
+        }
         let known = driver_sources().contains(&format!("\"{name}\""));
         if !known {
             problems.push(format!(
@@ -105,6 +114,34 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
         }
     }
     problems
+}
+
+/// Whether the model says what a plugin is, by its name in bold type: alone, or in a list of names.
+fn is_modelled(model: &str, name: &str) -> bool {
+    model.contains(&format!("**{name}**"))
+}
+
+/// Plugin files that no one registers. They have a line "Twin:", which helpers have not.
+fn check_orphans(registry: &Registry) -> Vec<String> {
+    let mut problems = Vec::new();
+    for family in FamilyName::ALL {
+        for file in files(&Path::new("crates").join(family.plural()).join("src"), "rs") {
+            let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+            if is_plugin(&read(&file)) && registry.get(family, &stem).is_err() {
+                problems.push(format!(
+                    "{}: it has a line \"Twin:\" as plugins have, and no {} type \"{stem}\" is registered",
+                    file.display(),
+                    family.singular()
+                ));
+            }
+        }
+    }
+    problems
+}
+
+fn is_plugin(source: &str) -> bool {
+    let documentation = source.lines().take_while(|line| line.starts_with("//!"));
+    documentation.into_iter().any(|line| line.contains("Twin:"))
 }
 
 fn undocumented_parameters(entry: &Entry) -> impl Iterator<Item = String> {
@@ -248,4 +285,36 @@ fn check_sources() -> Vec<String> {
         }
     }
     problems
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_model_names_a_plugin_in_bold() {
+        let model = "- **constant**: `value`.\n| **disk** | | z = 0 |\nthe capsule, `capsule`";
+        assert!(is_modelled(model, "constant") && is_modelled(model, "disk"));
+        assert!(!is_modelled(model, "capsule") && !is_modelled(model, "dis"));
+    }
+
+    #[test]
+    fn a_plugin_is_known_by_its_twin() {
+        assert!(is_plugin("//! A ball.\n//!\n//! - Twin: `sphere`.\n\nuse x;\n"));
+        assert!(!is_plugin("//! A helper.\n\n// Twin: none\n"));
+    }
+
+    /// All sources of plugins of the repository, with no plugin registered.
+    #[test]
+    fn files_that_no_one_registers_are_found() {
+        std::env::set_current_dir(crate::root()).unwrap();
+        let found = check_orphans(&Registry::default());
+        let named = |name: &str| found.iter().any(|problem| problem.starts_with(name));
+        assert!(
+            named("crates/shapes/src/sphere.rs") && named("crates/lights/src/spot.rs"),
+            "{found:?}"
+        );
+        assert!(!named("crates/shapes/src/frame.rs"), "{found:?}");
+        assert_eq!(check_orphans(&whitstone::registry()), Vec::<String>::new());
+    }
 }
