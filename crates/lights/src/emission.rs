@@ -48,8 +48,7 @@ pub(crate) fn sample_stream(
             for lane in 0..len.min(LANES) {
                 let v = position - points.get(lane);
                 usual &= is_usual(v);
-                let distance = v.length();
-                out.set(lane, &sample_at(v / distance, distance, intensity, falloff));
+                out.set(lane, &usual_sample(v, intensity, falloff));
             }
         },
     );
@@ -66,26 +65,40 @@ pub(crate) fn sample_stream(
 /// Whether the squares of the components neither over- nor underflow.
 #[inline(always)]
 fn is_usual(v: DVec3) -> bool {
-    let largest = v.abs().max_element();
-    (largest >= 1e-140) & (largest < 1e140)
+    (1e-140..1e140).contains(&v.abs().max_element())
 }
 
 /// The light of a source at `position` that arrives at `point`; none at the source itself.
 pub(crate) fn sample(position: DVec3, point: DVec3, intensity: Rgb, falloff: Falloff) -> Option<LightSample> {
-    let (direction, distance) = direction_and_length(position - point)?;
-    Some(sample_at(direction, distance, intensity, falloff))
-}
-
-#[inline(always)]
-fn sample_at(direction: DVec3, distance: f64, intensity: Rgb, falloff: Falloff) -> LightSample {
+    let to_light = position - point;
+    if is_usual(to_light) {
+        return Some(usual_sample(to_light, intensity, falloff));
+    }
+    let (direction, distance) = direction_and_length(to_light)?;
     let irradiance = match falloff {
         // Divided twice, since d² may underflow where the quotient is still a number; what then exceeds
         // all numbers is the largest one, lest an infinity meet a zero.
         Falloff::InverseSquare => intensity.map(|i| (i / distance / distance).min(f64::MAX)),
         Falloff::None => intensity,
     };
-    LightSample {
+    Some(LightSample {
         direction,
+        distance,
+        irradiance,
+    })
+}
+
+/// [`sample`] at a usual distance.
+#[inline(always)]
+fn usual_sample(to_light: DVec3, intensity: Rgb, falloff: Falloff) -> LightSample {
+    let squared = to_light.length_squared();
+    let distance = squared.sqrt();
+    let irradiance = match falloff {
+        Falloff::InverseSquare => intensity.map(|i| (i / squared).min(f64::MAX)),
+        Falloff::None => intensity,
+    };
+    LightSample {
+        direction: to_light / distance,
         distance,
         irradiance,
     }
