@@ -13,6 +13,8 @@ use whitstone_core::{Accelerators, DuplicateType, Registry};
 pub mod brute_force;
 #[cfg(feature = "bvh")]
 pub mod bvh;
+#[cfg(feature = "bvh2")]
+pub mod bvh2;
 
 /// Adds every accelerator whose feature is on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
@@ -21,5 +23,7 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Accelerators, brute_force::BruteForce>(from)?;
     #[cfg(feature = "bvh")]
     registry.add::<Accelerators, bvh::Bvh>(from)?;
+    #[cfg(feature = "bvh2")]
+    registry.add::<Accelerators, bvh2::Bvh2>(from)?;
     Ok(())
 }

@@ -19,7 +19,7 @@ const PARALLEL: usize = 4096;
 /// Boxes that reach farther are treated as endless: their areas would overflow.
 const FARTHEST: f64 = 1e150;
 
-/// What `Bvh` is made of.
+/// What `Bvh2` is made of.
 pub(super) struct Built {
     pub(super) nodes: Vec<Node>,
     pub(super) slots: Vec<Slot>,

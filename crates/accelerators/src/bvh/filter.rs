@@ -1,0 +1,87 @@
+//! The test of a ray against the triangles of a leaf in single precision: it says which the test in double
+//! precision certainly hits, which it may hit, and where.
+//!
+//! The watertight test of the core crate (Woop, Benthin, Wald, JCGT 2(1), 2013) on eight triangles at once,
+//! with a bound on the error of the edge functions; proof in `docs/accelerators.md`.
+
+use super::frame::LocalRay;
+use super::node::WIDTH;
+use whitstone_simd::Lanes;
+
+/// Numbers of a triangle: three corners of three coordinates.
+pub(super) const NUMBERS: usize = 9;
+
+/// From the start of a leaf so many numbers can be read, of whatever.
+pub(super) const WINDOW: usize = NUMBERS * WIDTH;
+
+/// What the filter says of a leaf, by triangle.
+pub(super) struct Filtered {
+    /// Certainly hit; bits.
+    pub(super) sure: u32,
+    /// Perhaps hit; bits.
+    pub(super) unsure: u32,
+    /// Bounds of the ray parameter where `sure`.
+    pub(super) low: [f32; WIDTH],
+    pub(super) high: [f32; WIDTH],
+}
+
+/// The triangles of a leaf: `numbers` holds, for each coordinate of each corner, that of all `count`
+/// triangles, and then something else.
+#[inline(always)]
+pub(super) fn filter<L: Lanes>(
+    l: L,
+    ray: &LocalRay,
+    numbers: &[f32; WINDOW],
+    count: usize,
+    limit: f32,
+) -> Option<Filtered> {
+    let count = count.min(WIDTH);
+    let load = |corner: usize, axis: usize| {
+        let start = (3 * corner + axis.min(2)) * count;
+        // The last of 9 rows begins at 8 times the count at most.
+        let row = numbers[start..].first_chunk::<WIDTH>();
+        l.load(row.unwrap_or(&[0.0; WIDTH]))
+    };
+    let corners: [[L::Floats; 3]; 3] = std::array::from_fn(|corner| {
+        let [x, y, z] =
+            std::array::from_fn(|i| l.sub(load(corner, ray.axes[i]), l.splat(ray.origin[i])));
+        [
+            l.neg_mul_add(l.splat(ray.shear[0]), z, x),
+            l.neg_mul_add(l.splat(ray.shear[1]), z, y),
+            z,
+        ]
+    });
+    let [a, b, c] = corners;
+    let edge = |p: [L::Floats; 3], q: [L::Floats; 3]| l.neg_mul_add(p[1], q[0], l.mul(p[0], q[1]));
+    let weights = [edge(c, b), edge(a, c), edge(b, a)];
+    let size = |p: [L::Floats; 3]| l.max(l.abs(p[0]), l.abs(p[1]));
+    let largest = l.max(l.max(size(a), size(b)), l.max(size(c), l.splat(ray.error)));
+    let error = l.mul(largest, l.splat(8.0 * ray.error));
+    let minus_error = l.mul(largest, l.splat(-8.0 * ray.error));
+    let lowest = l.min(l.min(weights[0], weights[1]), weights[2]);
+    let highest = l.max(l.max(weights[0], weights[1]), weights[2]);
+    let valid = (1u32 << count) - 1;
+    let possible = (l.at_most(minus_error, lowest) | l.at_most(highest, error)) & valid;
+    if possible == 0 {
+        return None;
+    }
+    let sure = (l.at_most(error, lowest) | l.at_most(highest, minus_error)) & valid;
+
+    let determinant = l.add(l.add(weights[0], weights[1]), weights[2]);
+    let reciprocal = l.div(l.splat(1.0), determinant);
+    let (ab, ac) = (l.sub(b[2], a[2]), l.sub(c[2], a[2]));
+    let along = l.mul(l.mul_add(weights[2], ac, l.mul(weights[1], ab)), reciprocal);
+    let t = l.mul(l.add(a[2], along), l.splat(ray.sign));
+    // The range of depths is at most twice the larger of these.
+    let range = l.max(l.abs(ab), l.abs(ac));
+    let relative = l.mul(l.mul(l.splat(8.0), error), l.abs(reciprocal));
+    let slack = l.mul_add(range, relative, l.splat(4.0 * ray.error));
+    let (low, high) = (l.sub(t, slack), l.add(t, slack));
+    let reached = l.at_most(low, l.splat(limit)) & l.at_most(l.splat(ray.min), high);
+    Some(Filtered {
+        sure: sure & reached,
+        unsure: possible & !sure,
+        low: l.store(low),
+        high: l.store(high),
+    })
+}

@@ -1,0 +1,169 @@
+//! The structure's own coordinates, and rays in them.
+
+use whitstone_core::{Aabb, DVec3, Interval, Ray};
+
+/// Where the structure's own coordinates are: all of it lies in the cube from -1 to 1.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frame {
+    center: DVec3,
+    /// A power of two, so that scaling rounds nothing.
+    scale: f64,
+}
+
+impl Frame {
+    /// Around a box of finite size.
+    pub(super) fn around(aabb: &Aabb) -> Self {
+        let center = aabb.center();
+        // Of the corners as they will be computed, so that rounding puts none outside.
+        let half = (aabb.max - center).max(center - aabb.min).max_element();
+        let exponent = if half > 0.0 { half.log2().ceil() } else { 0.0 };
+        Self {
+            center,
+            scale: (-exponent).clamp(-1000.0, 1000.0).exp2(),
+        }
+    }
+
+    /// A point of the world in own coordinates.
+    #[inline]
+    pub(super) fn point(&self, p: DVec3) -> DVec3 {
+        (p - self.center) * self.scale
+    }
+
+    /// A length of the world in own coordinates.
+    pub(super) fn length(&self, length: f64) -> f64 {
+        length * self.scale
+    }
+
+    /// A ray in single precision; `None` for one that does not fit or is no ray at all.
+    #[inline(always)]
+    pub(super) fn ray(&self, ray: &Ray, interval: Interval) -> Option<LocalRay> {
+        LocalRay::new(self, ray, interval)
+    }
+}
+
+/// The relative error of a product or sum rounded to `f32`.
+pub(super) const ROUNDING: f32 = f32::EPSILON / 2.0;
+
+/// A ray in own coordinates, for the tests in single precision. Its parameter is scaled so that the
+/// largest component of the direction is 1 or -1, and counted from `shift`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LocalRay {
+    /// 1 over the direction, finite.
+    pub(super) reciprocal: [f32; 3],
+    /// What to add to a near plane times `reciprocal` to get a lower bound of the parameter there.
+    pub(super) near: [f32; 3],
+    /// What to add to a far plane times `reciprocal` to get an upper bound.
+    pub(super) far: [f32; 3],
+    /// Whether the near plane of an axis is that of the smallest (0) or largest (1) coordinates.
+    pub(super) side: [usize; 3],
+    /// The axes; along the last the direction is largest.
+    pub(super) axes: [usize; 3],
+    /// The origin along `axes`.
+    pub(super) origin: [f32; 3],
+    /// The direction along the first two of `axes`, divided by the last component.
+    pub(super) shear: [f32; 2],
+    /// The sign of the direction along the last axis.
+    pub(super) sign: f32,
+    /// Bound on the error of the sheared coordinates of a point of the structure.
+    pub(super) error: f32,
+    /// Lower bound of the interval.
+    pub(super) min: f32,
+    /// Upper bound of the interval.
+    pub(super) max: f32,
+    /// What is between these is certainly inside the interval.
+    pub(super) inside: [f32; 2],
+    scale: f64,
+    shift: f64,
+}
+
+impl LocalRay {
+    #[inline(always)]
+    fn new(frame: &Frame, ray: &Ray, interval: Interval) -> Option<Self> {
+        let d = ray.direction.to_array();
+        let a = d.map(f64::abs);
+        let z = match (a[0] > a[1], a[0] > a[2], a[1] > a[2]) {
+            (true, true, _) => 0,
+            (false, _, true) => 1,
+            _ => 2,
+        };
+        let axes = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
+        let largest = a[z];
+        let scale = largest * frame.scale;
+        let mut origin = frame.point(ray.origin);
+        let mut reach = origin.abs().max_element();
+        // Written so that NaN does not pass either.
+        let sound = scale > 1e-200 && scale < 1e200 && reach < 1e18 && interval.min < 1e100;
+        if !sound {
+            return None;
+        }
+        let unit = 1.0 / largest;
+        // The rounding of the origin in double precision, with much to spare.
+        let far = 2f64.powi(-40) * reach;
+        let mut shift = 0.0;
+        if reach > 4.0 {
+            // From afar single precision would be too coarse: start where the structure is closest.
+            let e = ray.direction * unit;
+            shift = -origin.dot(e) / e.length_squared();
+            origin += shift * e;
+            reach = origin.abs().max_element();
+        }
+        // 8 roundings of numbers up to `reach + 1`.
+        let pad = 8.0 * f64::from(ROUNDING) * (reach + 1.0) + far;
+        // Slower than this along an axis the ray does not leave the pad within the structure.
+        let slowest = largest * 2f64.powi(-30);
+        let reciprocal = d.map(|d| (largest / d.abs().max(slowest).copysign(d)) as f32);
+        let o = origin.to_array();
+        let shifted = |by: f64| {
+            std::array::from_fn(|i| {
+                let r = f64::from(reciprocal[i]);
+                (-(o[i] * r) - by * r.abs()) as f32
+            })
+        };
+        let local = Self {
+            reciprocal,
+            near: shifted(pad),
+            far: shifted(-pad),
+            side: d.map(|d| usize::from(d.is_sign_negative())),
+            axes,
+            origin: axes.map(|axis| o[axis] as f32),
+            shear: [axes[0], axes[1]].map(|axis| (d[axis] * (1.0 / d[z])) as f32),
+            sign: 1f32.copysign(d[z] as f32),
+            error: pad as f32 * (1.0 + 2.0 * ROUNDING),
+            min: 0.0,
+            max: 0.0,
+            inside: [0.0; 2],
+            scale,
+            shift,
+        };
+        let sure_max = if interval.max < f64::INFINITY {
+            local.below(interval.max)
+        } else {
+            f32::INFINITY
+        };
+        Some(Self {
+            min: local.below(interval.min),
+            max: local.above(interval.max),
+            inside: [local.above(interval.min), sure_max],
+            ..local
+        })
+    }
+
+    /// A number that is certainly below the own parameter of `t`.
+    #[inline(always)]
+    pub(super) fn below(&self, t: f64) -> f32 {
+        let t = t * self.scale - self.shift;
+        (t - self.slack(t)) as f32
+    }
+
+    /// A number that is certainly above the own parameter of `t`, which may be infinite.
+    #[inline(always)]
+    pub(super) fn above(&self, t: f64) -> f32 {
+        let t = t * self.scale - self.shift;
+        (t + self.slack(t)) as f32
+    }
+
+    #[inline(always)]
+    fn slack(&self, t: f64) -> f64 {
+        4.0 * f64::from(ROUNDING) * t.abs() + 2f64.powi(-48) * self.shift.abs()
+    }
+}

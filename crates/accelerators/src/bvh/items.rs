@@ -1,0 +1,216 @@
+//! What a hierarchy is built over: boxes in single precision, rounded outward.
+
+use super::frame::Frame;
+use glam::Vec4;
+use rayon::prelude::*;
+use whitstone_core::{Aabb, Element, Geometry, Shape};
+
+/// Boxes that reach farther are treated as endless: squares of their sizes would overflow.
+const FARTHEST: f64 = 1e150;
+
+/// A box in own coordinates; the fourth components say nothing.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Box4 {
+    pub(super) min: Vec4,
+    pub(super) max: Vec4,
+}
+
+impl Box4 {
+    pub(super) const EMPTY: Self = Self {
+        min: Vec4::INFINITY,
+        max: Vec4::NEG_INFINITY,
+    };
+
+    #[inline(always)]
+    pub(super) fn union(self, other: Self) -> Self {
+        Self {
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn including(self, point: Vec4) -> Self {
+        Self {
+            min: self.min.min(point),
+            max: self.max.max(point),
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn half_area(&self) -> f32 {
+        let e = (self.max - self.min).max(Vec4::ZERO);
+        e.x * e.y + e.y * e.z + e.z * e.x
+    }
+
+    /// The axis along which the box is longest.
+    pub(super) fn longest_axis(&self) -> usize {
+        let e = self.max - self.min;
+        (0..3).fold(0, |best, axis| if e[axis] > e[best] { axis } else { best })
+    }
+}
+
+/// The box of an element, or of a part of one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Item {
+    /// The fourth component of `min` holds the number of the element, as bits.
+    aabb: Box4,
+}
+
+impl Item {
+    pub(super) fn new(aabb: Box4, number: u32) -> Self {
+        let min = aabb.min.truncate().extend(f32::from_bits(number));
+        Self {
+            aabb: Box4 { min, ..aabb },
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn aabb(&self) -> Box4 {
+        self.aabb
+    }
+
+    /// Place of the element in the order of the geometry.
+    #[inline(always)]
+    pub(super) fn number(&self) -> u32 {
+        self.aabb.min.w.to_bits()
+    }
+
+    /// Twice the center.
+    #[inline(always)]
+    pub(super) fn center(&self) -> Vec4 {
+        self.aabb.min + self.aabb.max
+    }
+}
+
+/// The elements of a geometry.
+pub(super) struct Items {
+    pub(super) frame: Frame,
+    pub(super) items: Vec<Item>,
+    /// Elements without a box of reasonable size.
+    pub(super) unbounded: Vec<Element>,
+    /// The number of the first element of each shape.
+    starts: Vec<u32>,
+}
+
+impl Items {
+    /// All elements of a geometry, of which there are fewer than 2^28.
+    pub(super) fn new(geometry: &Geometry) -> Self {
+        let mut starts = Vec::new();
+        let mut unbounded = Vec::new();
+        let mut total = 0u32;
+        let mut whole = Aabb::EMPTY;
+        for (part, shape) in geometry.shapes().iter().zip(0..) {
+            starts.push(total);
+            match part {
+                Shape::Triangles(mesh) => {
+                    total += mesh.triangles.len() as u32;
+                    whole = whole.union(bounded_part(geometry, shape, mesh.triangles.len() as u32));
+                }
+                _ => {
+                    total += 1;
+                    let aabb = geometry.bounds(Element::Opaque { shape });
+                    whole = if bounded(&aabb) { whole.union(aabb) } else { whole };
+                }
+            }
+        }
+        let mut items = Self {
+            frame: Frame::around(&if whole.is_empty() {
+                Aabb::around([whitstone_core::DVec3::ZERO])
+            } else {
+                whole
+            }),
+            items: Vec::new(),
+            unbounded: Vec::new(),
+            starts,
+        };
+        let boxes = (0..total).into_par_iter().with_min_len(4096).map(|number| {
+            let element = items.element(geometry, number);
+            let aabb = geometry.bounds(element);
+            if !bounded(&aabb) {
+                return Err(element);
+            }
+            let aabb = aabb.padded(needle_pad(geometry, element, &items.frame));
+            Ok(Item::new(items.local(&aabb), number))
+        });
+        let found: Vec<_> = boxes.collect();
+        let mut kept = Vec::with_capacity(found.len());
+        for item in found {
+            match item {
+                Ok(item) => kept.push(item),
+                Err(element) => unbounded.push(element),
+            }
+        }
+        items.items = kept;
+        items.unbounded = unbounded;
+        items
+    }
+
+    /// The element of a number.
+    pub(super) fn element(&self, geometry: &Geometry, number: u32) -> Element {
+        let shape = self.starts.partition_point(|&start| start <= number) - 1;
+        match &geometry.shapes()[shape] {
+            Shape::Triangles(_) => Element::Triangle {
+                shape: shape as u32,
+                triangle: number - self.starts[shape],
+            },
+            _ => Element::Opaque { shape: shape as u32 },
+        }
+    }
+
+    /// A box in own coordinates, rounded outward.
+    fn local(&self, aabb: &Aabb) -> Box4 {
+        let down = |x: f64| {
+            let rounded = x as f32;
+            if f64::from(rounded) > x { rounded.next_down() } else { rounded }
+        };
+        let min = self.frame.point(aabb.min).to_array().map(down);
+        let max = self.frame.point(aabb.max).to_array().map(|x| -down(-x));
+        Box4 {
+            min: Vec4::new(min[0], min[1], min[2], 0.0),
+            max: Vec4::new(max[0], max[1], max[2], 0.0),
+        }
+    }
+}
+
+/// The bounds of the triangles of a shape that have any.
+fn bounded_part(geometry: &Geometry, shape: u32, triangles: u32) -> Aabb {
+    let one = |triangle| {
+        let aabb = geometry.bounds(Element::Triangle { shape, triangle });
+        if bounded(&aabb) { aabb } else { Aabb::EMPTY }
+    };
+    let all = (0..triangles).into_par_iter().with_min_len(4096).map(one);
+    all.reduce(|| Aabb::EMPTY, Aabb::union)
+}
+
+fn bounded(aabb: &Aabb) -> bool {
+    let far = aabb.min.abs().max(aabb.max.abs()).max_element();
+    // Written so that NaN does not pass.
+    !aabb.is_empty() && far <= FARTHEST
+}
+
+/// What the box of a needle needs beyond the pad of every ray: the error of the triangle test, up to
+/// which a hit may seem to lie outside the box. It is never more than the longest edge.
+fn needle_pad(geometry: &Geometry, element: Element, frame: &Frame) -> f64 {
+    let (Element::Triangle { shape, triangle }, shapes) = (element, geometry.shapes()) else {
+        return 0.0;
+    };
+    let Shape::Triangles(mesh) = &shapes[shape as usize] else {
+        return 0.0;
+    };
+    let [a, b, c] = mesh.corners(triangle);
+    let longest = (b - a)
+        .length_squared()
+        .max((c - b).length_squared())
+        .max((a - c).length_squared());
+    let twice_area = (b - a).cross(c - a).length_squared();
+    // The height on the longest edge is twice the area over that edge.
+    if longest * longest <= 2f64.powi(16) * twice_area || longest == 0.0 {
+        return 0.0;
+    }
+    let ratio = longest / twice_area.sqrt();
+    let longest = longest.sqrt();
+    // 64 roundings of coordinates up to eight times as far as the structure reaches.
+    let error = 512.0 * f64::EPSILON * ratio / frame.length(1.0);
+    error.min(longest)
+}

@@ -1,0 +1,313 @@
+//! The way of a ray through the hierarchy.
+
+use super::filter::{self, Filtered, NUMBERS};
+use super::frame::LocalRay;
+use super::node::{Child, Kind, WIDTH};
+use super::Bvh;
+use whitstone_core::triangle::ShearedRay;
+use whitstone_core::{Element, InstancePath, Interval, RawHit, Ray, Skip};
+use whitstone_simd::{Kernel, Lanes};
+
+/// The stack of a search: each level of nodes puts off seven children at most.
+const fn stack_size(depth: usize) -> usize {
+    (depth * (WIDTH - 1) + 1).next_power_of_two()
+}
+
+/// Hierarchies up to this depth are searched with a smaller stack, which is cheaper to set up.
+pub(super) const USUAL_DEPTH: usize = 18;
+
+/// A search for the nearest hit, or with `ANY` for some hit, in which case only whether there is one counts.
+pub(super) struct Search<'a, const ANY: bool, const DEEP: bool> {
+    bvh: &'a Bvh,
+    local: &'a LocalRay,
+    state: State<'a>,
+}
+
+/// What a search knows.
+pub(super) struct State<'a> {
+    bvh: &'a Bvh,
+    ray: &'a Ray,
+    skip: Skip,
+    sheared: Option<ShearedRay>,
+    /// Where hits still count.
+    open: Interval,
+    pub(super) best: Option<RawHit>,
+    /// Sure hits that are not yet known in double precision: lower bound and slot.
+    pending: [(f32, u32); 8],
+    count: usize,
+    /// The smallest of the lower bounds.
+    lowest: f32,
+}
+
+impl<'a> State<'a> {
+    #[inline(always)]
+    pub(super) fn new(bvh: &'a Bvh, ray: &'a Ray, interval: Interval, skip: Skip) -> Self {
+        Self {
+            bvh,
+            ray,
+            skip,
+            sheared: None,
+            open: interval,
+            best: None,
+            pending: [(0.0, 0); 8],
+            count: 0,
+            lowest: 0.0,
+        }
+    }
+
+    /// Decides about an element in double precision.
+    #[inline(never)]
+    pub(super) fn resolve(&mut self, element: Element) {
+        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(self.ray));
+        let geometry = &self.bvh.geometry;
+        if let Some(hit) = geometry.intersect(element, self.ray, sheared, self.open, self.skip)
+            && self.best.is_none_or(|best| hit.beats(&best))
+        {
+            self.best = Some(hit);
+            // Hits at the same distance still count: they may be lower in number.
+            self.open.max = hit.t.next_up();
+        }
+    }
+
+    /// Decides about a slot; returns the new limit.
+    #[inline(always)]
+    fn resolve_slot(&mut self, slot: usize, local: &LocalRay, limit: f32) -> f32 {
+        self.resolve(self.bvh.slots[slot].element());
+        match &self.best {
+            Some(best) => limit.min(local.above(best.t)),
+            None => limit,
+        }
+    }
+
+    /// Decides about what is pending and may still be nearest.
+    #[inline(always)]
+    fn resolve_pending(&mut self, local: &LocalRay, mut limit: f32) -> f32 {
+        for i in 0..std::mem::take(&mut self.count) {
+            let (low, slot) = self.pending[i];
+            if low <= limit {
+                limit = self.resolve_slot(slot as usize, local, limit);
+            }
+        }
+        limit
+    }
+
+    /// Remembers a sure hit; returns the new limit.
+    #[inline(always)]
+    fn put_off(&mut self, low: f32, high: f32, slot: usize, local: &LocalRay, mut limit: f32) -> f32 {
+        if high < self.lowest {
+            // Nothing that was put off is as near as this.
+            self.count = 0;
+        }
+        if self.count == self.pending.len() {
+            limit = self.resolve_pending(local, limit);
+        }
+        self.lowest = if self.count == 0 { low } else { self.lowest.min(low) };
+        self.pending[self.count] = (low, slot as u32);
+        self.count += 1;
+        limit.min(high)
+    }
+}
+
+impl<const ANY: bool, const DEEP: bool> Kernel for Search<'_, ANY, DEEP> {
+    type Output = Option<RawHit>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> Option<RawHit> {
+        if DEEP {
+            self.search::<L, { stack_size(super::MAX_DEPTH) }>(l)
+        } else {
+            self.search::<L, { stack_size(USUAL_DEPTH) }>(l)
+        }
+    }
+}
+
+impl<'a, const ANY: bool, const DEEP: bool> Search<'a, ANY, DEEP> {
+    #[inline(always)]
+    pub(super) fn new(bvh: &'a Bvh, local: &'a LocalRay, state: State<'a>) -> Self {
+        Self { bvh, local, state }
+    }
+
+    #[inline(always)]
+    fn search<L: Lanes, const STACK: usize>(mut self, l: L) -> Option<RawHit> {
+        let local = self.local;
+        let mut limit = local.max;
+        let Some(mut child) = self.bvh.root else {
+            return self.state.best;
+        };
+        if let Some(best) = &self.state.best {
+            limit = limit.min(local.above(best.t));
+        }
+        let mut stack = [(0f32, Child::default()); STACK];
+        let mut height = 0;
+        loop {
+            if child.is_inner()
+                && let Kind::Inner(node) = child.kind()
+            {
+                let node = &self.bvh.nodes[node];
+                let (mut mask, near) = node.enter(l, local, limit);
+                if mask != 0 {
+                    let near = l.store(near);
+                    let mut next = || {
+                        let i = mask.trailing_zeros() as usize % WIDTH;
+                        mask &= mask - 1;
+                        ((near[i], node.children[i]), mask)
+                    };
+                    let (first, rest) = next();
+                    if rest == 0 {
+                        child = first.1;
+                        continue;
+                    }
+                    let (second, rest) = next();
+                    if rest == 0 {
+                        let (nearer, farther) = if second.0 < first.0 {
+                            (second, first)
+                        } else {
+                            (first, second)
+                        };
+                        stack[height % STACK] = farther;
+                        height += 1;
+                        child = nearer.1;
+                        continue;
+                    }
+                    // Three or more: sorted on the stack, the nearest on top.
+                    let bottom = height;
+                    let mut insert = |entry: (f32, Child)| {
+                        let mut place = height;
+                        while place > bottom && stack[(place - 1) % STACK].0 < entry.0 {
+                            stack[place % STACK] = stack[(place - 1) % STACK];
+                            place -= 1;
+                        }
+                        stack[place % STACK] = entry;
+                        height += 1;
+                    };
+                    insert(first);
+                    insert(second);
+                    loop {
+                        let (entry, rest) = next();
+                        insert(entry);
+                        if rest == 0 {
+                            break;
+                        }
+                    }
+                    height -= 1;
+                    child = stack[height % STACK].1;
+                    continue;
+                }
+            } else {
+                match self.leaf(l, child, limit) {
+                    Some(nearer) => limit = nearer,
+                    None => return self.state.best,
+                }
+            }
+            child = loop {
+                if height == 0 {
+                    self.state.resolve_pending(local, limit);
+                    return self.state.best;
+                }
+                height -= 1;
+                let (near, child) = stack[height % STACK];
+                // At equal distance an element of lower number may be in there.
+                if near <= limit {
+                    break child;
+                }
+            };
+        }
+    }
+
+    /// Tests what is in a leaf; returns the new limit, or `None` if the search is over.
+    #[inline(always)]
+    fn leaf<L: Lanes>(&mut self, l: L, child: Child, mut limit: f32) -> Option<f32> {
+        let (local, bvh) = (self.local, self.bvh);
+        let (first, filtered) = match child.kind() {
+            Kind::Triangles(first, count) => {
+                let Some(numbers) = bvh.numbers[NUMBERS * first..].first_chunk() else {
+                    return Some(limit);
+                };
+                match filter::filter(l, local, numbers, count, limit) {
+                    Some(filtered) => (first, filtered),
+                    None => return Some(limit),
+                }
+            }
+            Kind::Mixed(first, count) => {
+                let nothing = Filtered {
+                    sure: 0,
+                    unsure: (1 << count) - 1,
+                    low: [0.0; WIDTH],
+                    high: [0.0; WIDTH],
+                };
+                (first, nothing)
+            }
+            Kind::Inner(_) => return Some(limit),
+        };
+        let mut unsure = filtered.unsure;
+        let mut sure = filtered.sure;
+        while sure != 0 {
+            let i = sure.trailing_zeros() as usize % WIDTH;
+            sure &= sure - 1;
+            let (low, high) = (filtered.low[i], filtered.high[i]);
+            if !(low >= local.inside[0] && high <= local.inside[1]) {
+                unsure |= 1 << i;
+                continue;
+            }
+            if self.state.skip != Skip::NOTHING {
+                let Slot { shape, triangle } = bvh.slots[first + i];
+                if self.state.skip.of_shape(InstancePath::WORLD, shape) == Some(triangle) {
+                    continue;
+                }
+            }
+            if ANY {
+                // Any hit will do: this one is not known in double precision, but it is there.
+                self.state.best = Some(RawHit {
+                    t: 0.0,
+                    params: Default::default(),
+                    instance: InstancePath::WORLD,
+                    shape: 0,
+                    primitive: 0,
+                });
+                return None;
+            }
+            limit = self.state.put_off(low, high, first + i, local, limit);
+        }
+        while unsure != 0 {
+            let i = unsure.trailing_zeros() as usize;
+            unsure &= unsure - 1;
+            limit = self.state.resolve_slot(first + i, local, limit);
+            if ANY && self.state.best.is_some() {
+                return None;
+            }
+        }
+        Some(limit)
+    }
+}
+
+/// An element in a leaf.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slot {
+    pub(super) shape: u32,
+    /// The triangle, or [`Slot::OPAQUE`].
+    pub(super) triangle: u32,
+}
+
+impl Slot {
+    const OPAQUE: u32 = u32::MAX;
+
+    pub(super) fn new(element: Element) -> Self {
+        match element {
+            Element::Triangle { shape, triangle } => Self { shape, triangle },
+            Element::Opaque { shape } => Self {
+                shape,
+                triangle: Self::OPAQUE,
+            },
+        }
+    }
+
+    #[inline]
+    pub(super) fn element(self) -> Element {
+        let Self { shape, triangle } = self;
+        if triangle == Self::OPAQUE {
+            Element::Opaque { shape }
+        } else {
+            Element::Triangle { shape, triangle }
+        }
+    }
+}

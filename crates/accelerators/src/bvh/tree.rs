@@ -1,0 +1,34 @@
+//! The binary hierarchy that a build makes first.
+
+use super::items::{Box4, Item};
+
+/// A binary hierarchy over items.
+pub(super) struct Tree {
+    /// In depth-first order: the first child of a node follows it. The root is 0; there may be gaps.
+    pub(super) nodes: Vec<Binary>,
+    /// In the order of the leaves. An element may be there more than once, in parts.
+    pub(super) items: Vec<Item>,
+}
+
+/// A node.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Binary {
+    pub(super) aabb: Box4,
+    pub(super) kind: BinaryKind,
+}
+
+/// What is in a node.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum BinaryKind {
+    /// The second child.
+    Inner(u32),
+    /// First item and their number.
+    Leaf(u32, u32),
+}
+
+impl Binary {
+    pub(super) const EMPTY: Self = Self {
+        aabb: Box4::EMPTY,
+        kind: BinaryKind::Leaf(0, 0),
+    };
+}
