@@ -1,6 +1,11 @@
 //! `bench`: our speed beside Mitsuba's, the same rays in the same run.
 
-use clap::Args;
+mod accelerators;
+mod data;
+mod peer;
+mod prepare;
+
+use clap::{Args, Subcommand};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -12,7 +17,10 @@ use whitstone::{Exit, Failure};
 
 /// Time scenes with Whitstone and with Mitsuba, interleaved, and print medians and ratios
 #[derive(Args, Debug)]
+#[command(args_conflicts_with_subcommands = true)]
 pub(crate) struct Arguments {
+    #[command(subcommand)]
+    what: Option<What>,
     /// The scenes
     #[arg(default_value = "scenes/showcase/classic.toml")]
     scenes: Vec<PathBuf>,
@@ -33,8 +41,16 @@ pub(crate) struct Arguments {
     json: Option<PathBuf>,
 }
 
+#[derive(Subcommand, Debug)]
+enum What {
+    Accelerators(accelerators::Arguments),
+}
+
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    if let Some(What::Accelerators(arguments)) = &arguments.what {
+        return accelerators::run(arguments, registry);
+    }
     let target = Path::new("target/whitstone");
     let environment = Environment::ensure(target, Path::new("references"), &|text| eprintln!("{text}"))
         .map_err(Failure::environment)?;

@@ -28,12 +28,12 @@ use search::{Search, Slot, State};
 use serde::Deserialize;
 use std::sync::Arc;
 use std::time::Instant;
-use wide::Wide;
 use whitstone_core::{
     Accelerator, Accelerators, Context, Element, Geometry, Interval, Plugin, RawHit, Ray, SceneErrors, Skip,
     Statistics,
 };
 use whitstone_simd::{Level, with_lanes};
+use wide::Wide;
 
 /// A wide bounding volume hierarchy: the best for every scene that is not tiny.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -95,7 +95,7 @@ impl Bvh {
         let mut items = Items::new(&geometry);
         let bins = if quality == Quality::Fast { 8 } else { 32 };
         let builder = Binned {
-            max_leaf: node::WIDTH - 1,
+            max_leaf: 1,
             step: 1.0,
             bins,
         };

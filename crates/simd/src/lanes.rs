@@ -225,12 +225,22 @@ mod tests {
         let b = [2.0, -2.0, 0.5, -0.0, 1.0, f32::NAN, 0.0, -4.0];
         let c = [0.0, 1.0, -2.0, 3.0, 4.0, 5.0, -6.0, 7.0];
         let bits = |(values, mask): (Vec<[f32; 8]>, u32)| {
-            let bits = |x: f32| if x.is_nan() { f32::NAN.to_bits() } else { x.to_bits() };
+            let bits = |x: f32| {
+                if x.is_nan() {
+                    f32::NAN.to_bits()
+                } else {
+                    x.to_bits()
+                }
+            };
             (values.iter().map(|v| v.map(bits)).collect::<Vec<_>>(), mask)
         };
         let expected = bits(Everything(a, b, c).run(Portable));
         for level in [Level::Baseline, Level::Avx2, Level::Avx512] {
-            assert_eq!(bits(with_lanes(level, Everything(a, b, c))), expected, "{level:?}");
+            assert_eq!(
+                bits(with_lanes(level, Everything(a, b, c))),
+                expected,
+                "{level:?}"
+            );
         }
         assert_eq!(expected.1, 0b0100_1011);
     }

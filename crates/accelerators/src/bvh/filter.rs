@@ -36,26 +36,14 @@ pub(super) fn filter<L: Lanes>(
     limit: f32,
 ) -> Option<Filtered> {
     let count = count.min(WIDTH);
-    let load = |corner: usize, axis: usize| {
-        let start = (3 * corner + axis.min(2)) * count;
-        // The last of 9 rows begins at 8 times the count at most.
-        let row = numbers[start..].first_chunk::<WIDTH>();
-        l.load(row.unwrap_or(&[0.0; WIDTH]))
-    };
-    let corners: [[L::Floats; 3]; 3] = std::array::from_fn(|corner| {
-        let [x, y, z] =
-            std::array::from_fn(|i| l.sub(load(corner, ray.axes[i]), l.splat(ray.origin[i])));
-        [
-            l.neg_mul_add(l.splat(ray.shear[0]), z, x),
-            l.neg_mul_add(l.splat(ray.shear[1]), z, y),
-            z,
-        ]
-    });
-    let [a, b, c] = corners;
-    let edge = |p: [L::Floats; 3], q: [L::Floats; 3]| l.neg_mul_add(p[1], q[0], l.mul(p[0], q[1]));
-    let weights = [edge(c, b), edge(a, c), edge(b, a)];
-    let size = |p: [L::Floats; 3]| l.max(l.abs(p[0]), l.abs(p[1]));
-    let largest = l.max(l.max(size(a), size(b)), l.max(size(c), l.splat(ray.error)));
+    let a = corner(l, ray, numbers, count, 0);
+    let b = corner(l, ray, numbers, count, 1);
+    let c = corner(l, ray, numbers, count, 2);
+    let weights = [edge(l, c, b), edge(l, a, c), edge(l, b, a)];
+    let largest = l.max(
+        l.max(size(l, a), size(l, b)),
+        l.max(size(l, c), l.splat(ray.error)),
+    );
     let error = l.mul(largest, l.splat(8.0 * ray.error));
     let minus_error = l.mul(largest, l.splat(-8.0 * ray.error));
     let lowest = l.min(l.min(weights[0], weights[1]), weights[2]);
@@ -84,4 +72,55 @@ pub(super) fn filter<L: Lanes>(
         low: l.store(low),
         high: l.store(high),
     })
+}
+
+/// A corner as the ray sees it: sheared, so that the ray is the third axis.
+///
+/// Functions instead of closures, here and below: these would not be compiled for the lanes.
+#[inline(always)]
+fn corner<L: Lanes>(
+    l: L,
+    ray: &LocalRay,
+    numbers: &[f32; WINDOW],
+    count: usize,
+    corner: usize,
+) -> [L::Floats; 3] {
+    let x = coordinate(l, ray, numbers, count, corner, 0);
+    let y = coordinate(l, ray, numbers, count, corner, 1);
+    let z = coordinate(l, ray, numbers, count, corner, 2);
+    [
+        l.neg_mul_add(l.splat(ray.shear[0]), z, x),
+        l.neg_mul_add(l.splat(ray.shear[1]), z, y),
+        z,
+    ]
+}
+
+/// A coordinate of a corner, from the origin of the ray.
+#[inline(always)]
+fn coordinate<L: Lanes>(
+    l: L,
+    ray: &LocalRay,
+    numbers: &[f32; WINDOW],
+    count: usize,
+    corner: usize,
+    i: usize,
+) -> L::Floats {
+    let start = (3 * corner + ray.axes[i].min(2)) * count;
+    // The last of 9 rows begins at 8 times the count at most.
+    match numbers[start..].first_chunk::<WIDTH>() {
+        Some(row) => l.sub(l.load(row), l.splat(ray.origin[i])),
+        None => l.splat(0.0),
+    }
+}
+
+/// Twice the area of the triangle of the ray and two corners.
+#[inline(always)]
+fn edge<L: Lanes>(l: L, p: [L::Floats; 3], q: [L::Floats; 3]) -> L::Floats {
+    l.neg_mul_add(p[1], q[0], l.mul(p[0], q[1]))
+}
+
+/// How far a corner is from the ray at most.
+#[inline(always)]
+fn size<L: Lanes>(l: L, p: [L::Floats; 3]) -> L::Floats {
+    l.max(l.abs(p[0]), l.abs(p[1]))
 }

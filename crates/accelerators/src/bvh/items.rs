@@ -162,7 +162,11 @@ impl Items {
     fn local(&self, aabb: &Aabb) -> Box4 {
         let down = |x: f64| {
             let rounded = x as f32;
-            if f64::from(rounded) > x { rounded.next_down() } else { rounded }
+            if f64::from(rounded) > x {
+                rounded.next_down()
+            } else {
+                rounded
+            }
         };
         let min = self.frame.point(aabb.min).to_array().map(down);
         let max = self.frame.point(aabb.max).to_array().map(|x| -down(-x));

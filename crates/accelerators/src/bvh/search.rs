@@ -1,9 +1,9 @@
 //! The way of a ray through the hierarchy.
 
+use super::Bvh;
 use super::filter::{self, Filtered, NUMBERS};
 use super::frame::LocalRay;
 use super::node::{Child, Kind, WIDTH};
-use super::Bvh;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{Element, InstancePath, Interval, RawHit, Ray, Skip};
 use whitstone_simd::{Kernel, Lanes};
@@ -101,7 +101,11 @@ impl<'a> State<'a> {
         if self.count == self.pending.len() {
             limit = self.resolve_pending(local, limit);
         }
-        self.lowest = if self.count == 0 { low } else { self.lowest.min(low) };
+        self.lowest = if self.count == 0 {
+            low
+        } else {
+            self.lowest.min(low)
+        };
         self.pending[self.count] = (low, slot as u32);
         self.count += 1;
         limit.min(high)

@@ -1,7 +1,8 @@
 //! From a binary hierarchy to one of eight children a node.
 //!
-//! Wald, Benthin, Boulos, *Getting rid of packets*, 2008: a node takes the children of those children whose
-//! boxes are largest, until it has eight.
+//! Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide BVHs*, HPG 2017,
+//! section 3.1: of all ways to take inner nodes of the binary hierarchy out, the one of least cost by the
+//! surface area heuristic, found by dynamic programming from the leaves up.
 
 use super::filter::{NUMBERS, WINDOW};
 use super::items::{Box4, Items};
@@ -33,7 +34,18 @@ impl Wide {
         }
         wide.slots.reserve(tree.items.len());
         wide.numbers.reserve(tree.items.len() * NUMBERS + WINDOW);
-        let builder = Builder { tree, items, geometry };
+        let opaque = geometry
+            .shapes()
+            .iter()
+            .any(|shape| matches!(shape, Shape::Opaque(_)));
+        let mut builder = Builder {
+            tree,
+            items,
+            geometry,
+            most: if opaque { WIDTH - 1 } else { WIDTH },
+            costs: vec![[0.0; WIDTH - 1]; tree.nodes.len()],
+        };
+        builder.prepare(0);
         let root = builder.child(&mut wide, 0, 0);
         wide.root = Some(root);
         wide.cost /= f64::from(tree.nodes[0].aabb.half_area().max(f32::MIN_POSITIVE));
@@ -43,35 +55,102 @@ impl Wide {
     }
 }
 
+/// Time of a step into a node.
+const NODE: f32 = 1.0;
+
+/// Time of a step into a leaf, and of each triangle there.
+const LEAF: (f32, f32) = (0.9, 0.05);
+
 struct Builder<'a> {
     tree: &'a Tree,
     items: &'a Items,
     geometry: &'a Geometry,
+    /// Most elements of a leaf.
+    most: usize,
+    /// By binary node, by i: the least cost of all below it as `i + 1` children of some wide node at most.
+    costs: Vec<[f32; WIDTH - 1]>,
 }
 
 impl Builder<'_> {
+    /// Fills `costs`, children before parents; returns the number of elements below a node.
+    fn prepare(&mut self, node: u32) -> usize {
+        let binary = &self.tree.nodes[node as usize];
+        let area = binary.aabb.half_area();
+        let most = self.most;
+        let leaf = |count: usize| {
+            if count <= most {
+                area * (LEAF.0 + LEAF.1 * count as f32)
+            } else {
+                f32::INFINITY
+            }
+        };
+        match binary.kind {
+            BinaryKind::Leaf(_, count) => {
+                self.costs[node as usize] = [leaf(count as usize); WIDTH - 1];
+                count as usize
+            }
+            BinaryKind::Inner(second) => {
+                let count = self.prepare(node + 1) + self.prepare(second);
+                let mut costs = [0.0; WIDTH - 1];
+                let inner = NODE * area + self.split(node + 1, second, WIDTH).0;
+                costs[0] = inner.min(leaf(count));
+                for i in 1..WIDTH - 1 {
+                    costs[i] = self.split(node + 1, second, i + 1).0.min(costs[i - 1]);
+                }
+                self.costs[node as usize] = costs;
+                count
+            }
+        }
+    }
+
+    /// The least cost of two binary nodes as `places` children at most, and how many are the first's.
+    fn split(&self, first: u32, second: u32, places: usize) -> (f32, usize) {
+        let (a, b) = (&self.costs[first as usize], &self.costs[second as usize]);
+        let mut best = (f32::INFINITY, 1);
+        for of_first in 1..places {
+            let cost = a[of_first - 1] + b[places - of_first - 1];
+            if cost < best.0 {
+                best = (cost, of_first);
+            }
+        }
+        best
+    }
+
+    /// Adds the children that a binary node becomes in `places` places at most.
+    fn choose(&self, node: u32, places: usize, children: &mut [u32; WIDTH], count: &mut usize) {
+        let costs = &self.costs[node as usize];
+        let fewest = (1..places)
+            .find(|&i| costs[i - 1] <= costs[places - 1])
+            .unwrap_or(places);
+        match self.tree.nodes[node as usize].kind {
+            BinaryKind::Inner(second) if fewest > 1 => {
+                let (_, of_first) = self.split(node + 1, second, fewest);
+                self.choose(node + 1, of_first, children, count);
+                self.choose(second, fewest - of_first, children, count);
+            }
+            _ => {
+                children[*count] = node;
+                *count += 1;
+            }
+        }
+    }
+
     /// Appends what is below a binary node.
     fn child(&self, wide: &mut Wide, node: u32, depth: usize) -> Child {
         wide.depth = wide.depth.max(depth);
-        let binary = &self.tree.nodes[node as usize];
-        wide.cost += f64::from(binary.aabb.half_area());
-        let BinaryKind::Inner(second) = binary.kind else {
-            return self.leaf(wide, node);
+        let aabb = self.aabb(node);
+        wide.cost += f64::from(aabb.half_area());
+        let (first, count) = self.range(node);
+        let BinaryKind::Inner(second) = self.tree.nodes[node as usize].kind else {
+            return self.leaf(wide, first, count);
         };
-        let mut children = [0u32; WIDTH];
-        children[..2].copy_from_slice(&[node + 1, second]);
-        let mut count = 2;
-        while count < WIDTH {
-            let area = |i: usize| self.aabb(children[i]).half_area();
-            let inner = (0..count).filter(|&i| self.second(children[i]).is_some());
-            let Some(largest) = inner.max_by(|&i, &j| area(i).total_cmp(&area(j))) else {
-                break;
-            };
-            let opened = children[largest];
-            children[largest] = opened + 1;
-            children[count] = self.second(opened).unwrap_or_default();
-            count += 1;
+        let (cost, of_first) = self.split(node + 1, second, WIDTH);
+        if count <= self.most && self.costs[node as usize][0] < NODE * aabb.half_area() + cost {
+            return self.leaf(wide, first, count);
         }
+        let (mut children, mut count) = ([0u32; WIDTH], 0);
+        self.choose(node + 1, of_first, &mut children, &mut count);
+        self.choose(second, WIDTH - of_first, &mut children, &mut count);
         let index = wide.nodes.len();
         wide.nodes.push(Node::EMPTY);
         for (i, &child) in children[..count].iter().enumerate() {
@@ -91,21 +170,30 @@ impl Builder<'_> {
         self.tree.nodes[node as usize].aabb
     }
 
-    fn second(&self, node: u32) -> Option<u32> {
-        match self.tree.nodes[node as usize].kind {
-            BinaryKind::Inner(second) => Some(second),
-            BinaryKind::Leaf(..) => None,
+    /// The items below a node: first and number.
+    fn range(&self, node: u32) -> (usize, usize) {
+        let end = |mut node: u32| loop {
+            match self.tree.nodes[node as usize].kind {
+                BinaryKind::Inner(second) => node = second,
+                BinaryKind::Leaf(first, count) => return (first + count) as usize,
+            }
+        };
+        let mut start = node;
+        loop {
+            match self.tree.nodes[start as usize].kind {
+                BinaryKind::Inner(_) => start += 1,
+                BinaryKind::Leaf(first, _) => return (first as usize, end(node) - first as usize),
+            }
         }
     }
 
-    fn leaf(&self, wide: &mut Wide, node: u32) -> Child {
-        let BinaryKind::Leaf(first, count) = self.tree.nodes[node as usize].kind else {
-            return Child::default();
-        };
-        let (start, count) = (wide.slots.len(), count as usize);
-        let items = &self.tree.items[first as usize..][..count];
+    fn leaf(&self, wide: &mut Wide, first: usize, count: usize) -> Child {
+        let start = wide.slots.len();
+        let items = &self.tree.items[first..][..count];
         wide.leaves += 1;
-        let elements = items.iter().map(|item| self.items.element(self.geometry, item.number()));
+        let elements = items
+            .iter()
+            .map(|item| self.items.element(self.geometry, item.number()));
         wide.slots.extend(elements.map(Slot::new));
         let numbers = wide.numbers.len();
         wide.numbers.resize(numbers + count * NUMBERS, 0.0);

@@ -1,0 +1,331 @@
+//! `bench accelerators`: rays a second of every accelerator, beside Embree in the same run.
+
+use super::data::{self, Query};
+use super::median;
+use super::peer::{self, Peer};
+use super::prepare::prepare;
+use clap::Args;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::sync::Arc;
+use whitstone::core::{Accelerator, Accelerators, Element, Geometry, RawHit, Registry, Shape, Skip};
+use whitstone::{Exit, Failure};
+use whitstone_testkit::TestContext;
+
+/// Time accelerators on three meshes with three sets of rays each, beside Embree, interleaved
+///
+/// Everything runs on one thread, in processor time; pin it to one core (`taskset -c 0`) for steady figures.
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// Folder of meshes and rays [default: target/whitstone/bench]
+    #[arg(long, value_name = "DIR", env = "WHITSTONE_BENCH_DATA")]
+    data: Option<PathBuf>,
+    /// Which: a type, or TYPE:QUALITY
+    #[arg(long = "accelerator", value_name = "NAME")]
+    accelerators: Vec<String>,
+    /// Meshes: names in the folder, or PLY and OBJ files
+    #[arg(long = "mesh", value_name = "PATH")]
+    meshes: Vec<String>,
+    /// Sets of rays
+    #[arg(long = "set", value_name = "SET", default_values = ["primary", "shadow", "bounce"])]
+    sets: Vec<String>,
+    /// Rounds; each times every accelerator once
+    #[arg(long, default_value_t = 5)]
+    rounds: usize,
+    /// One in eight rays, three rounds: below a minute
+    #[arg(long)]
+    quick: bool,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// What is timed if nothing is named.
+const ALL: [&str; 4] = ["bvh:fast", "bvh:balanced", "bvh:best", "bvh2"];
+
+/// The quality of the peer that rays are compared with.
+const PEER_QUALITY: &str = "HIGH";
+
+/// An accelerator over a mesh.
+struct Built {
+    name: String,
+    quality: String,
+    accelerator: Box<dyn Accelerator>,
+    build_seconds: f64,
+    bytes_per_triangle: f64,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let bench = Bench::new(arguments, registry)?;
+    let mut rows = Vec::new();
+    let mut version = Value::Null;
+    for mesh in prepare(&bench.folder, &arguments.meshes, registry).map_err(Failure::environment)? {
+        rows.extend(bench.mesh(&mesh, &mut version).map_err(Failure::environment)?);
+    }
+    let summary = summarise(&rows, version);
+    println!("\n{summary:#}");
+    if let Some(path) = &arguments.json {
+        let text = format!("{:#}\n", json!({ "rows": rows, "summary": summary }));
+        whitstone::image::atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
+    }
+    let mismatches: u64 = rows.iter().filter_map(|row| row["mismatches"].as_u64()).sum();
+    Ok(if mismatches == 0 {
+        Exit::Pass
+    } else {
+        Exit::Differs
+    })
+}
+
+struct Bench<'a> {
+    arguments: &'a Arguments,
+    registry: &'a Registry,
+    folder: PathBuf,
+    names: Vec<(String, String)>,
+    peer: Option<PathBuf>,
+    rounds: usize,
+    stride: usize,
+}
+
+impl<'a> Bench<'a> {
+    fn new(arguments: &'a Arguments, registry: &'a Registry) -> Result<Self, Failure> {
+        let folder = arguments.data.clone();
+        let folder = folder.unwrap_or_else(|| PathBuf::from("target/whitstone/bench"));
+        std::fs::create_dir_all(&folder).map_err(Failure::environment)?;
+        let peer = peer::compile(&folder);
+        if let Err(why) = &peer {
+            eprintln!("without Embree: {why}");
+        }
+        let mut names: Vec<&str> = arguments.accelerators.iter().map(String::as_str).collect();
+        if names.is_empty() {
+            names = ALL.to_vec();
+        }
+        let split = |name: &&str| match name.split_once(':') {
+            Some((name, quality)) => (name.to_owned(), quality.to_owned()),
+            None => ((*name).to_owned(), String::new()),
+        };
+        Ok(Self {
+            arguments,
+            registry,
+            folder,
+            names: names.iter().map(split).collect(),
+            peer: peer.ok(),
+            rounds: if arguments.quick {
+                3
+            } else {
+                arguments.rounds.max(1)
+            },
+            stride: if arguments.quick { 8 } else { 1 },
+        })
+    }
+
+    /// All sets of one mesh.
+    fn mesh(&self, name: &str, version: &mut Value) -> Result<Vec<Value>, String> {
+        let mesh = data::mesh(&self.folder.join(format!("{name}.tri")))?;
+        let triangles = mesh.triangles.len();
+        println!("\n{name}: {triangles} triangles");
+        let geometry = Arc::new(Geometry::new(vec![Shape::Triangles(mesh)]));
+        let built = self
+            .names
+            .iter()
+            .map(|(kind, quality)| self.build(kind, quality, &geometry))
+            .collect::<Result<Vec<_>, String>>()?;
+        let truth = build(self.registry, "bvh2", "", &geometry)?;
+        for one in &built {
+            println!(
+                "  {:28} build {:8.4} s  {:6.1} bytes a triangle",
+                format!("{} {}", one.name, one.quality),
+                one.build_seconds,
+                one.bytes_per_triangle
+            );
+        }
+        let mut peer = None;
+        if let Some(program) = &self.peer {
+            for quality in ["LOW", "MEDIUM", PEER_QUALITY] {
+                let started = Peer::start(program, &self.folder, name, quality)?;
+                println!(
+                    "  {:28} build {:8.4} s  {:6.1} bytes a triangle",
+                    format!("embree {quality}"),
+                    started.build_seconds,
+                    started.bytes / triangles as f64
+                );
+                *version = json!(started.version);
+                peer = Some(started);
+            }
+        }
+        let mut rows = Vec::new();
+        for set in &self.arguments.sets {
+            let rays = data::rays(&self.folder.join(format!("{name}_{set}.rays")), self.stride)?;
+            let figures = self.set(set, &rays, &built, &*truth, peer.as_mut())?;
+            for (one, figures) in built.iter().zip(figures) {
+                let rate = rays.len() as f64 / figures.seconds / 1e6;
+                let ratio = figures
+                    .ratio
+                    .map_or("    -".to_owned(), |ratio| format!("{ratio:5.3}"));
+                println!(
+                    "  {set:8} {:28} single {rate:7.3} Mrays/s  {ratio} of Embree  {} of {} differ",
+                    format!("{} {}", one.name, one.quality),
+                    figures.mismatches,
+                    rays.len()
+                );
+                rows.push(json!({
+                    "accelerator": one.name, "quality": one.quality, "mode": "single", "mesh": name,
+                    "set": set, "rays": rays.len(), "mrays_per_s": rate, "ratio_to_embree": figures.ratio,
+                    "build_s": one.build_seconds, "bytes_per_triangle": one.bytes_per_triangle,
+                    "mismatches": figures.mismatches,
+                }));
+            }
+        }
+        Ok(rows)
+    }
+
+    fn build(&self, kind: &str, quality: &str, geometry: &Arc<Geometry>) -> Result<Built, String> {
+        let mut seconds = f64::INFINITY;
+        let mut accelerator = None;
+        for _ in 0..3 {
+            drop(accelerator.take());
+            let start = processor_time();
+            accelerator = Some(build(self.registry, kind, quality, geometry)?);
+            seconds = seconds.min(processor_time() - start);
+        }
+        let accelerator = accelerator.ok_or("nothing built")?;
+        let triangles = geometry
+            .elements()
+            .filter(|e| matches!(e, Element::Triangle { .. }))
+            .count();
+        let bytes = accelerator.statistics().get("bytes").copied().unwrap_or(f64::NAN);
+        Ok(Built {
+            name: kind.to_owned(),
+            quality: quality.to_owned(),
+            accelerator,
+            build_seconds: seconds,
+            bytes_per_triangle: bytes / triangles as f64,
+        })
+    }
+
+    /// One set of rays: rounds in which each accelerator and the peer is timed once.
+    fn set(
+        &self,
+        set: &str,
+        rays: &[Query],
+        built: &[Built],
+        truth: &dyn Accelerator,
+        mut peer: Option<&mut Peer>,
+    ) -> Result<Vec<Figures>, String> {
+        let any = set == "shadow";
+        let mut seconds = vec![Vec::new(); built.len()];
+        let mut ratios = vec![Vec::new(); built.len()];
+        for round in 0..=self.rounds {
+            let theirs = match &mut peer {
+                Some(peer) => Some(peer.trace(set, self.stride)?.0),
+                None => None,
+            };
+            for (i, one) in built.iter().enumerate() {
+                let start = processor_time();
+                std::hint::black_box(pass(&*one.accelerator, rays, any));
+                let ours = processor_time() - start;
+                // The first round touches pages.
+                if round > 0 {
+                    seconds[i].push(ours);
+                    ratios[i].extend(theirs.map(|theirs| theirs / ours));
+                }
+            }
+        }
+        let mut figures = Vec::new();
+        for (i, one) in built.iter().enumerate() {
+            figures.push(Figures {
+                seconds: median(&mut seconds[i]),
+                ratio: (!ratios[i].is_empty()).then(|| median(&mut ratios[i])),
+                mismatches: mismatches(&*one.accelerator, truth, rays, any),
+            });
+        }
+        Ok(figures)
+    }
+}
+
+struct Figures {
+    seconds: f64,
+    ratio: Option<f64>,
+    mismatches: usize,
+}
+
+/// Traces all rays, one call each; returns the number of hits.
+fn pass(accelerator: &dyn Accelerator, rays: &[Query], any: bool) -> usize {
+    let hits = rays.iter().filter(|(ray, interval)| {
+        if any {
+            accelerator.occluded(ray, *interval, Skip::NOTHING)
+        } else {
+            accelerator.closest(ray, *interval, Skip::NOTHING).is_some()
+        }
+    });
+    hits.count()
+}
+
+/// How many rays have another answer than the plain hierarchy in double precision gives.
+fn mismatches(accelerator: &dyn Accelerator, truth: &dyn Accelerator, rays: &[Query], any: bool) -> usize {
+    let bits = |hit: RawHit| (hit.id(), hit.t.to_bits(), hit.params.to_array().map(f64::to_bits));
+    let differ = rays.iter().filter(|(ray, interval)| {
+        if any {
+            let skip = Skip::NOTHING;
+            accelerator.occluded(ray, *interval, skip) != truth.occluded(ray, *interval, skip)
+        } else {
+            let closest = |a: &dyn Accelerator| a.closest(ray, *interval, Skip::NOTHING).map(bits);
+            closest(accelerator) != closest(truth)
+        }
+    });
+    differ.count()
+}
+
+/// Geometric means over all cells, by accelerator and quality, of the ratios to Embree.
+fn summarise(rows: &[Value], version: Value) -> Value {
+    let mut sums: Vec<(String, f64, usize)> = Vec::new();
+    for row in rows {
+        let Some(ratio) = row["ratio_to_embree"].as_f64() else {
+            continue;
+        };
+        let text = |key: &str| row[key].as_str().unwrap_or_default().to_owned();
+        let name = format!("{}:{} {}", text("accelerator"), text("quality"), text("mode"));
+        match sums.iter_mut().find(|sum| sum.0 == name) {
+            Some(sum) => (sum.1, sum.2) = (sum.1 + ratio.ln(), sum.2 + 1),
+            None => sums.push((name, ratio.ln(), 1)),
+        }
+    }
+    let means: Vec<Value> = sums
+        .iter()
+        .map(|(name, sum, count)| json!({ "name": name, "ratio": (sum / *count as f64).exp() }))
+        .collect();
+    let best = |mode: &str| {
+        let wanted = format!("bvh:best {mode}");
+        means
+            .iter()
+            .find(|mean| mean["name"] == wanted.as_str())
+            .map(|mean| mean["ratio"].clone())
+    };
+    json!({
+        "geomean_single": best("single"), "geomean_batch": best("batch"), "embree_version": version,
+        "geomeans": means,
+    })
+}
+
+/// Builds an accelerator by its name on this thread.
+pub(super) fn build(
+    registry: &Registry,
+    kind: &str,
+    quality: &str,
+    geometry: &Arc<Geometry>,
+) -> Result<Box<dyn Accelerator>, String> {
+    let text = match quality {
+        "" => String::new(),
+        quality => format!("quality = \"{quality}\""),
+    };
+    let table = toml::de::DeTable::parse(&text).map_err(|error| error.to_string())?;
+    registry
+        .build::<Accelerators>(kind, &table, geometry.clone(), &mut TestContext::default())
+        .map_err(|error| format!("{kind}: {error}"))
+}
+
+/// Of this process, in seconds.
+fn processor_time() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+}
