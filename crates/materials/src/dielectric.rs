@@ -6,7 +6,7 @@
 //! - Twin: Mitsuba `dielectric` (native); absorption through the driver.
 //! - Example: `scenes/materials/dielectric.toml`.
 
-use crate::optics::{Interface, reflect};
+use crate::body::Body;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -47,12 +47,9 @@ fn clear() -> Color {
     Color::grey(0.0)
 }
 
-/// Interfaces are named by the side that the viewer is on.
+/// See the module.
 pub struct Dielectric {
-    outside: Interface,
-    inside: Interface,
-    interior_absorption: Rgb,
-    exterior_absorption: Rgb,
+    body: Body,
 }
 
 impl Plugin<Materials> for Dielectric {
@@ -60,19 +57,17 @@ impl Plugin<Materials> for Dielectric {
     type Config = Config;
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
-        let (interior, exterior) = (config.interior_ior.get(), config.exterior_ior.get());
+        let interior = (config.interior_ior.get(), config.absorption.get());
+        let exterior = (config.exterior_ior.get(), config.exterior_absorption.get());
         Ok(Arc::new(Self {
-            outside: Interface::new(exterior, interior),
-            inside: Interface::new(interior, exterior),
-            interior_absorption: config.absorption.get(),
-            exterior_absorption: config.exterior_absorption.get(),
+            body: Body::new(interior, exterior),
         }))
     }
 }
 
 impl Material for Dielectric {
     fn lobes(&self) -> Lobes {
-        if self.outside.is_open() {
+        if self.body.is_open() {
             Lobes::TRANSMISSION
         } else {
             Lobes::REFLECTION | Lobes::TRANSMISSION
@@ -135,20 +130,17 @@ struct Split {
 impl Dielectric {
     #[inline(always)]
     fn split(&self, point: &SurfacePoint, view: DVec3) -> Split {
-        let n = point.n_towards(view);
-        let from_outside = point.n_g.dot(view) > 0.0;
-        let interface = Interface::choose(from_outside, &self.outside, &self.inside);
-        let (inside, outside) = (self.interior_absorption, self.exterior_absorption);
-        let crossing = interface.cross(n, view);
-        let fresnel = interface.fresnel(&crossing);
+        let passage = self.body.passage(point, view);
+        let (crossing, eta) = (&passage.crossing, passage.interface.eta());
+        let fresnel = passage.interface.fresnel(crossing);
         // In this order, since eta² may overflow where the product is a number.
-        let transmittance = fresnel.transmitted * interface.eta() * interface.eta();
+        let transmittance = fresnel.transmitted * eta * eta;
         Split {
-            reflected: reflect(n, view),
+            reflected: passage.reflected,
             reflectance: select(crossing.total, 1.0, fresnel.reflected),
             transmitted: crossing.direction,
             transmittance: select(crossing.total, 0.0, transmittance),
-            absorption: Rgb::choose(from_outside, inside, outside),
+            absorption: passage.absorption,
         }
     }
 }

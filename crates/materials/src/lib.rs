@@ -9,6 +9,7 @@
 
 use whitstone_core::{DuplicateType, Materials, Registry};
 
+mod body;
 mod gloss;
 mod optics;
 mod reflectance;

@@ -7,15 +7,16 @@
 //! - Twin: through the driver, by the formula.
 //! - Example: `scenes/materials/whitted.toml`.
 
+use crate::body::Body;
 use crate::gloss::{Gloss, Highlight};
-use crate::optics::{Interface, reflect};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Color, Positive, TextureRef};
+use whitstone_core::stream::{LANES, PointStream};
 use whitstone_core::{
-    Branch, BranchKind, Branches, ColorSource, Context, DVec3, Illumination, Lobes, Material, Materials,
-    Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
+    Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Illumination, Lobes, Material,
+    Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd,
 };
 
 /// Phong shading plus constant shares of the reflected and of the refracted ray.
@@ -75,15 +76,12 @@ fn clear() -> Color {
     Color::grey(0.0)
 }
 
-/// Interfaces are named by the side that the viewer is on.
+/// See the module.
 pub struct Whitted {
     gloss: Gloss,
     k_refl: ColorSource,
     k_refr: ColorSource,
-    outside: Interface,
-    inside: Interface,
-    interior_absorption: Rgb,
-    exterior_absorption: Rgb,
+    body: Body,
 }
 
 impl Plugin<Materials> for Whitted {
@@ -100,15 +98,13 @@ impl Plugin<Materials> for Whitted {
         let (Some(gloss), Some(k_refl), Some(k_refr)) = (gloss, k_refl, k_refr) else {
             return Err(errors);
         };
-        let (interior, exterior) = (config.interior_ior.get(), config.exterior_ior.get());
+        let interior = (config.interior_ior.get(), config.absorption.get());
+        let exterior = (config.exterior_ior.get(), config.exterior_absorption.get());
         Ok(Arc::new(Self {
             gloss,
             k_refl,
             k_refr,
-            outside: Interface::new(exterior, interior),
-            inside: Interface::new(interior, exterior),
-            interior_absorption: config.absorption.get(),
-            exterior_absorption: config.exterior_absorption.get(),
+            body: Body::new(interior, exterior),
         }))
     }
 }
@@ -123,7 +119,7 @@ impl Material for Whitted {
             lobes = lobes | Lobes::TRANSMISSION;
         }
         // What cannot be transmitted is reflected.
-        let can_be_total = !self.k_refr.is_black() && !self.outside.is_open();
+        let can_be_total = !self.k_refr.is_black() && !self.body.is_open();
         if !self.k_refl.is_black() || can_be_total {
             lobes = lobes | Lobes::REFLECTION;
         }
@@ -139,36 +135,56 @@ impl Material for Whitted {
     }
 
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
-        let n = point.n_towards(view);
+        let passage = self.body.passage(point, view);
         let (k_refl, k_refr) = (self.k_refl.value(point), self.k_refr.value(point));
-        let reflection = |weight| Branch {
-            direction: reflect(n, view),
-            weight,
-            kind: BranchKind::Reflection,
-        };
-        if k_refr.is_black() {
-            out.push(reflection(k_refl));
-            return;
+        let (reflected, transmitted) = weights(k_refl, k_refr, passage.crossing.total);
+        if !reflected.is_black() {
+            out.push(Branch {
+                direction: passage.reflected,
+                weight: reflected,
+                kind: BranchKind::Reflection,
+            });
         }
-        let (interface, absorption) = if point.n_g.dot(view) > 0.0 {
-            (&self.outside, self.interior_absorption)
-        } else {
-            (&self.inside, self.exterior_absorption)
-        };
-        let crossing = interface.cross(n, view);
-        if crossing.total {
-            out.push(reflection(k_refl + k_refr));
-            return;
+        if !transmitted.is_black() {
+            out.push(Branch {
+                direction: passage.crossing.direction,
+                weight: transmitted,
+                kind: BranchKind::Transmission {
+                    absorption: passage.absorption,
+                },
+            });
         }
-        if !k_refl.is_black() {
-            out.push(reflection(k_refl));
-        }
-        out.push(Branch {
-            direction: crossing.direction,
-            weight: k_refr,
-            kind: BranchKind::Transmission { absorption },
-        });
     }
+
+    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+        self.k_refl.value_stream(points, &mut out.reflection.weight);
+        self.k_refr.value_stream(points, &mut out.transmission.weight);
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in 0..points.len.min(LANES) {
+                    let passage = self.body.passage(&points.get(lane), points.view.get(lane));
+                    let k_refl = out.reflection.weight.get(lane);
+                    let k_refr = out.transmission.weight.get(lane);
+                    let (reflected, transmitted) = weights(k_refl, k_refr, passage.crossing.total);
+                    out.reflection.direction.set(lane, passage.reflected);
+                    out.reflection.weight.set(lane, reflected);
+                    out.transmission.direction.set(lane, passage.crossing.direction);
+                    out.transmission.weight.set(lane, transmitted);
+                    out.absorption.set(lane, passage.absorption);
+                }
+            },
+        );
+    }
+}
+
+/// Of the reflected and of the transmitted ray: what cannot be transmitted is reflected.
+#[inline(always)]
+fn weights(k_refl: Rgb, k_refr: Rgb, total: bool) -> (Rgb, Rgb) {
+    (
+        k_refl + Rgb::choose(total, k_refr, Rgb::BLACK),
+        Rgb::choose(total, Rgb::BLACK, k_refr),
+    )
 }
 
 #[cfg(test)]
