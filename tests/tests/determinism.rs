@@ -1,42 +1,66 @@
 //! The same picture from any number of threads and any accelerator; every scene of the repository renders.
 
 use std::fs;
-use whitstone::core::FamilyName;
+use whitstone::core::{FamilyName, Scratch};
+use whitstone::scene::RenderOptions;
 use whitstone_tests::{bits, load, program, root, scenes, small};
+
+/// The file that the program writes of a scene with these arguments and this environment variable.
+fn file(scene: &str, arguments: &[&str], variable: (&str, &str)) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("image.exr");
+    let output = program!()
+        .env(variable.0, variable.1)
+        .args(["render", "--set", "film.width=75", "--set", "film.height=50"])
+        .args(arguments)
+        .arg("-o")
+        .args([&path, &root().join("scenes").join(scene)])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    let bytes = fs::read(path).unwrap();
+    assert!(!bytes.is_empty());
+    bytes
+}
 
 #[test]
 fn files_are_the_same_for_any_number_of_threads() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = root().join("scenes/showcase/classic.toml");
-    let files: Vec<Vec<u8>> = ["1", "2", "7"]
-        .into_iter()
-        .map(|threads| {
-            let path = folder.path().join(format!("{threads}.exr"));
-            let output = program!()
-                .args([
-                    "render",
-                    "--threads",
-                    threads,
-                    "--set",
-                    "film.width=75",
-                    "--set",
-                    "film.height=50",
-                    "-o",
-                ])
-                .args([&path, &scene])
-                .output()
-                .unwrap();
-            assert!(
-                output.status.success(),
-                "{}",
-                String::from_utf8_lossy(&output.stderr)
-            );
-            fs::read(path).unwrap()
-        })
-        .collect();
-    assert!(!files[0].is_empty());
-    assert_eq!(files[0], files[1], "1 and 2 threads");
-    assert_eq!(files[0], files[2], "1 and 7 threads");
+    let [one, two, seven] =
+        ["1", "2", "7"].map(|threads| file("showcase/classic.toml", &["--threads", threads], ("UNUSED", "")));
+    assert!(one == two, "1 and 2 threads");
+    assert!(one == seven, "1 and 7 threads");
+}
+
+#[test]
+fn files_are_the_same_for_any_instruction_set() {
+    for scene in [
+        "showcase/classic.toml",
+        "showcase/glass_mesh.toml",
+        "showcase/nested_dielectrics.toml",
+    ] {
+        let [baseline, avx2, best] =
+            ["baseline", "avx2", "avx512"].map(|level| file(scene, &[], ("WHITSTONE_SIMD", level)));
+        assert!(baseline == avx2, "{scene}: baseline and AVX2");
+        assert!(baseline == best, "{scene}: baseline and the best there is");
+    }
+}
+
+/// Streams of rays against the single-ray code, which is their specification.
+#[test]
+fn every_pixel_by_itself_is_as_in_the_image() {
+    let registry = whitstone::registry();
+    for scene in scenes() {
+        let pipeline = load(&scene, &small(), &registry).unwrap_or_else(|report| panic!("{report}"));
+        let film = pipeline.render(RenderOptions::default());
+        let mut scratch = Scratch::default();
+        for (place, found) in (0..).zip(&film.rgb) {
+            let pixel = [place % film.width, place / film.width];
+            let expected = pipeline.pixel(pixel, &mut scratch).to_array().map(|c| c as f32);
+            assert_eq!(expected, *found, "{}: pixel {pixel:?}", scene.display());
+        }
+        assert_eq!(scratch.counters, film.counters, "{}", scene.display());
+    }
 }
 
 #[test]
