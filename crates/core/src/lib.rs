@@ -41,7 +41,7 @@ pub use registry::{
 };
 pub use sampler::Sampler;
 pub use shape::{InstancePath, Needs, Primitive, PrimitiveHit, RawHit, Shape, Skip, SurfacePoint};
-pub use straight::Straight;
+pub use straight::{LEAVES_NOTHING, Straight};
 pub use texture::{ColorSource, Texture};
 pub use transform::Transform;
 pub use whitstone_simd as simd;

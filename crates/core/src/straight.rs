@@ -7,6 +7,9 @@ use glam::DVec2;
 const GROUP: usize = 16;
 const _: () = assert!(LANES.is_multiple_of(GROUP));
 
+/// The number of no sub-primitive.
+pub const LEAVES_NOTHING: u32 = u32::MAX;
+
 /// A [`Primitive`] whose arithmetic is straight-line: it is written once, for one ray, and runs in vector
 /// registers for streams of rays.
 ///
@@ -22,9 +25,9 @@ pub trait Straight: Clone + Send + Sync {
     /// done with it.
     fn comes_near(&self, ray: &Ray) -> bool;
 
-    /// The nearest hit beyond `min`; its `t` is NaN where there is none. `leaves` says that the ray leaves
-    /// this object, which has one sub-primitive only.
-    fn hit(&self, ray: &Ray, min: f64, leaves: bool) -> PrimitiveHit;
+    /// The nearest hit beyond `min`; its `t` is NaN where there is none. `leaves` is the sub-primitive of
+    /// this object that the ray leaves, or [`LEAVES_NOTHING`].
+    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit;
 
     /// See [`Primitive::surface`].
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
@@ -39,7 +42,7 @@ impl<P: Straight> Primitive for P {
         if !self.comes_near(ray) {
             return None;
         }
-        let hit = self.hit(ray, interval.min, leaves.is_some());
+        let hit = self.hit(ray, interval.min, leaves.unwrap_or(LEAVES_NOTHING));
         interval.contains(hit.t).then_some(hit)
     }
 
@@ -60,15 +63,17 @@ impl<P: Straight> Primitive for P {
                     }
                     let mut t = [0.0; GROUP];
                     let (mut u, mut v) = (t, t);
+                    let mut sub_primitive = [0; GROUP];
                     for k in 0..GROUP {
                         let lane = group * GROUP + k;
                         let hit = primitive.hit(&rays.ray(lane), 0.0, leaves(rays, lane, shape));
                         (t[k], u[k], v[k]) = (hit.t, hit.params.x, hit.params.y);
+                        sub_primitive[k] = hit.primitive;
                     }
                     for k in 0..GROUP {
                         let hit = PrimitiveHit {
                             t: t[k],
-                            primitive: 0,
+                            primitive: sub_primitive[k],
                             params: DVec2::new(u[k], v[k]),
                         };
                         hits.offer(group * GROUP + k, near[k], shape, &hit);
@@ -128,8 +133,9 @@ impl<P: Straight> Primitive for P {
 }
 
 #[inline(always)]
-fn leaves(rays: &RayStream, lane: usize, shape: u32) -> bool {
-    (rays.skip.shape[lane] == shape) & (rays.skip.instance[lane] == InstancePath::WORLD.0)
+fn leaves(rays: &RayStream, lane: usize, shape: u32) -> u32 {
+    let this = (rays.skip.shape[lane] == shape) & (rays.skip.instance[lane] == InstancePath::WORLD.0);
+    simd::select(this, rays.skip.primitive[lane], LEAVES_NOTHING)
 }
 
 /// Numbers of the groups that hold the rays; below `LANES / GROUP`.

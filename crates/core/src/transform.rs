@@ -57,6 +57,7 @@ impl Transform {
     }
 
     /// The ray in object space. Its parameter t is the same as in world space.
+    #[inline(always)]
     pub fn ray_to_object(&self, ray: &Ray) -> Ray {
         Ray {
             // Relative to the object's own origin first: far from the world's origin this difference is

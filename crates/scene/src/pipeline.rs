@@ -7,13 +7,18 @@ use toml::Spanned;
 use toml::de::DeTable;
 use whitstone_core::config::{FilePath, PluginRef, TextureRef, TextureValue};
 use whitstone_core::{
-    Accelerators, Camera, Cameras, ColorSource, Context, FamilyName, Geometry, Integrator, Integrators,
-    LightGives, Lights, Lobes, Material, Materials, Registry, Sampler, Samplers, SceneError, SceneErrors,
-    Shapes, SourceSpan, Texture, Textures, World, nearest,
+    Accelerators, Camera, Cameras, ColorSource, Context, Element, FamilyName, Geometry, Integrator,
+    Integrators, LightGives, Lights, Lobes, Material, Materials, Registry, Sampler, Samplers, SceneError,
+    SceneErrors, Shapes, SourceSpan, Texture, Textures, World, nearest,
 };
 
-/// Up to this many elements, trying each is faster than any structure over them.
-const BRUTE_FORCE_LIMIT: usize = 4;
+/// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
+/// Measured with random spheres, boxes and triangles: the rates cross at about 160 whole shapes, which are
+/// tested for many rays at once, and at about 5 triangles, which are not.
+const BRUTE_FORCE_LIMIT: usize = 128;
+
+/// Of a triangle, in tests of whole shapes.
+const TRIANGLE_COST: usize = 25;
 
 /// A scene that is built and ready to render.
 pub struct Pipeline {
@@ -131,15 +136,17 @@ fn choose_accelerator(
             "named by the scene".to_owned(),
         );
     }
-    let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1).count();
-    let few = elements <= BRUTE_FORCE_LIMIT;
+    let cost = |element| match element {
+        Element::Triangle { .. } => TRIANGLE_COST,
+        Element::Opaque { .. } => 1,
+    };
+    let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1);
+    let cost: usize = elements.map(cost).sum();
+    let few = cost <= BRUTE_FORCE_LIMIT;
     let (wanted, why) = if few {
-        (
-            "brute_force",
-            format!("{elements} elements: trying each is fastest"),
-        )
+        ("brute_force", "few elements: trying each is fastest".to_owned())
     } else {
-        ("bvh", format!("more than {BRUTE_FORCE_LIMIT} elements"))
+        ("bvh", "too many elements to try each".to_owned())
     };
     let other = if few { "bvh" } else { "brute_force" };
     let available = |name: &str| registry.get(FamilyName::Accelerator, name).is_ok();

@@ -8,11 +8,13 @@
 //! - Example: `scenes/shapes/box.toml`.
 
 use crate::frame::Frame;
+use crate::near::comes_near_ball;
 use schemars::JsonSchema;
 use serde::Deserialize;
+use whitstone_core::simd::select;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneErrors,
-    Shape, Shapes, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, LEAVES_NOTHING, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneErrors,
+    Shape, Shapes, Straight, SurfacePoint, Transform,
 };
 
 /// The cube from -1 to 1 along each axis of its object space; the outside is away from its center.
@@ -21,8 +23,12 @@ use whitstone_core::{
 pub struct Config {}
 
 /// In world space.
+#[derive(Clone)]
 pub struct Cuboid {
     frame: Frame,
+    /// Center and radius of a ball around it.
+    center: DVec3,
+    radius: f64,
 }
 
 impl Plugin<Shapes> for Cuboid {
@@ -31,7 +37,15 @@ impl Plugin<Shapes> for Cuboid {
 
     fn build(_: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
         let frame = Frame::new(transform);
-        Ok(Shape::Opaque(Box::new(Self { frame })))
+        let bounds = frame.bounds(DVec3::ONE);
+        let center = bounds.center();
+        // More than the rounding of center and extent can take off.
+        let rounding = 4.0 * f64::EPSILON * center.abs().max_element();
+        Ok(Shape::Opaque(Box::new(Self {
+            center,
+            radius: (0.5 + 1e-9) * bounds.extent().length() + rounding,
+            frame,
+        })))
     }
 }
 
@@ -39,11 +53,12 @@ impl Plugin<Shapes> for Cuboid {
 #[derive(Clone, Copy)]
 struct Crossing {
     t: f64,
-    face: usize,
+    face: u32,
 }
 
-/// Entry into and exit from the cube; `None` for a ray that misses it.
-fn crossings(ray: &Ray) -> Option<[Crossing; 2]> {
+/// Entry into and exit from the cube; the entry lies behind the exit for a ray that misses it.
+#[inline(always)]
+fn crossings(ray: &Ray) -> [Crossing; 2] {
     let mut entry = Crossing {
         t: f64::NEG_INFINITY,
         face: 0,
@@ -52,78 +67,78 @@ fn crossings(ray: &Ray) -> Option<[Crossing; 2]> {
         t: f64::INFINITY,
         face: 0,
     };
-    for axis in 0..3 {
-        let (o, d) = (ray.origin[axis], ray.direction[axis]);
-        let side = if d.is_sign_negative() { -1.0 } else { 1.0 };
+    for axis in 0..3_u32 {
+        let (o, d) = (ray.origin[axis as usize], ray.direction[axis as usize]);
+        let downwards = d.is_sign_negative();
+        let side = 1.0_f64.copysign(d);
         let (near, far) = ((-side - o) / d, (side - o) / d);
         // 0/0 is NaN and changes nothing: the origin lies in that face. Strict comparisons keep the
         // lowest face where several are crossed at once.
-        if near > entry.t {
-            entry = Crossing {
-                t: near,
-                face: 2 * axis + usize::from(side < 0.0),
-            };
-        }
-        if far < exit.t {
-            exit = Crossing {
-                t: far,
-                face: 2 * axis + usize::from(side > 0.0),
-            };
-        }
+        let later = near > entry.t;
+        entry.t = select(later, near, entry.t);
+        entry.face = select(later, 2 * axis + u32::from(downwards), entry.face);
+        let sooner = far < exit.t;
+        exit.t = select(sooner, far, exit.t);
+        exit.face = select(sooner, 2 * axis + u32::from(!downwards), exit.face);
     }
-    (entry.t <= exit.t).then_some([entry, exit])
+    [entry, exit]
 }
 
 /// Sign of the outward normal of a face along its axis.
-fn side(face: usize) -> f64 {
-    if face.is_multiple_of(2) { -1.0 } else { 1.0 }
+#[inline(always)]
+fn side(face: u32) -> f64 {
+    select(face & 1 == 0, -1.0, 1.0)
 }
 
-/// The coordinates along the face of axis a, in the order a+1, a+2.
-fn along(axis: usize) -> [usize; 2] {
-    [(axis + 1) % 3, (axis + 2) % 3]
+/// The coordinates of `p` along axis a, a+1 and a+2.
+#[inline(always)]
+fn turned(p: DVec3, axis: u32) -> DVec3 {
+    let pick = |x, y, z| select(axis == 0, x, select(axis == 1, y, z));
+    DVec3::new(pick(p.x, p.y, p.z), pick(p.y, p.z, p.x), pick(p.z, p.x, p.y))
 }
 
-impl Primitive for Cuboid {
+impl Straight for Cuboid {
     fn bounds(&self) -> Aabb {
         self.frame.bounds(DVec3::ONE)
     }
 
-    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        let ray = self.frame.ray_to_object(ray);
-        let mut candidates = crossings(&ray)?;
-        if let Some(face) = leaves {
-            // The box is convex: what leaves a face outward meets no other, what goes inward meets the
-            // exit only. That is the rule "this face is skipped" without its rounding: a start on an edge
-            // may lie beyond the neighbour's plane by an ulp.
-            let face = face as usize;
-            let outward = ray.direction[face / 2] * side(face);
-            if outward >= 0.0 || candidates[1].face == face {
-                return None;
-            }
-            candidates[0].t = f64::NAN;
-        } else if candidates[0].t == candidates[1].t {
-            // An edge or a corner is touched: the lowest face wins.
-            candidates.sort_by_key(|crossing| crossing.face);
-        }
-        let Crossing { t, face } = candidates.into_iter().find(|c| interval.contains(c.t))?;
-        let p = ray.at(t);
-        let params = DVec2::from_array(along(face / 2).map(|axis| p[axis].clamp(-1.0, 1.0)));
-        Some(PrimitiveHit {
-            t,
-            primitive: face as u32,
-            params,
-        })
+    #[inline(always)]
+    fn comes_near(&self, ray: &Ray) -> bool {
+        comes_near_ball(ray, self.center, self.radius)
     }
 
+    #[inline(always)]
+    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
+        let ray = self.frame.ray_to_object(ray);
+        let [entry, exit] = crossings(&ray);
+        let leaving = leaves != LEAVES_NOTHING;
+        // The box is convex: what leaves a face outward meets no other, what goes inward meets the exit
+        // only. That is the rule "this face is skipped" without its rounding: a start on an edge may lie
+        // beyond the neighbour's plane by an ulp.
+        let outward = turned(ray.direction, leaves >> 1).x * side(leaves) >= 0.0;
+        let meets = (entry.t <= exit.t) & !(leaving & (outward | (exit.face == leaves)));
+        // An edge or a corner is touched: the lowest face wins.
+        let touched = entry.t == exit.t;
+        let first_face = select(touched & (exit.face < entry.face), exit.face, entry.face);
+        let enters = !leaving & (entry.t > min);
+        let t = select(enters, entry.t, exit.t);
+        let face = select(enters, first_face, exit.face);
+        let across = turned(ray.at(t), face >> 1);
+        PrimitiveHit {
+            t: select(meets & (t > min), t, f64::NAN),
+            primitive: face,
+            params: DVec2::new(across.y.clamp(-1.0, 1.0), across.z.clamp(-1.0, 1.0)),
+        }
+    }
+
+    #[inline(always)]
     fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
-        let face = hit.primitive as usize;
-        let axis = face / 2;
-        let [b, c] = along(axis);
-        let mut p = DVec3::ZERO;
-        (p[axis], p[b], p[c]) = (side(face), hit.params.x, hit.params.y);
-        let (position, error) = self.frame.point(p, axis);
-        let mut point = SurfacePoint::new(position, error, side(face) * self.frame.normal(axis));
+        let (face, DVec2 { x: b, y: c }) = (hit.primitive, hit.params);
+        let axis = face >> 1;
+        // Turned back: the other two thirds of a full turn.
+        let p = turned(DVec3::new(side(face), b, c), (3 - axis) % 3);
+        let (position, error) = self.frame.point(p, axis as usize);
+        let mut point = SurfacePoint::new(position, error, side(face) * self.frame.normal(axis as usize));
         if needs.contains(Needs::UV) {
             point.uv = 0.5 * (hit.params + 1.0);
         }
@@ -134,6 +149,7 @@ impl Primitive for Cuboid {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_core::{Interval, Primitive};
     use whitstone_testkit::{build, shape_laws_everywhere};
 
     fn cube() -> Box<dyn Primitive> {

@@ -1,7 +1,7 @@
 //! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common.
 
 use whitstone_core::simd::select;
-use whitstone_core::{Aabb, DMat3, DVec2, DVec3, PrimitiveHit, Ray, Transform};
+use whitstone_core::{Aabb, DMat3, DVec2, DVec3, LEAVES_NOTHING, PrimitiveHit, Ray, Transform};
 
 /// Half the distance from 1 to the next number: the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
@@ -37,6 +37,7 @@ impl Frame {
         }
     }
 
+    #[inline(always)]
     pub(crate) fn ray_to_object(&self, ray: &Ray) -> Ray {
         self.transform.ray_to_object(ray)
     }
@@ -108,8 +109,8 @@ impl Frame {
 
 /// The hit of a ray with the part of a plane that `inside` says; one that leaves the plane does not meet it.
 #[inline(always)]
-pub(crate) fn flat_hit(t: f64, params: DVec2, inside: bool, min: f64, leaves: bool) -> PrimitiveHit {
-    let counts = inside & (t > min) & !leaves;
+pub(crate) fn flat_hit(t: f64, params: DVec2, inside: bool, min: f64, leaves: u32) -> PrimitiveHit {
+    let counts = inside & (t > min) & (leaves == LEAVES_NOTHING);
     PrimitiveHit {
         t: select(counts, t, f64::NAN),
         primitive: 0,

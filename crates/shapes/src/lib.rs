@@ -11,6 +11,7 @@ use whitstone_core::{DuplicateType, Registry, Shapes};
 
 mod frame;
 mod lower;
+mod near;
 
 #[cfg(feature = "box")]
 #[path = "box.rs"]

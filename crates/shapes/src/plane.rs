@@ -49,7 +49,7 @@ impl Straight for Plane {
     }
 
     #[inline(always)]
-    fn hit(&self, ray: &Ray, min: f64, leaves: bool) -> PrimitiveHit {
+    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
         let (t, params) = self.frame.meet_plane(ray);
         let inside = (params.x.abs() < f64::INFINITY) & (params.y.abs() < f64::INFINITY);
         flat_hit(t, params, inside, min, leaves)

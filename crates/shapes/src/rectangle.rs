@@ -43,7 +43,7 @@ impl Straight for Rectangle {
     }
 
     #[inline(always)]
-    fn hit(&self, ray: &Ray, min: f64, leaves: bool) -> PrimitiveHit {
+    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
         let (t, params) = self.frame.meet_plane(ray);
         let inside = (params.x.abs() <= 1.0) & (params.y.abs() <= 1.0);
         flat_hit(t, params, inside, min, leaves)

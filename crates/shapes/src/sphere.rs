@@ -7,14 +7,15 @@
 //! - Twin: Mitsuba `sphere` (native).
 //! - Example: `scenes/shapes/sphere.toml`.
 
+use crate::near::comes_near_ball;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
 use whitstone_core::config::{Positive, Vector3};
 use whitstone_core::simd::select;
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape,
-    Shapes, Straight, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, LEAVES_NOTHING, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError,
+    SceneErrors, Shape, Shapes, Straight, SurfacePoint, Transform,
 };
 
 /// A sphere; the outside is away from its center.
@@ -74,20 +75,11 @@ impl Straight for Sphere {
 
     #[inline(always)]
     fn comes_near(&self, ray: &Ray) -> bool {
-        let (l, d) = (ray.origin - self.center, ray.direction);
-        let (a, b) = (d.length_squared(), l.dot(d));
-        // The squares below are right to a few roundings of the larger one, so a margin of 1e-12 of it
-        // leaves every doubtful ray to the careful form.
-        let (l_squared, r_squared) = (l.length_squared(), self.radius * self.radius);
-        let far = a * l_squared;
-        let passes_by = far - b * b > a * r_squared + 1e-12 * far;
-        // Outside and going away.
-        let behind = (b > 0.0) & (l_squared > r_squared + 1e-12 * l_squared);
-        !(passes_by | behind)
+        comes_near_ball(ray, self.center, self.radius)
     }
 
     #[inline(always)]
-    fn hit(&self, ray: &Ray, min: f64, leaves: bool) -> PrimitiveHit {
+    fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
         let (l, d) = (ray.origin - self.center, ray.direction);
         let (a, b) = (d.length_squared(), l.dot(d));
         let distance = l.length();
@@ -106,6 +98,7 @@ impl Straight for Sphere {
         let second = select(ascending, other, one);
         // For a ray that leaves the sphere, one of the roots is the start itself, moved off zero by
         // rounding: the smaller one.
+        let leaves = leaves != LEAVES_NOTHING;
         let second_is_start = second.abs() < first.abs();
         let first_counts = (first > min) & !(leaves & !second_is_start);
         let second_counts = (second > min) & !(leaves & second_is_start);
