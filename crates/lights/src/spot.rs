@@ -12,6 +12,7 @@ use serde::Deserialize;
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{Color, Finite, Vector3};
+use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
     Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
 };
@@ -48,9 +49,14 @@ pub struct Spot {
     axis: DVec3,
     intensity: Rgb,
     cutoff: f64,
+    cos_cutoff: f64,
     beam: f64,
+    cos_beam: f64,
     falloff: Falloff,
 }
+
+/// Far above the rounding of a cosine of unit vectors.
+const COSINE_MARGIN: f64 = 1e-12;
 
 impl Plugin<Lights> for Spot {
     const TYPE: &'static str = "spot";
@@ -87,12 +93,15 @@ impl Plugin<Lights> for Spot {
         let Some((axis, _)) = axis else {
             return Err(errors);
         };
+        let (cutoff, beam) = (cutoff.to_radians(), beam.to_radians());
         errors.into_result(Arc::new(Self {
             position,
             axis,
             intensity: config.intensity.get(),
-            cutoff: cutoff.to_radians(),
-            beam: beam.to_radians(),
+            cutoff,
+            cos_cutoff: cutoff.cos(),
+            beam,
+            cos_beam: beam.cos(),
             falloff: config.falloff,
         }))
     }
@@ -104,18 +113,46 @@ impl Light for Spot {
     }
 
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
-        let Some(mut sample) = emission::sample(self.position, point, self.intensity, self.falloff) else {
-            return;
-        };
+        let sample = emission::sample(self.position, point, self.intensity, self.falloff);
+        out.extend(sample.and_then(|sample| {
+            let irradiance = self.inside_cone(&sample)?;
+            Some(LightSample { irradiance, ..sample })
+        }));
+    }
+
+    fn samples_stream(&self, len: usize, points: &Vectors, out: &mut SampleStreams) {
+        emission::sample_stream(self.position, len, points, self.intensity, self.falloff, out);
+        let samples = out.stream(out.len() - 1);
+        for lane in 0..len {
+            let irradiance = self.inside_cone(&samples.get(lane)).unwrap_or(Rgb::BLACK);
+            samples.irradiance.set(lane, irradiance);
+        }
+    }
+}
+
+impl Spot {
+    /// What the cone leaves of the irradiance; `None` outside.
+    #[inline]
+    fn inside_cone(&self, sample: &LightSample) -> Option<Rgb> {
         let travel = -sample.direction;
-        let angle = self.axis.cross(travel).length().atan2(self.axis.dot(travel));
+        let cosine = self.axis.dot(travel);
+        // The angle, which takes longer, is needed in the soft edge only, and where rounding makes the
+        // cosine doubtful.
+        if cosine > self.cos_beam + COSINE_MARGIN {
+            return Some(sample.irradiance);
+        }
+        if cosine < self.cos_cutoff - COSINE_MARGIN {
+            return None;
+        }
+        let angle = self.axis.cross(travel).length().atan2(cosine);
         if angle >= self.cutoff {
-            return;
+            None
+        } else if angle > self.beam {
+            let share = (self.cutoff - angle) / (self.cutoff - self.beam);
+            Some(sample.irradiance * share)
+        } else {
+            Some(sample.irradiance)
         }
-        if angle > self.beam {
-            sample.irradiance = sample.irradiance * ((self.cutoff - angle) / (self.cutoff - self.beam));
-        }
-        out.push(sample);
     }
 }
 
