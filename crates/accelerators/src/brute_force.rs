@@ -99,20 +99,7 @@ impl Accelerator for BruteForce {
         for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
             match part {
                 Shape::Opaque(primitive) => primitive.closest_stream(shape, rays, hits),
-                Shape::Triangles(mesh) => {
-                    for lane in 0..rays.len {
-                        let (ray, skip) = (rays.ray(lane), rays.skip.skip(lane));
-                        let sheared = ShearedRay::new(&ray);
-                        for triangle in 0..mesh.triangles.len() as u32 {
-                            let element = Element::Triangle { shape, triangle };
-                            let interval = Interval::up_to(hits.t.0[lane]);
-                            let hit = self.geometry.intersect(element, &ray, &sheared, interval, skip);
-                            if let Some(hit) = hit {
-                                hits.set(lane, &hit);
-                            }
-                        }
-                    }
-                }
+                Shape::Triangles(mesh) => mesh.closest_stream(shape, rays, hits),
                 // No other kind can be made here; core adds them together with their code.
                 _ => {}
             }
@@ -124,19 +111,7 @@ impl Accelerator for BruteForce {
         for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
             match part {
                 Shape::Opaque(primitive) => primitive.occluded_stream(shape, rays, hidden),
-                Shape::Triangles(mesh) => {
-                    for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
-                        let (ray, skip) = (rays.ray(lane), rays.skip.skip(lane));
-                        let (interval, sheared) = (rays.interval(lane), ShearedRay::new(&ray));
-                        *hidden = *hidden
-                            || (0..mesh.triangles.len() as u32).any(|triangle| {
-                                let element = Element::Triangle { shape, triangle };
-                                self.geometry
-                                    .intersect(element, &ray, &sheared, interval, skip)
-                                    .is_some()
-                            });
-                    }
-                }
+                Shape::Triangles(mesh) => mesh.occluded_stream(shape, rays, hidden),
                 _ => {}
             }
         }

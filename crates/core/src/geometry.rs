@@ -1,5 +1,6 @@
-use crate::stream::{HitStream, PointStream, RayStream};
-use crate::triangle::{ShearedRay, TriangleHit};
+use crate::simd;
+use crate::stream::{GROUP, HitStream, LANES, Lanes, PointStream, RayStream};
+use crate::triangle::{ShearedRay, ShearedStream, TriangleHit};
 use crate::{Aabb, InstancePath, Interval, Needs, PrimitiveHit, RawHit, Ray, Shape, Skip, SurfacePoint};
 use glam::{DVec2, DVec3};
 
@@ -31,6 +32,56 @@ impl TriangleMesh {
     pub fn intersect(&self, ray: &ShearedRay, triangle: u32) -> Option<TriangleHit> {
         let [a, b, c] = self.corners(triangle);
         ray.intersect(a, b, c)
+    }
+
+    /// The nearest hits of a stream among all triangles; `shape` is the number of this mesh. Hits that
+    /// were found before are replaced by nearer ones.
+    pub fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
+        let sheared = ShearedStream::new(rays);
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for triangle in 0..self.triangles.len() as u32 {
+                    let corners = self.corners(triangle);
+                    for start in rays.groups() {
+                        let mut t = [0.0; GROUP];
+                        let (mut u, mut v) = (t, t);
+                        for k in 0..GROUP {
+                            let hit = sheared.intersect(rays, start + k, corners);
+                            (t[k], u[k], v[k]) = (hit.t, hit.u, hit.v);
+                        }
+                        for k in 0..GROUP {
+                            let counts = !rays.skip.names(start + k, shape, triangle);
+                            let params = DVec2::new(u[k], v[k]);
+                            let hit = PrimitiveHit {
+                                t: t[k],
+                                primitive: triangle,
+                                params,
+                            };
+                            hits.offer(start + k, counts, shape, &hit);
+                        }
+                    }
+                }
+            },
+        );
+    }
+
+    /// Sets the lanes of the rays that any triangle hits inside their intervals.
+    pub fn occluded_stream(&self, shape: u32, rays: &RayStream, hidden: &mut Lanes<bool>) {
+        let sheared = ShearedStream::new(rays);
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for triangle in 0..self.triangles.len() as u32 {
+                    let corners = self.corners(triangle);
+                    for lane in 0..rays.len.min(LANES) {
+                        let t = sheared.intersect(rays, lane, corners).t;
+                        let counts = !rays.skip.names(lane, shape, triangle);
+                        hidden[lane] |= counts & (t > 0.0) & (t < rays.limit[lane]);
+                    }
+                }
+            },
+        );
     }
 
     fn surface(&self, hit: &RawHit, needs: Needs) -> SurfacePoint {

@@ -1,11 +1,7 @@
 use crate::simd;
-use crate::stream::{HitStream, LANES, Lanes, PointStream, RayStream};
+use crate::stream::{GROUP, HitStream, LANES, Lanes, PointStream, RayStream};
 use crate::{Aabb, InstancePath, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, SurfacePoint};
 use glam::DVec2;
-
-/// Lanes that are looked at together: two registers of the widest kind.
-const GROUP: usize = 16;
-const _: () = assert!(LANES.is_multiple_of(GROUP));
 
 /// The number of no sub-primitive.
 pub const LEAVES_NOTHING: u32 = u32::MAX;
@@ -56,8 +52,8 @@ impl<P: Straight> Primitive for P {
         simd::dispatch(
             #[inline(always)]
             || {
-                for group in groups(rays) {
-                    let near = near(&primitive, rays, group);
+                for start in rays.groups() {
+                    let near = near(&primitive, rays, start);
                     if !any(&near) {
                         continue;
                     }
@@ -65,7 +61,7 @@ impl<P: Straight> Primitive for P {
                     let (mut u, mut v) = (t, t);
                     let mut sub_primitive = [0; GROUP];
                     for k in 0..GROUP {
-                        let lane = group * GROUP + k;
+                        let lane = start + k;
                         let hit = primitive.hit(&rays.ray(lane), 0.0, leaves(rays, lane, shape));
                         (t[k], u[k], v[k]) = (hit.t, hit.params.x, hit.params.y);
                         sub_primitive[k] = hit.primitive;
@@ -76,7 +72,7 @@ impl<P: Straight> Primitive for P {
                             primitive: sub_primitive[k],
                             params: DVec2::new(u[k], v[k]),
                         };
-                        hits.offer(group * GROUP + k, near[k], shape, &hit);
+                        hits.offer(start + k, near[k], shape, &hit);
                     }
                 }
             },
@@ -88,19 +84,19 @@ impl<P: Straight> Primitive for P {
         simd::dispatch(
             #[inline(always)]
             || {
-                for group in groups(rays) {
-                    let near = near(&primitive, rays, group);
+                for start in rays.groups() {
+                    let near = near(&primitive, rays, start);
                     if !any(&near) {
                         continue;
                     }
                     let mut hit = [false; GROUP];
                     for k in 0..GROUP {
-                        let lane = group * GROUP + k;
+                        let lane = start + k;
                         let t = primitive.hit(&rays.ray(lane), 0.0, leaves(rays, lane, shape)).t;
                         hit[k] = near[k] & (t > 0.0) & (t < rays.limit[lane]);
                     }
                     for k in 0..GROUP {
-                        hidden[group * GROUP + k] |= hit[k];
+                        hidden[start + k] |= hit[k];
                     }
                 }
             },
@@ -138,18 +134,12 @@ fn leaves(rays: &RayStream, lane: usize, shape: u32) -> u32 {
     simd::select(this, rays.skip.primitive[lane], LEAVES_NOTHING)
 }
 
-/// Numbers of the groups that hold the rays; below `LANES / GROUP`.
-#[inline(always)]
-fn groups(rays: &RayStream) -> std::ops::Range<usize> {
-    0..rays.len.min(LANES).div_ceil(GROUP)
-}
-
 /// Which rays of a group come near.
 #[inline(always)]
-fn near(primitive: &impl Straight, rays: &RayStream, group: usize) -> [bool; GROUP] {
+fn near(primitive: &impl Straight, rays: &RayStream, start: usize) -> [bool; GROUP] {
     let mut near = [false; GROUP];
     for (k, near) in near.iter_mut().enumerate() {
-        *near = primitive.comes_near(&rays.ray(group * GROUP + k));
+        *near = primitive.comes_near(&rays.ray(start + k));
     }
     near
 }

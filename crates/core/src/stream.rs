@@ -16,6 +16,10 @@ use glam::{DVec2, DVec3};
 /// Most rays in a stream.
 pub const LANES: usize = 256;
 
+/// Lanes that loops look at together: two registers of the widest kind.
+pub const GROUP: usize = 16;
+const _: () = assert!(LANES.is_multiple_of(GROUP));
+
 /// One value for each ray of a stream.
 pub type Lanes<T> = [T; LANES];
 
@@ -120,6 +124,14 @@ impl Ids {
         self.primitive[to] = from.primitive[lane];
     }
 
+    /// Whether a lane names this primitive of this shape, not in any instance.
+    #[inline(always)]
+    pub fn names(&self, lane: usize, shape: u32, primitive: u32) -> bool {
+        (self.shape[lane] == shape)
+            & (self.primitive[lane] == primitive)
+            & (self.instance[lane] == InstancePath::WORLD.0)
+    }
+
     /// What a ray that leaves the primitive of this lane must not meet again.
     #[inline(always)]
     pub fn skip(&self, lane: usize) -> Skip {
@@ -169,6 +181,12 @@ impl RayStream {
     #[inline(always)]
     pub fn ray(&self, lane: usize) -> Ray {
         Ray::new(self.origin.get(lane), self.direction.get(lane))
+    }
+
+    /// The first lanes of the groups that hold the rays; the last group may hold lanes of no meaning.
+    #[inline(always)]
+    pub fn groups(&self) -> impl Iterator<Item = usize> + use<> {
+        (0..self.len.min(LANES).div_ceil(GROUP)).map(|group| group * GROUP)
     }
 
     /// The range in which the ray of a lane counts hits.

@@ -10,6 +10,8 @@
 //! (shape, primitive).
 
 use crate::Ray;
+use crate::simd::{self, select};
+use crate::stream::{LANES, Lanes, RayStream, Vectors};
 use glam::DVec3;
 
 /// What the watertight test needs of a ray, computed once a ray.
@@ -86,6 +88,79 @@ impl ShearedRay {
             v: weight_c * reciprocal,
         })
     }
+}
+
+/// [`ShearedRay`] for every ray of a stream.
+#[repr(align(64))]
+pub struct ShearedStream {
+    /// The axis that becomes z.
+    axis: Lanes<u32>,
+    /// Whether the other two are exchanged.
+    exchanged: Lanes<bool>,
+    shear: Vectors,
+}
+
+impl ShearedStream {
+    /// See [`ShearedRay::new`].
+    pub fn new(rays: &RayStream) -> Self {
+        let mut sheared = Self {
+            axis: [0; LANES],
+            exchanged: [false; LANES],
+            shear: Vectors::default(),
+        };
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in 0..rays.len.min(LANES) {
+                    let d = rays.direction.get(lane);
+                    let a = d.abs();
+                    let x_or_z = select(a.x > a.z, 0, 2);
+                    let y_or_z = select(a.y > a.z, 1, 2);
+                    let axis = select(a.x > a.y, x_or_z, y_or_z);
+                    let d = turned(d, axis);
+                    let exchanged = d.x < 0.0;
+                    let (x, y) = (select(exchanged, d.z, d.y), select(exchanged, d.y, d.z));
+                    sheared.axis[lane] = axis;
+                    sheared.exchanged[lane] = exchanged;
+                    sheared.shear.set(lane, DVec3::new(x / d.x, y / d.x, 1.0 / d.x));
+                }
+            },
+        );
+        sheared
+    }
+
+    /// [`ShearedRay::intersect`] for one lane, as straight-line code: `t` is NaN where there is no hit.
+    #[inline(always)]
+    pub fn intersect(&self, rays: &RayStream, lane: usize, corners: [DVec3; 3]) -> TriangleHit {
+        let (origin, shear) = (rays.origin.get(lane), self.shear.get(lane));
+        let (axis, exchanged) = (self.axis[lane], self.exchanged[lane]);
+        let [a, b, c] = corners.map(|corner| {
+            let p = turned(corner - origin, axis);
+            let (x, y) = (select(exchanged, p.z, p.y), select(exchanged, p.y, p.z));
+            DVec3::new(x - shear.x * p.x, y - shear.y * p.x, p.x)
+        });
+        let weight_a = c.x * b.y - c.y * b.x;
+        let weight_b = a.x * c.y - a.y * c.x;
+        let weight_c = b.x * a.y - b.y * a.x;
+        let any_negative = (weight_a < 0.0) | (weight_b < 0.0) | (weight_c < 0.0);
+        let any_positive = (weight_a > 0.0) | (weight_b > 0.0) | (weight_c > 0.0);
+        let determinant = weight_a + weight_b + weight_c;
+        let hit = !(any_negative & any_positive) & (determinant != 0.0) & (determinant.abs() < f64::INFINITY);
+        let reciprocal = 1.0 / determinant;
+        let depth = weight_a * a.z + weight_b * b.z + weight_c * c.z;
+        TriangleHit {
+            t: select(hit, depth * shear.z * reciprocal, f64::NAN),
+            u: weight_b * reciprocal,
+            v: weight_c * reciprocal,
+        }
+    }
+}
+
+/// The coordinates of `p` along this axis and the two that follow it.
+#[inline(always)]
+fn turned(p: DVec3, axis: u32) -> DVec3 {
+    let pick = |x, y, z| select(axis == 0, x, select(axis == 1, y, z));
+    DVec3::new(pick(p.x, p.y, p.z), pick(p.y, p.z, p.x), pick(p.z, p.x, p.y))
 }
 
 #[cfg(test)]

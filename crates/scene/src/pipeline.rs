@@ -13,12 +13,12 @@ use whitstone_core::{
 };
 
 /// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
-/// Measured with random spheres, boxes and triangles: the rates cross at about 160 whole shapes, which are
-/// tested for many rays at once, and at about 5 triangles, which are not.
+/// Measured with random spheres, boxes and triangles: the rates cross at about 160 whole shapes or 40
+/// triangles.
 const BRUTE_FORCE_LIMIT: usize = 128;
 
 /// Of a triangle, in tests of whole shapes.
-const TRIANGLE_COST: usize = 25;
+const TRIANGLE_COST: usize = 4;
 
 /// A scene that is built and ready to render.
 pub struct Pipeline {
