@@ -16,6 +16,16 @@ pub enum Level {
     Avx512,
 }
 
+impl std::fmt::Display for Level {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Baseline => "baseline",
+            Self::Avx2 => "AVX2",
+            Self::Avx512 => "AVX-512",
+        })
+    }
+}
+
 impl Level {
     /// The best that this processor has, or what the environment variable `WHITSTONE_SIMD` (`baseline`,
     /// `avx2`, `avx512`) allows of it; asked once.

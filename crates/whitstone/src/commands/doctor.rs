@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use whitstone_core::Registry;
+use whitstone_core::simd::Level;
 use whitstone_scene::{Description, Pipeline, Plan, RenderOptions, Sources};
 use whitstone_validate::Live;
 use whitstone_validate::driver::Hello;
@@ -154,6 +155,7 @@ fn print(findings: &Findings) {
         &format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
     );
     row("threads", &findings.threads.to_string());
+    row("vectors", &Level::current().to_string());
     match &findings.rendering {
         Ok(seconds) => row(
             "rendering",
@@ -208,6 +210,7 @@ fn report(findings: &Findings) -> Value {
         "os": std::env::consts::OS,
         "architecture": std::env::consts::ARCH,
         "threads": findings.threads,
+        "vectors": Level::current().to_string(),
         "rendering": { "works": findings.rendering.is_ok(), "problem": findings.rendering.as_ref().err() },
         "environments": findings.environments,
         "live": {
