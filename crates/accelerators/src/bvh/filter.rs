@@ -4,7 +4,7 @@
 //! The watertight test of the core crate (Woop, Benthin, Wald, JCGT 2(1), 2013) on eight triangles at once,
 //! with a bound on the error of the edge functions; proof in `docs/accelerators.md`.
 
-use super::frame::LocalRay;
+use super::frame::{LocalRay, ROUNDING};
 use super::node::WIDTH;
 use whitstone_simd::Lanes;
 
@@ -53,22 +53,36 @@ pub(super) fn filter<L: Lanes>(
     if possible == 0 {
         return None;
     }
-    let sure = (l.at_most(error, lowest) | l.at_most(highest, minus_error)) & valid;
 
-    let determinant = l.add(l.add(weights[0], weights[1]), weights[2]);
+    // Few get here: once more, with the errors of these very numbers.
+    let sizes = l.max(l.max(l.abs(a[2]), l.abs(b[2])), l.abs(c[2]));
+    let shift = l.mul_add(l.max(largest, sizes), l.splat(8.0 * ROUNDING), l.splat(2.5 * ray.conversion));
+    let largest = l.max(largest, shift);
+    let factor = l.mul_add(l.splat(5.0), shift, l.mul(l.splat(4.0 * ROUNDING), largest));
+    let error = l.mul(largest, factor);
+    let minus_error = l.sub(l.splat(0.0), error);
+    let sure = l.at_most(error, lowest) | l.at_most(highest, minus_error);
+    let possible = possible & (l.at_most(minus_error, lowest) | l.at_most(highest, error));
+
+    let determinant = l.abs(l.add(l.add(weights[0], weights[1]), weights[2]));
     let reciprocal = l.div(l.splat(1.0), determinant);
-    let (ab, ac) = (l.sub(b[2], a[2]), l.sub(c[2], a[2]));
-    let along = l.mul(l.mul_add(weights[2], ac, l.mul(weights[1], ab)), reciprocal);
-    let t = l.mul(l.add(a[2], along), l.splat(ray.sign));
-    // The range of depths is at most twice the larger of these.
-    let range = l.max(l.abs(ab), l.abs(ac));
-    let relative = l.mul(l.mul(l.splat(8.0), error), l.abs(reciprocal));
-    let slack = l.mul_add(range, relative, l.splat(4.0 * ray.error));
+    let sign = l.splat(ray.sign);
+    let [za, zb, zc] = [l.mul(a[2], sign), l.mul(b[2], sign), l.mul(c[2], sign)];
+    let nearest = l.min(l.min(za, zb), zc);
+    let farthest = l.max(l.max(za, zb), zc);
+    let range = l.sub(farthest, nearest);
+    let sum = l.mul_add(l.abs(weights[2]), l.sub(zc, za), l.mul(l.abs(weights[1]), l.sub(zb, za)));
+    let t = l.mul_add(sum, reciprocal, za);
+    let relative = l.mul(l.mul(l.splat(4.0), error), reciprocal);
+    let base = l.mul(l.splat(3.0), shift);
+    let slack = l.mul_add(range, relative, base);
     let (low, high) = (l.sub(t, slack), l.add(t, slack));
-    let reached = l.at_most(low, l.splat(limit)) & l.at_most(l.splat(ray.min), high);
+    let (limit, min) = (l.splat(limit), l.splat(ray.min));
+    let sure_reached = l.at_most(low, limit) & l.at_most(min, high);
+    let reached = l.at_most(l.sub(nearest, base), limit) & l.at_most(min, l.add(farthest, base));
     Some(Filtered {
-        sure: sure & reached,
-        unsure: possible & !sure,
+        sure: sure & sure_reached & possible,
+        unsure: possible & !sure & reached,
         low: l.store(low),
         high: l.store(high),
     })

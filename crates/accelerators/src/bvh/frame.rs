@@ -66,6 +66,8 @@ pub(super) struct LocalRay {
     pub(super) sign: f32,
     /// Bound on the error of the sheared coordinates of a point of the structure.
     pub(super) error: f32,
+    /// Bound on the error of a coordinate of the origin or of a point of the structure.
+    pub(super) conversion: f32,
     /// Lower bound of the interval.
     pub(super) min: f32,
     /// Upper bound of the interval.
@@ -129,6 +131,7 @@ impl LocalRay {
             shear: [axes[0], axes[1]].map(|axis| (d[axis] * (1.0 / d[z])) as f32),
             sign: 1f32.copysign(d[z] as f32),
             error: pad as f32 * (1.0 + 2.0 * ROUNDING),
+            conversion: ROUNDING * (reach as f32 + 1.0) + far as f32,
             min: 0.0,
             max: 0.0,
             inside: [0.0; 2],

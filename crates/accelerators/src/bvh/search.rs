@@ -55,6 +55,15 @@ impl<'a> State<'a> {
         }
     }
 
+    /// Whether a slot is the triangle that the ray leaves.
+    #[inline(always)]
+    fn skips(&self, slot: usize) -> bool {
+        self.skip != Skip::NOTHING && {
+            let Slot { shape, triangle } = self.bvh.slots[slot];
+            self.skip.of_shape(InstancePath::WORLD, shape) == Some(triangle)
+        }
+    }
+
     /// Decides about an element in double precision.
     #[inline(never)]
     pub(super) fn resolve(&mut self, element: Element) {
@@ -253,11 +262,8 @@ impl<'a, const ANY: bool, const DEEP: bool> Search<'a, ANY, DEEP> {
                 unsure |= 1 << i;
                 continue;
             }
-            if self.state.skip != Skip::NOTHING {
-                let Slot { shape, triangle } = bvh.slots[first + i];
-                if self.state.skip.of_shape(InstancePath::WORLD, shape) == Some(triangle) {
-                    continue;
-                }
+            if self.state.skips(first + i) {
+                continue;
             }
             if ANY {
                 // Any hit will do: this one is not known in double precision, but it is there.
@@ -275,6 +281,9 @@ impl<'a, const ANY: bool, const DEEP: bool> Search<'a, ANY, DEEP> {
         while unsure != 0 {
             let i = unsure.trailing_zeros() as usize;
             unsure &= unsure - 1;
+            if self.state.skips(first + i) {
+                continue;
+            }
             limit = self.state.resolve_slot(first + i, local, limit);
             if ANY && self.state.best.is_some() {
                 return None;
