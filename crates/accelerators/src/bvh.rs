@@ -20,11 +20,11 @@ mod tree;
 mod wide;
 
 use binned::Binned;
-use frame::Frame;
+use frame::{Frame, LocalRay};
 use items::Items;
 use node::{Child, Node};
 use schemars::JsonSchema;
-use search::{Search, Slot, State};
+use search::{Query, Search, Slot, State};
 use serde::Deserialize;
 use std::sync::Arc;
 use std::time::Instant;
@@ -129,26 +129,49 @@ impl Bvh {
     /// `ANY` for some hit, else the nearest.
     #[inline(always)]
     fn find<const ANY: bool>(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+        let local = self.frame.ray(ray, interval);
+        match &local {
+            Some(local) if self.unbounded.is_empty() => {
+                self.find_bounded::<ANY>(Query { ray, interval, skip, local, start: None })
+            }
+            _ => self.find_in_all::<ANY>(local.as_ref(), ray, interval, skip),
+        }
+    }
+
+    #[inline(always)]
+    fn find_bounded<const ANY: bool>(&self, query: Query<'_>) -> Option<RawHit> {
+        if self.deep {
+            with_lanes(self.level, Search::<ANY, true>(self, query))
+        } else {
+            with_lanes(self.level, Search::<ANY, false>(self, query))
+        }
+    }
+
+    /// Where something is not bounded, or the ray is such that single precision can tell nothing.
+    #[cold]
+    fn find_in_all<const ANY: bool>(
+        &self,
+        local: Option<&LocalRay>,
+        ray: &Ray,
+        interval: Interval,
+        skip: Skip,
+    ) -> Option<RawHit> {
         let mut state = State::new(self, ray, interval, skip);
         for &element in &self.unbounded {
             state.resolve(element);
         }
-        let Some(local) = self.frame.ray(ray, interval) else {
-            // Nothing that single precision can tell about such a ray.
-            for slot in &self.slots {
-                state.resolve(slot.element());
+        match local {
+            Some(_) if ANY && state.best.is_some() => state.best,
+            Some(local) => {
+                let start = state.best.as_ref();
+                self.find_bounded::<ANY>(Query { ray, interval, skip, local, start })
             }
-            return state.best;
-        };
-        if ANY && state.best.is_some() {
-            return state.best;
-        }
-        if self.deep {
-            let search: Search<'_, ANY, true> = Search::new(self, &local, state);
-            with_lanes(self.level, search)
-        } else {
-            let search: Search<'_, ANY, false> = Search::new(self, &local, state);
-            with_lanes(self.level, search)
+            None => {
+                for slot in &self.slots {
+                    state.resolve(slot.element());
+                }
+                state.best
+            }
         }
     }
 }

@@ -74,8 +74,7 @@ pub(super) struct LocalRay {
     pub(super) max: f32,
     /// What is between these is certainly inside the interval.
     pub(super) inside: [f32; 2],
-    scale: f64,
-    shift: f64,
+    clock: Clock,
 }
 
 impl LocalRay {
@@ -98,13 +97,12 @@ impl LocalRay {
         if !sound {
             return None;
         }
-        let unit = 1.0 / largest;
         // The rounding of the origin in double precision, with much to spare.
         let far = 2f64.powi(-40) * reach;
         let mut shift = 0.0;
         if reach > 4.0 {
             // From afar single precision would be too coarse: start where the structure is closest.
-            let e = ray.direction * unit;
+            let e = ray.direction / largest;
             shift = -origin.dot(e) / e.length_squared();
             origin += shift * e;
             reach = origin.abs().max_element();
@@ -113,54 +111,70 @@ impl LocalRay {
         let pad = 8.0 * f64::from(ROUNDING) * (reach + 1.0) + far;
         // Slower than this along an axis the ray does not leave the pad within the structure.
         let slowest = largest * 2f64.powi(-30);
-        let reciprocal = d.map(|d| (largest / d.abs().max(slowest).copysign(d)) as f32);
+        let invert = |d: f64| (largest / d.abs().max(slowest).copysign(d)) as f32;
+        let reciprocal = [invert(d[0]), invert(d[1]), invert(d[2])];
+        let per_z = 1.0 / d[z];
         let o = origin.to_array();
-        let shifted = |by: f64| {
-            std::array::from_fn(|i| {
-                let r = f64::from(reciprocal[i]);
-                (-(o[i] * r) - by * r.abs()) as f32
-            })
+        let shifted = |i: usize, by: f64| {
+            let r = f64::from(reciprocal[i]);
+            (-(o[i] * r) - by * r.abs()) as f32
         };
-        let local = Self {
+        let clock = Clock { scale, shift };
+        // As one literal: what is written in pieces and then copied stalls the processor.
+        Some(Self {
             reciprocal,
-            near: shifted(pad),
-            far: shifted(-pad),
-            side: d.map(|d| usize::from(d.is_sign_negative())),
+            near: [shifted(0, pad), shifted(1, pad), shifted(2, pad)],
+            far: [shifted(0, -pad), shifted(1, -pad), shifted(2, -pad)],
+            side: [side(d[0]), side(d[1]), side(d[2])],
             axes,
-            origin: axes.map(|axis| o[axis] as f32),
-            shear: [axes[0], axes[1]].map(|axis| (d[axis] * (1.0 / d[z])) as f32),
+            origin: [o[axes[0]] as f32, o[axes[1]] as f32, o[axes[2]] as f32],
+            shear: [(d[axes[0]] * per_z) as f32, (d[axes[1]] * per_z) as f32],
             sign: 1f32.copysign(d[z] as f32),
             error: pad as f32 * (1.0 + 2.0 * ROUNDING),
             conversion: ROUNDING * (reach as f32 + 1.0) + far as f32,
-            min: 0.0,
-            max: 0.0,
-            inside: [0.0; 2],
-            scale,
-            shift,
-        };
-        let sure_max = if interval.max < f64::INFINITY {
-            local.below(interval.max)
-        } else {
-            f32::INFINITY
-        };
-        Some(Self {
-            min: local.below(interval.min),
-            max: local.above(interval.max),
-            inside: [local.above(interval.min), sure_max],
-            ..local
+            min: clock.below(interval.min),
+            max: clock.above(interval.max),
+            inside: [
+                clock.above(interval.min),
+                if interval.max < f64::INFINITY {
+                    clock.below(interval.max)
+                } else {
+                    f32::INFINITY
+                },
+            ],
+            clock,
         })
     }
 
+    /// A number that is certainly above the own parameter of `t`.
+    #[inline(always)]
+    pub(super) fn above(&self, t: f64) -> f32 {
+        self.clock.above(t)
+    }
+}
+
+fn side(d: f64) -> usize {
+    usize::from(d.is_sign_negative())
+}
+
+/// From parameters of the ray in the world to own ones.
+#[derive(Clone, Copy, Debug)]
+struct Clock {
+    scale: f64,
+    shift: f64,
+}
+
+impl Clock {
     /// A number that is certainly below the own parameter of `t`.
     #[inline(always)]
-    pub(super) fn below(&self, t: f64) -> f32 {
+    fn below(&self, t: f64) -> f32 {
         let t = t * self.scale - self.shift;
         (t - self.slack(t)) as f32
     }
 
     /// A number that is certainly above the own parameter of `t`, which may be infinite.
     #[inline(always)]
-    pub(super) fn above(&self, t: f64) -> f32 {
+    fn above(&self, t: f64) -> f32 {
         let t = t * self.scale - self.shift;
         (t + self.slack(t)) as f32
     }

@@ -17,10 +17,17 @@ const fn stack_size(depth: usize) -> usize {
 pub(super) const USUAL_DEPTH: usize = 18;
 
 /// A search for the nearest hit, or with `ANY` for some hit, in which case only whether there is one counts.
-pub(super) struct Search<'a, const ANY: bool, const DEEP: bool> {
-    bvh: &'a Bvh,
-    local: &'a LocalRay,
-    state: State<'a>,
+pub(super) struct Search<'a, const ANY: bool, const DEEP: bool>(pub(super) &'a Bvh, pub(super) Query<'a>);
+
+/// What is searched for.
+#[derive(Clone, Copy)]
+pub(super) struct Query<'a> {
+    pub(super) ray: &'a Ray,
+    pub(super) interval: Interval,
+    pub(super) skip: Skip,
+    pub(super) local: &'a LocalRay,
+    /// A hit that is known already.
+    pub(super) start: Option<&'a RawHit>,
 }
 
 /// What a search knows.
@@ -126,28 +133,34 @@ impl<const ANY: bool, const DEEP: bool> Kernel for Search<'_, ANY, DEEP> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Option<RawHit> {
+        let Self(bvh, query) = self;
+        let mut state = State::new(bvh, query.ray, query.interval, query.skip);
+        if let Some(start) = query.start {
+            state.best = Some(*start);
+            state.open.max = state.open.max.min(start.t.next_up());
+        }
+        let local = query.local;
         if DEEP {
-            self.search::<L, { stack_size(super::MAX_DEPTH) }>(l)
+            state.search::<ANY, { stack_size(super::MAX_DEPTH) }, L>(l, local)
         } else {
-            self.search::<L, { stack_size(USUAL_DEPTH) }>(l)
+            state.search::<ANY, { stack_size(USUAL_DEPTH) }, L>(l, local)
         }
     }
 }
 
-impl<'a, const ANY: bool, const DEEP: bool> Search<'a, ANY, DEEP> {
+impl State<'_> {
     #[inline(always)]
-    pub(super) fn new(bvh: &'a Bvh, local: &'a LocalRay, state: State<'a>) -> Self {
-        Self { bvh, local, state }
-    }
-
-    #[inline(always)]
-    fn search<L: Lanes, const STACK: usize>(mut self, l: L) -> Option<RawHit> {
-        let local = self.local;
-        let mut limit = local.max;
-        let Some(mut child) = self.bvh.root else {
-            return self.state.best;
+    fn search<const ANY: bool, const STACK: usize, L: Lanes>(
+        mut self,
+        l: L,
+        local: &LocalRay,
+    ) -> Option<RawHit> {
+        let bvh = self.bvh;
+        let Some(mut child) = bvh.root else {
+            return self.best;
         };
-        if let Some(best) = &self.state.best {
+        let mut limit = local.max;
+        if let Some(best) = &self.best {
             limit = limit.min(local.above(best.t));
         }
         let mut stack = [(0f32, Child::default()); STACK];
@@ -156,7 +169,7 @@ impl<'a, const ANY: bool, const DEEP: bool> Search<'a, ANY, DEEP> {
             if child.is_inner()
                 && let Kind::Inner(node) = child.kind()
             {
-                let node = &self.bvh.nodes[node];
+                let node = &bvh.nodes[node];
                 let (mut mask, near) = node.enter(l, local, limit);
                 if mask != 0 {
                     let near = l.store(near);
@@ -207,15 +220,15 @@ impl<'a, const ANY: bool, const DEEP: bool> Search<'a, ANY, DEEP> {
                     continue;
                 }
             } else {
-                match self.leaf(l, child, limit) {
+                match self.leaf::<ANY, L>(l, local, child, limit) {
                     Some(nearer) => limit = nearer,
-                    None => return self.state.best,
+                    None => return self.best,
                 }
             }
             child = loop {
                 if height == 0 {
-                    self.state.resolve_pending(local, limit);
-                    return self.state.best;
+                    self.resolve_pending(local, limit);
+                    return self.best;
                 }
                 height -= 1;
                 let (near, child) = stack[height % STACK];
@@ -229,8 +242,14 @@ impl<'a, const ANY: bool, const DEEP: bool> Search<'a, ANY, DEEP> {
 
     /// Tests what is in a leaf; returns the new limit, or `None` if the search is over.
     #[inline(always)]
-    fn leaf<L: Lanes>(&mut self, l: L, child: Child, mut limit: f32) -> Option<f32> {
-        let (local, bvh) = (self.local, self.bvh);
+    fn leaf<const ANY: bool, L: Lanes>(
+        &mut self,
+        l: L,
+        local: &LocalRay,
+        child: Child,
+        mut limit: f32,
+    ) -> Option<f32> {
+        let bvh = self.bvh;
         let (first, filtered) = match child.kind() {
             Kind::Triangles(first, count) => {
                 let Some(numbers) = bvh.numbers[NUMBERS * first..].first_chunk() else {
@@ -262,12 +281,12 @@ impl<'a, const ANY: bool, const DEEP: bool> Search<'a, ANY, DEEP> {
                 unsure |= 1 << i;
                 continue;
             }
-            if self.state.skips(first + i) {
+            if self.skips(first + i) {
                 continue;
             }
             if ANY {
                 // Any hit will do: this one is not known in double precision, but it is there.
-                self.state.best = Some(RawHit {
+                self.best = Some(RawHit {
                     t: 0.0,
                     params: Default::default(),
                     instance: InstancePath::WORLD,
@@ -276,16 +295,16 @@ impl<'a, const ANY: bool, const DEEP: bool> Search<'a, ANY, DEEP> {
                 });
                 return None;
             }
-            limit = self.state.put_off(low, high, first + i, local, limit);
+            limit = self.put_off(low, high, first + i, local, limit);
         }
         while unsure != 0 {
             let i = unsure.trailing_zeros() as usize;
             unsure &= unsure - 1;
-            if self.state.skips(first + i) {
+            if self.skips(first + i) {
                 continue;
             }
-            limit = self.state.resolve_slot(first + i, local, limit);
-            if ANY && self.state.best.is_some() {
+            limit = self.resolve_slot(first + i, local, limit);
+            if ANY && self.best.is_some() {
                 return None;
             }
         }
