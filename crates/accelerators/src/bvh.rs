@@ -16,6 +16,7 @@ mod frame;
 mod items;
 mod node;
 mod search;
+mod spatial;
 mod tree;
 mod wide;
 
@@ -26,6 +27,7 @@ use node::{Child, Node};
 use schemars::JsonSchema;
 use search::{Query, Search, Slot, State};
 use serde::Deserialize;
+use spatial::Spatial;
 use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::{
@@ -94,12 +96,18 @@ impl Bvh {
         let start = Instant::now();
         let mut items = Items::new(&geometry);
         let bins = if quality == Quality::Fast { 8 } else { 32 };
-        let builder = Binned {
-            max_leaf: 1,
-            step: 1.0,
-            bins,
+        let bounded = std::mem::take(&mut items.items);
+        let tree = if quality == Quality::Best {
+            let corners = items.corners(&geometry);
+            Spatial { corners: &corners }.build(bounded)
+        } else {
+            let builder = Binned {
+                max_leaf: 1,
+                step: 1.0,
+                bins,
+            };
+            builder.build(bounded)
         };
-        let tree = builder.build(std::mem::take(&mut items.items));
         let wide = Wide::new(&tree, &items, &geometry);
         let bytes = size_of_val(&*wide.nodes) + size_of_val(&*wide.slots) + size_of_val(&*wide.numbers);
         let statistics = Statistics::from([

@@ -9,7 +9,7 @@ use super::tree::{Binary, BinaryKind, Tree};
 use glam::Vec4;
 
 /// Most bins along an axis.
-const MOST_BINS: usize = 32;
+pub(super) const MOST_BINS: usize = 32;
 
 /// From this number of items on both sides are built in parallel.
 const PARALLEL: usize = 4096;
@@ -27,10 +27,10 @@ pub(super) struct Binned {
 
 /// The best split that was found: items in bins below `bin` go to the first side.
 #[derive(Clone, Copy)]
-struct Split {
-    cost: f32,
-    axis: usize,
-    bin: i32,
+pub(super) struct Split {
+    pub(super) cost: f32,
+    pub(super) axis: usize,
+    pub(super) bin: i32,
 }
 
 impl Binned {
@@ -76,15 +76,7 @@ impl Binned {
         }
         let middle = match split {
             Some(split) => partition(items, |item| bins.of(item)[split.axis] < split.bin),
-            None => {
-                let axis = centers.longest_axis();
-                let key = |item: &Item| (item.center()[axis], item.number());
-                items.select_nth_unstable_by(n / 2, |a, b| {
-                    let (a, b) = (key(a), key(b));
-                    a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
-                });
-                n / 2
-            }
+            None => halve(items, &centers),
         };
         let (left, right) = items.split_at_mut(middle);
         let second = at + 2 * middle as u32;
@@ -116,8 +108,19 @@ pub(super) fn bounds(items: &[Item]) -> (Box4, Box4) {
     })
 }
 
+/// Brings the items whose centers come first along the longest axis to the front: half of them.
+pub(super) fn halve(items: &mut [Item], centers: &Box4) -> usize {
+    let axis = centers.longest_axis();
+    let middle = items.len() / 2;
+    items.select_nth_unstable_by(middle, |a, b| {
+        let by_center = a.center()[axis].total_cmp(&b.center()[axis]);
+        by_center.then(a.number().cmp(&b.number()))
+    });
+    middle
+}
+
 /// Brings what `goes_first` to the front; returns how many. The order depends on the old one only.
-fn partition(items: &mut [Item], goes_first: impl Fn(&Item) -> bool) -> usize {
+pub(super) fn partition(items: &mut [Item], goes_first: impl Fn(&Item) -> bool) -> usize {
     let (mut low, mut high) = (0, items.len());
     loop {
         while low < high && goes_first(&items[low]) {
@@ -134,7 +137,7 @@ fn partition(items: &mut [Item], goes_first: impl Fn(&Item) -> bool) -> usize {
 }
 
 /// Bins along the three axes.
-struct Bins {
+pub(super) struct Bins {
     count: usize,
     start: Vec4,
     scale: Vec4,
@@ -142,7 +145,7 @@ struct Bins {
 }
 
 impl Bins {
-    fn new(centers: &Box4, count: usize) -> Self {
+    pub(super) fn new(centers: &Box4, count: usize) -> Self {
         let extent = centers.max - centers.min;
         // All go into bin 0 along an axis without extent. The factor keeps the largest in the last bin.
         let scale = Vec4::splat(count as f32 * (1.0 - 1e-6)) / extent;
@@ -157,13 +160,13 @@ impl Bins {
 
     /// The bins of an item.
     #[inline(always)]
-    fn of(&self, item: &Item) -> [i32; 4] {
+    pub(super) fn of(&self, item: &Item) -> [i32; 4] {
         let place = (item.center() - self.start) * self.scale;
         place.as_ivec4().clamp(glam::IVec4::ZERO, self.last).to_array()
     }
 
     /// The best split between bins; `None` if all centers fall into one.
-    fn best(&self, items: &[Item]) -> Option<Split> {
+    pub(super) fn best(&self, items: &[Item]) -> Option<Split> {
         let mut bins = [[(Box4::EMPTY, 0u32); MOST_BINS]; 3];
         for item in items {
             let place = self.of(item);

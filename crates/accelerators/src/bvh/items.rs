@@ -43,6 +43,27 @@ impl Box4 {
         e.x * e.y + e.y * e.z + e.z * e.x
     }
 
+    pub(super) fn intersection(self, other: Self) -> Self {
+        Self {
+            min: self.min.max(other.min),
+            max: self.max.min(other.max),
+        }
+    }
+
+    /// Moved outward on every side.
+    pub(super) fn padded(self, distance: f32) -> Self {
+        Self {
+            min: self.min - distance,
+            max: self.max + distance,
+        }
+    }
+
+    /// Whether the box holds nothing.
+    pub(super) fn is_empty(&self) -> bool {
+        let less = self.min.cmple(self.max);
+        !(less.test(0) && less.test(1) && less.test(2))
+    }
+
     /// The axis along which the box is longest.
     pub(super) fn longest_axis(&self) -> usize {
         let e = self.max - self.min;
@@ -63,6 +84,11 @@ impl Item {
         Self {
             aabb: Box4 { min, ..aabb },
         }
+    }
+
+    /// What is in another box of the same element.
+    pub(super) fn part(&self, aabb: Box4) -> Self {
+        Self::new(aabb, self.number())
     }
 
     #[inline(always)]
@@ -156,6 +182,25 @@ impl Items {
             },
             _ => Element::Opaque { shape: shape as u32 },
         }
+    }
+
+    /// The corners of each element in own coordinates; not a number for what is no triangle, and for needles,
+    /// whose hits may lie beside them.
+    pub(super) fn corners(&self, geometry: &Geometry) -> Vec<[Vec4; 3]> {
+        let total: usize = geometry.elements().count();
+        let all = (0..total as u32).into_par_iter().with_min_len(4096).map(|number| {
+            let element = self.element(geometry, number);
+            match (element, &geometry.shapes()[element.shape() as usize]) {
+                (Element::Triangle { triangle, .. }, Shape::Triangles(mesh))
+                    if needle_pad(geometry, element, &self.frame) == 0.0 =>
+                {
+                    let corner = |p| self.frame.point(p).as_vec3().extend(0.0);
+                    mesh.corners(triangle).map(corner)
+                }
+                _ => [Vec4::NAN; 3],
+            }
+        });
+        all.collect()
     }
 
     /// A box in own coordinates, rounded outward.

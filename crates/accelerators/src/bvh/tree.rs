@@ -10,6 +10,21 @@ pub(super) struct Tree {
     pub(super) items: Vec<Item>,
 }
 
+impl Tree {
+    /// Puts another one behind this; its root is where this one's nodes end.
+    pub(super) fn append(&mut self, other: Self) {
+        let (nodes, items) = (self.nodes.len() as u32, self.items.len() as u32);
+        self.items.extend(other.items);
+        self.nodes.extend(other.nodes.into_iter().map(|node| Binary {
+            kind: match node.kind {
+                BinaryKind::Inner(second) => BinaryKind::Inner(second + nodes),
+                BinaryKind::Leaf(first, count) => BinaryKind::Leaf(first + items, count),
+            },
+            ..node
+        }));
+    }
+}
+
 /// A node.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Binary {

@@ -1,0 +1,301 @@
+//! The build with spatial splits, for the quickest rays.
+//!
+//! Stich, Friedrich, Dietrich, *Spatial splits in bounding volume hierarchies*, HPG 2009: where the two sides
+//! of the best object split overlap, the items may be cut at a plane instead, and an item on both sides is
+//! there twice, each time with the box of its part. Which items are worth it: section 4.4 of the paper,
+//! *reference unsplitting*. A hit on an element that is there twice is the same hit, so nothing changes.
+
+use super::MAX_DEPTH;
+use super::binned::{Bins, MOST_BINS, Split, bounds, partition};
+use super::frame::ROUNDING;
+use super::items::{Box4, Item};
+use super::tree::{Binary, BinaryKind, Tree};
+use glam::Vec4;
+
+/// Bins of space along an axis.
+const BINS: usize = 16;
+
+/// From this number of items on both sides are built in parallel.
+const PARALLEL: usize = 4096;
+
+/// Spatial splits are tried where the sides of the object split share so much of the node's area.
+const OVERLAP: f32 = 0.05;
+
+/// As many more items than elements there may be, as a part of these.
+const SPARE: f32 = 0.3;
+
+/// The bound on the rounding of a part of a triangle, in own coordinates.
+const PART: f32 = 16.0 * ROUNDING;
+
+/// A build with spatial splits.
+pub(super) struct Spatial<'a> {
+    /// The corners of each element by its number; not a number for what can be cut by its box only.
+    pub(super) corners: &'a [[Vec4; 3]],
+}
+
+/// The items of a node.
+struct Part {
+    items: Vec<Item>,
+    aabb: Box4,
+    centers: Box4,
+    /// As many items more there may be in the end.
+    spare: usize,
+    depth: usize,
+}
+
+impl Part {
+    fn new(items: Vec<Item>, spare: usize, depth: usize) -> Self {
+        let (aabb, centers) = bounds(&items);
+        Self {
+            items,
+            aabb,
+            centers,
+            spare,
+            depth,
+        }
+    }
+}
+
+/// A plane between bins of space.
+struct Cut {
+    cost: f32,
+    axis: usize,
+    at: f32,
+}
+
+impl Spatial<'_> {
+    /// Builds over all items. The result depends on these and their order only.
+    pub(super) fn build(&self, items: Vec<Item>) -> Tree {
+        let mut tree = Tree {
+            nodes: Vec::new(),
+            items: Vec::new(),
+        };
+        if !items.is_empty() {
+            let spare = (SPARE * items.len() as f32) as usize;
+            self.node(&mut tree, Part::new(items, spare, 0));
+        }
+        tree
+    }
+
+    /// Appends a subtree.
+    fn node(&self, tree: &mut Tree, part: Part) {
+        let index = tree.nodes.len();
+        let first = tree.items.len() as u32;
+        tree.nodes.push(Binary {
+            aabb: part.aabb,
+            kind: BinaryKind::Leaf(first, 1),
+        });
+        if part.items.len() == 1 {
+            tree.items.extend(part.items);
+            return;
+        }
+        let parallel = part.items.len() >= PARALLEL;
+        let (left, right) = self.divide(part);
+        if parallel {
+            let build = |part: Part| {
+                let mut tree = Tree {
+                    nodes: Vec::new(),
+                    items: Vec::new(),
+                };
+                self.node(&mut tree, part);
+                tree
+            };
+            let (left, right) = rayon::join(|| build(left), || build(right));
+            tree.append(left);
+            tree.nodes[index].kind = BinaryKind::Inner(tree.nodes.len() as u32);
+            tree.append(right);
+        } else {
+            self.node(tree, left);
+            tree.nodes[index].kind = BinaryKind::Inner(tree.nodes.len() as u32);
+            self.node(tree, right);
+        }
+    }
+
+    /// Two parts, each with an item at least.
+    fn divide(&self, mut part: Part) -> (Part, Part) {
+        let n = part.items.len();
+        // As in `binned`: from where halving is all that there is room for, halve.
+        let must_halve = part.depth + (usize::BITS - n.leading_zeros()) as usize >= MAX_DEPTH;
+        let bins = Bins::new(&part.centers, MOST_BINS.min(4 + n / 4));
+        let object = if must_halve { None } else { bins.best(&part.items) };
+        let cost = object.map_or(f32::INFINITY, |split| split.cost);
+        if !must_halve
+            && part.spare > 0
+            && self.sides_overlap(&part, &bins, object)
+            && let Some(cut) = self.best_cut(&part, cost)
+            && let Some(sides) = self.cut(&part, &cut)
+        {
+            return sides;
+        }
+        let middle = match object {
+            Some(split) => partition(&mut part.items, |item| bins.of(item)[split.axis] < split.bin),
+            None => super::binned::halve(&mut part.items, &part.centers),
+        };
+        let right = part.items.split_off(middle);
+        sides(part.items, right, part.spare, part.depth)
+    }
+
+    fn sides_overlap(&self, part: &Part, bins: &Bins, object: Option<Split>) -> bool {
+        let Some(split) = object else {
+            return true;
+        };
+        let (mut left, mut right) = (Box4::EMPTY, Box4::EMPTY);
+        for item in &part.items {
+            if bins.of(item)[split.axis] < split.bin {
+                left = left.union(item.aabb());
+            } else {
+                right = right.union(item.aabb());
+            }
+        }
+        left.intersection(right).half_area() > OVERLAP * part.aabb.half_area()
+    }
+
+    /// The best plane, if it costs less.
+    fn best_cut(&self, part: &Part, mut cost: f32) -> Option<Cut> {
+        let mut best = None;
+        for axis in 0..3 {
+            let start = part.aabb.min[axis];
+            let width = (part.aabb.max[axis] - start) / BINS as f32;
+            if width < 64.0 * PART {
+                continue;
+            }
+            let plane = |i: usize| start + width * i as f32;
+            let to_bin = |x: f32| (((x - start) / width) as usize).min(BINS - 1);
+            let mut boxes = [Box4::EMPTY; BINS];
+            let (mut enter, mut leave) = ([0usize; BINS], [0usize; BINS]);
+            for item in &part.items {
+                let aabb = item.aabb();
+                let (first, last) = (to_bin(aabb.min[axis]), to_bin(aabb.max[axis]));
+                enter[first] += 1;
+                leave[last] += 1;
+                if first == last {
+                    boxes[first] = boxes[first].union(aabb);
+                    continue;
+                }
+                for (bin, whole) in boxes.iter_mut().enumerate().take(last + 1).skip(first) {
+                    let low = if bin == first { f32::NEG_INFINITY } else { plane(bin) };
+                    let high = if bin == last { f32::INFINITY } else { plane(bin + 1) };
+                    *whole = whole.union(self.between(item, axis, low, high));
+                }
+            }
+            let mut after = [(0f32, 0usize); BINS];
+            let (mut right, mut count) = (Box4::EMPTY, 0);
+            for i in (1..BINS).rev() {
+                right = right.union(boxes[i]);
+                count += leave[i];
+                after[i] = (right.half_area(), count);
+            }
+            let (mut left, mut count) = (Box4::EMPTY, 0);
+            for i in 1..BINS {
+                left = left.union(boxes[i - 1]);
+                count += enter[i - 1];
+                let (area, number) = after[i];
+                let all = left.half_area() * count as f32 + area * number as f32;
+                if count > 0 && number > 0 && all < cost {
+                    cost = all;
+                    best = Some(Cut {
+                        cost,
+                        axis,
+                        at: plane(i),
+                    });
+                }
+            }
+        }
+        best
+    }
+
+    /// Cuts all items at a plane; `None` if that makes too many or gets nowhere.
+    fn cut(&self, part: &Part, cut: &Cut) -> Option<(Part, Part)> {
+        let (mut left, mut right, mut both) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut left_box, mut right_box) = (Box4::EMPTY, Box4::EMPTY);
+        for item in &part.items {
+            let aabb = item.aabb();
+            if aabb.max[cut.axis] <= cut.at {
+                left_box = left_box.union(aabb);
+                left.push(*item);
+            } else if aabb.min[cut.axis] >= cut.at {
+                right_box = right_box.union(aabb);
+                right.push(*item);
+            } else {
+                both.push(*item);
+            }
+        }
+        if both.len() > part.spare {
+            return None;
+        }
+        let mut doubled = 0;
+        let (mut counts, cuts) = ([left.len(), right.len()], both.len());
+        counts = [counts[0] + cuts, counts[1] + cuts];
+        for item in both {
+            let pieces = [
+                self.between(&item, cut.axis, f32::NEG_INFINITY, cut.at),
+                self.between(&item, cut.axis, cut.at, f32::INFINITY),
+            ];
+            let [to_left, to_right] = pieces.map(|piece| !piece.is_empty());
+            // Costs of both sides with the item cut, or whole on one side.
+            let whole = item.aabb();
+            let cost = |l: Box4, r: Box4, counts: [usize; 2]| {
+                l.half_area() * counts[0] as f32 + r.half_area() * counts[1] as f32
+            };
+            let split = cost(left_box.union(pieces[0]), right_box.union(pieces[1]), counts);
+            let only_left = cost(left_box.union(whole), right_box, [counts[0], counts[1] - 1]);
+            let only_right = cost(left_box, right_box.union(whole), [counts[0] - 1, counts[1]]);
+            if !to_right || (to_left && only_left <= split && only_left <= only_right) {
+                left_box = left_box.union(whole);
+                left.push(item);
+                counts[1] -= 1;
+            } else if !to_left || only_right <= split {
+                right_box = right_box.union(whole);
+                right.push(item);
+                counts[0] -= 1;
+            } else {
+                left_box = left_box.union(pieces[0]);
+                right_box = right_box.union(pieces[1]);
+                left.push(item.part(pieces[0]));
+                right.push(item.part(pieces[1]));
+                doubled += 1;
+            }
+        }
+        if left.is_empty() || right.is_empty() || left.len().max(right.len()) == part.items.len() {
+            return None;
+        }
+        Some(sides(left, right, part.spare - doubled, part.depth))
+    }
+
+    /// The box of what of an item lies between two planes.
+    fn between(&self, item: &Item, axis: usize, low: f32, high: f32) -> Box4 {
+        let corners = &self.corners[item.number() as usize];
+        let mut slab = item.aabb();
+        slab.min[axis] = slab.min[axis].max(low);
+        slab.max[axis] = slab.max[axis].min(high);
+        if corners[0].x.is_nan() {
+            return slab;
+        }
+        let mut found = Box4::EMPTY;
+        for i in 0..3 {
+            let (a, b) = (corners[i], corners[(i + 1) % 3]);
+            if a[axis] >= low && a[axis] <= high {
+                found = found.including(a);
+            }
+            for plane in [low, high] {
+                if (a[axis] < plane) != (b[axis] < plane) && plane.is_finite() {
+                    let along = (plane - a[axis]) / (b[axis] - a[axis]);
+                    found = found.including(a + along.clamp(0.0, 1.0) * (b - a));
+                }
+            }
+        }
+        if found.is_empty() {
+            return Box4::EMPTY;
+        }
+        found.padded(PART).intersection(slab)
+    }
+}
+
+/// Two parts; what is spare is divided by their sizes.
+fn sides(left: Vec<Item>, right: Vec<Item>, spare: usize, depth: usize) -> (Part, Part) {
+    let of_left = spare * left.len() / (left.len() + right.len());
+    (
+        Part::new(left, of_left, depth + 1),
+        Part::new(right, spare - of_left, depth + 1),
+    )
+}
