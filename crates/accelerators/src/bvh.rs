@@ -21,11 +21,11 @@ mod tree;
 mod wide;
 
 use binned::Binned;
-use frame::{Frame, LocalRay};
+use frame::Frame;
 use items::Items;
 use node::{Child, Node};
 use schemars::JsonSchema;
-use search::{Query, Search, Slot, State};
+use search::{Query, Search, Slot};
 use serde::Deserialize;
 use spatial::Spatial;
 use std::sync::Arc;
@@ -137,49 +137,11 @@ impl Bvh {
     /// `ANY` for some hit, else the nearest.
     #[inline(always)]
     fn find<const ANY: bool>(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        let local = self.frame.ray(ray, interval);
-        match &local {
-            Some(local) if self.unbounded.is_empty() => {
-                self.find_bounded::<ANY>(Query { ray, interval, skip, local, start: None })
-            }
-            _ => self.find_in_all::<ANY>(local.as_ref(), ray, interval, skip),
-        }
-    }
-
-    #[inline(always)]
-    fn find_bounded<const ANY: bool>(&self, query: Query<'_>) -> Option<RawHit> {
+        let query = Query { ray, interval, skip };
         if self.deep {
-            with_lanes(self.level, Search::<ANY, true>(self, query))
+            with_lanes(self.level, Search::<ANY, true>(self, &query))
         } else {
-            with_lanes(self.level, Search::<ANY, false>(self, query))
-        }
-    }
-
-    /// Where something is not bounded, or the ray is such that single precision can tell nothing.
-    #[cold]
-    fn find_in_all<const ANY: bool>(
-        &self,
-        local: Option<&LocalRay>,
-        ray: &Ray,
-        interval: Interval,
-        skip: Skip,
-    ) -> Option<RawHit> {
-        let mut state = State::new(self, ray, interval, skip);
-        for &element in &self.unbounded {
-            state.resolve(element);
-        }
-        match local {
-            Some(_) if ANY && state.best.is_some() => state.best,
-            Some(local) => {
-                let start = state.best.as_ref();
-                self.find_bounded::<ANY>(Query { ray, interval, skip, local, start })
-            }
-            None => {
-                for slot in &self.slots {
-                    state.resolve(slot.element());
-                }
-                state.best
-            }
+            with_lanes(self.level, Search::<ANY, false>(self, &query))
         }
     }
 }

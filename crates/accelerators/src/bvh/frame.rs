@@ -36,7 +36,7 @@ impl Frame {
 
     /// A ray in single precision; `None` for one that does not fit or is no ray at all.
     #[inline(always)]
-    pub(super) fn ray(&self, ray: &Ray, interval: Interval) -> Option<LocalRay> {
+    pub(super) fn ray(&self, ray: &Ray, interval: &Interval) -> Option<LocalRay> {
         LocalRay::new(self, ray, interval)
     }
 }
@@ -79,7 +79,7 @@ pub(super) struct LocalRay {
 
 impl LocalRay {
     #[inline(always)]
-    fn new(frame: &Frame, ray: &Ray, interval: Interval) -> Option<Self> {
+    fn new(frame: &Frame, ray: &Ray, interval: &Interval) -> Option<Self> {
         let d = ray.direction.to_array();
         let a = d.map(f64::abs);
         let z = match (a[0] > a[1], a[0] > a[2], a[1] > a[2]) {

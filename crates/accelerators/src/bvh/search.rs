@@ -17,27 +17,22 @@ const fn stack_size(depth: usize) -> usize {
 pub(super) const USUAL_DEPTH: usize = 18;
 
 /// A search for the nearest hit, or with `ANY` for some hit, in which case only whether there is one counts.
-pub(super) struct Search<'a, const ANY: bool, const DEEP: bool>(pub(super) &'a Bvh, pub(super) Query<'a>);
+pub(super) struct Search<'a, const ANY: bool, const DEEP: bool>(pub(super) &'a Bvh, pub(super) &'a Query<'a>);
 
 /// What is searched for.
-#[derive(Clone, Copy)]
 pub(super) struct Query<'a> {
     pub(super) ray: &'a Ray,
     pub(super) interval: Interval,
     pub(super) skip: Skip,
-    pub(super) local: &'a LocalRay,
-    /// A hit that is known already.
-    pub(super) start: Option<&'a RawHit>,
 }
 
 /// What a search knows.
 pub(super) struct State<'a> {
     bvh: &'a Bvh,
-    ray: &'a Ray,
-    skip: Skip,
+    query: &'a Query<'a>,
     sheared: Option<ShearedRay>,
-    /// Where hits still count.
-    open: Interval,
+    /// Before this hits still count.
+    end: f64,
     pub(super) best: Option<RawHit>,
     /// Sure hits that are not yet known in double precision: lower bound and slot.
     pending: [(f32, u32); 8],
@@ -48,13 +43,12 @@ pub(super) struct State<'a> {
 
 impl<'a> State<'a> {
     #[inline(always)]
-    pub(super) fn new(bvh: &'a Bvh, ray: &'a Ray, interval: Interval, skip: Skip) -> Self {
+    fn new(bvh: &'a Bvh, query: &'a Query<'a>) -> Self {
         Self {
             bvh,
-            ray,
-            skip,
+            query,
             sheared: None,
-            open: interval,
+            end: query.interval.max,
             best: None,
             pending: [(0.0, 0); 8],
             count: 0,
@@ -65,23 +59,28 @@ impl<'a> State<'a> {
     /// Whether a slot is the triangle that the ray leaves.
     #[inline(always)]
     fn skips(&self, slot: usize) -> bool {
-        self.skip != Skip::NOTHING && {
+        self.query.skip != Skip::NOTHING && {
             let Slot { shape, triangle } = self.bvh.slots[slot];
-            self.skip.of_shape(InstancePath::WORLD, shape) == Some(triangle)
+            self.query.skip.of_shape(InstancePath::WORLD, shape) == Some(triangle)
         }
     }
 
     /// Decides about an element in double precision.
     #[inline(never)]
     pub(super) fn resolve(&mut self, element: Element) {
-        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(self.ray));
+        let Query { ray, interval, skip } = self.query;
+        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
         let geometry = &self.bvh.geometry;
-        if let Some(hit) = geometry.intersect(element, self.ray, sheared, self.open, self.skip)
+        let open = Interval {
+            min: interval.min,
+            max: self.end,
+        };
+        if let Some(hit) = geometry.intersect(element, ray, sheared, open, *skip)
             && self.best.is_none_or(|best| hit.beats(&best))
         {
             self.best = Some(hit);
             // Hits at the same distance still count: they may be lower in number.
-            self.open.max = hit.t.next_up();
+            self.end = hit.t.next_up();
         }
     }
 
@@ -134,31 +133,43 @@ impl<const ANY: bool, const DEEP: bool> Kernel for Search<'_, ANY, DEEP> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Option<RawHit> {
         let Self(bvh, query) = self;
-        let mut state = State::new(bvh, query.ray, query.interval, query.skip);
-        if let Some(start) = query.start {
-            state.best = Some(*start);
-            state.open.max = state.open.max.min(start.t.next_up());
-        }
-        let local = query.local;
+        let state = State::new(bvh, query);
         if DEEP {
-            state.search::<ANY, { stack_size(super::MAX_DEPTH) }, L>(l, local)
+            state.search::<ANY, { stack_size(super::MAX_DEPTH) }, L>(l)
         } else {
-            state.search::<ANY, { stack_size(USUAL_DEPTH) }, L>(l, local)
+            state.search::<ANY, { stack_size(USUAL_DEPTH) }, L>(l)
         }
     }
 }
 
 impl State<'_> {
+    /// Tries some elements.
+    #[cold]
+    fn resolve_all(&mut self, elements: impl Iterator<Item = Element>) {
+        for element in elements {
+            self.resolve(element);
+        }
+    }
+
     #[inline(always)]
-    fn search<const ANY: bool, const STACK: usize, L: Lanes>(
-        mut self,
-        l: L,
-        local: &LocalRay,
-    ) -> Option<RawHit> {
+    fn search<const ANY: bool, const STACK: usize, L: Lanes>(mut self, l: L) -> Option<RawHit> {
         let bvh = self.bvh;
+        if !bvh.unbounded.is_empty() {
+            self.resolve_all(bvh.unbounded.iter().copied());
+            if ANY && self.best.is_some() {
+                return self.best;
+            }
+        }
         let Some(mut child) = bvh.root else {
             return self.best;
         };
+        let Some(local) = &bvh.frame.ray(self.query.ray, &self.query.interval) else {
+            // Nothing that single precision can tell about such a ray.
+            self.resolve_all(bvh.slots.iter().map(|slot| slot.element()));
+            return self.best;
+        };
+        // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded into them.
+        let local = std::hint::black_box(local);
         let mut limit = local.max;
         if let Some(best) = &self.best {
             limit = limit.min(local.above(best.t));
