@@ -69,6 +69,8 @@ pub struct Bvh {
     slots: Vec<Slot>,
     numbers: Vec<f32>,
     root: Option<Child>,
+    /// What gives back the very corners of triangles from `numbers` as a factor, or 0 if nothing does.
+    exact: f64,
     /// Whether the smaller stack does not do.
     deep: bool,
     level: Level,
@@ -122,6 +124,7 @@ impl Bvh {
         ]);
         Self {
             geometry,
+            exact: items.frame.exact().unwrap_or(0.0),
             frame: items.frame,
             unbounded: items.unbounded,
             nodes: wide.nodes,

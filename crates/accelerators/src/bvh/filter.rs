@@ -56,7 +56,11 @@ pub(super) fn filter<L: Lanes>(
 
     // Few get here: once more, with the errors of these very numbers.
     let sizes = l.max(l.max(l.abs(a[2]), l.abs(b[2])), l.abs(c[2]));
-    let shift = l.mul_add(l.max(largest, sizes), l.splat(8.0 * ROUNDING), l.splat(2.5 * ray.conversion));
+    let shift = l.mul_add(
+        l.max(largest, sizes),
+        l.splat(8.0 * ROUNDING),
+        l.splat(2.5 * ray.conversion),
+    );
     let largest = l.max(largest, shift);
     let factor = l.mul_add(l.splat(5.0), shift, l.mul(l.splat(4.0 * ROUNDING), largest));
     let error = l.mul(largest, factor);
@@ -71,7 +75,11 @@ pub(super) fn filter<L: Lanes>(
     let nearest = l.min(l.min(za, zb), zc);
     let farthest = l.max(l.max(za, zb), zc);
     let range = l.sub(farthest, nearest);
-    let sum = l.mul_add(l.abs(weights[2]), l.sub(zc, za), l.mul(l.abs(weights[1]), l.sub(zb, za)));
+    let sum = l.mul_add(
+        l.abs(weights[2]),
+        l.sub(zc, za),
+        l.mul(l.abs(weights[1]), l.sub(zb, za)),
+    );
     let t = l.mul_add(sum, reciprocal, za);
     let relative = l.mul(l.mul(l.splat(4.0), error), reciprocal);
     let base = l.mul(l.splat(3.0), shift);

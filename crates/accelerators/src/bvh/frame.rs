@@ -8,6 +8,8 @@ pub(super) struct Frame {
     center: DVec3,
     /// A power of two, so that scaling rounds nothing.
     scale: f64,
+    /// Whether what is `f32` in the world is so here.
+    exact: bool,
 }
 
 impl Frame {
@@ -20,7 +22,30 @@ impl Frame {
         Self {
             center,
             scale: (-exponent).clamp(-1000.0, 1000.0).exp2(),
+            exact: false,
         }
+    }
+
+    /// Around a box of finite size that holds points whose coordinates are `f32`: the same coordinates but for a
+    /// factor, so that these are exact in own coordinates too; `None` where that would be too coarse.
+    pub(super) fn unmoved(aabb: &Aabb) -> Option<Self> {
+        let around_zero = aabb.union(Aabb {
+            min: -aabb.max,
+            max: -aabb.min,
+        });
+        let frame = Self {
+            center: DVec3::ZERO,
+            exact: true,
+            ..Self::around(&around_zero)
+        };
+        let near = aabb.extent().max_element() * frame.scale > 0.25;
+        // Coordinates above 2^-60 stay `f32` down to 2^-120; smaller ones may be rounded.
+        (near && frame.scale > 1e-12 && frame.scale < 1e12).then_some(frame)
+    }
+
+    /// The factor that turns own coordinates into those of the world, exactly, if there is one.
+    pub(super) fn exact(&self) -> Option<f64> {
+        self.exact.then_some(1.0 / self.scale)
     }
 
     /// A point of the world in own coordinates.

@@ -3,7 +3,7 @@
 use super::frame::Frame;
 use glam::Vec4;
 use rayon::prelude::*;
-use whitstone_core::{Aabb, Element, Geometry, Shape};
+use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape};
 
 /// Boxes that reach farther are treated as endless: squares of their sizes would overflow.
 const FARTHEST: f64 = 1e150;
@@ -140,12 +140,12 @@ impl Items {
                 }
             }
         }
+        if whole.is_empty() {
+            whole = Aabb::around([DVec3::ZERO]);
+        }
+        let unmoved = Frame::unmoved(&whole).filter(|_| in_single_precision(geometry));
         let mut items = Self {
-            frame: Frame::around(&if whole.is_empty() {
-                Aabb::around([whitstone_core::DVec3::ZERO])
-            } else {
-                whole
-            }),
+            frame: unmoved.unwrap_or_else(|| Frame::around(&whole)),
             items: Vec::new(),
             unbounded: Vec::new(),
             starts,
@@ -188,18 +188,21 @@ impl Items {
     /// whose hits may lie beside them.
     pub(super) fn corners(&self, geometry: &Geometry) -> Vec<[Vec4; 3]> {
         let total: usize = geometry.elements().count();
-        let all = (0..total as u32).into_par_iter().with_min_len(4096).map(|number| {
-            let element = self.element(geometry, number);
-            match (element, &geometry.shapes()[element.shape() as usize]) {
-                (Element::Triangle { triangle, .. }, Shape::Triangles(mesh))
-                    if needle_pad(geometry, element, &self.frame) == 0.0 =>
-                {
-                    let corner = |p| self.frame.point(p).as_vec3().extend(0.0);
-                    mesh.corners(triangle).map(corner)
+        let all = (0..total as u32)
+            .into_par_iter()
+            .with_min_len(4096)
+            .map(|number| {
+                let element = self.element(geometry, number);
+                match (element, &geometry.shapes()[element.shape() as usize]) {
+                    (Element::Triangle { triangle, .. }, Shape::Triangles(mesh))
+                        if needle_pad(geometry, element, &self.frame) == 0.0 =>
+                    {
+                        let corner = |p| self.frame.point(p).as_vec3().extend(0.0);
+                        mesh.corners(triangle).map(corner)
+                    }
+                    _ => [Vec4::NAN; 3],
                 }
-                _ => [Vec4::NAN; 3],
-            }
-        });
+            });
         all.collect()
     }
 
@@ -230,6 +233,15 @@ fn bounded_part(geometry: &Geometry, shape: u32, triangles: u32) -> Aabb {
     };
     let all = (0..triangles).into_par_iter().with_min_len(4096).map(one);
     all.reduce(|| Aabb::EMPTY, Aabb::union)
+}
+
+/// Whether every vertex is a point in `f32`.
+fn in_single_precision(geometry: &Geometry) -> bool {
+    let exact = |x: f64| f64::from(x as f32) == x && (x == 0.0 || x.abs() > 1e-18);
+    geometry.shapes().iter().all(|shape| match shape {
+        Shape::Triangles(mesh) => mesh.positions.iter().all(|p| p.to_array().into_iter().all(exact)),
+        _ => true,
+    })
 }
 
 fn bounded(aabb: &Aabb) -> bool {

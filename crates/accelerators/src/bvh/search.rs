@@ -4,8 +4,8 @@ use super::Bvh;
 use super::filter::{self, Filtered, NUMBERS};
 use super::frame::LocalRay;
 use super::node::{Child, Kind, WIDTH};
-use whitstone_core::triangle::ShearedRay;
-use whitstone_core::{Element, InstancePath, Interval, RawHit, Ray, Skip};
+use whitstone_core::triangle::{ShearedRay, TriangleHit};
+use whitstone_core::{DVec2, DVec3, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Skip};
 use whitstone_simd::{Kernel, Lanes};
 
 /// The stack of a search: each level of nodes puts off seven children at most.
@@ -34,8 +34,8 @@ pub(super) struct State<'a> {
     /// Before this hits still count.
     end: f64,
     pub(super) best: Option<RawHit>,
-    /// Sure hits that are not yet known in double precision: lower bound and slot.
-    pending: [(f32, u32); 8],
+    /// Sure hits that are not yet known in double precision: lower bound, leaf, place in it.
+    pending: [(f32, Child, u32); 8],
     count: usize,
     /// The smallest of the lower bounds.
     lowest: f32,
@@ -50,7 +50,7 @@ impl<'a> State<'a> {
             sheared: None,
             end: query.interval.max,
             best: None,
-            pending: [(0.0, 0); 8],
+            pending: [(0.0, Child::default(), 0); 8],
             count: 0,
             lowest: 0.0,
         }
@@ -67,7 +67,7 @@ impl<'a> State<'a> {
 
     /// Decides about an element in double precision.
     #[inline(never)]
-    pub(super) fn resolve(&mut self, element: Element) {
+    fn resolve(&mut self, element: Element) {
         let Query { ray, interval, skip } = self.query;
         let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
         let geometry = &self.bvh.geometry;
@@ -75,19 +75,54 @@ impl<'a> State<'a> {
             min: interval.min,
             max: self.end,
         };
-        if let Some(hit) = geometry.intersect(element, ray, sheared, open, *skip)
-            && self.best.is_none_or(|best| hit.beats(&best))
+        if let Some(hit) = geometry.intersect(element, ray, sheared, open, *skip) {
+            self.offer(&hit);
+        }
+    }
+
+    /// The same for a triangle that is not skipped and whose corners are exact in the leaf.
+    #[inline(never)]
+    fn resolve_exact(&mut self, first: usize, count: usize, lane: usize) {
+        let Query { ray, interval, .. } = self.query;
+        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
+        let numbers = &self.bvh.numbers[NUMBERS * first..];
+        let number = |i: usize| f64::from(numbers[i * count + lane]) * self.bvh.exact;
+        let corner = |i: usize| DVec3::new(number(3 * i), number(3 * i + 1), number(3 * i + 2));
+        let hit = sheared.intersect(corner(0), corner(1), corner(2));
+        if let Some(TriangleHit { t, u, v }) = hit
+            && t > interval.min
+            && t < self.end
         {
-            self.best = Some(hit);
+            let Slot { shape, triangle } = self.bvh.slots[first + lane];
+            let hit = PrimitiveHit {
+                t,
+                primitive: triangle,
+                params: DVec2::new(u, v),
+            };
+            self.offer(&hit.of_shape(InstancePath::WORLD, shape));
+        }
+    }
+
+    /// A hit that is there.
+    #[inline(always)]
+    fn offer(&mut self, hit: &RawHit) {
+        if self.best.is_none_or(|best| hit.beats(&best)) {
+            self.best = Some(*hit);
             // Hits at the same distance still count: they may be lower in number.
             self.end = hit.t.next_up();
         }
     }
 
-    /// Decides about a slot; returns the new limit.
+    /// Decides about a place of a leaf; returns the new limit.
     #[inline(always)]
-    fn resolve_slot(&mut self, slot: usize, local: &LocalRay, limit: f32) -> f32 {
-        self.resolve(self.bvh.slots[slot].element());
+    fn resolve_in(&mut self, leaf: Child, lane: usize, local: &LocalRay, limit: f32) -> f32 {
+        match leaf.kind() {
+            Kind::Triangles(first, count) if self.bvh.exact != 0.0 => self.resolve_exact(first, count, lane),
+            Kind::Triangles(first, _) | Kind::Mixed(first, _) => {
+                self.resolve(self.bvh.slots[first + lane].element());
+            }
+            Kind::Inner(_) => {}
+        }
         match &self.best {
             Some(best) => limit.min(local.above(best.t)),
             None => limit,
@@ -98,9 +133,9 @@ impl<'a> State<'a> {
     #[inline(always)]
     fn resolve_pending(&mut self, local: &LocalRay, mut limit: f32) -> f32 {
         for i in 0..std::mem::take(&mut self.count) {
-            let (low, slot) = self.pending[i];
+            let (low, leaf, lane) = self.pending[i];
             if low <= limit {
-                limit = self.resolve_slot(slot as usize, local, limit);
+                limit = self.resolve_in(leaf, lane as usize, local, limit);
             }
         }
         limit
@@ -108,7 +143,14 @@ impl<'a> State<'a> {
 
     /// Remembers a sure hit; returns the new limit.
     #[inline(always)]
-    fn put_off(&mut self, low: f32, high: f32, slot: usize, local: &LocalRay, mut limit: f32) -> f32 {
+    fn put_off(
+        &mut self,
+        [low, high]: [f32; 2],
+        leaf: Child,
+        lane: usize,
+        local: &LocalRay,
+        mut limit: f32,
+    ) -> f32 {
         if high < self.lowest {
             // Nothing that was put off is as near as this.
             self.count = 0;
@@ -121,7 +163,7 @@ impl<'a> State<'a> {
         } else {
             self.lowest.min(low)
         };
-        self.pending[self.count] = (low, slot as u32);
+        self.pending[self.count] = (low, leaf, lane as u32);
         self.count += 1;
         limit.min(high)
     }
@@ -306,7 +348,7 @@ impl State<'_> {
                 });
                 return None;
             }
-            limit = self.put_off(low, high, first + i, local, limit);
+            limit = self.put_off([low, high], child, i, local, limit);
         }
         while unsure != 0 {
             let i = unsure.trailing_zeros() as usize;
@@ -314,7 +356,7 @@ impl State<'_> {
             if self.skips(first + i) {
                 continue;
             }
-            limit = self.resolve_slot(first + i, local, limit);
+            limit = self.resolve_in(child, i, local, limit);
             if ANY && self.best.is_some() {
                 return None;
             }

@@ -173,8 +173,16 @@ impl Spatial<'_> {
                     continue;
                 }
                 for (bin, whole) in boxes.iter_mut().enumerate().take(last + 1).skip(first) {
-                    let low = if bin == first { f32::NEG_INFINITY } else { plane(bin) };
-                    let high = if bin == last { f32::INFINITY } else { plane(bin + 1) };
+                    let low = if bin == first {
+                        f32::NEG_INFINITY
+                    } else {
+                        plane(bin)
+                    };
+                    let high = if bin == last {
+                        f32::INFINITY
+                    } else {
+                        plane(bin + 1)
+                    };
                     *whole = whole.union(self.between(item, axis, low, high));
                 }
             }
