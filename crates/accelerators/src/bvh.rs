@@ -97,15 +97,14 @@ impl Bvh {
     fn new(geometry: Arc<Geometry>, quality: Quality) -> Self {
         let start = Instant::now();
         let mut items = Items::new(&geometry);
-        let bins = if quality == Quality::Fast { 8 } else { 32 };
+        let bins = if quality == Quality::Fast { 16 } else { 32 };
         let bounded = std::mem::take(&mut items.items);
         let tree = if quality == Quality::Best {
             let corners = items.corners(&geometry);
             Spatial { corners: &corners }.build(bounded)
         } else {
             let builder = Binned {
-                max_leaf: 1,
-                step: 1.0,
+                max_leaf: if quality == Quality::Fast { 6 } else { 3 },
                 bins,
             };
             builder.build(bounded)

@@ -5,7 +5,7 @@
 
 use super::MAX_DEPTH;
 use super::items::{Box4, Item};
-use super::tree::{Binary, BinaryKind, Tree};
+use super::tree::{Binary, BinaryKind, Tree, append};
 use glam::Vec4;
 
 /// Most bins along an axis.
@@ -17,10 +17,8 @@ const PARALLEL: usize = 4096;
 /// How a build is done.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Binned {
-    /// Nodes with no more items may be leaves, where that costs less.
+    /// Nodes with no more items are not divided.
     pub(super) max_leaf: usize,
-    /// Time of a step down in units of the test of one item.
-    pub(super) step: f32,
     /// Most bins along an axis, at most 32.
     pub(super) bins: usize,
 }
@@ -30,74 +28,80 @@ pub(super) struct Binned {
 pub(super) struct Split {
     pub(super) cost: f32,
     pub(super) axis: usize,
-    pub(super) bin: i32,
+    pub(super) bin: usize,
 }
 
 impl Binned {
     /// Builds over all items. The result depends on these and their order only.
     pub(super) fn build(self, mut items: Vec<Item>) -> Tree {
-        let mut nodes = vec![Binary::EMPTY; (2 * items.len()).saturating_sub(1)];
+        let mut nodes = Vec::new();
         if !items.is_empty() {
-            let (aabb, centers) = bounds(&items);
-            self.node(&mut items, &mut nodes, aabb, centers, 0, 0, 0);
+            let bounds = bounds(&items);
+            self.node(&mut items, &mut nodes, bounds, 0, 0);
         }
         Tree { nodes, items }
     }
 
-    /// Builds over `items`, which begin at `first`, into `nodes`, which begin at `at`: two less one an item.
-    #[expect(clippy::too_many_arguments, reason = "a recursion with what it knows")]
+    /// Appends the subtree over `items`, which begin at `first`; gives their order.
     fn node(
         self,
         items: &mut [Item],
-        nodes: &mut [Binary],
-        aabb: Box4,
-        centers: Box4,
+        nodes: &mut Vec<Binary>,
+        (aabb, centers): (Box4, Box4),
         first: u32,
-        at: u32,
         depth: usize,
     ) {
         let n = items.len();
-        nodes[0].aabb = aabb;
-        nodes[0].kind = BinaryKind::Leaf(first, n as u32);
-        if n == 1 {
+        let index = nodes.len();
+        let kind = BinaryKind::Leaf(first, n as u32);
+        nodes.push(Binary { aabb, kind });
+        if n <= self.max_leaf {
             return;
         }
+        let Sides { middle, bounds } = self.split(items, &centers, depth);
+        let (left, right) = items.split_at_mut(middle);
+        let second = first + middle as u32;
+        if n >= PARALLEL {
+            let mut behind = Vec::new();
+            rayon::join(
+                || self.node(left, nodes, bounds[0], first, depth + 1),
+                || self.node(right, &mut behind, bounds[1], second, depth + 1),
+            );
+            nodes[index].kind = BinaryKind::Inner(nodes.len() as u32);
+            append(nodes, behind, 0);
+        } else {
+            self.node(left, nodes, bounds[0], first, depth + 1);
+            nodes[index].kind = BinaryKind::Inner(nodes.len() as u32);
+            self.node(right, nodes, bounds[1], second, depth + 1);
+        }
+    }
+
+    /// Brings the items of one side to the front.
+    fn split(self, items: &mut [Item], centers: &Box4, depth: usize) -> Sides {
+        let n = items.len();
         // Halving leads to single items in as many steps as there are bits in n: from where that is all
         // that there is room for, halve.
         let must_halve = depth + (usize::BITS - n.leading_zeros()) as usize >= MAX_DEPTH;
-        let bins = Bins::new(&centers, self.bins.min(4 + n / 16));
-        let split = if must_halve { None } else { bins.best(items) };
-        if n <= self.max_leaf {
-            let area = aabb.half_area();
-            let worth = split.is_some_and(|split| self.step * area + split.cost < n as f32 * area);
-            if !worth {
-                return;
+        let bins = Bins::new(centers, self.bins.min(4 + n / 16));
+        let best = if must_halve { None } else { bins.best(items) };
+        match best {
+            Some(split) => partition(items, |item| bins.side(item, &split)),
+            None => {
+                let middle = halve(items, centers);
+                let (left, right) = items.split_at(middle);
+                Sides {
+                    middle,
+                    bounds: [bounds(left), bounds(right)],
+                }
             }
         }
-        let middle = match split {
-            Some(split) => partition(items, |item| bins.of(item)[split.axis] < split.bin),
-            None => halve(items, &centers),
-        };
-        let (left, right) = items.split_at_mut(middle);
-        let second = at + 2 * middle as u32;
-        nodes[0].kind = BinaryKind::Inner(second);
-        let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);
-        let mut build_left = || {
-            let (aabb, centers) = bounds(left);
-            self.node(left, left_nodes, aabb, centers, first, at + 1, depth + 1);
-        };
-        let mut build_right = || {
-            let (aabb, centers) = bounds(right);
-            let first = first + middle as u32;
-            self.node(right, right_nodes, aabb, centers, first, second, depth + 1);
-        };
-        if n >= PARALLEL {
-            rayon::join(build_left, build_right);
-        } else {
-            build_left();
-            build_right();
-        }
     }
+}
+
+/// Items in two parts: where the second begins, and the bounds of both.
+pub(super) struct Sides {
+    pub(super) middle: usize,
+    bounds: [(Box4, Box4); 2],
 }
 
 /// The box around the items and that around their (doubled) centers.
@@ -119,18 +123,26 @@ pub(super) fn halve(items: &mut [Item], centers: &Box4) -> usize {
     middle
 }
 
-/// Brings what `goes_first` to the front; returns how many. The order depends on the old one only.
-pub(super) fn partition(items: &mut [Item], goes_first: impl Fn(&Item) -> bool) -> usize {
+/// Brings what `goes_first` to the front. The order depends on the old one only.
+pub(super) fn partition(items: &mut [Item], goes_first: impl Fn(&Item) -> bool) -> Sides {
     let (mut low, mut high) = (0, items.len());
+    let mut bounds = [(Box4::EMPTY, Box4::EMPTY); 2];
+    let mut count = |item: &Item, side: usize| {
+        let (aabb, centers) = &mut bounds[side];
+        *aabb = aabb.union(item.aabb());
+        *centers = centers.including(item.center());
+    };
     loop {
         while low < high && goes_first(&items[low]) {
+            count(&items[low], 0);
             low += 1;
         }
         while low < high && !goes_first(&items[high - 1]) {
+            count(&items[high - 1], 1);
             high -= 1;
         }
         if low >= high {
-            return low;
+            return Sides { middle: low, bounds };
         }
         items.swap(low, high - 1);
     }
@@ -141,69 +153,86 @@ pub(super) struct Bins {
     count: usize,
     start: Vec4,
     scale: Vec4,
-    last: glam::IVec4,
+    last: Vec4,
 }
 
 impl Bins {
     pub(super) fn new(centers: &Box4, count: usize) -> Self {
         let extent = centers.max - centers.min;
-        // All go into bin 0 along an axis without extent. The factor keeps the largest in the last bin.
-        let scale = Vec4::splat(count as f32 * (1.0 - 1e-6)) / extent;
+        // All go into bin 0 along an axis without extent.
+        let scale = Vec4::splat((count - 1) as f32) / extent;
         let scale = Vec4::select(extent.cmpgt(Vec4::splat(1e-30)), scale, Vec4::ZERO);
         Self {
             count,
             start: centers.min,
             scale,
-            last: glam::IVec4::splat(count as i32 - 1),
+            last: Vec4::splat((count - 1) as f32),
         }
     }
 
     /// The bins of an item.
     #[inline(always)]
-    pub(super) fn of(&self, item: &Item) -> [i32; 4] {
-        let place = (item.center() - self.start) * self.scale;
-        place.as_ivec4().clamp(glam::IVec4::ZERO, self.last).to_array()
+    fn of(&self, item: &Item) -> [usize; 3] {
+        // Conversions are slow; the last bits of a float that has no room for a fraction are an integer.
+        let place = ((item.center() - self.start) * self.scale).clamp(Vec4::ZERO, self.last);
+        let bits = (place + Vec4::splat((1u32 << 23) as f32)).to_array();
+        [bits[0], bits[1], bits[2]].map(|x| (x.to_bits() & 0xff) as usize)
+    }
+
+    /// Whether an item is on the first side of a split.
+    #[inline(always)]
+    pub(super) fn side(&self, item: &Item, split: &Split) -> bool {
+        self.of(item)[split.axis] < split.bin
     }
 
     /// The best split between bins; `None` if all centers fall into one.
     pub(super) fn best(&self, items: &[Item]) -> Option<Split> {
-        let mut bins = [[(Box4::EMPTY, 0u32); MOST_BINS]; 3];
+        // Clearing many bins for few items would take longer than the items.
+        match self.count {
+            0..=4 => self.best_of::<4>(items),
+            5..=8 => self.best_of::<8>(items),
+            9..=16 => self.best_of::<16>(items),
+            _ => self.best_of::<MOST_BINS>(items),
+        }
+    }
+
+    fn best_of<const N: usize>(&self, items: &[Item]) -> Option<Split> {
+        let mut bins = [[Box4::EMPTY; N]; 3];
+        let mut counts = [[0u32; N]; 3];
         for item in items {
             let place = self.of(item);
             let aabb = item.aabb();
             for axis in 0..3 {
-                let bin = &mut bins[axis][place[axis] as usize % MOST_BINS];
-                bin.0 = bin.0.union(aabb);
-                bin.1 += 1;
+                let bin = place[axis] % N;
+                bins[axis][bin] = bins[axis][bin].union(aabb);
+                counts[axis][bin] += 1;
             }
         }
         let mut best: Option<Split> = None;
-        for (axis, bins) in bins.iter().enumerate() {
+        for axis in 0..3 {
             if self.scale[axis] == 0.0 {
                 continue;
             }
-            let mut after = [(0f32, 0u32); MOST_BINS];
+            let (bins, counts) = (&bins[axis], &counts[axis]);
+            let mut after = [0f32; N];
             let (mut right, mut count) = (Box4::EMPTY, 0);
-            for i in (1..self.count).rev() {
-                right = right.union(bins[i].0);
-                count += bins[i].1;
-                after[i] = (right.half_area(), count);
+            for i in (1..self.count.min(N)).rev() {
+                right = right.union(bins[i]);
+                count += counts[i];
+                // Nothing at all costs nothing, but is no side.
+                after[i] = if count == 0 {
+                    f32::INFINITY
+                } else {
+                    right.half_area() * count as f32
+                };
             }
             let (mut left, mut count) = (Box4::EMPTY, 0);
-            for i in 1..self.count {
-                left = left.union(bins[i - 1].0);
-                count += bins[i - 1].1;
-                let (area, number) = after[i];
-                if count == 0 || number == 0 {
-                    continue;
-                }
-                let cost = left.half_area() * count as f32 + area * number as f32;
-                if best.is_none_or(|best| cost < best.cost) {
-                    best = Some(Split {
-                        cost,
-                        axis,
-                        bin: i as i32,
-                    });
+            for i in 1..self.count.min(N) {
+                left = left.union(bins[i - 1]);
+                count += counts[i - 1];
+                let cost = left.half_area() * count as f32 + after[i];
+                if count > 0 && best.is_none_or(|best| cost < best.cost) && cost < f32::INFINITY {
+                    best = Some(Split { cost, axis, bin: i });
                 }
             }
         }

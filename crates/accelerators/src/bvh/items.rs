@@ -79,8 +79,12 @@ pub(super) struct Item {
 }
 
 impl Item {
+    /// Above all numbers; with it, they are the bits of normal floats. Others are slow to compute with, even
+    /// where nobody looks at the result.
+    const NORMAL: u32 = 1 << 28;
+
     pub(super) fn new(aabb: Box4, number: u32) -> Self {
-        let min = aabb.min.truncate().extend(f32::from_bits(number));
+        let min = aabb.min.truncate().extend(f32::from_bits(number | Self::NORMAL));
         Self {
             aabb: Box4 { min, ..aabb },
         }
@@ -99,7 +103,7 @@ impl Item {
     /// Place of the element in the order of the geometry.
     #[inline(always)]
     pub(super) fn number(&self) -> u32 {
-        self.aabb.min.w.to_bits()
+        self.aabb.min.w.to_bits() ^ Self::NORMAL
     }
 
     /// Twice the center.
@@ -150,22 +154,20 @@ impl Items {
             unbounded: Vec::new(),
             starts,
         };
-        let boxes = (0..total).into_par_iter().with_min_len(4096).map(|number| {
+        let item = |number: u32| {
             let element = items.element(geometry, number);
             let aabb = geometry.bounds(element);
-            if !bounded(&aabb) {
-                return Err(element);
-            }
-            let aabb = aabb.padded(needle_pad(geometry, element, &items.frame));
-            Ok(Item::new(items.local(&aabb), number))
-        });
-        let found: Vec<_> = boxes.collect();
-        let mut kept = Vec::with_capacity(found.len());
-        for item in found {
-            match item {
-                Ok(item) => kept.push(item),
-                Err(element) => unbounded.push(element),
-            }
+            let padded = || aabb.padded(needle_pad(geometry, element, &items.frame));
+            bounded(&aabb).then(|| Item::new(items.local(&padded()), number))
+        };
+        let kept: Vec<Item> = (0..total)
+            .into_par_iter()
+            .with_min_len(4096)
+            .filter_map(item)
+            .collect();
+        if kept.len() < total as usize {
+            let all = (0..total).map(|number| items.element(geometry, number));
+            unbounded.extend(all.filter(|&element| !bounded(&geometry.bounds(element))));
         }
         items.items = kept;
         items.unbounded = unbounded;

@@ -19,7 +19,10 @@ const BINS: usize = 16;
 const PARALLEL: usize = 4096;
 
 /// Spatial splits are tried where the sides of the object split share so much of the node's area.
-const OVERLAP: f32 = 0.05;
+const OVERLAP: f32 = 0.1;
+
+/// Nodes with no more items are not cut: they become one leaf or two.
+const SMALL: usize = 12;
 
 /// As many more items than elements there may be, as a part of these.
 const SPARE: f32 = 0.3;
@@ -120,6 +123,7 @@ impl Spatial<'_> {
         let object = if must_halve { None } else { bins.best(&part.items) };
         let cost = object.map_or(f32::INFINITY, |split| split.cost);
         if !must_halve
+            && n > SMALL
             && part.spare > 0
             && self.sides_overlap(&part, &bins, object)
             && let Some(cut) = self.best_cut(&part, cost)
@@ -128,7 +132,7 @@ impl Spatial<'_> {
             return sides;
         }
         let middle = match object {
-            Some(split) => partition(&mut part.items, |item| bins.of(item)[split.axis] < split.bin),
+            Some(split) => partition(&mut part.items, |item| bins.side(item, &split)).middle,
             None => super::binned::halve(&mut part.items, &part.centers),
         };
         let right = part.items.split_off(middle);
@@ -141,7 +145,7 @@ impl Spatial<'_> {
         };
         let (mut left, mut right) = (Box4::EMPTY, Box4::EMPTY);
         for item in &part.items {
-            if bins.of(item)[split.axis] < split.bin {
+            if bins.side(item, &split) {
                 left = left.union(item.aabb());
             } else {
                 right = right.union(item.aabb());

@@ -4,7 +4,7 @@ use super::items::{Box4, Item};
 
 /// A binary hierarchy over items.
 pub(super) struct Tree {
-    /// In depth-first order: the first child of a node follows it. The root is 0; there may be gaps.
+    /// In depth-first order: the first child of a node follows it. The root is 0.
     pub(super) nodes: Vec<Binary>,
     /// In the order of the leaves. An element may be there more than once, in parts.
     pub(super) items: Vec<Item>,
@@ -13,16 +13,21 @@ pub(super) struct Tree {
 impl Tree {
     /// Puts another one behind this; its root is where this one's nodes end.
     pub(super) fn append(&mut self, other: Self) {
-        let (nodes, items) = (self.nodes.len() as u32, self.items.len() as u32);
+        append(&mut self.nodes, other.nodes, self.items.len() as u32);
         self.items.extend(other.items);
-        self.nodes.extend(other.nodes.into_iter().map(|node| Binary {
-            kind: match node.kind {
-                BinaryKind::Inner(second) => BinaryKind::Inner(second + nodes),
-                BinaryKind::Leaf(first, count) => BinaryKind::Leaf(first + items, count),
-            },
-            ..node
-        }));
     }
+}
+
+/// Puts nodes behind others, with their leaves moved on by `items`.
+pub(super) fn append(nodes: &mut Vec<Binary>, behind: Vec<Binary>, items: u32) {
+    let first = nodes.len() as u32;
+    nodes.extend(behind.into_iter().map(|node| Binary {
+        kind: match node.kind {
+            BinaryKind::Inner(second) => BinaryKind::Inner(second + first),
+            BinaryKind::Leaf(start, count) => BinaryKind::Leaf(start + items, count),
+        },
+        ..node
+    }));
 }
 
 /// A node.
@@ -39,11 +44,4 @@ pub(super) enum BinaryKind {
     Inner(u32),
     /// First item and their number.
     Leaf(u32, u32),
-}
-
-impl Binary {
-    pub(super) const EMPTY: Self = Self {
-        aabb: Box4::EMPTY,
-        kind: BinaryKind::Leaf(0, 0),
-    };
 }
