@@ -3,7 +3,7 @@
 //! - Nodes of eight boxes in `f32`, leaves of up to eight triangles in `f32`; what these tests cannot decide
 //!   for certain, and every hit that is returned, is decided by the tests in `f64`. Proof that nothing is
 //!   missed: `docs/accelerators.md`.
-//! - Build: `binned`, then `wide`. Traversal: `search`; eight boxes at once, near and far planes by the signs
+//! - Build: `binned` or `spatial`, then `wide`. Traversal: `search`; eight boxes at once, near and far planes by the signs
 //!   of the direction (Wald, Benthin, Boulos, *Getting rid of packets*, 2008; Fuetterling et al., *Accelerated
 //!   single ray tracing for wide vector units*, HPG 2017).
 //!

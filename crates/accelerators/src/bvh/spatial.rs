@@ -61,7 +61,6 @@ impl Part {
 
 /// A plane between bins of space.
 struct Cut {
-    cost: f32,
     axis: usize,
     at: f32,
 }
@@ -205,11 +204,7 @@ impl Spatial<'_> {
                 let all = left.half_area() * count as f32 + area * number as f32;
                 if count > 0 && number > 0 && all < cost {
                     cost = all;
-                    best = Some(Cut {
-                        cost,
-                        axis,
-                        at: plane(i),
-                    });
+                    best = Some(Cut { axis, at: plane(i) });
                 }
             }
         }
