@@ -57,6 +57,11 @@ struct Built {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    // Builds as well: what is compared with was built on one.
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build_global()
+        .map_err(Failure::environment)?;
     let bench = Bench::new(arguments, registry)?;
     let mut rows = Vec::new();
     let mut version = Value::Null;
