@@ -9,12 +9,31 @@
 
 use whitstone_core::{Accelerators, DuplicateType, Registry};
 
+#[cfg(any(feature = "bvh2", feature = "obb_bvh", feature = "slab_bvh"))]
+mod binary;
 #[cfg(feature = "brute_force")]
 pub mod brute_force;
+#[cfg(feature = "bsp")]
+pub mod bsp;
 #[cfg(feature = "bvh")]
 pub mod bvh;
 #[cfg(feature = "bvh2")]
 pub mod bvh2;
+mod elements;
+#[cfg(feature = "grid")]
+pub mod grid;
+#[cfg(feature = "kdtree")]
+pub mod kdtree;
+#[cfg(feature = "obb_bvh")]
+pub mod obb_bvh;
+#[cfg(feature = "octree")]
+pub mod octree;
+mod polyhedron;
+#[cfg(any(feature = "bsp", feature = "obb_bvh"))]
+mod principal;
+#[cfg(feature = "slab_bvh")]
+pub mod slab_bvh;
+mod split;
 
 /// Adds every accelerator whose feature is on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
@@ -25,5 +44,17 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Accelerators, bvh::Bvh>(from)?;
     #[cfg(feature = "bvh2")]
     registry.add::<Accelerators, bvh2::Bvh2>(from)?;
+    #[cfg(feature = "bsp")]
+    registry.add::<Accelerators, bsp::Bsp>(from)?;
+    #[cfg(feature = "grid")]
+    registry.add::<Accelerators, grid::Grid>(from)?;
+    #[cfg(feature = "kdtree")]
+    registry.add::<Accelerators, kdtree::KdTree>(from)?;
+    #[cfg(feature = "obb_bvh")]
+    registry.add::<Accelerators, obb_bvh::ObbBvh>(from)?;
+    #[cfg(feature = "octree")]
+    registry.add::<Accelerators, octree::Octree>(from)?;
+    #[cfg(feature = "slab_bvh")]
+    registry.add::<Accelerators, slab_bvh::SlabBvh>(from)?;
     Ok(())
 }

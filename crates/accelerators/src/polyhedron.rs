@@ -1,0 +1,153 @@
+//! Convex polygons and polyhedra that are cut by planes.
+
+use whitstone_core::{Aabb, DVec3};
+
+/// A plane: the points whose product with the normal is `at`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Plane {
+    /// Of unit length, up to rounding.
+    pub(crate) normal: DVec3,
+    pub(crate) at: f64,
+}
+
+impl Plane {
+    /// How far a point is above.
+    #[inline]
+    pub(crate) fn height(&self, point: DVec3) -> f64 {
+        self.normal.dot(point) - self.at
+    }
+}
+
+/// The parts of a convex polygon below and above a plane (Sutherland and Hodgman, *Reentrant polygon clipping*,
+/// 1974). Corners no farther from the plane than the margin count as in it, so belong to both.
+pub(crate) fn cut_polygon(corners: &[DVec3], plane: &Plane, margin: f64) -> [Vec<DVec3>; 2] {
+    let mut parts = [const { Vec::new() }; 2];
+    let heights = || corners.iter().map(|&corner| (corner, plane.height(corner)));
+    for ((a, height_a), (b, height_b)) in heights().zip(heights().cycle().skip(1)) {
+        if height_a <= margin {
+            parts[0].push(a);
+        }
+        if height_a >= -margin {
+            parts[1].push(a);
+        }
+        let crosses =
+            height_a.abs() > margin && height_b.abs() > margin && (height_a < 0.0) != (height_b < 0.0);
+        if crosses {
+            let point = a.lerp(b, height_a / (height_a - height_b));
+            parts.iter_mut().for_each(|part| part.push(point));
+        }
+    }
+    parts
+}
+
+fn area(polygon: &[DVec3]) -> f64 {
+    let fan = |pair: &[DVec3]| (pair[0] - polygon[0]).cross(pair[1] - polygon[0]);
+    let sum: DVec3 = polygon.windows(2).map(fan).sum();
+    0.5 * sum.length()
+}
+
+/// A convex polyhedron by its faces; for areas and pictures, where rounding does not matter.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Polyhedron {
+    faces: Vec<Vec<DVec3>>,
+}
+
+impl Polyhedron {
+    pub(crate) fn of_box(aabb: &Aabb) -> Self {
+        let corner = |axis: usize, [a, b, c]: [usize; 3]| {
+            let side = |which| [aabb.min, aabb.max][which];
+            let (b_axis, c_axis) = ((axis + 1) % 3, (axis + 2) % 3);
+            let mut point = side(a);
+            (point[b_axis], point[c_axis]) = (side(b)[b_axis], side(c)[c_axis]);
+            point
+        };
+        let face = |(axis, a)| [[0, 0], [1, 0], [1, 1], [0, 1]].map(|[b, c]| corner(axis, [a, b, c]));
+        let faces = (0..3).flat_map(|axis| [(axis, 0), (axis, 1)]);
+        Self {
+            faces: faces.map(|which| face(which).to_vec()).collect(),
+        }
+    }
+
+    /// Half the area of the surface.
+    pub(crate) fn half_area(&self) -> f64 {
+        0.5 * self.faces.iter().map(|face| area(face)).sum::<f64>()
+    }
+
+    /// Whether a plane goes through the inside.
+    pub(crate) fn is_on_both_sides(&self, plane: &Plane, margin: f64) -> bool {
+        let heights = || self.faces.iter().flatten().map(|&corner| plane.height(corner));
+        heights().any(|height| height < -margin) && heights().any(|height| height > margin)
+    }
+
+    /// The parts below and above a plane.
+    pub(crate) fn cut(&self, plane: &Plane) -> [Self; 2] {
+        let mut parts = [Self::default(), Self::default()];
+        let mut rim: Vec<DVec3> = Vec::new();
+        for face in &self.faces {
+            let halves = cut_polygon(face, plane, 0.0);
+            let both = halves.iter().all(|half| half.len() > 2);
+            if both {
+                // What both have in common lies in the plane.
+                rim.extend(halves[0].iter().filter(|corner| halves[1].contains(corner)));
+            }
+            for (part, half) in parts.iter_mut().zip(halves) {
+                if half.len() > 2 {
+                    part.faces.push(half);
+                }
+            }
+        }
+        if rim.len() > 2 {
+            let lid = around(rim, plane.normal);
+            parts.iter_mut().for_each(|part| part.faces.push(lid.clone()));
+        }
+        parts
+    }
+}
+
+/// Points of the border of a convex polygon with this normal, in their order around it.
+fn around(mut points: Vec<DVec3>, normal: DVec3) -> Vec<DVec3> {
+    let middle = points.iter().sum::<DVec3>() / points.len() as f64;
+    let u = normal.any_orthonormal_vector();
+    let v = normal.cross(u);
+    let angle = |point: &DVec3| (*point - middle).dot(v).atan2((*point - middle).dot(u));
+    points.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
+    points.dedup();
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cube_that_is_cut_keeps_its_surface_and_gains_two_lids() {
+        let cube = Polyhedron::of_box(&Aabb::around([DVec3::ZERO, DVec3::ONE]));
+        assert_eq!(cube.half_area(), 3.0);
+        // A regular hexagon through six edges.
+        let normal = DVec3::ONE.normalize();
+        let plane = Plane {
+            normal,
+            at: normal.dot(DVec3::splat(0.5)),
+        };
+        let halves = cube.cut(&plane);
+        let hexagon = 0.75 * 3f64.sqrt();
+        for half in &halves {
+            assert!((half.half_area() - 0.5 * (3.0 + hexagon)).abs() < 1e-12);
+        }
+        // Once more, through the corners of the lid too.
+        let plane = Plane {
+            normal: DVec3::X,
+            at: 0.5,
+        };
+        let [a, b] = halves[0].cut(&plane);
+        let lids = a.half_area() + b.half_area() - halves[0].half_area();
+        assert!((lids - 0.5).abs() < 1e-12, "{lids}");
+        // Beyond it.
+        let plane = Plane {
+            normal: DVec3::X,
+            at: 2.0,
+        };
+        let [all, nothing] = cube.cut(&plane);
+        assert_eq!((all.half_area(), nothing.half_area()), (3.0, 0.0));
+    }
+}
