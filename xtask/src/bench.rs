@@ -4,6 +4,7 @@ mod accelerators;
 mod data;
 mod peer;
 mod prepare;
+mod rays;
 
 use clap::{Args, Subcommand};
 use serde_json::json;

@@ -1,14 +1,15 @@
 //! `bench accelerators`: rays a second of every accelerator, beside Embree in the same run.
 
-use super::data::{self, Query};
+use super::data;
 use super::median;
 use super::peer::{self, Peer};
 use super::prepare::prepare;
+use super::rays::{Mode, Rays};
 use clap::Args;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
-use whitstone::core::{Accelerator, Accelerators, Element, Geometry, RawHit, Registry, Shape, Skip};
+use whitstone::core::{Accelerator, Accelerators, Element, Geometry, Registry, Shape};
 use whitstone::{Exit, Failure};
 use whitstone_testkit::TestContext;
 
@@ -160,21 +161,25 @@ impl<'a> Bench<'a> {
         }
         let mut rows = Vec::new();
         for set in &self.arguments.sets {
-            let rays = data::rays(&self.folder.join(format!("{name}_{set}.rays")), self.stride)?;
+            let rays = Rays::read(&self.folder.join(format!("{name}_{set}.rays")), self.stride, set)?;
             let figures = self.set(set, &rays, &built, &*truth, peer.as_mut())?;
-            for (one, figures) in built.iter().zip(figures) {
+            for (row, figures) in figures.iter().enumerate() {
+                let (one, mode) = (
+                    &built[row / Mode::ALL.len()],
+                    Mode::ALL[row % Mode::ALL.len()].name(),
+                );
                 let rate = rays.len() as f64 / figures.seconds / 1e6;
                 let ratio = figures
                     .ratio
                     .map_or("    -".to_owned(), |ratio| format!("{ratio:5.3}"));
                 println!(
-                    "  {set:8} {:28} single {rate:7.3} Mrays/s  {ratio} of Embree  {} of {} differ",
+                    "  {set:8} {:28} {mode:6} {rate:7.3} Mrays/s  {ratio} of Embree  {} of {} differ",
                     format!("{} {}", one.name, one.quality),
                     figures.mismatches,
                     rays.len()
                 );
                 rows.push(json!({
-                    "accelerator": one.name, "quality": one.quality, "mode": "single", "mesh": name,
+                    "accelerator": one.name, "quality": one.quality, "mode": mode, "mesh": name,
                     "set": set, "rays": rays.len(), "mrays_per_s": rate, "ratio_to_embree": figures.ratio,
                     "build_s": one.build_seconds, "bytes_per_triangle": one.bytes_per_triangle,
                     "mismatches": figures.mismatches,
@@ -208,26 +213,30 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// One set of rays: rounds in which each accelerator and the peer is timed once.
+    /// One set of rays: rounds in which each accelerator, in each mode, and the peer is timed once. The figures
+    /// of one accelerator's modes are neighbours.
     fn set(
         &self,
         set: &str,
-        rays: &[Query],
+        rays: &Rays,
         built: &[Built],
         truth: &dyn Accelerator,
         mut peer: Option<&mut Peer>,
     ) -> Result<Vec<Figures>, String> {
-        let any = set == "shadow";
-        let mut seconds = vec![Vec::new(); built.len()];
-        let mut ratios = vec![Vec::new(); built.len()];
+        let rows: Vec<(&Built, Mode)> = built
+            .iter()
+            .flat_map(|one| Mode::ALL.map(|mode| (one, mode)))
+            .collect();
+        let mut seconds = vec![Vec::new(); rows.len()];
+        let mut ratios = vec![Vec::new(); rows.len()];
         for round in 0..=self.rounds {
             let theirs = match &mut peer {
                 Some(peer) => Some(peer.trace(set, self.stride)?.0),
                 None => None,
             };
-            for (i, one) in built.iter().enumerate() {
+            for (i, (one, mode)) in rows.iter().enumerate() {
                 let start = processor_time();
-                std::hint::black_box(pass(&*one.accelerator, rays, any));
+                std::hint::black_box(rays.pass(&*one.accelerator, *mode));
                 let ours = processor_time() - start;
                 // The first round touches pages.
                 if round > 0 {
@@ -236,15 +245,13 @@ impl<'a> Bench<'a> {
                 }
             }
         }
-        let mut figures = Vec::new();
-        for (i, one) in built.iter().enumerate() {
-            figures.push(Figures {
-                seconds: median(&mut seconds[i]),
-                ratio: (!ratios[i].is_empty()).then(|| median(&mut ratios[i])),
-                mismatches: mismatches(&*one.accelerator, truth, rays, any),
-            });
-        }
-        Ok(figures)
+        let expected = rays.answers(truth, Mode::Single);
+        let figures = rows.iter().enumerate().map(|(i, (one, mode))| Figures {
+            seconds: median(&mut seconds[i]),
+            ratio: (!ratios[i].is_empty()).then(|| median(&mut ratios[i])),
+            mismatches: rays.mismatches(&*one.accelerator, *mode, &expected),
+        });
+        Ok(figures.collect())
     }
 }
 
@@ -252,33 +259,6 @@ struct Figures {
     seconds: f64,
     ratio: Option<f64>,
     mismatches: usize,
-}
-
-/// Traces all rays, one call each; returns the number of hits.
-fn pass(accelerator: &dyn Accelerator, rays: &[Query], any: bool) -> usize {
-    let hits = rays.iter().filter(|(ray, interval)| {
-        if any {
-            accelerator.occluded(ray, *interval, Skip::NOTHING)
-        } else {
-            accelerator.closest(ray, *interval, Skip::NOTHING).is_some()
-        }
-    });
-    hits.count()
-}
-
-/// How many rays have another answer than the plain hierarchy in double precision gives.
-fn mismatches(accelerator: &dyn Accelerator, truth: &dyn Accelerator, rays: &[Query], any: bool) -> usize {
-    let bits = |hit: RawHit| (hit.id(), hit.t.to_bits(), hit.params.to_array().map(f64::to_bits));
-    let differ = rays.iter().filter(|(ray, interval)| {
-        if any {
-            let skip = Skip::NOTHING;
-            accelerator.occluded(ray, *interval, skip) != truth.occluded(ray, *interval, skip)
-        } else {
-            let closest = |a: &dyn Accelerator| a.closest(ray, *interval, Skip::NOTHING).map(bits);
-            closest(accelerator) != closest(truth)
-        }
-    });
-    differ.count()
 }
 
 /// Geometric means over all cells, by accelerator and quality, of the ratios to Embree.

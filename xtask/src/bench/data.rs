@@ -5,6 +5,7 @@
 
 use std::fs;
 use std::path::Path;
+use whitstone::core::stream::LANES;
 use whitstone::core::{DVec3, Interval, Ray, TriangleMesh};
 
 fn words(path: &Path, magic: &[u8; 4]) -> Result<Vec<[u8; 4]>, String> {
@@ -75,8 +76,13 @@ pub(super) type Query = (Ray, Interval);
 pub(super) fn rays(path: &Path, stride: usize) -> Result<Vec<Query>, String> {
     let words = words(path, b"RAY1")?;
     let (rays, _) = words.get(1..).unwrap_or_default().as_chunks::<8>();
-    let blocks = rays.chunks(256).step_by(stride.max(1));
-    Ok(blocks.flatten().map(query).collect())
+    let blocks = rays.chunks(LANES).step_by(stride.max(1));
+    let rays: Vec<Query> = blocks.flatten().map(query).collect();
+    // Streams count hits from 0 on, and both modes must trace the same rays.
+    match rays.iter().any(|(_, interval)| interval.min != 0.0) {
+        true => Err(format!("{}: a ray's smallest parameter is not 0", path.display())),
+        false => Ok(rays),
+    }
 }
 
 fn query(words: &[[u8; 4]; 8]) -> Query {

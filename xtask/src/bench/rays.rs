@@ -1,0 +1,201 @@
+//! A set of rays, and both ways to trace it: one call a ray, one call a stream.
+
+use super::data::{self, Query};
+use std::path::Path;
+use whitstone::core::stream::{HitStream, LANES, RayStream};
+use whitstone::core::{Accelerator, InstancePath, RawHit, Skip};
+
+/// How an accelerator is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Mode {
+    /// One call a ray.
+    Single,
+    /// One call for each stream of 256 rays.
+    Batch,
+}
+
+impl Mode {
+    pub(super) const ALL: [Self; 2] = [Self::Single, Self::Batch];
+
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Single => "single",
+            Self::Batch => "batch",
+        }
+    }
+}
+
+/// The same rays one by one and as streams.
+pub(super) struct Rays {
+    single: Vec<Query>,
+    streams: Vec<RayStream>,
+    /// Whether any hit will do.
+    any: bool,
+}
+
+/// What a ray finds, for comparison to the last bit: identity, distance and parameters of the nearest hit, or
+/// whether there is any.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Answer {
+    Nearest(Option<((InstancePath, u32, u32), [u64; 3])>),
+    Any(bool),
+}
+
+fn nearest(hit: Option<RawHit>) -> Answer {
+    Answer::Nearest(hit.map(|hit| {
+        let numbers = [hit.t, hit.params.x, hit.params.y];
+        (hit.id(), numbers.map(f64::to_bits))
+    }))
+}
+
+impl Rays {
+    /// Those of a file: every `stride`th block.
+    pub(super) fn read(path: &Path, stride: usize, set: &str) -> Result<Self, String> {
+        Ok(Self::new(data::rays(path, stride)?, set == "shadow"))
+    }
+
+    fn new(single: Vec<Query>, any: bool) -> Self {
+        let streams = single.chunks(LANES).map(|rays| {
+            let mut stream = RayStream {
+                len: rays.len(),
+                ..RayStream::default()
+            };
+            for (lane, (ray, interval)) in rays.iter().enumerate() {
+                stream.set(lane, *ray, interval.max, Skip::NOTHING);
+            }
+            stream
+        });
+        Self {
+            streams: streams.collect(),
+            single,
+            any,
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.single.len()
+    }
+
+    /// Traces all rays; returns the number of hits.
+    pub(super) fn pass(&self, accelerator: &dyn Accelerator, mode: Mode) -> usize {
+        match (mode, self.any) {
+            (Mode::Single, true) => {
+                let hits = self.single.iter();
+                hits.filter(|(ray, interval)| accelerator.occluded(ray, *interval, Skip::NOTHING))
+                    .count()
+            }
+            (Mode::Single, false) => {
+                let hits = self.single.iter();
+                hits.filter(|(ray, interval)| accelerator.closest(ray, *interval, Skip::NOTHING).is_some())
+                    .count()
+            }
+            (Mode::Batch, true) => {
+                let mut count = 0;
+                for stream in &self.streams {
+                    let mut hidden = [false; LANES];
+                    accelerator.occluded_stream(stream, &mut hidden);
+                    count += hidden.iter().filter(|&&hidden| hidden).count();
+                }
+                count
+            }
+            (Mode::Batch, false) => {
+                let mut hits = Box::<HitStream>::default();
+                let mut count = 0;
+                for stream in &self.streams {
+                    accelerator.closest_stream(stream, &mut hits);
+                    count += (0..stream.len).filter(|&lane| hits.get(lane).is_some()).count();
+                }
+                count
+            }
+        }
+    }
+
+    /// What each ray finds.
+    pub(super) fn answers(&self, accelerator: &dyn Accelerator, mode: Mode) -> Vec<Answer> {
+        match mode {
+            Mode::Single => {
+                let answer = |&(ray, interval): &Query| match self.any {
+                    true => Answer::Any(accelerator.occluded(&ray, interval, Skip::NOTHING)),
+                    false => nearest(accelerator.closest(&ray, interval, Skip::NOTHING)),
+                };
+                self.single.iter().map(answer).collect()
+            }
+            Mode::Batch => {
+                let mut hits = Box::<HitStream>::default();
+                let mut answers = Vec::with_capacity(self.len());
+                for stream in &self.streams {
+                    if self.any {
+                        let mut hidden = [false; LANES];
+                        accelerator.occluded_stream(stream, &mut hidden);
+                        answers.extend(hidden[..stream.len].iter().map(|&hidden| Answer::Any(hidden)));
+                    } else {
+                        accelerator.closest_stream(stream, &mut hits);
+                        answers.extend((0..stream.len).map(|lane| nearest(hits.get(lane))));
+                    }
+                }
+                answers
+            }
+        }
+    }
+
+    /// How many rays have another answer than expected.
+    pub(super) fn mismatches(&self, accelerator: &dyn Accelerator, mode: Mode, expected: &[Answer]) -> usize {
+        let found = self.answers(accelerator, mode);
+        found.iter().zip(expected).filter(|(a, b)| a != b).count()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone::core::{DVec2, DVec3, Interval, Ray, Statistics};
+
+    /// Its single rays and its streams do not agree.
+    struct Torn;
+
+    const HIT: RawHit = RawHit {
+        t: 1.0,
+        params: DVec2::ZERO,
+        instance: InstancePath::WORLD,
+        shape: 0,
+        primitive: 0,
+    };
+
+    impl Accelerator for Torn {
+        fn closest(&self, ray: &Ray, _: Interval, _: Skip) -> Option<RawHit> {
+            (ray.origin.x < 300.0).then_some(HIT)
+        }
+
+        fn occluded(&self, ray: &Ray, _: Interval, _: Skip) -> bool {
+            ray.origin.x < 300.0
+        }
+
+        fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+            hits.clear(rays);
+            hits.set(0, &HIT);
+        }
+
+        fn occluded_stream(&self, _: &RayStream, hidden: &mut [bool; LANES]) {
+            hidden[0] = true;
+        }
+
+        fn statistics(&self) -> Statistics {
+            Statistics::new()
+        }
+    }
+
+    #[test]
+    fn streams_are_counted_and_compared_ray_by_ray() {
+        for any in [false, true] {
+            let ray = |i: i32| Ray::new(DVec3::new(f64::from(i), 0.0, 0.0), DVec3::Z);
+            let rays = Rays::new((0..600).map(|i| (ray(i), Interval::FORWARD)).collect(), any);
+            assert_eq!(rays.pass(&Torn, Mode::Single), 300);
+            // The first of each of three streams.
+            assert_eq!(rays.pass(&Torn, Mode::Batch), 3);
+            let expected = rays.answers(&Torn, Mode::Single);
+            assert_eq!(rays.mismatches(&Torn, Mode::Single, &expected), 0);
+            // 298 of the first 300 are missing, and ray 512 should not hit.
+            assert_eq!(rays.mismatches(&Torn, Mode::Batch, &expected), 299);
+        }
+    }
+}
