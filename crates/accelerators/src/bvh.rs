@@ -17,6 +17,7 @@ mod items;
 mod node;
 mod search;
 mod spatial;
+mod stream;
 mod tree;
 mod wide;
 
@@ -30,6 +31,7 @@ use serde::Deserialize;
 use spatial::Spatial;
 use std::sync::Arc;
 use std::time::Instant;
+use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::{
     Accelerator, Accelerators, Context, Element, Geometry, Interval, Plugin, RawHit, Ray, SceneErrors, Skip,
     Statistics,
@@ -155,6 +157,15 @@ impl Accelerator for Bvh {
 
     fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
         self.find::<true>(ray, interval, skip).is_some()
+    }
+
+    fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+        hits.clear(rays);
+        stream::closest(self, rays, hits);
+    }
+
+    fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
+        stream::occluded(self, rays, hidden);
     }
 
     fn statistics(&self) -> Statistics {

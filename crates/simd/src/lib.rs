@@ -9,9 +9,11 @@
 
 mod dispatch;
 mod lanes;
+mod prefetch;
 
 pub use dispatch::{Level, dispatch};
 pub use lanes::{Kernel, Lanes, Portable, with_lanes};
+pub use prefetch::prefetch;
 
 /// One of two values, both computed: unlike `if`, never a jump, which would keep a loop out of vector
 /// registers.

@@ -71,7 +71,7 @@ pub(super) const ROUNDING: f32 = f32::EPSILON / 2.0;
 
 /// A ray in own coordinates, for the tests in single precision. Its parameter is scaled so that the
 /// largest component of the direction is 1 or -1, and counted from `shift`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LocalRay {
     /// 1 over the direction, finite.
     pub(super) reciprocal: [f32; 3],
@@ -183,7 +183,7 @@ fn side(d: f64) -> usize {
 }
 
 /// From parameters of the ray in the world to own ones.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Clock {
     scale: f64,
     shift: f64,

@@ -27,6 +27,28 @@ impl Node {
     /// ray pays for every rounding (`docs/accelerators.md`).
     #[inline(always)]
     pub(super) fn enter<L: Lanes>(&self, l: L, ray: &LocalRay, limit: f32) -> (u32, L::Floats) {
+        let (near, far) = self.slabs(l, ray, limit);
+        (l.at_most(near, far), near)
+    }
+
+    /// The boxes that the ray may meet, the farthest first, and how many they are; then anything. What stands for the
+    /// distance of a box is at most 7 units in the last place from where the ray enters it.
+    #[inline(always)]
+    pub(super) fn descending<L: Lanes>(
+        &self,
+        l: L,
+        ray: &LocalRay,
+        limit: f32,
+    ) -> ([f32; WIDTH], [Child; WIDTH], u32) {
+        let (near, far) = self.slabs(l, ray, limit);
+        let (keys, count) = l.descending(near, far);
+        let children = l.take(&self.children.map(|child| child.0), keys);
+        (l.store(keys), children.map(Child), count)
+    }
+
+    /// Where the ray enters and leaves the boxes.
+    #[inline(always)]
+    fn slabs<L: Lanes>(&self, l: L, ray: &LocalRay, limit: f32) -> (L::Floats, L::Floats) {
         let mut near = l.splat(ray.min);
         let mut far = l.splat(limit);
         for axis in 0..3 {
@@ -38,7 +60,7 @@ impl Node {
             near = l.max(enter, near);
             far = l.min(leave, far);
         }
-        (l.at_most(near, far), near)
+        (near, far)
     }
 }
 
@@ -71,14 +93,23 @@ impl Child {
         Self((tag as u32) << Self::BITS | index as u32)
     }
 
+    /// What is none of these, for the end of a stack.
+    pub(super) const NONE: Self = Self(u32::MAX);
+
     #[inline(always)]
     pub(super) fn is_inner(self) -> bool {
         self.0 < 1 << Self::BITS
     }
 
+    /// The node or first slot.
+    #[inline(always)]
+    pub(super) fn index(self) -> usize {
+        (self.0 & (Self::LIMIT as u32 - 1)) as usize
+    }
+
     #[inline(always)]
     pub(super) fn kind(self) -> Kind {
-        let index = (self.0 & (Self::LIMIT as u32 - 1)) as usize;
+        let index = self.index();
         match (self.0 >> Self::BITS) as usize {
             0 => Kind::Inner(index),
             count if count <= WIDTH => Kind::Triangles(index, count),

@@ -9,7 +9,7 @@ use whitstone_core::{DVec2, DVec3, Element, InstancePath, Interval, PrimitiveHit
 use whitstone_simd::{Kernel, Lanes};
 
 /// The stack of a search: each level of nodes puts off seven children at most.
-const fn stack_size(depth: usize) -> usize {
+pub(super) const fn stack_size(depth: usize) -> usize {
     (depth * (WIDTH - 1) + 1).next_power_of_two()
 }
 
@@ -43,7 +43,7 @@ pub(super) struct State<'a> {
 
 impl<'a> State<'a> {
     #[inline(always)]
-    fn new(bvh: &'a Bvh, query: &'a Query<'a>) -> Self {
+    pub(super) fn new(bvh: &'a Bvh, query: &'a Query<'a>) -> Self {
         Self {
             bvh,
             query,
@@ -131,7 +131,7 @@ impl<'a> State<'a> {
 
     /// Decides about what is pending and may still be nearest.
     #[inline(always)]
-    fn resolve_pending(&mut self, local: &LocalRay, mut limit: f32) -> f32 {
+    pub(super) fn resolve_pending(&mut self, local: &LocalRay, mut limit: f32) -> f32 {
         for i in 0..std::mem::take(&mut self.count) {
             let (low, leaf, lane) = self.pending[i];
             if low <= limit {
@@ -187,20 +187,35 @@ impl<const ANY: bool, const DEEP: bool> Kernel for Search<'_, ANY, DEEP> {
 impl State<'_> {
     /// Tries some elements.
     #[cold]
-    fn resolve_all(&mut self, elements: impl Iterator<Item = Element>) {
+    pub(super) fn resolve_all(&mut self, elements: impl Iterator<Item = Element>) {
         for element in elements {
             self.resolve(element);
+        }
+    }
+
+    /// Tries what has no box; returns whether something was hit.
+    #[inline(always)]
+    pub(super) fn resolve_unbounded(&mut self) -> bool {
+        if !self.bvh.unbounded.is_empty() {
+            self.resolve_all(self.bvh.unbounded.iter().copied());
+        }
+        self.best.is_some()
+    }
+
+    /// The limit to begin with.
+    #[inline(always)]
+    pub(super) fn limit(&self, local: &LocalRay) -> f32 {
+        match &self.best {
+            Some(best) => local.max.min(local.above(best.t)),
+            None => local.max,
         }
     }
 
     #[inline(always)]
     fn search<const ANY: bool, const STACK: usize, L: Lanes>(mut self, l: L) -> Option<RawHit> {
         let bvh = self.bvh;
-        if !bvh.unbounded.is_empty() {
-            self.resolve_all(bvh.unbounded.iter().copied());
-            if ANY && self.best.is_some() {
-                return self.best;
-            }
+        if self.resolve_unbounded() && ANY {
+            return self.best;
         }
         let Some(mut child) = bvh.root else {
             return self.best;
@@ -212,10 +227,7 @@ impl State<'_> {
         };
         // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded into them.
         let local = std::hint::black_box(local);
-        let mut limit = local.max;
-        if let Some(best) = &self.best {
-            limit = limit.min(local.above(best.t));
-        }
+        let mut limit = self.limit(local);
         let mut stack = [(0f32, Child::default()); STACK];
         let mut height = 0;
         loop {
@@ -295,7 +307,7 @@ impl State<'_> {
 
     /// Tests what is in a leaf; returns the new limit, or `None` if the search is over.
     #[inline(always)]
-    fn leaf<const ANY: bool, L: Lanes>(
+    pub(super) fn leaf<const ANY: bool, L: Lanes>(
         &mut self,
         l: L,
         local: &LocalRay,
