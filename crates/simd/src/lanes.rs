@@ -42,11 +42,13 @@ pub trait Lanes: Copy {
     fn abs(self, x: Self::Floats) -> Self::Floats;
     /// Bit i says whether `a[i] <= b[i]`; not if either is NaN.
     fn at_most(self, a: Self::Floats, b: Self::Floats) -> u32;
-    /// The keys that are at most their limits, largest first, and how many they are; then anything. Keys
-    /// must be finite. The last three bits of each are replaced by its place, which `take` reads.
-    fn descending(self, keys: Self::Floats, limits: Self::Floats) -> (Self::Floats, u32);
-    /// What is at the places that `descending` wrote into the keys.
-    fn take(self, from: &[u32; 8], keys: Self::Floats) -> [u32; 8];
+    /// Of the lanes named by `mask` (bits) one with the least number, up to the last three bits; any if there are
+    /// none. Numbers must be finite.
+    fn least(self, x: Self::Floats, mask: u32) -> usize;
+    /// The lanes named by the lowest eight bits of `mask` in their order, then anything.
+    fn pack(self, x: Self::Floats, mask: u32) -> Self::Floats;
+    /// The same for any words.
+    fn pack_words(self, x: &[u32; 8], mask: u32) -> [u32; 8];
 }
 
 /// A computation on whatever lanes the processor has.
@@ -75,6 +77,24 @@ pub fn with_lanes<K: Kernel>(limit: Level, kernel: K) -> K::Output {
 /// Eight numbers in an array, for processors without wider registers.
 #[derive(Clone, Copy, Debug)]
 pub struct Portable;
+
+/// By mask: the places of the bits that are set, in order.
+static PACKED: [[u8; 8]; 256] = {
+    let mut table = [[0; 8]; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let (mut place, mut count) = (0, 0);
+        while place < 8 {
+            if mask >> place & 1 != 0 {
+                table[mask][count] = place as u8;
+                count += 1;
+            }
+            place += 1;
+        }
+        mask += 1;
+    }
+    table
+};
 
 macro_rules! each {
     (|$($x:ident),+| $value:expr) => {
@@ -141,23 +161,19 @@ impl Lanes for Portable {
         (0..8).fold(0, |mask, i| mask | u32::from(a[i] <= b[i]) << i)
     }
     #[inline(always)]
-    fn descending(self, keys: [f32; 8], limits: [f32; 8]) -> ([f32; 8], u32) {
-        let mut sorted = [f32::MIN; 8];
-        let mut count = 0;
-        for i in 0..8 {
-            if keys[i] <= limits[i] {
-                let key = f32::from_bits(keys[i].to_bits() & !7 | i as u32);
-                let place = sorted[..count].partition_point(|&other| other > key);
-                sorted.copy_within(place..count, place + 1);
-                sorted[place] = key;
-                count += 1;
-            }
-        }
-        (sorted, count as u32)
+    fn least(self, x: [f32; 8], mask: u32) -> usize {
+        let tagged = |i: usize| f32::from_bits(x[i].to_bits() & !7 | i as u32);
+        let named = (0..8).filter(|i| mask >> i & 1 != 0);
+        let least = named.map(tagged).fold(f32::MAX, f32::min);
+        least.to_bits() as usize % 8
     }
     #[inline(always)]
-    fn take(self, from: &[u32; 8], keys: [f32; 8]) -> [u32; 8] {
-        each!(|keys| from[keys.to_bits() as usize % 8])
+    fn pack(self, x: [f32; 8], mask: u32) -> [f32; 8] {
+        PACKED[mask as usize % 256].map(|place| x[usize::from(place) % 8])
+    }
+    #[inline(always)]
+    fn pack_words(self, x: &[u32; 8], mask: u32) -> [u32; 8] {
+        PACKED[mask as usize % 256].map(|place| x[usize::from(place) % 8])
     }
 }
 
@@ -176,36 +192,29 @@ mod x86 {
         kernel.run(Avx2(()))
     }
 
-    /// Batcher's network for eight numbers: six layers of exchanges, larger numbers to lower places.
     #[inline]
     #[target_feature(enable = "avx2")]
-    fn descending(keys: __m256, limits: __m256) -> (__m256, u32) {
-        let counts = _mm256_cmp_ps::<_CMP_LE_OQ>(keys, limits);
+    fn least(x: __m256, mask: u32) -> usize {
+        let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+        let named = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(mask as i32), bits), bits);
         let places = _mm256_castsi256_ps(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
         let tagged = _mm256_or_ps(
-            _mm256_andnot_ps(_mm256_castsi256_ps(_mm256_set1_epi32(7)), keys),
+            _mm256_andnot_ps(_mm256_castsi256_ps(_mm256_set1_epi32(7)), x),
             places,
         );
-        let mut x = _mm256_blendv_ps(_mm256_set1_ps(f32::MIN), tagged, counts);
-        macro_rules! layer {
-            ($other:expr, $upper:literal) => {
-                let other = $other;
-                x = _mm256_blend_ps::<$upper>(_mm256_max_ps(x, other), _mm256_min_ps(x, other));
-            };
-        }
-        layer!(_mm256_permute_ps::<0b10_11_00_01>(x), 0b1010_1010);
-        layer!(_mm256_permute_ps::<0b01_00_11_10>(x), 0b1100_1100);
-        layer!(_mm256_permute_ps::<0b11_01_10_00>(x), 0b0100_0100);
-        layer!(_mm256_permute2f128_ps::<1>(x, x), 0b1111_0000);
-        layer!(
-            _mm256_permutevar8x32_ps(x, _mm256_setr_epi32(0, 1, 4, 5, 2, 3, 6, 7)),
-            0b0011_0000
-        );
-        layer!(
-            _mm256_permutevar8x32_ps(x, _mm256_setr_epi32(0, 2, 1, 4, 3, 6, 5, 7)),
-            0b0101_0100
-        );
-        (x, (_mm256_movemask_ps(counts) as u32).count_ones())
+        let x = _mm256_blendv_ps(_mm256_set1_ps(f32::MAX), tagged, _mm256_castsi256_ps(named));
+        let x = _mm_min_ps(_mm256_castps256_ps128(x), _mm256_extractf128_ps::<1>(x));
+        let x = _mm_min_ps(x, _mm_permute_ps::<0b01_00_11_10>(x));
+        let x = _mm_min_ps(x, _mm_permute_ps::<0b10_11_00_01>(x));
+        _mm_cvtsi128_si32(_mm_castps_si128(x)) as usize % 8
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn pack(x: __m256i, mask: u32) -> __m256i {
+        let places = u64::from_le_bytes(super::PACKED[mask as usize % 256]);
+        let places = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(places as i64));
+        _mm256_permutevar8x32_epi32(x, places)
     }
 
     /// Made in the two functions above only. With AVX-512 the compiler uses its masks and registers.
@@ -243,10 +252,10 @@ mod x86 {
             abs(x: __m256) -> __m256 = _mm256_andnot_ps(_mm256_set1_ps(-0.0), x);
             at_most(a: __m256, b: __m256) -> u32 =
                 _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a, b)) as u32;
-            descending(keys: __m256, limits: __m256) -> (__m256, u32) = descending(keys, limits);
-            take(from: &[u32; 8], keys: __m256) -> [u32; 8] = std::mem::transmute::<__m256i, [u32; 8]>(
-                _mm256_permutevar8x32_epi32(_mm256_loadu_si256(from.as_ptr().cast()), _mm256_castps_si256(keys))
-            );
+            least(x: __m256, mask: u32) -> usize = least(x, mask);
+            pack(x: __m256, mask: u32) -> __m256 = _mm256_castsi256_ps(pack(_mm256_castps_si256(x), mask));
+            pack_words(x: &[u32; 8], mask: u32) -> [u32; 8] =
+                std::mem::transmute::<__m256i, [u32; 8]>(pack(_mm256_loadu_si256(x.as_ptr().cast()), mask));
         }
     }
 }
@@ -305,36 +314,45 @@ mod tests {
         assert_eq!(expected.1, 0b0100_1011);
     }
 
-    struct Sorted([f32; 8], [f32; 8]);
+    struct Choice([f32; 8], u32);
 
-    impl Kernel for Sorted {
-        type Output = (Vec<u32>, Vec<u32>);
+    impl Kernel for Choice {
+        type Output = (usize, Vec<f32>, Vec<u32>);
 
         #[inline(always)]
         fn run<L: Lanes>(self, l: L) -> Self::Output {
-            let (keys, count) = l.descending(l.load(&self.0), l.load(&self.1));
-            let taken = l.take(&[10, 11, 12, 13, 14, 15, 16, 17], keys)[..count as usize].to_vec();
-            let keys = l.store(keys)[..count as usize].to_vec();
-            (keys.into_iter().map(f32::to_bits).collect(), taken)
+            let Self(numbers, mask) = self;
+            let count = mask.count_ones() as usize;
+            let x = l.load(&numbers);
+            let words = l.pack_words(&numbers.map(f32::to_bits), mask);
+            let packed = l.store(l.pack(x, mask));
+            (
+                l.least(x, mask),
+                packed[..count].to_vec(),
+                words[..count].to_vec(),
+            )
         }
     }
 
     #[test]
-    fn every_order_of_keys_is_sorted_by_every_level() {
-        // A network that sorts all zeros and ones sorts everything (Knuth, 5.3.4); the second set of bits
-        // says which keys count.
-        for pattern in 0..1 << 16 {
-            let bit = |i: usize| (pattern >> i & 1) as f32;
-            let keys: [f32; 8] = std::array::from_fn(|i| 3.0 * bit(i) - 1.5);
-            let limits: [f32; 8] = std::array::from_fn(|i| if bit(i + 8) > 0.0 { 2.0 } else { -2.0 });
-            let expected = Sorted(keys, limits).run(Portable);
-            assert!(expected.0.is_sorted_by_key(|&bits| -f32::from_bits(bits)));
-            assert_eq!(expected.0.len(), (pattern as u32 >> 8).count_ones() as usize);
-            for (key, place) in expected.0.iter().zip(&expected.1) {
-                assert_eq!(f32::from_bits(*key) > 0.0, bit(*place as usize - 10) > 0.0);
-            }
-            for level in [Level::Avx2, Level::Avx512] {
-                assert_eq!(with_lanes(level, Sorted(keys, limits)), expected, "{level:?}");
+    fn every_level_finds_the_least_and_packs_in_order() {
+        let numbers = [3.0f32, -1.0, 8.0, 0.0, -1.5, 7.0, -0.5, 1e30];
+        for mask in 1..256u32 {
+            let named: Vec<usize> = (0..8).filter(|i| mask >> i & 1 != 0).collect();
+            let least = named
+                .iter()
+                .copied()
+                .min_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
+            let packed: Vec<f32> = named.iter().map(|&i| numbers[i]).collect();
+            let words = packed.iter().map(|x| x.to_bits()).collect();
+            let expected = (least.unwrap(), packed, words);
+            assert_eq!(Choice(numbers, mask).run(Portable), expected);
+            for level in [Level::Baseline, Level::Avx2, Level::Avx512] {
+                assert_eq!(
+                    with_lanes(level, Choice(numbers, mask)),
+                    expected,
+                    "{level:?} {mask}"
+                );
             }
         }
     }

@@ -13,13 +13,14 @@ pub(super) struct Node {
     /// By axis, by side (0 smallest, 1 largest coordinate), by child. Where there is no child, the box is
     /// inside out, so that no ray meets it.
     pub(super) planes: [[[f32; WIDTH]; 2]; 3],
-    pub(super) children: [Child; WIDTH],
+    /// [`Child`]ren.
+    pub(super) children: [u32; WIDTH],
 }
 
 impl Node {
     pub(super) const EMPTY: Self = Self {
         planes: [[[f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]]; 3],
-        children: [Child(0); WIDTH],
+        children: [0; WIDTH],
     };
 
     /// Which boxes the ray may meet between its `min` and `limit`, as bits, and where it enters them at
@@ -27,28 +28,6 @@ impl Node {
     /// ray pays for every rounding (`docs/accelerators.md`).
     #[inline(always)]
     pub(super) fn enter<L: Lanes>(&self, l: L, ray: &LocalRay, limit: f32) -> (u32, L::Floats) {
-        let (near, far) = self.slabs(l, ray, limit);
-        (l.at_most(near, far), near)
-    }
-
-    /// The boxes that the ray may meet, the farthest first, and how many they are; then anything. What stands for the
-    /// distance of a box is at most 7 units in the last place from where the ray enters it.
-    #[inline(always)]
-    pub(super) fn descending<L: Lanes>(
-        &self,
-        l: L,
-        ray: &LocalRay,
-        limit: f32,
-    ) -> ([f32; WIDTH], [Child; WIDTH], u32) {
-        let (near, far) = self.slabs(l, ray, limit);
-        let (keys, count) = l.descending(near, far);
-        let children = l.take(&self.children.map(|child| child.0), keys);
-        (l.store(keys), children.map(Child), count)
-    }
-
-    /// Where the ray enters and leaves the boxes.
-    #[inline(always)]
-    fn slabs<L: Lanes>(&self, l: L, ray: &LocalRay, limit: f32) -> (L::Floats, L::Floats) {
         let mut near = l.splat(ray.min);
         let mut far = l.splat(limit);
         for axis in 0..3 {
@@ -60,13 +39,13 @@ impl Node {
             near = l.max(enter, near);
             far = l.min(leave, far);
         }
-        (near, far)
+        (l.at_most(near, far), near)
     }
 }
 
 /// An inner node, a leaf of triangles, or a leaf of anything.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Child(u32);
+pub(super) struct Child(pub(super) u32);
 
 /// What a [`Child`] is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

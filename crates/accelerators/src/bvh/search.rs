@@ -241,7 +241,7 @@ impl State<'_> {
                     let mut next = || {
                         let i = mask.trailing_zeros() as usize % WIDTH;
                         mask &= mask - 1;
-                        ((near[i], node.children[i]), mask)
+                        ((near[i], Child(node.children[i])), mask)
                     };
                     let (first, rest) = next();
                     if rest == 0 {

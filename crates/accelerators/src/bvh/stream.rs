@@ -70,33 +70,23 @@ struct Flight<'a> {
     state: State<'a>,
     /// Beyond this boxes are of no interest.
     limit: f32,
-    /// The same for distances from the stack, which are not exact.
-    cull: f32,
     /// Where it is.
     child: Child,
     height: usize,
     near: [f32; STACK],
-    children: [Child; STACK],
+    children: [u32; STACK],
 }
 
 impl Flight<'_> {
-    #[inline(always)]
-    fn set_limit(&mut self, limit: f32) {
-        self.limit = limit;
-        // A distance on the stack is 7 units in the last place from the true one at most.
-        self.cull = limit + 2f32.powi(-19) * limit.abs();
-    }
-
     /// Goes to what is next on the stack.
     #[inline(always)]
-    fn pop(&mut self, bvh: &Bvh) {
+    fn pop(&mut self) {
         let mut top = self.height - 1;
-        while self.near[top] > self.cull {
+        while self.near[top] > self.limit {
             top -= 1;
         }
         self.height = top;
-        self.child = self.children[top];
-        bvh.prefetch(self.child);
+        self.child = Child(self.children[top]);
     }
 }
 
@@ -151,7 +141,7 @@ impl<'a> Queue<'a> {
                     flight.lane = lane;
                     flight.child = self.root;
                     flight.height = 1;
-                    flight.set_limit(flight.state.limit(&flight.local));
+                    flight.limit = flight.state.limit(&flight.local);
                     return true;
                 }
                 flight
@@ -192,11 +182,10 @@ impl<const ANY: bool, T: FnMut(usize, Option<RawHit>)> Kernel for Stream<'_, ANY
             local: LocalRay::default(),
             state: State::new(bvh, &queries[0]),
             limit: 0.0,
-            cull: 0.0,
             child: Child::NONE,
             height: 1,
             near: [f32::MIN; STACK],
-            children: [Child::NONE; STACK],
+            children: [Child::NONE.0; STACK],
         });
         let (mut inner, mut leaves) = (List::default(), List::default());
         for (i, flight) in flights.iter_mut().enumerate() {
@@ -211,16 +200,24 @@ impl<const ANY: bool, T: FnMut(usize, Option<RawHit>)> Kernel for Stream<'_, ANY
                 let i = inner.flights[place % FLIGHTS];
                 let flight = &mut flights[usize::from(i) % FLIGHTS];
                 let node = &bvh.nodes[flight.child.index()];
-                let (near, children, count) = node.descending(l, &flight.local, flight.limit);
+                let (mask, near) = node.enter(l, &flight.local, flight.limit);
+                let nearest = l.least(near, mask) % WIDTH;
+                let rest = mask & !(1 << nearest);
                 let height = flight.height;
+                let last = flight.children[height - 1];
+                let stale = mask == 0 && flight.near[height - 1] > flight.limit;
                 if let Some(top) = flight.near[height..].first_chunk_mut() {
-                    *top = near;
+                    *top = l.store(l.pack(near, rest));
                 }
                 if let Some(top) = flight.children[height..].first_chunk_mut() {
-                    *top = children;
+                    *top = l.pack_words(&node.children, rest);
                 }
-                flight.height = height + count as usize;
-                flight.pop(bvh);
+                flight.child = Child(select(mask == 0, last, node.children[nearest]));
+                flight.height = height + mask.count_ones() as usize - 1;
+                if stale {
+                    flight.pop();
+                }
+                bvh.prefetch(flight.child);
                 let is_inner = flight.child.is_inner();
                 inner.push_if(is_inner, i);
                 leaves.push_if(!is_inner, i);
@@ -233,8 +230,9 @@ impl<const ANY: bool, T: FnMut(usize, Option<RawHit>)> Kernel for Stream<'_, ANY
                     let limit = flight.limit;
                     match flight.state.leaf::<ANY, L>(l, &flight.local, flight.child, limit) {
                         Some(nearer) => {
-                            flight.set_limit(nearer);
-                            flight.pop(bvh);
+                            flight.limit = nearer;
+                            flight.pop();
+                            bvh.prefetch(flight.child);
                         }
                         None => goes_on = false,
                     }

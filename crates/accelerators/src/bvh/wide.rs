@@ -161,7 +161,7 @@ impl Builder<'_> {
                 node.planes[axis][0][i] = aabb.min[axis];
                 node.planes[axis][1][i] = aabb.max[axis];
             }
-            node.children[i] = child;
+            node.children[i] = child.0;
         }
         Child::new(Kind::Inner(index))
     }
