@@ -1,6 +1,8 @@
 //! The structure's own coordinates, and rays in them.
 
+use whitstone_core::stream::{GROUP, RayStream};
 use whitstone_core::{Aabb, DVec3, Interval, Ray};
+use whitstone_simd::select;
 
 /// Where the structure's own coordinates are: all of it lies in the cube from -1 to 1.
 #[derive(Clone, Copy, Debug)]
@@ -62,7 +64,20 @@ impl Frame {
     /// A ray in single precision; `None` for one that does not fit or is no ray at all.
     #[inline(always)]
     pub(super) fn ray(&self, ray: &Ray, interval: &Interval) -> Option<LocalRay> {
-        LocalRay::new(self, ray, interval)
+        let (local, sound) = LocalRay::new::<false>(self, ray, interval);
+        sound.then_some(local)
+    }
+
+    /// The same for some rays of a stream, from `start` on.
+    #[inline(always)]
+    pub(super) fn rays(&self, rays: &RayStream, start: usize) -> LocalRays {
+        let mut local = LocalRays::default();
+        for k in 0..GROUP {
+            let lane = start + k;
+            let (ray, sound) = LocalRay::new::<true>(self, &rays.ray(lane), &rays.interval(lane));
+            local.set(k, &ray, sound);
+        }
+        local
     }
 }
 
@@ -80,9 +95,9 @@ pub(super) struct LocalRay {
     /// What to add to a far plane times `reciprocal` to get an upper bound.
     pub(super) far: [f32; 3],
     /// Whether the near plane of an axis is that of the smallest (0) or largest (1) coordinates.
-    pub(super) side: [usize; 3],
-    /// The axes; along the last the direction is largest.
-    pub(super) axes: [usize; 3],
+    pub(super) side: [u32; 3],
+    /// The axis along which the direction is largest.
+    axis: u32,
     /// The origin along `axes`.
     pub(super) origin: [f32; 3],
     /// The direction along the first two of `axes`, divided by the last component.
@@ -103,72 +118,87 @@ pub(super) struct LocalRay {
 }
 
 impl LocalRay {
+    /// With `STRAIGHT` without jumps, for loops over many rays; then `sound` says whether the result means anything.
     #[inline(always)]
-    fn new(frame: &Frame, ray: &Ray, interval: &Interval) -> Option<Self> {
+    fn new<const STRAIGHT: bool>(frame: &Frame, ray: &Ray, interval: &Interval) -> (Self, bool) {
         let d = ray.direction.to_array();
         let a = d.map(f64::abs);
-        let z = match (a[0] > a[1], a[0] > a[2], a[1] > a[2]) {
-            (true, true, _) => 0,
-            (false, _, true) => 1,
-            _ => 2,
+        let axis = select(a[0] > a[1], select(a[0] > a[2], 0, 2), select(a[1] > a[2], 1, 2));
+        // The axes from the one after the largest.
+        let turned = |v: [f64; 3]| {
+            let pick = |x, y, z| select(axis == 0, x, select(axis == 1, y, z));
+            [
+                pick(v[1], v[2], v[0]),
+                pick(v[2], v[0], v[1]),
+                pick(v[0], v[1], v[2]),
+            ]
         };
-        let axes = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
-        let largest = a[z];
+        let [dx, dy, dz] = turned(d);
+        let largest = dz.abs();
         let scale = largest * frame.scale;
         let mut origin = frame.point(ray.origin);
-        let mut reach = origin.abs().max_element();
+        let mut reach = largest_component(origin);
+        let size = origin.x.abs() + origin.y.abs() + origin.z.abs();
         // Written so that NaN does not pass either.
-        let sound = scale > 1e-200 && scale < 1e200 && reach < 1e18 && interval.min < 1e100;
-        if !sound {
-            return None;
-        }
+        let sound = (scale > 1e-200) & (scale < 1e200) & (size < 1e18) & (interval.min < 1e100);
         // The rounding of the origin in double precision, with much to spare.
         let far = 2f64.powi(-40) * reach;
         let mut shift = 0.0;
-        if reach > 4.0 {
+        let afar = reach > 4.0;
+        if STRAIGHT || afar {
             // From afar single precision would be too coarse: start where the structure is closest.
             let e = ray.direction / largest;
-            shift = -origin.dot(e) / e.length_squared();
+            shift = select(afar, -origin.dot(e) / e.length_squared(), 0.0);
             origin += shift * e;
-            reach = origin.abs().max_element();
+            reach = largest_component(origin);
         }
         // 8 roundings of numbers up to `reach + 1`.
         let pad = 8.0 * f64::from(ROUNDING) * (reach + 1.0) + far;
         // Slower than this along an axis the ray does not leave the pad within the structure.
         let slowest = largest * 2f64.powi(-30);
-        let invert = |d: f64| (largest / d.abs().max(slowest).copysign(d)) as f32;
+        let invert = |d: f64| (largest / select(d.abs() > slowest, d.abs(), slowest).copysign(d)) as f32;
         let reciprocal = [invert(d[0]), invert(d[1]), invert(d[2])];
-        let per_z = 1.0 / d[z];
+        let per_z = 1.0 / dz;
         let o = origin.to_array();
         let shifted = |i: usize, by: f64| {
             let r = f64::from(reciprocal[i]);
             (-(o[i] * r) - by * r.abs()) as f32
         };
         let clock = Clock { scale, shift };
+        let inside_max = select(
+            interval.max < f64::INFINITY,
+            clock.below(interval.max),
+            f32::INFINITY,
+        );
+        let turned_origin = turned(o);
         // As one literal: what is written in pieces and then copied stalls the processor.
-        Some(Self {
+        let ray = Self {
             reciprocal,
             near: [shifted(0, pad), shifted(1, pad), shifted(2, pad)],
             far: [shifted(0, -pad), shifted(1, -pad), shifted(2, -pad)],
-            side: [side(d[0]), side(d[1]), side(d[2])],
-            axes,
-            origin: [o[axes[0]] as f32, o[axes[1]] as f32, o[axes[2]] as f32],
-            shear: [(d[axes[0]] * per_z) as f32, (d[axes[1]] * per_z) as f32],
-            sign: 1f32.copysign(d[z] as f32),
+            side: d.map(side),
+            axis,
+            origin: [
+                turned_origin[0] as f32,
+                turned_origin[1] as f32,
+                turned_origin[2] as f32,
+            ],
+            shear: [(dx * per_z) as f32, (dy * per_z) as f32],
+            sign: 1f32.copysign(dz as f32),
             error: pad as f32 * (1.0 + 2.0 * ROUNDING),
             conversion: ROUNDING * (reach as f32 + 1.0) + far as f32,
             min: clock.below(interval.min),
             max: clock.above(interval.max),
-            inside: [
-                clock.above(interval.min),
-                if interval.max < f64::INFINITY {
-                    clock.below(interval.max)
-                } else {
-                    f32::INFINITY
-                },
-            ],
+            inside: [clock.above(interval.min), inside_max],
             clock,
-        })
+        };
+        (ray, sound)
+    }
+
+    /// The axes; along the last the direction is largest.
+    #[inline(always)]
+    pub(super) fn axes(&self) -> [usize; 3] {
+        [[1, 2, 0], [2, 0, 1], [0, 1, 2]][self.axis as usize % 3]
     }
 
     /// A number that is certainly above the own parameter of `t`.
@@ -178,8 +208,19 @@ impl LocalRay {
     }
 }
 
-fn side(d: f64) -> usize {
-    usize::from(d.is_sign_negative())
+#[inline(always)]
+fn side(d: f64) -> u32 {
+    (d.to_bits() >> 63) as u32
+}
+
+#[inline(always)]
+fn largest_component(v: DVec3) -> f64 {
+    let v = v.abs();
+    select(
+        v.x >= v.y,
+        select(v.x >= v.z, v.x, v.z),
+        select(v.y >= v.z, v.y, v.z),
+    )
 }
 
 /// From parameters of the ray in the world to own ones.
@@ -207,5 +248,83 @@ impl Clock {
     #[inline(always)]
     fn slack(&self, t: f64) -> f64 {
         4.0 * f64::from(ROUNDING) * t.abs() + 2f64.powi(-48) * self.shift.abs()
+    }
+}
+
+/// [`LocalRay`]s side by side.
+#[derive(Default)]
+#[repr(align(64))]
+pub(super) struct LocalRays {
+    floats: [[f32; GROUP]; 21],
+    sides: [[u32; GROUP]; 3],
+    axis: [u32; GROUP],
+    scale: [f64; GROUP],
+    shift: [f64; GROUP],
+    sound: [bool; GROUP],
+}
+
+impl LocalRays {
+    #[inline(always)]
+    fn set(&mut self, lane: usize, ray: &LocalRay, sound: bool) {
+        let [[a, b, c], [d, e, f], [g, h, i]] = [ray.reciprocal, ray.near, ray.far];
+        let ([j, k, l], [m, n], [q, r]) = (ray.origin, ray.shear, ray.inside);
+        let floats = [
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
+            g,
+            h,
+            i,
+            j,
+            k,
+            l,
+            m,
+            n,
+            ray.error,
+            ray.conversion,
+            ray.min,
+            ray.max,
+            q,
+            r,
+            ray.sign,
+        ];
+        for (to, from) in self.floats.iter_mut().zip(floats) {
+            to[lane] = from;
+        }
+        for (to, from) in self.sides.iter_mut().zip(ray.side) {
+            to[lane] = from;
+        }
+        self.axis[lane] = ray.axis;
+        self.scale[lane] = ray.clock.scale;
+        self.shift[lane] = ray.clock.shift;
+        self.sound[lane] = sound;
+    }
+
+    /// The ray of a lane, unless it does not fit.
+    #[inline(always)]
+    pub(super) fn get(&self, lane: usize) -> Option<LocalRay> {
+        let f = |i: usize| self.floats[i][lane];
+        self.sound[lane].then(|| LocalRay {
+            reciprocal: [f(0), f(1), f(2)],
+            near: [f(3), f(4), f(5)],
+            far: [f(6), f(7), f(8)],
+            side: [self.sides[0][lane], self.sides[1][lane], self.sides[2][lane]],
+            axis: self.axis[lane],
+            origin: [f(9), f(10), f(11)],
+            shear: [f(12), f(13)],
+            error: f(14),
+            conversion: f(15),
+            min: f(16),
+            max: f(17),
+            inside: [f(18), f(19)],
+            sign: f(20),
+            clock: Clock {
+                scale: self.scale[lane],
+                shift: self.shift[lane],
+            },
+        })
     }
 }

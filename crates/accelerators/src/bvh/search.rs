@@ -5,7 +5,7 @@ use super::filter::{self, Filtered, NUMBERS};
 use super::frame::LocalRay;
 use super::node::{Child, Kind, WIDTH};
 use whitstone_core::triangle::{ShearedRay, TriangleHit};
-use whitstone_core::{DVec2, DVec3, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Skip};
+use whitstone_core::{DVec2, DVec3, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Shape, Skip};
 use whitstone_simd::{Kernel, Lanes};
 
 /// The stack of a search: each level of nodes puts off seven children at most.
@@ -85,10 +85,8 @@ impl<'a> State<'a> {
     fn resolve_exact(&mut self, first: usize, count: usize, lane: usize) {
         let Query { ray, interval, .. } = self.query;
         let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
-        let numbers = &self.bvh.numbers[NUMBERS * first..];
-        let number = |i: usize| f64::from(numbers[i * count + lane]) * self.bvh.exact;
-        let corner = |i: usize| DVec3::new(number(3 * i), number(3 * i + 1), number(3 * i + 2));
-        let hit = sheared.intersect(corner(0), corner(1), corner(2));
+        let [a, b, c] = self.bvh.exact_corners(first, count, lane);
+        let hit = sheared.intersect(a, b, c);
         if let Some(TriangleHit { t, u, v }) = hit
             && t > interval.min
             && t < self.end
@@ -202,6 +200,13 @@ impl State<'_> {
         self.best.is_some()
     }
 
+    /// The only thing that may be hit, not yet known in double precision: a triangle in the leaf.
+    #[inline(always)]
+    pub(super) fn candidate(&self) -> Option<(Child, usize)> {
+        let (_, leaf, lane) = self.pending[0];
+        (self.count == 1 && self.best.is_none()).then_some((leaf, lane as usize))
+    }
+
     /// The limit to begin with.
     #[inline(always)]
     pub(super) fn limit(&self, local: &LocalRay) -> f32 {
@@ -217,7 +222,7 @@ impl State<'_> {
         if self.resolve_unbounded() && ANY {
             return self.best;
         }
-        let Some(mut child) = bvh.root else {
+        let Some(root) = bvh.root else {
             return self.best;
         };
         let Some(local) = &bvh.frame.ray(self.query.ray, &self.query.interval) else {
@@ -225,10 +230,26 @@ impl State<'_> {
             self.resolve_all(bvh.slots.iter().map(|slot| slot.element()));
             return self.best;
         };
+        let mut stack = [(0f32, Child::default()); STACK];
+        let limit = self.traverse::<ANY, STACK, L>(l, local, root, &mut stack);
+        self.resolve_pending(local, limit);
+        self.best
+    }
+
+    /// Goes through the hierarchy; what is pending then may be nearest up to the limit that is returned.
+    #[inline(always)]
+    pub(super) fn traverse<const ANY: bool, const STACK: usize, L: Lanes>(
+        &mut self,
+        l: L,
+        local: &LocalRay,
+        root: Child,
+        stack: &mut [(f32, Child); STACK],
+    ) -> f32 {
+        let bvh = self.bvh;
         // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded into them.
         let local = std::hint::black_box(local);
         let mut limit = self.limit(local);
-        let mut stack = [(0f32, Child::default()); STACK];
+        let mut child = root;
         let mut height = 0;
         loop {
             if child.is_inner()
@@ -287,13 +308,12 @@ impl State<'_> {
             } else {
                 match self.leaf::<ANY, L>(l, local, child, limit) {
                     Some(nearer) => limit = nearer,
-                    None => return self.best,
+                    None => return limit,
                 }
             }
             child = loop {
                 if height == 0 {
-                    self.resolve_pending(local, limit);
-                    return self.best;
+                    return limit;
                 }
                 height -= 1;
                 let (near, child) = stack[height % STACK];
@@ -377,8 +397,33 @@ impl State<'_> {
     }
 }
 
+impl Bvh {
+    /// The corners of a triangle of a leaf where these are exact.
+    #[inline(always)]
+    fn exact_corners(&self, first: usize, count: usize, lane: usize) -> [DVec3; 3] {
+        let numbers = &self.numbers[NUMBERS * first..][..NUMBERS * count];
+        let number = |i: usize| f64::from(numbers[i * count + lane]) * self.exact;
+        let corner = |i: usize| DVec3::new(number(3 * i), number(3 * i + 1), number(3 * i + 2));
+        [corner(0), corner(1), corner(2)]
+    }
+
+    /// What is in a place of a leaf of triangles, and its corners in the world.
+    #[inline(always)]
+    pub(super) fn triangle(&self, leaf: Child, lane: usize) -> (Slot, [DVec3; 3]) {
+        let slot = self.slots[leaf.index() + lane];
+        let corners = match leaf.kind() {
+            Kind::Triangles(first, count) if self.exact != 0.0 => self.exact_corners(first, count, lane),
+            _ => match &self.geometry.shapes()[slot.shape as usize] {
+                Shape::Triangles(mesh) => mesh.corners(slot.triangle),
+                _ => [DVec3::ZERO; 3],
+            },
+        };
+        (slot, corners)
+    }
+}
+
 /// An element in a leaf.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Slot {
     pub(super) shape: u32,
     /// The triangle, or [`Slot::OPAQUE`].

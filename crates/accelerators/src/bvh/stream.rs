@@ -1,160 +1,85 @@
-//! Many rays at once: while one waits for memory or for its own arithmetic, others go on.
-//!
-//! A single ray is bound by latency: each step needs the result of the one before. Here some rays are in flight; each
-//! round takes all that are at inner nodes one step, without a jump that depends on the ray, then
-//! all that are at leaves. What a ray meets, and in which order, does not depend on the others.
+//! Many rays at once: what has to be done before and after the way through the hierarchy is done for many rays side by
+//! side in vector registers.
 
 use super::Bvh;
-use super::filter::NUMBERS;
-use super::frame::LocalRay;
-use super::node::{Child, WIDTH};
-use super::search::{Query, State, USUAL_DEPTH, stack_size};
-use std::ops::Range;
-use whitstone_core::stream::{HitStream, LANES, Lanes as RayLanes, RayStream};
-use whitstone_core::{RawHit, Ray};
-use whitstone_simd::{Kernel, Lanes, prefetch, select, with_lanes};
-
-/// Rays in flight.
-const FLIGHTS: usize = 16;
-
-/// Room for the usual depth, the sentinel, and what `descending` writes beyond the children.
-const STACK: usize = stack_size(USUAL_DEPTH) + 1 + WIDTH;
+use super::node::Child;
+use super::search::{Query, Slot, State, USUAL_DEPTH, stack_size};
+use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes as RayLanes, RayStream};
+use whitstone_core::triangle::{ShearedStream, TriangleHit};
+use whitstone_core::{DVec2, DVec3, InstancePath, PrimitiveHit, RawHit};
+use whitstone_simd::{Kernel, Lanes, with_lanes};
 
 /// The nearest hits of a stream, into hits that are clear.
 pub(super) fn closest(bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
-    let take = |lane: usize, hit: Option<RawHit>| {
-        if let Some(hit) = hit {
-            hits.set(lane, &hit);
-        }
-    };
-    search::<false>(bvh, rays, take);
+    search::<false>(bvh, rays, hits)
 }
 
 /// Whether anything is hit.
 pub(super) fn occluded(bvh: &Bvh, rays: &RayStream, hidden: &mut RayLanes<bool>) {
-    search::<true>(bvh, rays, |lane, hit| hidden[lane] = hit.is_some());
+    search::<true>(bvh, rays, hidden);
 }
 
-fn search<const ANY: bool>(bvh: &Bvh, rays: &RayStream, mut take: impl FnMut(usize, Option<RawHit>)) {
-    let len = rays.len.min(LANES);
+/// Where results go.
+trait Answers {
+    /// The decided answer of a ray.
+    fn set(&mut self, lane: usize, hit: Option<RawHit>);
+    fn hits(&mut self) -> Option<&mut HitStream>;
+}
+
+impl Answers for HitStream {
+    #[inline(always)]
+    fn set(&mut self, lane: usize, hit: Option<RawHit>) {
+        if let Some(hit) = hit {
+            HitStream::set(self, lane, &hit);
+        }
+    }
+    #[inline(always)]
+    fn hits(&mut self) -> Option<&mut HitStream> {
+        Some(self)
+    }
+}
+
+impl Answers for RayLanes<bool> {
+    #[inline(always)]
+    fn set(&mut self, lane: usize, hit: Option<RawHit>) {
+        self[lane] = hit.is_some();
+    }
+    #[inline(always)]
+    fn hits(&mut self) -> Option<&mut HitStream> {
+        None
+    }
+}
+
+fn search<const ANY: bool>(bvh: &Bvh, rays: &RayStream, answers: &mut impl Answers) {
     match bvh.root {
         Some(root) if !bvh.deep => {
-            let stream = Stream::<ANY, _> {
-                bvh,
-                root,
-                rays,
-                take: &mut take,
-            };
-            with_lanes(bvh.level, stream);
+            with_lanes(
+                bvh.level,
+                Stream::<ANY, _> {
+                    bvh,
+                    root,
+                    rays,
+                    answers,
+                },
+            );
         }
         _ => {
-            for lane in 0..len {
+            for lane in 0..rays.len.min(LANES) {
                 let (ray, skip) = (rays.ray(lane), rays.skip.skip(lane));
-                take(lane, bvh.find::<ANY>(&ray, rays.interval(lane), skip));
+                answers.set(lane, bvh.find::<ANY>(&ray, rays.interval(lane), skip));
             }
         }
     }
 }
 
-struct Stream<'a, const ANY: bool, T> {
+struct Stream<'a, const ANY: bool, A> {
     bvh: &'a Bvh,
     root: Child,
     rays: &'a RayStream,
-    take: &'a mut T,
+    answers: &'a mut A,
 }
 
-/// A ray on its way.
-struct Flight<'a> {
-    lane: usize,
-    local: LocalRay,
-    state: State<'a>,
-    /// Beyond this boxes are of no interest.
-    limit: f32,
-    /// Where it is.
-    child: Child,
-    height: usize,
-    near: [f32; STACK],
-    children: [u32; STACK],
-}
-
-impl Flight<'_> {
-    /// Goes to what is next on the stack.
-    #[inline(always)]
-    fn pop(&mut self) {
-        let mut top = self.height - 1;
-        while self.near[top] > self.limit {
-            top -= 1;
-        }
-        self.height = top;
-        self.child = Child(self.children[top]);
-    }
-}
-
-/// Numbers of flights.
-#[derive(Default)]
-struct List {
-    flights: [u8; FLIGHTS],
-    len: usize,
-}
-
-impl List {
-    /// Appends a flight, or does nothing, without a jump.
-    #[inline(always)]
-    fn push_if(&mut self, condition: bool, flight: u8) {
-        self.flights[self.len % FLIGHTS] = flight;
-        self.len += usize::from(condition);
-    }
-}
-
-impl Bvh {
-    /// Fetches what is needed of a child.
-    #[inline(always)]
-    fn prefetch(&self, child: Child) {
-        let node = self.nodes.as_ptr().wrapping_add(child.index()).cast::<f32>();
-        let leaf = self.numbers.as_ptr().wrapping_add(NUMBERS * child.index());
-        prefetch(select(child.is_inner(), node, leaf), 4);
-    }
-}
-
-/// The rays that still have to start.
-struct Queue<'a> {
-    bvh: &'a Bvh,
-    root: Child,
-    lanes: Range<usize>,
-    queries: &'a [Query<'a>; LANES],
-}
-
-impl<'a> Queue<'a> {
-    /// Starts the next ray that has a way to go; returns whether there is one.
-    #[inline(always)]
-    fn start<const ANY: bool, T: FnMut(usize, Option<RawHit>)>(
-        &mut self,
-        flight: &mut Flight<'a>,
-        take: &mut T,
-    ) -> bool {
-        for lane in self.lanes.by_ref() {
-            let query = &self.queries[lane % LANES];
-            flight.state = State::new(self.bvh, query);
-            if !(flight.state.resolve_unbounded() && ANY) {
-                if let Some(local) = self.bvh.frame.ray(query.ray, &query.interval) {
-                    flight.local = local;
-                    flight.lane = lane;
-                    flight.child = self.root;
-                    flight.height = 1;
-                    flight.limit = flight.state.limit(&flight.local);
-                    return true;
-                }
-                flight
-                    .state
-                    .resolve_all(self.bvh.slots.iter().map(|slot| slot.element()));
-            }
-            take(lane, flight.state.best);
-        }
-        false
-    }
-}
-
-impl<const ANY: bool, T: FnMut(usize, Option<RawHit>)> Kernel for Stream<'_, ANY, T> {
+impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
     type Output = ();
 
     #[inline(always)]
@@ -163,90 +88,80 @@ impl<const ANY: bool, T: FnMut(usize, Option<RawHit>)> Kernel for Stream<'_, ANY
             bvh,
             root,
             rays,
-            take,
+            answers,
         } = self;
-        let own: [Ray; LANES] = std::array::from_fn(|lane| rays.ray(lane));
-        let queries: [Query<'_>; LANES] = std::array::from_fn(|lane| Query {
-            ray: &own[lane],
-            interval: rays.interval(lane),
-            skip: rays.skip.skip(lane),
-        });
-        let mut queue = Queue {
-            bvh,
-            root,
-            lanes: 0..rays.len.min(LANES),
-            queries: &queries,
-        };
-        let mut flights: [Flight<'_>; FLIGHTS] = std::array::from_fn(|_| Flight {
-            lane: 0,
-            local: LocalRay::default(),
-            state: State::new(bvh, &queries[0]),
-            limit: 0.0,
-            child: Child::NONE,
-            height: 1,
-            near: [f32::MIN; STACK],
-            children: [Child::NONE.0; STACK],
-        });
-        let (mut inner, mut leaves) = (List::default(), List::default());
-        for (i, flight) in flights.iter_mut().enumerate() {
-            if queue.start::<ANY, _>(flight, take) {
-                let is_inner = flight.child.is_inner();
-                inner.push_if(is_inner, i as u8);
-                leaves.push_if(!is_inner, i as u8);
+        let mut stack = [(0f32, Child::default()); stack_size(USUAL_DEPTH)];
+        let mut candidates = Candidates([None; LANES]);
+        for start in rays.groups() {
+            let local = bvh.frame.rays(rays, start);
+            for k in 0..GROUP.min(rays.len - start) {
+                let lane = start + k;
+                let query = Query {
+                    ray: &rays.ray(lane),
+                    interval: rays.interval(lane),
+                    skip: rays.skip.skip(lane),
+                };
+                let mut state = State::new(bvh, &query);
+                let done = state.resolve_unbounded() && ANY;
+                if !done {
+                    if let Some(local) = &local.get(k) {
+                        let limit = state.traverse::<ANY, _, L>(l, local, root, &mut stack);
+                        if !ANY {
+                            if let Some((leaf, place)) = state.candidate() {
+                                candidates.0[lane] = Some((leaf, place as u8));
+                                continue;
+                            }
+                            state.resolve_pending(local, limit);
+                        }
+                    } else {
+                        state.resolve_all(bvh.slots.iter().map(|slot| slot.element()));
+                    }
+                }
+                answers.set(lane, state.best);
             }
         }
-        while inner.len + leaves.len > 0 {
-            for place in 0..std::mem::take(&mut inner.len) {
-                let i = inner.flights[place % FLIGHTS];
-                let flight = &mut flights[usize::from(i) % FLIGHTS];
-                let node = &bvh.nodes[flight.child.index()];
-                let (mask, near) = node.enter(l, &flight.local, flight.limit);
-                let nearest = l.least(near, mask) % WIDTH;
-                let rest = mask & !(1 << nearest);
-                let height = flight.height;
-                let last = flight.children[height - 1];
-                let stale = mask == 0 && flight.near[height - 1] > flight.limit;
-                if let Some(top) = flight.near[height..].first_chunk_mut() {
-                    *top = l.store(l.pack(near, rest));
+        if let Some(hits) = answers.hits() {
+            candidates.decide(bvh, rays, hits);
+        }
+    }
+}
+
+/// By ray: the only triangle that is left, which is certainly hit, if there is only one.
+struct Candidates([Option<(Child, u8)>; LANES]);
+
+impl Candidates {
+    /// The hits in double precision, as [`State`] finds them one by one.
+    #[inline(always)]
+    fn decide(&self, bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
+        let sheared = ShearedStream::new(rays);
+        for start in rays.groups() {
+            let mut corners = [[DVec3::ZERO; 3]; GROUP];
+            let mut slots = [Slot::default(); GROUP];
+            let mut any = false;
+            for k in 0..GROUP {
+                if let Some((leaf, place)) = self.0[start + k] {
+                    (slots[k], corners[k]) = bvh.triangle(leaf, usize::from(place));
+                    any = true;
                 }
-                if let Some(top) = flight.children[height..].first_chunk_mut() {
-                    *top = l.pack_words(&node.children, rest);
-                }
-                flight.child = Child(select(mask == 0, last, node.children[nearest]));
-                flight.height = height + mask.count_ones() as usize - 1;
-                if stale {
-                    flight.pop();
-                }
-                bvh.prefetch(flight.child);
-                let is_inner = flight.child.is_inner();
-                inner.push_if(is_inner, i);
-                leaves.push_if(!is_inner, i);
             }
-            for place in 0..std::mem::take(&mut leaves.len) {
-                let i = leaves.flights[place % FLIGHTS];
-                let flight = &mut flights[usize::from(i) % FLIGHTS];
-                let mut goes_on = flight.child != Child::NONE;
-                if goes_on {
-                    let limit = flight.limit;
-                    match flight.state.leaf::<ANY, L>(l, &flight.local, flight.child, limit) {
-                        Some(nearer) => {
-                            flight.limit = nearer;
-                            flight.pop();
-                            bvh.prefetch(flight.child);
-                        }
-                        None => goes_on = false,
-                    }
+            if !any {
+                continue;
+            }
+            let mut found = [[0.0; GROUP]; 3];
+            for k in 0..GROUP {
+                let TriangleHit { t, u, v } = sheared.intersect(rays, start + k, corners[k]);
+                (found[0][k], found[1][k], found[2][k]) = (t, u, v);
+            }
+            for k in 0..GROUP {
+                let (lane, t) = (start + k, found[0][k]);
+                if t > 0.0 && t < rays.limit[lane] {
+                    let hit = PrimitiveHit {
+                        t,
+                        primitive: slots[k].triangle,
+                        params: DVec2::new(found[1][k], found[2][k]),
+                    };
+                    hits.set(lane, &hit.of_shape(InstancePath::WORLD, slots[k].shape));
                 }
-                if !goes_on {
-                    flight.state.resolve_pending(&flight.local, flight.limit);
-                    take(flight.lane, flight.state.best);
-                    if !queue.start::<ANY, _>(flight, take) {
-                        continue;
-                    }
-                }
-                let is_inner = flight.child.is_inner();
-                inner.push_if(is_inner, i);
-                leaves.push_if(!is_inner, i);
             }
         }
     }
