@@ -15,6 +15,7 @@ mod filter;
 mod frame;
 mod items;
 mod node;
+mod packet;
 mod search;
 mod spatial;
 mod stream;
@@ -141,7 +142,11 @@ impl Bvh {
     /// `ANY` for some hit, else the nearest.
     #[inline(always)]
     fn find<const ANY: bool>(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        let query = Query { ray, interval, skip };
+        let query = Query {
+            ray: *ray,
+            interval,
+            skip,
+        };
         if self.deep {
             with_lanes(self.level, Search::<ANY, true>(self, &query))
         } else {

@@ -255,46 +255,32 @@ impl Clock {
 #[derive(Default)]
 #[repr(align(64))]
 pub(super) struct LocalRays {
-    floats: [[f32; GROUP]; 21],
+    pub(super) reciprocal: [[f32; GROUP]; 3],
+    pub(super) near: [[f32; GROUP]; 3],
+    pub(super) far: [[f32; GROUP]; 3],
+    pub(super) min: [f32; GROUP],
+    floats: [[f32; GROUP]; 11],
     sides: [[u32; GROUP]; 3],
     axis: [u32; GROUP],
     scale: [f64; GROUP],
     shift: [f64; GROUP],
-    sound: [bool; GROUP],
+    /// Whether a ray fits; else its numbers mean nothing.
+    pub(super) sound: [bool; GROUP],
 }
 
 impl LocalRays {
     #[inline(always)]
     fn set(&mut self, lane: usize, ray: &LocalRay, sound: bool) {
-        let [[a, b, c], [d, e, f], [g, h, i]] = [ray.reciprocal, ray.near, ray.far];
-        let ([j, k, l], [m, n], [q, r]) = (ray.origin, ray.shear, ray.inside);
-        let floats = [
-            a,
-            b,
-            c,
-            d,
-            e,
-            f,
-            g,
-            h,
-            i,
-            j,
-            k,
-            l,
-            m,
-            n,
-            ray.error,
-            ray.conversion,
-            ray.min,
-            ray.max,
-            q,
-            r,
-            ray.sign,
-        ];
-        for (to, from) in self.floats.iter_mut().zip(floats) {
-            to[lane] = from;
+        for axis in 0..3 {
+            self.reciprocal[axis][lane] = ray.reciprocal[axis];
+            self.near[axis][lane] = ray.near[axis];
+            self.far[axis][lane] = ray.far[axis];
+            self.sides[axis][lane] = ray.side[axis];
         }
-        for (to, from) in self.sides.iter_mut().zip(ray.side) {
+        self.min[lane] = ray.min;
+        let ([a, b, c], [d, e], [f, g]) = (ray.origin, ray.shear, ray.inside);
+        let floats = [a, b, c, d, e, f, g, ray.error, ray.conversion, ray.max, ray.sign];
+        for (to, from) in self.floats.iter_mut().zip(floats) {
             to[lane] = from;
         }
         self.axis[lane] = ray.axis;
@@ -303,28 +289,42 @@ impl LocalRays {
         self.sound[lane] = sound;
     }
 
-    /// The ray of a lane, unless it does not fit.
+    /// The ray of a lane.
     #[inline(always)]
-    pub(super) fn get(&self, lane: usize) -> Option<LocalRay> {
+    pub(super) fn get(&self, lane: usize) -> LocalRay {
         let f = |i: usize| self.floats[i][lane];
-        self.sound[lane].then(|| LocalRay {
-            reciprocal: [f(0), f(1), f(2)],
-            near: [f(3), f(4), f(5)],
-            far: [f(6), f(7), f(8)],
+        let of = |axes: &[[f32; GROUP]; 3]| [axes[0][lane], axes[1][lane], axes[2][lane]];
+        LocalRay {
+            reciprocal: of(&self.reciprocal),
+            near: of(&self.near),
+            far: of(&self.far),
             side: [self.sides[0][lane], self.sides[1][lane], self.sides[2][lane]],
             axis: self.axis[lane],
-            origin: [f(9), f(10), f(11)],
-            shear: [f(12), f(13)],
-            error: f(14),
-            conversion: f(15),
-            min: f(16),
-            max: f(17),
-            inside: [f(18), f(19)],
-            sign: f(20),
+            origin: [f(0), f(1), f(2)],
+            shear: [f(3), f(4)],
+            inside: [f(5), f(6)],
+            error: f(7),
+            conversion: f(8),
+            min: self.min[lane],
+            max: f(9),
+            sign: f(10),
             clock: Clock {
                 scale: self.scale[lane],
                 shift: self.shift[lane],
             },
-        })
+        }
+    }
+
+    /// For each axis the side that all rays enter boxes by, if they do so by the same ones and all fit.
+    #[inline(always)]
+    pub(super) fn octant(&self) -> Option<[usize; 3]> {
+        let mut same = true;
+        for k in 0..GROUP {
+            same &= self.sound[k];
+            for axis in 0..3 {
+                same &= self.sides[axis][k] == self.sides[axis][0];
+            }
+        }
+        same.then(|| [0, 1, 2].map(|axis| self.sides[axis][0] as usize & 1))
     }
 }

@@ -17,19 +17,21 @@ pub(super) const fn stack_size(depth: usize) -> usize {
 pub(super) const USUAL_DEPTH: usize = 18;
 
 /// A search for the nearest hit, or with `ANY` for some hit, in which case only whether there is one counts.
-pub(super) struct Search<'a, const ANY: bool, const DEEP: bool>(pub(super) &'a Bvh, pub(super) &'a Query<'a>);
+pub(super) struct Search<'a, const ANY: bool, const DEEP: bool>(pub(super) &'a Bvh, pub(super) &'a Query);
 
 /// What is searched for.
-pub(super) struct Query<'a> {
-    pub(super) ray: &'a Ray,
+#[derive(Clone, Copy)]
+pub(super) struct Query {
+    pub(super) ray: Ray,
     pub(super) interval: Interval,
     pub(super) skip: Skip,
 }
 
 /// What a search knows.
+#[derive(Clone, Copy)]
 pub(super) struct State<'a> {
     bvh: &'a Bvh,
-    query: &'a Query<'a>,
+    query: Query,
     sheared: Option<ShearedRay>,
     /// Before this hits still count.
     end: f64,
@@ -43,10 +45,10 @@ pub(super) struct State<'a> {
 
 impl<'a> State<'a> {
     #[inline(always)]
-    pub(super) fn new(bvh: &'a Bvh, query: &'a Query<'a>) -> Self {
+    pub(super) fn new(bvh: &'a Bvh, query: &Query) -> Self {
         Self {
             bvh,
-            query,
+            query: *query,
             sheared: None,
             end: query.interval.max,
             best: None,
@@ -54,6 +56,17 @@ impl<'a> State<'a> {
             count: 0,
             lowest: 0.0,
         }
+    }
+
+    /// Begins another search.
+    #[inline(always)]
+    pub(super) fn restart(&mut self, query: &Query) {
+        self.query = *query;
+        self.sheared = None;
+        self.end = query.interval.max;
+        self.best = None;
+        self.count = 0;
+        self.lowest = 0.0;
     }
 
     /// Whether a slot is the triangle that the ray leaves.
@@ -68,7 +81,7 @@ impl<'a> State<'a> {
     /// Decides about an element in double precision.
     #[inline(never)]
     fn resolve(&mut self, element: Element) {
-        let Query { ray, interval, skip } = self.query;
+        let Query { ray, interval, skip } = &self.query;
         let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
         let geometry = &self.bvh.geometry;
         let open = Interval {
@@ -83,7 +96,7 @@ impl<'a> State<'a> {
     /// The same for a triangle that is not skipped and whose corners are exact in the leaf.
     #[inline(never)]
     fn resolve_exact(&mut self, first: usize, count: usize, lane: usize) {
-        let Query { ray, interval, .. } = self.query;
+        let Query { ray, interval, .. } = &self.query;
         let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
         let [a, b, c] = self.bvh.exact_corners(first, count, lane);
         let hit = sheared.intersect(a, b, c);
@@ -225,31 +238,31 @@ impl State<'_> {
         let Some(root) = bvh.root else {
             return self.best;
         };
-        let Some(local) = &bvh.frame.ray(self.query.ray, &self.query.interval) else {
+        let Some(local) = &bvh.frame.ray(&self.query.ray, &self.query.interval) else {
             // Nothing that single precision can tell about such a ray.
             self.resolve_all(bvh.slots.iter().map(|slot| slot.element()));
             return self.best;
         };
         let mut stack = [(0f32, Child::default()); STACK];
-        let limit = self.traverse::<ANY, STACK, L>(l, local, root, &mut stack);
+        let limit = self.limit(local);
+        let limit = self.traverse::<ANY, STACK, L>(l, local, root, &mut stack, limit);
         self.resolve_pending(local, limit);
         self.best
     }
 
-    /// Goes through the hierarchy; what is pending then may be nearest up to the limit that is returned.
+    /// Goes through what is below a child; what is pending then may be nearest up to the limit that is returned.
     #[inline(always)]
     pub(super) fn traverse<const ANY: bool, const STACK: usize, L: Lanes>(
         &mut self,
         l: L,
         local: &LocalRay,
-        root: Child,
+        mut child: Child,
         stack: &mut [(f32, Child); STACK],
+        mut limit: f32,
     ) -> f32 {
         let bvh = self.bvh;
         // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded into them.
         let local = std::hint::black_box(local);
-        let mut limit = self.limit(local);
-        let mut child = root;
         let mut height = 0;
         loop {
             if child.is_inner()

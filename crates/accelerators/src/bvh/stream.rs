@@ -2,11 +2,13 @@
 //! side in vector registers.
 
 use super::Bvh;
+use super::frame::LocalRay;
 use super::node::Child;
+use super::packet::{Packet, Wanted, WantedStack};
 use super::search::{Query, Slot, State, USUAL_DEPTH, stack_size};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes as RayLanes, RayStream};
 use whitstone_core::triangle::{ShearedStream, TriangleHit};
-use whitstone_core::{DVec2, DVec3, InstancePath, PrimitiveHit, RawHit};
+use whitstone_core::{DVec2, DVec3, InstancePath, PrimitiveHit, RawHit, Skip};
 use whitstone_simd::{Kernel, Lanes, with_lanes};
 
 /// The nearest hits of a stream, into hits that are clear.
@@ -91,33 +93,66 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             answers,
         } = self;
         let mut stack = [(0f32, Child::default()); stack_size(USUAL_DEPTH)];
+        let mut wanted: WantedStack = [Wanted::default(); stack_size(USUAL_DEPTH)];
         let mut candidates = Candidates([None; LANES]);
+        let nothing = Query {
+            ray: rays.ray(0),
+            interval: rays.interval(0),
+            skip: Skip::NOTHING,
+        };
+        let mut states = [State::new(bvh, &nothing); GROUP];
+        let mut alone = [LocalRay::default(); GROUP];
         for start in rays.groups() {
             let local = bvh.frame.rays(rays, start);
-            for k in 0..GROUP.min(rays.len - start) {
+            let len = GROUP.min(rays.len - start);
+            for k in 0..len {
                 let lane = start + k;
-                let query = Query {
-                    ray: &rays.ray(lane),
+                states[k].restart(&Query {
+                    ray: rays.ray(lane),
                     interval: rays.interval(lane),
                     skip: rays.skip.skip(lane),
+                });
+                alone[k] = local.get(k);
+            }
+            let mut limits = [f32::NEG_INFINITY; GROUP];
+            for k in 0..len {
+                let done = states[k].resolve_unbounded() && ANY;
+                if !local.sound[k] {
+                    states[k].resolve_all(bvh.slots.iter().map(|slot| slot.element()));
+                } else if !done {
+                    limits[k] = states[k].limit(&alone[k]);
+                }
+            }
+            let octant = if len == GROUP { local.octant() } else { None };
+            if let Some(octant) = octant {
+                let mut packet = Packet {
+                    bvh,
+                    rays: &local,
+                    alone: &alone,
+                    states: &mut states,
+                    limits,
+                    octant,
                 };
-                let mut state = State::new(bvh, &query);
-                let done = state.resolve_unbounded() && ANY;
-                if !done {
-                    if let Some(local) = &local.get(k) {
-                        let limit = state.traverse::<ANY, _, L>(l, local, root, &mut stack);
-                        if !ANY {
-                            if let Some((leaf, place)) = state.candidate() {
-                                candidates.0[lane] = Some((leaf, place as u8));
-                                continue;
-                            }
-                            state.resolve_pending(local, limit);
-                        }
-                    } else {
-                        state.resolve_all(bvh.slots.iter().map(|slot| slot.element()));
+                packet.traverse::<ANY, L>(l, root, (1 << GROUP) - 1, &mut wanted, &mut stack);
+                limits = packet.limits;
+            } else {
+                for k in 0..len {
+                    if limits[k] > f32::NEG_INFINITY {
+                        limits[k] =
+                            states[k].traverse::<ANY, _, L>(l, &alone[k], root, &mut stack, limits[k]);
                     }
                 }
-                answers.set(lane, state.best);
+            }
+            for k in 0..len {
+                let lane = start + k;
+                if !ANY {
+                    if let Some((leaf, place)) = states[k].candidate() {
+                        candidates.0[lane] = Some((leaf, place as u8));
+                        continue;
+                    }
+                    states[k].resolve_pending(&alone[k], limits[k]);
+                }
+                answers.set(lane, states[k].best);
             }
         }
         if let Some(hits) = answers.hits() {

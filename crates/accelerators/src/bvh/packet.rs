@@ -1,0 +1,179 @@
+//! Sixteen rays of one octant through the hierarchy together, as long as enough of them want the same nodes.
+//!
+//! Wald, Slusallek, Benthin, Wagner, *Interactive rendering with coherent ray tracing*, 2001: here boxes are tested one
+//! by one with all rays; in leaves, and where few rays are left, each ray goes alone.
+
+use super::Bvh;
+use super::frame::{LocalRay, LocalRays};
+use super::node::{Child, Kind, Node, WIDTH};
+use super::search::{State, USUAL_DEPTH, stack_size};
+use whitstone_core::stream::GROUP;
+use whitstone_simd::Lanes;
+
+/// So many rays or fewer go alone.
+const FEW: u32 = 3;
+
+/// The stack of a ray that goes alone.
+pub(super) type Stack = [(f32, Child); stack_size(USUAL_DEPTH)];
+
+/// Rays that go together.
+pub(super) struct Packet<'a, 's> {
+    pub(super) bvh: &'a Bvh,
+    pub(super) rays: &'s LocalRays,
+    pub(super) alone: &'s [LocalRay; GROUP],
+    pub(super) states: &'s mut [State<'a>; GROUP],
+    /// Beyond these nothing counts; minus infinity for a ray that is done.
+    pub(super) limits: [f32; GROUP],
+    pub(super) octant: [usize; 3],
+}
+
+/// Some rays that want something.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Wanted {
+    /// The least distance at which one of them enters it.
+    near: f32,
+    child: Child,
+    /// Which, as bits.
+    rays: u32,
+}
+
+/// Room for what is put off.
+pub(super) type WantedStack = [Wanted; stack_size(USUAL_DEPTH)];
+
+impl Packet<'_, '_> {
+    /// Sends rays, as bits, through what is below a child.
+    #[inline(always)]
+    pub(super) fn traverse<const ANY: bool, L: Lanes>(
+        &mut self,
+        l: L,
+        mut child: Child,
+        mut rays: u32,
+        wanted: &mut WantedStack,
+        stack: &mut Stack,
+    ) {
+        let size = wanted.len();
+        let mut height = 0;
+        loop {
+            if rays.count_ones() <= FEW {
+                self.each(
+                    rays,
+                    #[inline(always)]
+                    |packet, lane| {
+                        let (state, local) = (&mut packet.states[lane], &packet.alone[lane]);
+                        let limit = state.traverse::<ANY, _, L>(l, local, child, stack, packet.limits[lane]);
+                        packet.limits[lane] = if ANY && state.best.is_some() {
+                            f32::NEG_INFINITY
+                        } else {
+                            limit
+                        };
+                    },
+                );
+            } else if let Kind::Inner(node) = child.kind() {
+                let node = &self.bvh.nodes[node];
+                let bottom = height;
+                for i in 0..WIDTH {
+                    if node.planes[0][0][i] == f32::INFINITY {
+                        break;
+                    }
+                    let (near, wants) = self.enter(l, node, i, rays);
+                    if wants == 0 {
+                        continue;
+                    }
+                    let entry = Wanted {
+                        near,
+                        child: Child(node.children[i]),
+                        rays: wants,
+                    };
+                    let mut place = height;
+                    while place > bottom && wanted[(place - 1) % size].near < near {
+                        wanted[place % size] = wanted[(place - 1) % size];
+                        place -= 1;
+                    }
+                    wanted[place % size] = entry;
+                    height += 1;
+                }
+            } else {
+                self.each(
+                    rays,
+                    #[inline(always)]
+                    |packet, lane| {
+                        let (state, local) = (&mut packet.states[lane], &packet.alone[lane]);
+                        let limit = state.leaf::<ANY, L>(l, local, child, packet.limits[lane]);
+                        packet.limits[lane] = limit.unwrap_or(f32::NEG_INFINITY);
+                    },
+                );
+            }
+            let farthest = self.limits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            loop {
+                if height == 0 {
+                    return;
+                }
+                height -= 1;
+                let entry = &wanted[height % size];
+                if entry.near <= farthest {
+                    (child, rays) = (entry.child, entry.rays);
+                    break;
+                }
+            }
+        }
+    }
+
+    /// Calls `f` for all of these rays that are not done.
+    #[inline(always)]
+    fn each(&mut self, mut rays: u32, mut f: impl FnMut(&mut Self, usize)) {
+        while rays != 0 {
+            let lane = rays.trailing_zeros() as usize % GROUP;
+            rays &= rays - 1;
+            if self.limits[lane] > f32::NEG_INFINITY {
+                f(self, lane);
+            }
+        }
+    }
+
+    /// Which of these rays may meet a box, and where the first of them enters it at the earliest; the same
+    /// numbers as in [`Node::enter`].
+    #[inline(always)]
+    fn enter<L: Lanes>(&self, l: L, node: &Node, i: usize, rays: u32) -> (f32, u32) {
+        let mut nears = [l.splat(0.0); 2];
+        let mut wants = 0;
+        for h in 0..2 {
+            let mut near = half(l, &self.rays.min, h);
+            let mut far = half(l, &self.limits, h);
+            for axis in 0..3 {
+                let side = self.octant[axis] & 1;
+                let reciprocal = half(l, &self.rays.reciprocal[axis], h);
+                let sides = &node.planes[axis];
+                let enter = l.mul_add(
+                    l.splat(sides[side][i]),
+                    reciprocal,
+                    half(l, &self.rays.near[axis], h),
+                );
+                let leave = l.mul_add(
+                    l.splat(sides[side ^ 1][i]),
+                    reciprocal,
+                    half(l, &self.rays.far[axis], h),
+                );
+                near = l.max(enter, near);
+                far = l.min(leave, far);
+            }
+            nears[h] = near;
+            wants |= l.at_most(near, far) << (8 * h);
+        }
+        let wants = wants & rays;
+        if wants == 0 {
+            return (0.0, 0);
+        }
+        let lowest = l.store(l.min(nears[0], nears[1]));
+        let near = lowest.iter().copied().fold(f32::INFINITY, f32::min);
+        (near, wants)
+    }
+}
+
+/// Eight of sixteen numbers.
+#[inline(always)]
+fn half<L: Lanes>(l: L, from: &[f32; GROUP], half: usize) -> L::Floats {
+    match from[8 * half..].first_chunk() {
+        Some(numbers) => l.load(numbers),
+        None => l.splat(0.0),
+    }
+}
