@@ -5,7 +5,7 @@
 
 use crate::Level;
 
-/// Arithmetic on eight `f32` at once.
+/// Arithmetic on eight `f32` at once, and some on sixteen.
 ///
 /// An implementation is a token: to hold one is to know that the processor has its instructions. Code
 /// that is generic over it is a [`Kernel`]; every function in between must be `#[inline(always)]`.
@@ -42,13 +42,26 @@ pub trait Lanes: Copy {
     fn abs(self, x: Self::Floats) -> Self::Floats;
     /// Bit i says whether `a[i] <= b[i]`; not if either is NaN.
     fn at_most(self, a: Self::Floats, b: Self::Floats) -> u32;
-    /// Of the lanes named by `mask` (bits) one with the least number, up to the last three bits; any if there are
-    /// none. Numbers must be finite.
-    fn least(self, x: Self::Floats, mask: u32) -> usize;
-    /// The lanes named by the lowest eight bits of `mask` in their order, then anything.
-    fn pack(self, x: Self::Floats, mask: u32) -> Self::Floats;
-    /// The same for any words.
-    fn pack_words(self, x: &[u32; 8], mask: u32) -> [u32; 8];
+
+    /// Sixteen numbers.
+    type Wide: Copy;
+
+    /// Sixteen times the same number.
+    fn splat_wide(self, x: f32) -> Self::Wide;
+    /// From memory.
+    fn load_wide(self, from: &[f32; 16]) -> Self::Wide;
+    /// `a * b + c`, rounded once or twice.
+    fn mul_add_wide(self, a: Self::Wide, b: Self::Wide, c: Self::Wide) -> Self::Wide;
+    /// The smaller; `b` if either is NaN.
+    fn min_wide(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
+    /// The larger; `b` if either is NaN.
+    fn max_wide(self, a: Self::Wide, b: Self::Wide) -> Self::Wide;
+    /// Bit i says whether `a[i] <= b[i]`; not if either is NaN.
+    fn at_most_wide(self, a: Self::Wide, b: Self::Wide) -> u32;
+    /// The smallest of all sixteen; if one is NaN, anything.
+    fn smallest(self, x: Self::Wide) -> f32;
+    /// The largest of all sixteen; if one is NaN, anything.
+    fn largest(self, x: Self::Wide) -> f32;
 }
 
 /// A computation on whatever lanes the processor has.
@@ -77,24 +90,6 @@ pub fn with_lanes<K: Kernel>(limit: Level, kernel: K) -> K::Output {
 /// Eight numbers in an array, for processors without wider registers.
 #[derive(Clone, Copy, Debug)]
 pub struct Portable;
-
-/// By mask: the places of the bits that are set, in order.
-static PACKED: [[u8; 8]; 256] = {
-    let mut table = [[0; 8]; 256];
-    let mut mask = 0;
-    while mask < 256 {
-        let (mut place, mut count) = (0, 0);
-        while place < 8 {
-            if mask >> place & 1 != 0 {
-                table[mask][count] = place as u8;
-                count += 1;
-            }
-            place += 1;
-        }
-        mask += 1;
-    }
-    table
-};
 
 macro_rules! each {
     (|$($x:ident),+| $value:expr) => {
@@ -160,20 +155,40 @@ impl Lanes for Portable {
     fn at_most(self, a: [f32; 8], b: [f32; 8]) -> u32 {
         (0..8).fold(0, |mask, i| mask | u32::from(a[i] <= b[i]) << i)
     }
+
+    type Wide = [f32; 16];
+
     #[inline(always)]
-    fn least(self, x: [f32; 8], mask: u32) -> usize {
-        let tagged = |i: usize| f32::from_bits(x[i].to_bits() & !7 | i as u32);
-        let named = (0..8).filter(|i| mask >> i & 1 != 0);
-        let least = named.map(tagged).fold(f32::MAX, f32::min);
-        least.to_bits() as usize % 8
+    fn splat_wide(self, x: f32) -> [f32; 16] {
+        [x; 16]
     }
     #[inline(always)]
-    fn pack(self, x: [f32; 8], mask: u32) -> [f32; 8] {
-        PACKED[mask as usize % 256].map(|place| x[usize::from(place) % 8])
+    fn load_wide(self, from: &[f32; 16]) -> [f32; 16] {
+        *from
     }
     #[inline(always)]
-    fn pack_words(self, x: &[u32; 8], mask: u32) -> [u32; 8] {
-        PACKED[mask as usize % 256].map(|place| x[usize::from(place) % 8])
+    fn mul_add_wide(self, a: [f32; 16], b: [f32; 16], c: [f32; 16]) -> [f32; 16] {
+        each!(|a, b, c| a * b + c)
+    }
+    #[inline(always)]
+    fn min_wide(self, a: [f32; 16], b: [f32; 16]) -> [f32; 16] {
+        each!(|a, b| if a < b { a } else { b })
+    }
+    #[inline(always)]
+    fn max_wide(self, a: [f32; 16], b: [f32; 16]) -> [f32; 16] {
+        each!(|a, b| if a > b { a } else { b })
+    }
+    #[inline(always)]
+    fn at_most_wide(self, a: [f32; 16], b: [f32; 16]) -> u32 {
+        (0..16).fold(0, |mask, i| mask | u32::from(a[i] <= b[i]) << i)
+    }
+    #[inline(always)]
+    fn smallest(self, x: [f32; 16]) -> f32 {
+        x.iter().copied().fold(f32::INFINITY, f32::min)
+    }
+    #[inline(always)]
+    fn largest(self, x: [f32; 16]) -> f32 {
+        x.iter().copied().fold(f32::NEG_INFINITY, f32::max)
     }
 }
 
@@ -189,73 +204,102 @@ mod x86 {
 
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     pub(super) fn avx512<K: Kernel>(kernel: K) -> K::Output {
-        kernel.run(Avx2(()))
+        kernel.run(Avx512(()))
     }
 
-    #[inline]
-    #[target_feature(enable = "avx2")]
-    fn least(x: __m256, mask: u32) -> usize {
-        let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-        let named = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(mask as i32), bits), bits);
-        let places = _mm256_castsi256_ps(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
-        let tagged = _mm256_or_ps(
-            _mm256_andnot_ps(_mm256_castsi256_ps(_mm256_set1_epi32(7)), x),
-            places,
-        );
-        let x = _mm256_blendv_ps(_mm256_set1_ps(f32::MAX), tagged, _mm256_castsi256_ps(named));
-        let x = _mm_min_ps(_mm256_castps256_ps128(x), _mm256_extractf128_ps::<1>(x));
-        let x = _mm_min_ps(x, _mm_permute_ps::<0b01_00_11_10>(x));
-        let x = _mm_min_ps(x, _mm_permute_ps::<0b10_11_00_01>(x));
-        _mm_cvtsi128_si32(_mm_castps_si128(x)) as usize % 8
-    }
-
-    #[inline]
-    #[target_feature(enable = "avx2")]
-    fn pack(x: __m256i, mask: u32) -> __m256i {
-        let places = u64::from_le_bytes(super::PACKED[mask as usize % 256]);
-        let places = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(places as i64));
-        _mm256_permutevar8x32_epi32(x, places)
-    }
-
-    /// Made in the two functions above only. With AVX-512 the compiler uses its masks and registers.
+    /// Made in the first function above only.
     #[derive(Clone, Copy)]
     pub(super) struct Avx2(());
+
+    /// Made in the second function above only.
+    #[derive(Clone, Copy)]
+    pub(super) struct Avx512(());
 
     macro_rules! operations {
         ($($name:ident($($x:ident: $type:ty),+) -> $result:ty = $value:expr;)+) => {
             $(
                 #[inline(always)]
                 fn $name(self, $($x: $type),+) -> $result {
-                    // SAFETY: this token is made only where the processor has AVX2 and FMA. Loads and
-                    // stores are those of a reference to as many bytes, and need no alignment.
+                    // SAFETY: this token is made only where the processor has AVX2 and FMA, or AVX-512. Loads
+                    // and stores are those of a reference to as many bytes, and need no alignment.
                     unsafe { $value }
                 }
             )+
         };
     }
 
+    /// On eight numbers AVX-512 has nothing better; where it helps the compiler uses its masks and registers.
+    macro_rules! eight {
+        () => {
+            type Floats = __m256;
+
+            operations! {
+                splat(x: f32) -> __m256 = _mm256_set1_ps(x);
+                load(from: &[f32; 8]) -> __m256 = _mm256_loadu_ps(from.as_ptr());
+                store(x: __m256) -> [f32; 8] = std::mem::transmute::<__m256, [f32; 8]>(x);
+                add(a: __m256, b: __m256) -> __m256 = _mm256_add_ps(a, b);
+                sub(a: __m256, b: __m256) -> __m256 = _mm256_sub_ps(a, b);
+                mul(a: __m256, b: __m256) -> __m256 = _mm256_mul_ps(a, b);
+                div(a: __m256, b: __m256) -> __m256 = _mm256_div_ps(a, b);
+                mul_add(a: __m256, b: __m256, c: __m256) -> __m256 = _mm256_fmadd_ps(a, b, c);
+                neg_mul_add(a: __m256, b: __m256, c: __m256) -> __m256 = _mm256_fnmadd_ps(a, b, c);
+                min(a: __m256, b: __m256) -> __m256 = _mm256_min_ps(a, b);
+                max(a: __m256, b: __m256) -> __m256 = _mm256_max_ps(a, b);
+                abs(x: __m256) -> __m256 = _mm256_andnot_ps(_mm256_set1_ps(-0.0), x);
+                at_most(a: __m256, b: __m256) -> u32 =
+                    _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a, b)) as u32;
+            }
+        };
+    }
+
+    /// A number of eight by halving three times.
+    macro_rules! reduce {
+        ($x:expr, $choose:ident) => {{
+            let x = $choose(_mm256_castps256_ps128($x), _mm256_extractf128_ps::<1>($x));
+            let x = $choose(x, _mm_permute_ps::<0b01_00_11_10>(x));
+            _mm_cvtss_f32($choose(x, _mm_permute_ps::<0b10_11_00_01>(x)))
+        }};
+    }
+
     impl Lanes for Avx2 {
-        type Floats = __m256;
+        eight!();
+
+        type Wide = [__m256; 2];
 
         operations! {
-            splat(x: f32) -> __m256 = _mm256_set1_ps(x);
-            load(from: &[f32; 8]) -> __m256 = _mm256_loadu_ps(from.as_ptr());
-            store(x: __m256) -> [f32; 8] = std::mem::transmute::<__m256, [f32; 8]>(x);
-            add(a: __m256, b: __m256) -> __m256 = _mm256_add_ps(a, b);
-            sub(a: __m256, b: __m256) -> __m256 = _mm256_sub_ps(a, b);
-            mul(a: __m256, b: __m256) -> __m256 = _mm256_mul_ps(a, b);
-            div(a: __m256, b: __m256) -> __m256 = _mm256_div_ps(a, b);
-            mul_add(a: __m256, b: __m256, c: __m256) -> __m256 = _mm256_fmadd_ps(a, b, c);
-            neg_mul_add(a: __m256, b: __m256, c: __m256) -> __m256 = _mm256_fnmadd_ps(a, b, c);
-            min(a: __m256, b: __m256) -> __m256 = _mm256_min_ps(a, b);
-            max(a: __m256, b: __m256) -> __m256 = _mm256_max_ps(a, b);
-            abs(x: __m256) -> __m256 = _mm256_andnot_ps(_mm256_set1_ps(-0.0), x);
-            at_most(a: __m256, b: __m256) -> u32 =
-                _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a, b)) as u32;
-            least(x: __m256, mask: u32) -> usize = least(x, mask);
-            pack(x: __m256, mask: u32) -> __m256 = _mm256_castsi256_ps(pack(_mm256_castps_si256(x), mask));
-            pack_words(x: &[u32; 8], mask: u32) -> [u32; 8] =
-                std::mem::transmute::<__m256i, [u32; 8]>(pack(_mm256_loadu_si256(x.as_ptr().cast()), mask));
+            splat_wide(x: f32) -> [__m256; 2] = [_mm256_set1_ps(x); 2];
+            load_wide(from: &[f32; 16]) -> [__m256; 2] =
+                [_mm256_loadu_ps(from.as_ptr()), _mm256_loadu_ps(from[8..].as_ptr())];
+            mul_add_wide(a: [__m256; 2], b: [__m256; 2], c: [__m256; 2]) -> [__m256; 2] =
+                [_mm256_fmadd_ps(a[0], b[0], c[0]), _mm256_fmadd_ps(a[1], b[1], c[1])];
+            min_wide(a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] =
+                [_mm256_min_ps(a[0], b[0]), _mm256_min_ps(a[1], b[1])];
+            max_wide(a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] =
+                [_mm256_max_ps(a[0], b[0]), _mm256_max_ps(a[1], b[1])];
+            at_most_wide(a: [__m256; 2], b: [__m256; 2]) -> u32 =
+                (_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a[0], b[0]))
+                    | _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a[1], b[1])) << 8) as u32;
+            smallest(x: [__m256; 2]) -> f32 = reduce!(_mm256_min_ps(x[0], x[1]), _mm_min_ps);
+            largest(x: [__m256; 2]) -> f32 = reduce!(_mm256_max_ps(x[0], x[1]), _mm_max_ps);
+        }
+    }
+
+    impl Lanes for Avx512 {
+        eight!();
+
+        type Wide = __m512;
+
+        operations! {
+            splat_wide(x: f32) -> __m512 = _mm512_set1_ps(x);
+            load_wide(from: &[f32; 16]) -> __m512 = _mm512_loadu_ps(from.as_ptr());
+            mul_add_wide(a: __m512, b: __m512, c: __m512) -> __m512 = _mm512_fmadd_ps(a, b, c);
+            min_wide(a: __m512, b: __m512) -> __m512 = _mm512_min_ps(a, b);
+            max_wide(a: __m512, b: __m512) -> __m512 = _mm512_max_ps(a, b);
+            at_most_wide(a: __m512, b: __m512) -> u32 = u32::from(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b));
+            smallest(x: __m512) -> f32 =
+                reduce!(_mm256_min_ps(_mm512_castps512_ps256(x), _mm512_extractf32x8_ps::<1>(x)), _mm_min_ps);
+            largest(x: __m512) -> f32 =
+                reduce!(_mm256_max_ps(_mm512_castps512_ps256(x), _mm512_extractf32x8_ps::<1>(x)), _mm_max_ps);
         }
     }
 }
@@ -314,45 +358,38 @@ mod tests {
         assert_eq!(expected.1, 0b0100_1011);
     }
 
-    struct Choice([f32; 8], u32);
+    struct Sixteen([f32; 16], [f32; 16]);
 
-    impl Kernel for Choice {
-        type Output = (usize, Vec<f32>, Vec<u32>);
+    impl Kernel for Sixteen {
+        type Output = ([u32; 4], [f32; 4]);
 
         #[inline(always)]
         fn run<L: Lanes>(self, l: L) -> Self::Output {
-            let Self(numbers, mask) = self;
-            let count = mask.count_ones() as usize;
-            let x = l.load(&numbers);
-            let words = l.pack_words(&numbers.map(f32::to_bits), mask);
-            let packed = l.store(l.pack(x, mask));
+            let (a, b) = (l.load_wide(&self.0), l.load_wide(&self.1));
+            let fused = l.mul_add_wide(a, b, l.splat_wide(2.0));
+            let (min, max) = (l.min_wide(a, b), l.max_wide(a, b));
+            let masks = [(a, b), (b, a), (min, b), (fused, max)].map(|(a, b)| l.at_most_wide(a, b));
             (
-                l.least(x, mask),
-                packed[..count].to_vec(),
-                words[..count].to_vec(),
+                masks,
+                [
+                    l.smallest(min),
+                    l.largest(max),
+                    l.smallest(fused),
+                    l.largest(fused),
+                ],
             )
         }
     }
 
     #[test]
-    fn every_level_finds_the_least_and_packs_in_order() {
-        let numbers = [3.0f32, -1.0, 8.0, 0.0, -1.5, 7.0, -0.5, 1e30];
-        for mask in 1..256u32 {
-            let named: Vec<usize> = (0..8).filter(|i| mask >> i & 1 != 0).collect();
-            let least = named
-                .iter()
-                .copied()
-                .min_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
-            let packed: Vec<f32> = named.iter().map(|&i| numbers[i]).collect();
-            let words = packed.iter().map(|x| x.to_bits()).collect();
-            let expected = (least.unwrap(), packed, words);
-            assert_eq!(Choice(numbers, mask).run(Portable), expected);
+    fn every_level_computes_the_same_on_sixteen() {
+        for shift in 0..16 {
+            let a = std::array::from_fn(|i| ((i * 7 + shift) % 16) as f32 - 5.0);
+            let b = std::array::from_fn(|i| ((i * 5 + 3 * shift) % 16) as f32 - 9.0);
+            let expected = Sixteen(a, b).run(Portable);
+            assert_eq!(expected.1[..2], [-9.0, 10.0]);
             for level in [Level::Baseline, Level::Avx2, Level::Avx512] {
-                assert_eq!(
-                    with_lanes(level, Choice(numbers, mask)),
-                    expected,
-                    "{level:?} {mask}"
-                );
+                assert_eq!(with_lanes(level, Sixteen(a, b)), expected, "{level:?} {shift}");
             }
         }
     }

@@ -53,7 +53,10 @@ impl Packet<'_, '_> {
     ) {
         let size = wanted.len();
         let mut height = 0;
+        // The largest of the limits.
+        let mut farthest = l.largest(l.load_wide(&self.limits));
         loop {
+            let mut inner = false;
             if rays.count_ones() <= FEW {
                 self.each(
                     rays,
@@ -70,6 +73,7 @@ impl Packet<'_, '_> {
                 );
             } else if let Kind::Inner(node) = child.kind() {
                 let node = &self.bvh.nodes[node];
+                inner = true;
                 let bottom = height;
                 for i in 0..WIDTH {
                     if node.planes[0][0][i] == f32::INFINITY {
@@ -79,6 +83,7 @@ impl Packet<'_, '_> {
                     if wants == 0 {
                         continue;
                     }
+                    let near = l.smallest(near);
                     let entry = Wanted {
                         near,
                         child: Child(node.children[i]),
@@ -103,7 +108,9 @@ impl Packet<'_, '_> {
                     },
                 );
             }
-            let farthest = self.limits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            if !inner {
+                farthest = l.largest(l.load_wide(&self.limits));
+            }
             loop {
                 if height == 0 {
                     return;
@@ -133,47 +140,20 @@ impl Packet<'_, '_> {
     /// Which of these rays may meet a box, and where the first of them enters it at the earliest; the same
     /// numbers as in [`Node::enter`].
     #[inline(always)]
-    fn enter<L: Lanes>(&self, l: L, node: &Node, i: usize, rays: u32) -> (f32, u32) {
-        let mut nears = [l.splat(0.0); 2];
-        let mut wants = 0;
-        for h in 0..2 {
-            let mut near = half(l, &self.rays.min, h);
-            let mut far = half(l, &self.limits, h);
-            for axis in 0..3 {
-                let side = self.octant[axis] & 1;
-                let reciprocal = half(l, &self.rays.reciprocal[axis], h);
-                let sides = &node.planes[axis];
-                let enter = l.mul_add(
-                    l.splat(sides[side][i]),
-                    reciprocal,
-                    half(l, &self.rays.near[axis], h),
-                );
-                let leave = l.mul_add(
-                    l.splat(sides[side ^ 1][i]),
-                    reciprocal,
-                    half(l, &self.rays.far[axis], h),
-                );
-                near = l.max(enter, near);
-                far = l.min(leave, far);
-            }
-            nears[h] = near;
-            wants |= l.at_most(near, far) << (8 * h);
+    fn enter<L: Lanes>(&self, l: L, node: &Node, i: usize, rays: u32) -> (L::Wide, u32) {
+        let mut near = l.load_wide(&self.rays.min);
+        let mut far = l.load_wide(&self.limits);
+        for axis in 0..3 {
+            let side = self.octant[axis] & 1;
+            let sides = &node.planes[axis];
+            let (enter, leave) = (l.splat_wide(sides[side][i]), l.splat_wide(sides[side ^ 1][i]));
+            let reciprocal = l.load_wide(&self.rays.reciprocal[axis]);
+            let enter = l.mul_add_wide(enter, reciprocal, l.load_wide(&self.rays.near[axis]));
+            let leave = l.mul_add_wide(leave, reciprocal, l.load_wide(&self.rays.far[axis]));
+            near = l.max_wide(enter, near);
+            far = l.min_wide(leave, far);
         }
-        let wants = wants & rays;
-        if wants == 0 {
-            return (0.0, 0);
-        }
-        let lowest = l.store(l.min(nears[0], nears[1]));
-        let near = lowest.iter().copied().fold(f32::INFINITY, f32::min);
+        let wants = l.at_most_wide(near, far) & rays;
         (near, wants)
-    }
-}
-
-/// Eight of sixteen numbers.
-#[inline(always)]
-fn half<L: Lanes>(l: L, from: &[f32; GROUP], half: usize) -> L::Floats {
-    match from[8 * half..].first_chunk() {
-        Some(numbers) => l.load(numbers),
-        None => l.splat(0.0),
     }
 }

@@ -60,10 +60,15 @@ impl<'a> State<'a> {
 
     /// Begins another search.
     #[inline(always)]
-    pub(super) fn restart(&mut self, query: &Query) {
-        self.query = *query;
+    pub(super) fn restart(&mut self, ray: Ray, interval: Interval, skip: Skip) {
+        // One by one: what is written in pieces and then copied stalls the processor.
+        self.query.ray.origin = ray.origin;
+        self.query.ray.direction = ray.direction;
+        self.query.interval.min = interval.min;
+        self.query.interval.max = interval.max;
+        self.query.skip = skip;
         self.sheared = None;
-        self.end = query.interval.max;
+        self.end = interval.max;
         self.best = None;
         self.count = 0;
         self.lowest = 0.0;

@@ -107,11 +107,7 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             let len = GROUP.min(rays.len - start);
             for k in 0..len {
                 let lane = start + k;
-                states[k].restart(&Query {
-                    ray: rays.ray(lane),
-                    interval: rays.interval(lane),
-                    skip: rays.skip.skip(lane),
-                });
+                states[k].restart(rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
                 alone[k] = local.get(k);
             }
             let mut limits = [f32::NEG_INFINITY; GROUP];
