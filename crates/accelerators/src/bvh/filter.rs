@@ -107,10 +107,9 @@ fn corner<L: Lanes>(
     count: usize,
     corner: usize,
 ) -> [L::Floats; 3] {
-    let axes = ray.axes();
-    let x = coordinate(l, ray, axes, numbers, count, corner, 0);
-    let y = coordinate(l, ray, axes, numbers, count, corner, 1);
-    let z = coordinate(l, ray, axes, numbers, count, corner, 2);
+    let x = coordinate(l, ray, numbers, count, corner, 0);
+    let y = coordinate(l, ray, numbers, count, corner, 1);
+    let z = coordinate(l, ray, numbers, count, corner, 2);
     [
         l.neg_mul_add(l.splat(ray.shear[0]), z, x),
         l.neg_mul_add(l.splat(ray.shear[1]), z, y),
@@ -123,13 +122,12 @@ fn corner<L: Lanes>(
 fn coordinate<L: Lanes>(
     l: L,
     ray: &LocalRay,
-    axes: [usize; 3],
     numbers: &[f32; WINDOW],
     count: usize,
     corner: usize,
     i: usize,
 ) -> L::Floats {
-    let start = (3 * corner + axes[i]) * count;
+    let start = (3 * corner + (ray.axes[i] as usize).min(2)) * count;
     // The last of 9 rows begins at 8 times the count at most.
     match numbers[start..].first_chunk::<WIDTH>() {
         Some(row) => l.sub(l.load(row), l.splat(ray.origin[i])),

@@ -84,6 +84,9 @@ impl Frame {
 /// The relative error of a product or sum rounded to `f32`.
 pub(super) const ROUNDING: f32 = f32::EPSILON / 2.0;
 
+/// By axis: those that follow it, and it.
+const AXES: [[u32; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
+
 /// A ray in own coordinates, for the tests in single precision. Its parameter is scaled so that the
 /// largest component of the direction is 1 or -1, and counted from `shift`.
 #[derive(Clone, Copy, Debug, Default)]
@@ -96,8 +99,8 @@ pub(super) struct LocalRay {
     pub(super) far: [f32; 3],
     /// Whether the near plane of an axis is that of the smallest (0) or largest (1) coordinates.
     pub(super) side: [u32; 3],
-    /// The axis along which the direction is largest.
-    axis: u32,
+    /// The axes; along the last the direction is largest.
+    pub(super) axes: [u32; 3],
     /// The origin along `axes`.
     pub(super) origin: [f32; 3],
     /// The direction along the first two of `axes`, divided by the last component.
@@ -123,15 +126,27 @@ impl LocalRay {
     fn new<const STRAIGHT: bool>(frame: &Frame, ray: &Ray, interval: &Interval) -> (Self, bool) {
         let d = ray.direction.to_array();
         let a = d.map(f64::abs);
-        let axis = select(a[0] > a[1], select(a[0] > a[2], 0, 2), select(a[1] > a[2], 1, 2));
+        let axis = if STRAIGHT {
+            select(a[0] > a[1], select(a[0] > a[2], 0, 2), select(a[1] > a[2], 1, 2))
+        } else {
+            match (a[0] > a[1], a[0] > a[2], a[1] > a[2]) {
+                (true, true, _) => 0,
+                (false, _, true) => 1,
+                _ => 2,
+            }
+        };
         // The axes from the one after the largest.
         let turned = |v: [f64; 3]| {
-            let pick = |x, y, z| select(axis == 0, x, select(axis == 1, y, z));
-            [
-                pick(v[1], v[2], v[0]),
-                pick(v[2], v[0], v[1]),
-                pick(v[0], v[1], v[2]),
-            ]
+            if STRAIGHT {
+                let pick = |x, y, z| select(axis == 0, x, select(axis == 1, y, z));
+                [
+                    pick(v[1], v[2], v[0]),
+                    pick(v[2], v[0], v[1]),
+                    pick(v[0], v[1], v[2]),
+                ]
+            } else {
+                AXES[axis as usize].map(|i| v[i as usize])
+            }
         };
         let [dx, dy, dz] = turned(d);
         let largest = dz.abs();
@@ -177,7 +192,7 @@ impl LocalRay {
             near: [shifted(0, pad), shifted(1, pad), shifted(2, pad)],
             far: [shifted(0, -pad), shifted(1, -pad), shifted(2, -pad)],
             side: d.map(side),
-            axis,
+            axes: AXES[axis as usize],
             origin: [
                 turned_origin[0] as f32,
                 turned_origin[1] as f32,
@@ -193,12 +208,6 @@ impl LocalRay {
             clock,
         };
         (ray, sound)
-    }
-
-    /// The axes; along the last the direction is largest.
-    #[inline(always)]
-    pub(super) fn axes(&self) -> [usize; 3] {
-        [[1, 2, 0], [2, 0, 1], [0, 1, 2]][self.axis as usize % 3]
     }
 
     /// A number that is certainly above the own parameter of `t`.
@@ -283,7 +292,7 @@ impl LocalRays {
         for (to, from) in self.floats.iter_mut().zip(floats) {
             to[lane] = from;
         }
-        self.axis[lane] = ray.axis;
+        self.axis[lane] = ray.axes[2];
         self.scale[lane] = ray.clock.scale;
         self.shift[lane] = ray.clock.shift;
         self.sound[lane] = sound;
@@ -299,7 +308,7 @@ impl LocalRays {
             near: of(&self.near),
             far: of(&self.far),
             side: [self.sides[0][lane], self.sides[1][lane], self.sides[2][lane]],
-            axis: self.axis[lane],
+            axes: AXES[self.axis[lane] as usize % 3],
             origin: [f(0), f(1), f(2)],
             shear: [f(3), f(4)],
             inside: [f(5), f(6)],

@@ -4,6 +4,7 @@ use super::Bvh;
 use super::filter::{self, Filtered, NUMBERS};
 use super::frame::LocalRay;
 use super::node::{Child, Kind, WIDTH};
+use std::borrow::Borrow;
 use whitstone_core::triangle::{ShearedRay, TriangleHit};
 use whitstone_core::{DVec2, DVec3, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Shape, Skip};
 use whitstone_simd::{Kernel, Lanes};
@@ -29,9 +30,9 @@ pub(super) struct Query {
 
 /// What a search knows.
 #[derive(Clone, Copy)]
-pub(super) struct State<'a> {
+pub(super) struct State<'a, Q> {
     bvh: &'a Bvh,
-    query: Query,
+    query: Q,
     sheared: Option<ShearedRay>,
     /// Before this hits still count.
     end: f64,
@@ -43,14 +44,14 @@ pub(super) struct State<'a> {
     lowest: f32,
 }
 
-impl<'a> State<'a> {
+impl<'a, Q: Borrow<Query>> State<'a, Q> {
     #[inline(always)]
-    pub(super) fn new(bvh: &'a Bvh, query: &Query) -> Self {
+    pub(super) fn new(bvh: &'a Bvh, query: Q) -> Self {
         Self {
             bvh,
-            query: *query,
+            end: query.borrow().interval.max,
+            query,
             sheared: None,
-            end: query.interval.max,
             best: None,
             pending: [(0.0, Child::default(), 0); 8],
             count: 0,
@@ -58,35 +59,19 @@ impl<'a> State<'a> {
         }
     }
 
-    /// Begins another search.
-    #[inline(always)]
-    pub(super) fn restart(&mut self, ray: Ray, interval: Interval, skip: Skip) {
-        // One by one: what is written in pieces and then copied stalls the processor.
-        self.query.ray.origin = ray.origin;
-        self.query.ray.direction = ray.direction;
-        self.query.interval.min = interval.min;
-        self.query.interval.max = interval.max;
-        self.query.skip = skip;
-        self.sheared = None;
-        self.end = interval.max;
-        self.best = None;
-        self.count = 0;
-        self.lowest = 0.0;
-    }
-
     /// Whether a slot is the triangle that the ray leaves.
     #[inline(always)]
     fn skips(&self, slot: usize) -> bool {
-        self.query.skip != Skip::NOTHING && {
+        self.query.borrow().skip != Skip::NOTHING && {
             let Slot { shape, triangle } = self.bvh.slots[slot];
-            self.query.skip.of_shape(InstancePath::WORLD, shape) == Some(triangle)
+            self.query.borrow().skip.of_shape(InstancePath::WORLD, shape) == Some(triangle)
         }
     }
 
     /// Decides about an element in double precision.
     #[inline(never)]
     fn resolve(&mut self, element: Element) {
-        let Query { ray, interval, skip } = &self.query;
+        let Query { ray, interval, skip } = self.query.borrow();
         let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
         let geometry = &self.bvh.geometry;
         let open = Interval {
@@ -101,7 +86,7 @@ impl<'a> State<'a> {
     /// The same for a triangle that is not skipped and whose corners are exact in the leaf.
     #[inline(never)]
     fn resolve_exact(&mut self, first: usize, count: usize, lane: usize) {
-        let Query { ray, interval, .. } = &self.query;
+        let Query { ray, interval, .. } = self.query.borrow();
         let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
         let [a, b, c] = self.bvh.exact_corners(first, count, lane);
         let hit = sheared.intersect(a, b, c);
@@ -185,6 +170,24 @@ impl<'a> State<'a> {
     }
 }
 
+impl State<'_, Query> {
+    /// Begins another search.
+    #[inline(always)]
+    pub(super) fn restart(&mut self, ray: Ray, interval: Interval, skip: Skip) {
+        // One by one: what is written in pieces and then copied stalls the processor.
+        self.query.ray.origin = ray.origin;
+        self.query.ray.direction = ray.direction;
+        self.query.interval.min = interval.min;
+        self.query.interval.max = interval.max;
+        self.query.skip = skip;
+        self.sheared = None;
+        self.end = interval.max;
+        self.best = None;
+        self.count = 0;
+        self.lowest = 0.0;
+    }
+}
+
 impl<const ANY: bool, const DEEP: bool> Kernel for Search<'_, ANY, DEEP> {
     type Output = Option<RawHit>;
 
@@ -200,7 +203,7 @@ impl<const ANY: bool, const DEEP: bool> Kernel for Search<'_, ANY, DEEP> {
     }
 }
 
-impl State<'_> {
+impl<Q: Borrow<Query>> State<'_, Q> {
     /// Tries some elements.
     #[cold]
     pub(super) fn resolve_all(&mut self, elements: impl Iterator<Item = Element>) {
@@ -243,7 +246,8 @@ impl State<'_> {
         let Some(root) = bvh.root else {
             return self.best;
         };
-        let Some(local) = &bvh.frame.ray(&self.query.ray, &self.query.interval) else {
+        let query = self.query.borrow();
+        let Some(local) = &bvh.frame.ray(&query.ray, &query.interval) else {
             // Nothing that single precision can tell about such a ray.
             self.resolve_all(bvh.slots.iter().map(|slot| slot.element()));
             return self.best;

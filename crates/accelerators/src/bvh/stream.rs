@@ -100,7 +100,7 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             interval: rays.interval(0),
             skip: Skip::NOTHING,
         };
-        let mut states = [State::new(bvh, &nothing); GROUP];
+        let mut states = [State::new(bvh, nothing); GROUP];
         let mut alone = [LocalRay::default(); GROUP];
         for start in rays.groups() {
             let local = bvh.frame.rays(rays, start);
