@@ -127,7 +127,7 @@ fn coordinate<L: Lanes>(
     corner: usize,
     i: usize,
 ) -> L::Floats {
-    let start = (3 * corner + (ray.axes[i] as usize).min(2)) * count;
+    let start = (3 * corner + ray.axes[i].min(2)) * count;
     // The last of 9 rows begins at 8 times the count at most.
     match numbers[start..].first_chunk::<WIDTH>() {
         Some(row) => l.sub(l.load(row), l.splat(ray.origin[i])),

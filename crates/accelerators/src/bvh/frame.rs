@@ -64,8 +64,7 @@ impl Frame {
     /// A ray in single precision; `None` for one that does not fit or is no ray at all.
     #[inline(always)]
     pub(super) fn ray(&self, ray: &Ray, interval: &Interval) -> Option<LocalRay> {
-        let (local, sound) = LocalRay::new::<false>(self, ray, interval);
-        sound.then_some(local)
+        LocalRay::new::<false>(self, ray, interval, &mut false)
     }
 
     /// The same for some rays of a stream, from `start` on.
@@ -74,8 +73,11 @@ impl Frame {
         let mut local = LocalRays::default();
         for k in 0..GROUP {
             let lane = start + k;
-            let (ray, sound) = LocalRay::new::<true>(self, &rays.ray(lane), &rays.interval(lane));
-            local.set(k, &ray, sound);
+            let (ray, interval) = (rays.ray(lane), rays.interval(lane));
+            let mut sound = false;
+            if let Some(ray) = LocalRay::new::<true>(self, &ray, &interval, &mut sound) {
+                local.set(k, &ray, sound);
+            }
         }
         local
     }
@@ -85,7 +87,7 @@ impl Frame {
 pub(super) const ROUNDING: f32 = f32::EPSILON / 2.0;
 
 /// By axis: those that follow it, and it.
-const AXES: [[u32; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
+const AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
 
 /// A ray in own coordinates, for the tests in single precision. Its parameter is scaled so that the
 /// largest component of the direction is 1 or -1, and counted from `shift`.
@@ -98,9 +100,9 @@ pub(super) struct LocalRay {
     /// What to add to a far plane times `reciprocal` to get an upper bound.
     pub(super) far: [f32; 3],
     /// Whether the near plane of an axis is that of the smallest (0) or largest (1) coordinates.
-    pub(super) side: [u32; 3],
+    pub(super) side: [usize; 3],
     /// The axes; along the last the direction is largest.
-    pub(super) axes: [u32; 3],
+    pub(super) axes: [usize; 3],
     /// The origin along `axes`.
     pub(super) origin: [f32; 3],
     /// The direction along the first two of `axes`, divided by the last component.
@@ -121,9 +123,14 @@ pub(super) struct LocalRay {
 }
 
 impl LocalRay {
-    /// With `STRAIGHT` without jumps, for loops over many rays; then `sound` says whether the result means anything.
+    /// With `STRAIGHT` without jumps, for loops over many rays: always something, and `sound` says whether it means anything.
     #[inline(always)]
-    fn new<const STRAIGHT: bool>(frame: &Frame, ray: &Ray, interval: &Interval) -> (Self, bool) {
+    fn new<const STRAIGHT: bool>(
+        frame: &Frame,
+        ray: &Ray,
+        interval: &Interval,
+        sound: &mut bool,
+    ) -> Option<Self> {
         let d = ray.direction.to_array();
         let a = d.map(f64::abs);
         let axis = if STRAIGHT {
@@ -145,17 +152,20 @@ impl LocalRay {
                     pick(v[0], v[1], v[2]),
                 ]
             } else {
-                AXES[axis as usize].map(|i| v[i as usize])
+                AXES[axis as usize].map(|i| v[i])
             }
         };
         let [dx, dy, dz] = turned(d);
         let largest = dz.abs();
         let scale = largest * frame.scale;
         let mut origin = frame.point(ray.origin);
-        let mut reach = largest_component(origin);
+        let mut reach = origin.abs().max_element();
         let size = origin.x.abs() + origin.y.abs() + origin.z.abs();
         // Written so that NaN does not pass either.
-        let sound = (scale > 1e-200) & (scale < 1e200) & (size < 1e18) & (interval.min < 1e100);
+        *sound = (scale > 1e-200) & (scale < 1e200) & (size < 1e18) & (interval.min < 1e100);
+        if !STRAIGHT && !*sound {
+            return None;
+        }
         // The rounding of the origin in double precision, with much to spare.
         let far = 2f64.powi(-40) * reach;
         let mut shift = 0.0;
@@ -165,13 +175,13 @@ impl LocalRay {
             let e = ray.direction / largest;
             shift = select(afar, -origin.dot(e) / e.length_squared(), 0.0);
             origin += shift * e;
-            reach = largest_component(origin);
+            reach = origin.abs().max_element();
         }
         // 8 roundings of numbers up to `reach + 1`.
         let pad = 8.0 * f64::from(ROUNDING) * (reach + 1.0) + far;
         // Slower than this along an axis the ray does not leave the pad within the structure.
         let slowest = largest * 2f64.powi(-30);
-        let invert = |d: f64| (largest / select(d.abs() > slowest, d.abs(), slowest).copysign(d)) as f32;
+        let invert = |d: f64| (largest / d.abs().max(slowest).copysign(d)) as f32;
         let reciprocal = [invert(d[0]), invert(d[1]), invert(d[2])];
         let per_z = 1.0 / dz;
         let o = origin.to_array();
@@ -180,14 +190,14 @@ impl LocalRay {
             (-(o[i] * r) - by * r.abs()) as f32
         };
         let clock = Clock { scale, shift };
-        let inside_max = select(
-            interval.max < f64::INFINITY,
-            clock.below(interval.max),
-            f32::INFINITY,
-        );
+        let inside_max = if interval.max < f64::INFINITY {
+            clock.below(interval.max)
+        } else {
+            f32::INFINITY
+        };
         let turned_origin = turned(o);
         // As one literal: what is written in pieces and then copied stalls the processor.
-        let ray = Self {
+        Some(Self {
             reciprocal,
             near: [shifted(0, pad), shifted(1, pad), shifted(2, pad)],
             far: [shifted(0, -pad), shifted(1, -pad), shifted(2, -pad)],
@@ -206,8 +216,7 @@ impl LocalRay {
             max: clock.above(interval.max),
             inside: [clock.above(interval.min), inside_max],
             clock,
-        };
-        (ray, sound)
+        })
     }
 
     /// A number that is certainly above the own parameter of `t`.
@@ -218,18 +227,8 @@ impl LocalRay {
 }
 
 #[inline(always)]
-fn side(d: f64) -> u32 {
-    (d.to_bits() >> 63) as u32
-}
-
-#[inline(always)]
-fn largest_component(v: DVec3) -> f64 {
-    let v = v.abs();
-    select(
-        v.x >= v.y,
-        select(v.x >= v.z, v.x, v.z),
-        select(v.y >= v.z, v.y, v.z),
-    )
+fn side(d: f64) -> usize {
+    (d.to_bits() >> 63) as usize
 }
 
 /// From parameters of the ray in the world to own ones.
@@ -284,7 +283,7 @@ impl LocalRays {
             self.reciprocal[axis][lane] = ray.reciprocal[axis];
             self.near[axis][lane] = ray.near[axis];
             self.far[axis][lane] = ray.far[axis];
-            self.sides[axis][lane] = ray.side[axis];
+            self.sides[axis][lane] = ray.side[axis] as u32;
         }
         self.min[lane] = ray.min;
         let ([a, b, c], [d, e], [f, g]) = (ray.origin, ray.shear, ray.inside);
@@ -292,7 +291,7 @@ impl LocalRays {
         for (to, from) in self.floats.iter_mut().zip(floats) {
             to[lane] = from;
         }
-        self.axis[lane] = ray.axes[2];
+        self.axis[lane] = ray.axes[2] as u32;
         self.scale[lane] = ray.clock.scale;
         self.shift[lane] = ray.clock.shift;
         self.sound[lane] = sound;
@@ -307,7 +306,7 @@ impl LocalRays {
             reciprocal: of(&self.reciprocal),
             near: of(&self.near),
             far: of(&self.far),
-            side: [self.sides[0][lane], self.sides[1][lane], self.sides[2][lane]],
+            side: [0, 1, 2].map(|axis| self.sides[axis][lane] as usize),
             axes: AXES[self.axis[lane] as usize % 3],
             origin: [f(0), f(1), f(2)],
             shear: [f(3), f(4)],

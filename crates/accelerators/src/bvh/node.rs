@@ -32,7 +32,7 @@ impl Node {
         let mut far = l.splat(limit);
         for axis in 0..3 {
             let sides = &self.planes[axis];
-            let side = ray.side[axis] as usize & 1;
+            let side = ray.side[axis] & 1;
             let reciprocal = l.splat(ray.reciprocal[axis]);
             let enter = l.mul_add(l.load(&sides[side]), reciprocal, l.splat(ray.near[axis]));
             let leave = l.mul_add(l.load(&sides[side ^ 1]), reciprocal, l.splat(ray.far[axis]));
@@ -71,9 +71,6 @@ impl Child {
         };
         Self((tag as u32) << Self::BITS | index as u32)
     }
-
-    /// What is none of these, for the end of a stack.
-    pub(super) const NONE: Self = Self(u32::MAX);
 
     #[inline(always)]
     pub(super) fn is_inner(self) -> bool {
