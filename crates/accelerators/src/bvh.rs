@@ -142,11 +142,7 @@ impl Bvh {
     /// `ANY` for some hit, else the nearest.
     #[inline(always)]
     fn find<const ANY: bool>(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        let query = Query {
-            ray: *ray,
-            interval,
-            skip,
-        };
+        let query = Query { ray, interval, skip };
         if self.deep {
             with_lanes(self.level, Search::<ANY, true>(self, &query))
         } else {

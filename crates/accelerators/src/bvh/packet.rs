@@ -7,6 +7,7 @@ use super::Bvh;
 use super::frame::{LocalRay, LocalRays};
 use super::node::{Child, Kind, Node, WIDTH};
 use super::search::{Query, State, USUAL_DEPTH, stack_size};
+use whitstone_core::Ray;
 use whitstone_core::stream::GROUP;
 use whitstone_simd::Lanes;
 
@@ -21,7 +22,7 @@ pub(super) struct Packet<'a, 's> {
     pub(super) bvh: &'a Bvh,
     pub(super) rays: &'s LocalRays,
     pub(super) alone: &'s [LocalRay; GROUP],
-    pub(super) states: &'s mut [State<'a, Query>; GROUP],
+    pub(super) states: &'s mut [State<'a, Query<Ray>>; GROUP],
     /// Beyond these nothing counts; minus infinity for a ray that is done.
     pub(super) limits: [f32; GROUP],
     pub(super) octant: [usize; 3],

@@ -4,7 +4,6 @@ use super::Bvh;
 use super::filter::{self, Filtered, NUMBERS};
 use super::frame::LocalRay;
 use super::node::{Child, Kind, WIDTH};
-use std::borrow::Borrow;
 use whitstone_core::triangle::{ShearedRay, TriangleHit};
 use whitstone_core::{DVec2, DVec3, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Shape, Skip};
 use whitstone_simd::{Kernel, Lanes};
@@ -18,14 +17,54 @@ pub(super) const fn stack_size(depth: usize) -> usize {
 pub(super) const USUAL_DEPTH: usize = 18;
 
 /// A search for the nearest hit, or with `ANY` for some hit, in which case only whether there is one counts.
-pub(super) struct Search<'a, const ANY: bool, const DEEP: bool>(pub(super) &'a Bvh, pub(super) &'a Query);
+pub(super) struct Search<'a, const ANY: bool, const DEEP: bool>(
+    pub(super) &'a Bvh,
+    pub(super) &'a Query<&'a Ray>,
+);
 
 /// What is searched for.
 #[derive(Clone, Copy)]
-pub(super) struct Query {
-    pub(super) ray: Ray,
+pub(super) struct Query<R> {
+    pub(super) ray: R,
     pub(super) interval: Interval,
     pub(super) skip: Skip,
+}
+
+/// A [`Query`] that is elsewhere, for one ray, or held here, for many: copying it costs.
+pub(super) trait Asked {
+    fn ray(&self) -> &Ray;
+    fn interval(&self) -> &Interval;
+    fn skip(&self) -> Skip;
+}
+
+impl Asked for &Query<&Ray> {
+    #[inline(always)]
+    fn ray(&self) -> &Ray {
+        self.ray
+    }
+    #[inline(always)]
+    fn interval(&self) -> &Interval {
+        &self.interval
+    }
+    #[inline(always)]
+    fn skip(&self) -> Skip {
+        self.skip
+    }
+}
+
+impl Asked for Query<Ray> {
+    #[inline(always)]
+    fn ray(&self) -> &Ray {
+        &self.ray
+    }
+    #[inline(always)]
+    fn interval(&self) -> &Interval {
+        &self.interval
+    }
+    #[inline(always)]
+    fn skip(&self) -> Skip {
+        self.skip
+    }
 }
 
 /// What a search knows.
@@ -44,12 +83,12 @@ pub(super) struct State<'a, Q> {
     lowest: f32,
 }
 
-impl<'a, Q: Borrow<Query>> State<'a, Q> {
+impl<'a, Q: Asked> State<'a, Q> {
     #[inline(always)]
     pub(super) fn new(bvh: &'a Bvh, query: Q) -> Self {
         Self {
             bvh,
-            end: query.borrow().interval.max,
+            end: query.interval().max,
             query,
             sheared: None,
             best: None,
@@ -62,23 +101,23 @@ impl<'a, Q: Borrow<Query>> State<'a, Q> {
     /// Whether a slot is the triangle that the ray leaves.
     #[inline(always)]
     fn skips(&self, slot: usize) -> bool {
-        self.query.borrow().skip != Skip::NOTHING && {
+        self.query.skip() != Skip::NOTHING && {
             let Slot { shape, triangle } = self.bvh.slots[slot];
-            self.query.borrow().skip.of_shape(InstancePath::WORLD, shape) == Some(triangle)
+            self.query.skip().of_shape(InstancePath::WORLD, shape) == Some(triangle)
         }
     }
 
     /// Decides about an element in double precision.
     #[inline(never)]
     fn resolve(&mut self, element: Element) {
-        let Query { ray, interval, skip } = self.query.borrow();
+        let (ray, interval, skip) = (self.query.ray(), self.query.interval(), self.query.skip());
         let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
         let geometry = &self.bvh.geometry;
         let open = Interval {
             min: interval.min,
             max: self.end,
         };
-        if let Some(hit) = geometry.intersect(element, ray, sheared, open, *skip) {
+        if let Some(hit) = geometry.intersect(element, ray, sheared, open, skip) {
             self.offer(&hit);
         }
     }
@@ -86,7 +125,7 @@ impl<'a, Q: Borrow<Query>> State<'a, Q> {
     /// The same for a triangle that is not skipped and whose corners are exact in the leaf.
     #[inline(never)]
     fn resolve_exact(&mut self, first: usize, count: usize, lane: usize) {
-        let Query { ray, interval, .. } = self.query.borrow();
+        let (ray, interval) = (self.query.ray(), self.query.interval());
         let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
         let [a, b, c] = self.bvh.exact_corners(first, count, lane);
         let hit = sheared.intersect(a, b, c);
@@ -170,7 +209,7 @@ impl<'a, Q: Borrow<Query>> State<'a, Q> {
     }
 }
 
-impl State<'_, Query> {
+impl State<'_, Query<Ray>> {
     /// Begins another search.
     #[inline(always)]
     pub(super) fn restart(&mut self, ray: Ray, interval: Interval, skip: Skip) {
@@ -203,7 +242,7 @@ impl<const ANY: bool, const DEEP: bool> Kernel for Search<'_, ANY, DEEP> {
     }
 }
 
-impl<Q: Borrow<Query>> State<'_, Q> {
+impl<Q: Asked> State<'_, Q> {
     /// Tries some elements.
     #[cold]
     pub(super) fn resolve_all(&mut self, elements: impl Iterator<Item = Element>) {
@@ -246,8 +285,7 @@ impl<Q: Borrow<Query>> State<'_, Q> {
         let Some(root) = bvh.root else {
             return self.best;
         };
-        let query = self.query.borrow();
-        let Some(local) = &bvh.frame.ray(&query.ray, &query.interval) else {
+        let Some(local) = &bvh.frame.ray(self.query.ray(), self.query.interval()) else {
             // Nothing that single precision can tell about such a ray.
             self.resolve_all(bvh.slots.iter().map(|slot| slot.element()));
             return self.best;
