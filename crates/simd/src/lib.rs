@@ -9,11 +9,9 @@
 
 mod dispatch;
 mod lanes;
-mod prefetch;
 
 pub use dispatch::{Level, dispatch};
-pub use lanes::{Kernel, Lanes, Portable, with_lanes};
-pub use prefetch::prefetch;
+pub use lanes::{Kernel, Lanes, Machine, Portable, with_lanes};
 
 /// One of two values, both computed: unlike `if`, never a jump, which would keep a loop out of vector
 /// registers.

@@ -2,10 +2,12 @@
 //! precision certainly hits, which it may hit, and where.
 //!
 //! The watertight test of the core crate (Woop, Benthin, Wald, JCGT 2(1), 2013) on eight triangles at once,
-//! with a bound on the error of the edge functions; proof in `docs/accelerators.md`.
+//! with a bound on the error of the edge functions; proof in `docs/accelerators.md`. The same for one triangle and the rays of
+//! a packet.
 
-use super::frame::{LocalRay, ROUNDING};
+use super::frame::{LocalRay, LocalRays, ROUNDING};
 use super::node::WIDTH;
+use whitstone_core::stream::GROUP;
 use whitstone_simd::Lanes;
 
 /// Numbers of a triangle: three corners of three coordinates.
@@ -14,41 +16,49 @@ pub(super) const NUMBERS: usize = 9;
 /// From the start of a leaf so many numbers can be read, of whatever.
 pub(super) const WINDOW: usize = NUMBERS * WIDTH;
 
-/// What the filter says of a leaf, by triangle.
-pub(super) struct Filtered {
+/// Rays and triangles lane by lane: one ray and the triangles of a leaf, or one triangle and the rays of a packet. The
+/// numbers of a ray are those of [`LocalRay`].
+///
+/// Methods instead of fields: a number that is the same everywhere is loaded where it is used; kept, it would be spilled.
+pub(super) trait Pairs<const N: usize, L: Lanes<N>> {
+    /// A coordinate of a corner, from the origin of the ray, along one of the axes of the ray.
+    fn coordinate(&self, l: L, corner: usize, i: usize) -> L::Floats;
+    fn shear(&self, l: L, i: usize) -> L::Floats;
+    fn error(&self, l: L) -> L::Floats;
+    fn conversion(&self, l: L) -> L::Floats;
+    fn sign(&self, l: L) -> L::Floats;
+    fn min(&self, l: L) -> L::Floats;
+    /// Beyond this hits do not count.
+    fn limit(&self, l: L) -> L::Floats;
+}
+
+/// What the filter says, lane by lane.
+pub(super) struct Filtered<const N: usize> {
     /// Certainly hit; bits.
     pub(super) sure: u32,
     /// Perhaps hit; bits.
     pub(super) unsure: u32,
     /// Bounds of the ray parameter where `sure`.
-    pub(super) low: [f32; WIDTH],
-    pub(super) high: [f32; WIDTH],
+    pub(super) low: [f32; N],
+    pub(super) high: [f32; N],
 }
 
-/// The triangles of a leaf: `numbers` holds, for each coordinate of each corner, that of all `count`
-/// triangles, and then something else.
+/// Says what is hit, of the lanes named by `valid`.
 #[inline(always)]
-pub(super) fn filter<L: Lanes>(
+pub(super) fn filter<const N: usize, L: Lanes<N>>(
     l: L,
-    ray: &LocalRay,
-    numbers: &[f32; WINDOW],
-    count: usize,
-    limit: f32,
-) -> Option<Filtered> {
-    let count = count.min(WIDTH);
-    let a = corner(l, ray, numbers, count, 0);
-    let b = corner(l, ray, numbers, count, 1);
-    let c = corner(l, ray, numbers, count, 2);
+    pairs: &impl Pairs<N, L>,
+    valid: u32,
+) -> Option<Filtered<N>> {
+    let a = corner(l, pairs, 0);
+    let b = corner(l, pairs, 1);
+    let c = corner(l, pairs, 2);
     let weights = [edge(l, c, b), edge(l, a, c), edge(l, b, a)];
-    let largest = l.max(
-        l.max(size(l, a), size(l, b)),
-        l.max(size(l, c), l.splat(ray.error)),
-    );
-    let error = l.mul(largest, l.splat(8.0 * ray.error));
-    let minus_error = l.mul(largest, l.splat(-8.0 * ray.error));
+    let largest = l.max(l.max(size(l, a), size(l, b)), l.max(size(l, c), pairs.error(l)));
+    let error = l.mul(largest, l.mul(l.splat(8.0), pairs.error(l)));
+    let minus_error = l.mul(largest, l.mul(l.splat(-8.0), pairs.error(l)));
     let lowest = l.min(l.min(weights[0], weights[1]), weights[2]);
     let highest = l.max(l.max(weights[0], weights[1]), weights[2]);
-    let valid = (1u32 << count) - 1;
     let possible = (l.at_most(minus_error, lowest) | l.at_most(highest, error)) & valid;
     if possible == 0 {
         return None;
@@ -59,7 +69,7 @@ pub(super) fn filter<L: Lanes>(
     let shift = l.mul_add(
         l.max(largest, sizes),
         l.splat(8.0 * ROUNDING),
-        l.splat(2.5 * ray.conversion),
+        l.mul(l.splat(2.5), pairs.conversion(l)),
     );
     let largest = l.max(largest, shift);
     let factor = l.mul_add(l.splat(5.0), shift, l.mul(l.splat(4.0 * ROUNDING), largest));
@@ -70,7 +80,7 @@ pub(super) fn filter<L: Lanes>(
 
     let determinant = l.abs(l.add(l.add(weights[0], weights[1]), weights[2]));
     let reciprocal = l.div(l.splat(1.0), determinant);
-    let sign = l.splat(ray.sign);
+    let sign = pairs.sign(l);
     let [za, zb, zc] = [l.mul(a[2], sign), l.mul(b[2], sign), l.mul(c[2], sign)];
     let nearest = l.min(l.min(za, zb), zc);
     let farthest = l.max(l.max(za, zb), zc);
@@ -85,7 +95,7 @@ pub(super) fn filter<L: Lanes>(
     let base = l.mul(l.splat(3.0), shift);
     let slack = l.mul_add(range, relative, base);
     let (low, high) = (l.sub(t, slack), l.add(t, slack));
-    let (limit, min) = (l.splat(limit), l.splat(ray.min));
+    let (limit, min) = (pairs.limit(l), pairs.min(l));
     let sure_reached = l.at_most(low, limit) & l.at_most(min, high);
     let reached = l.at_most(l.sub(nearest, base), limit) & l.at_most(min, l.add(farthest, base));
     Some(Filtered {
@@ -100,49 +110,111 @@ pub(super) fn filter<L: Lanes>(
 ///
 /// Functions instead of closures, here and below: these would not be compiled for the lanes.
 #[inline(always)]
-fn corner<L: Lanes>(
-    l: L,
-    ray: &LocalRay,
-    numbers: &[f32; WINDOW],
-    count: usize,
-    corner: usize,
-) -> [L::Floats; 3] {
-    let x = coordinate(l, ray, numbers, count, corner, 0);
-    let y = coordinate(l, ray, numbers, count, corner, 1);
-    let z = coordinate(l, ray, numbers, count, corner, 2);
+fn corner<const N: usize, L: Lanes<N>>(l: L, pairs: &impl Pairs<N, L>, corner: usize) -> [L::Floats; 3] {
+    let x = pairs.coordinate(l, corner, 0);
+    let y = pairs.coordinate(l, corner, 1);
+    let z = pairs.coordinate(l, corner, 2);
     [
-        l.neg_mul_add(l.splat(ray.shear[0]), z, x),
-        l.neg_mul_add(l.splat(ray.shear[1]), z, y),
+        l.neg_mul_add(pairs.shear(l, 0), z, x),
+        l.neg_mul_add(pairs.shear(l, 1), z, y),
         z,
     ]
 }
 
-/// A coordinate of a corner, from the origin of the ray.
-#[inline(always)]
-fn coordinate<L: Lanes>(
-    l: L,
-    ray: &LocalRay,
-    numbers: &[f32; WINDOW],
-    count: usize,
-    corner: usize,
-    i: usize,
-) -> L::Floats {
-    let start = (3 * corner + ray.axes[i].min(2)) * count;
-    // The last of 9 rows begins at 8 times the count at most.
-    match numbers[start..].first_chunk::<WIDTH>() {
-        Some(row) => l.sub(l.load(row), l.splat(ray.origin[i])),
-        None => l.splat(0.0),
-    }
-}
-
 /// Twice the area of the triangle of the ray and two corners.
 #[inline(always)]
-fn edge<L: Lanes>(l: L, p: [L::Floats; 3], q: [L::Floats; 3]) -> L::Floats {
+fn edge<const N: usize, L: Lanes<N>>(l: L, p: [L::Floats; 3], q: [L::Floats; 3]) -> L::Floats {
     l.neg_mul_add(p[1], q[0], l.mul(p[0], q[1]))
 }
 
 /// How far a corner is from the ray at most.
 #[inline(always)]
-fn size<L: Lanes>(l: L, p: [L::Floats; 3]) -> L::Floats {
+fn size<const N: usize, L: Lanes<N>>(l: L, p: [L::Floats; 3]) -> L::Floats {
     l.max(l.abs(p[0]), l.abs(p[1]))
+}
+
+/// One ray and the triangles of a leaf: `numbers` holds, for each coordinate of each corner, that of all `count`
+/// triangles, and then something else.
+pub(super) struct Leaf<'a> {
+    pub(super) ray: &'a LocalRay,
+    pub(super) numbers: &'a [f32; WINDOW],
+    pub(super) count: usize,
+    pub(super) limit: f32,
+}
+
+impl<L: Lanes<WIDTH>> Pairs<WIDTH, L> for Leaf<'_> {
+    #[inline(always)]
+    fn coordinate(&self, l: L, corner: usize, i: usize) -> L::Floats {
+        let start = (3 * corner + self.ray.axes[i].min(2)) * self.count.min(WIDTH);
+        // The last of 9 rows begins at 8 times the count at most.
+        match self.numbers[start..].first_chunk::<WIDTH>() {
+            Some(row) => l.sub(l.load(row), l.splat(self.ray.origin[i])),
+            None => l.splat(0.0),
+        }
+    }
+    #[inline(always)]
+    fn shear(&self, l: L, i: usize) -> L::Floats {
+        l.splat(self.ray.shear[i])
+    }
+    #[inline(always)]
+    fn error(&self, l: L) -> L::Floats {
+        l.splat(self.ray.error)
+    }
+    #[inline(always)]
+    fn conversion(&self, l: L) -> L::Floats {
+        l.splat(self.ray.conversion)
+    }
+    #[inline(always)]
+    fn sign(&self, l: L) -> L::Floats {
+        l.splat(self.ray.sign)
+    }
+    #[inline(always)]
+    fn min(&self, l: L) -> L::Floats {
+        l.splat(self.ray.min)
+    }
+    #[inline(always)]
+    fn limit(&self, l: L) -> L::Floats {
+        l.splat(self.limit)
+    }
+}
+
+/// One triangle and rays of the same axes. `numbers` holds its coordinates, each `stride` from the one before.
+pub(super) struct Beam<'a> {
+    pub(super) rays: &'a LocalRays,
+    pub(super) axes: [usize; 3],
+    pub(super) numbers: &'a [f32],
+    pub(super) stride: usize,
+    pub(super) limits: &'a [f32; GROUP],
+}
+
+impl<L: Lanes<GROUP>> Pairs<GROUP, L> for Beam<'_> {
+    #[inline(always)]
+    fn coordinate(&self, l: L, corner: usize, i: usize) -> L::Floats {
+        let number = self.numbers[(3 * corner + self.axes[i]) * self.stride];
+        l.sub(l.splat(number), l.load(&self.rays.origin[i]))
+    }
+    #[inline(always)]
+    fn shear(&self, l: L, i: usize) -> L::Floats {
+        l.load(&self.rays.shear[i])
+    }
+    #[inline(always)]
+    fn error(&self, l: L) -> L::Floats {
+        l.load(&self.rays.error)
+    }
+    #[inline(always)]
+    fn conversion(&self, l: L) -> L::Floats {
+        l.load(&self.rays.conversion)
+    }
+    #[inline(always)]
+    fn sign(&self, l: L) -> L::Floats {
+        l.load(&self.rays.sign)
+    }
+    #[inline(always)]
+    fn min(&self, l: L) -> L::Floats {
+        l.load(&self.rays.min)
+    }
+    #[inline(always)]
+    fn limit(&self, l: L) -> L::Floats {
+        l.load(self.limits)
+    }
 }

@@ -266,8 +266,14 @@ pub(super) struct LocalRays {
     pub(super) reciprocal: [[f32; GROUP]; 3],
     pub(super) near: [[f32; GROUP]; 3],
     pub(super) far: [[f32; GROUP]; 3],
+    pub(super) origin: [[f32; GROUP]; 3],
+    pub(super) shear: [[f32; GROUP]; 2],
+    pub(super) inside: [[f32; GROUP]; 2],
+    pub(super) sign: [f32; GROUP],
+    pub(super) error: [f32; GROUP],
+    pub(super) conversion: [f32; GROUP],
     pub(super) min: [f32; GROUP],
-    floats: [[f32; GROUP]; 11],
+    max: [f32; GROUP],
     sides: [[u32; GROUP]; 3],
     axis: [u32; GROUP],
     scale: [f64; GROUP],
@@ -283,14 +289,18 @@ impl LocalRays {
             self.reciprocal[axis][lane] = ray.reciprocal[axis];
             self.near[axis][lane] = ray.near[axis];
             self.far[axis][lane] = ray.far[axis];
+            self.origin[axis][lane] = ray.origin[axis];
             self.sides[axis][lane] = ray.side[axis] as u32;
         }
-        self.min[lane] = ray.min;
-        let ([a, b, c], [d, e], [f, g]) = (ray.origin, ray.shear, ray.inside);
-        let floats = [a, b, c, d, e, f, g, ray.error, ray.conversion, ray.max, ray.sign];
-        for (to, from) in self.floats.iter_mut().zip(floats) {
-            to[lane] = from;
+        for i in 0..2 {
+            self.shear[i][lane] = ray.shear[i];
+            self.inside[i][lane] = ray.inside[i];
         }
+        self.sign[lane] = ray.sign;
+        self.error[lane] = ray.error;
+        self.conversion[lane] = ray.conversion;
+        self.min[lane] = ray.min;
+        self.max[lane] = ray.max;
         self.axis[lane] = ray.axes[2] as u32;
         self.scale[lane] = ray.clock.scale;
         self.shift[lane] = ray.clock.shift;
@@ -300,27 +310,37 @@ impl LocalRays {
     /// The ray of a lane.
     #[inline(always)]
     pub(super) fn get(&self, lane: usize) -> LocalRay {
-        let f = |i: usize| self.floats[i][lane];
-        let of = |axes: &[[f32; GROUP]; 3]| [axes[0][lane], axes[1][lane], axes[2][lane]];
+        let three = |rows: &[[f32; GROUP]; 3]| [rows[0][lane], rows[1][lane], rows[2][lane]];
+        let two = |rows: &[[f32; GROUP]; 2]| [rows[0][lane], rows[1][lane]];
         LocalRay {
-            reciprocal: of(&self.reciprocal),
-            near: of(&self.near),
-            far: of(&self.far),
+            reciprocal: three(&self.reciprocal),
+            near: three(&self.near),
+            far: three(&self.far),
             side: [0, 1, 2].map(|axis| self.sides[axis][lane] as usize),
             axes: AXES[self.axis[lane] as usize % 3],
-            origin: [f(0), f(1), f(2)],
-            shear: [f(3), f(4)],
-            inside: [f(5), f(6)],
-            error: f(7),
-            conversion: f(8),
+            origin: three(&self.origin),
+            shear: two(&self.shear),
+            inside: two(&self.inside),
+            sign: self.sign[lane],
+            error: self.error[lane],
+            conversion: self.conversion[lane],
             min: self.min[lane],
-            max: f(9),
-            sign: f(10),
+            max: self.max[lane],
             clock: Clock {
                 scale: self.scale[lane],
                 shift: self.shift[lane],
             },
         }
+    }
+
+    /// The axes of all rays, if they are the same.
+    #[inline(always)]
+    pub(super) fn axes(&self) -> Option<[usize; 3]> {
+        let mut same = true;
+        for k in 0..GROUP {
+            same &= self.axis[k] == self.axis[0];
+        }
+        same.then(|| AXES[self.axis[0] as usize % 3])
     }
 
     /// For each axis the side that all rays enter boxes by, if they do so by the same ones and all fit.

@@ -27,7 +27,7 @@ impl Node {
     /// the earliest. Never leaves out a box that holds a hit of the double precision tests: the pad of the
     /// ray pays for every rounding (`docs/accelerators.md`).
     #[inline(always)]
-    pub(super) fn enter<L: Lanes>(&self, l: L, ray: &LocalRay, limit: f32) -> (u32, L::Floats) {
+    pub(super) fn enter<L: Lanes<WIDTH>>(&self, l: L, ray: &LocalRay, limit: f32) -> (u32, L::Floats) {
         let mut near = l.splat(ray.min);
         let mut far = l.splat(limit);
         for axis in 0..3 {

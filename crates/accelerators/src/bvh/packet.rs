@@ -4,12 +4,13 @@
 //! by one with all rays; in leaves, and where few rays are left, each ray goes alone.
 
 use super::Bvh;
+use super::filter::{Beam, NUMBERS, filter};
 use super::frame::{LocalRay, LocalRays};
 use super::node::{Child, Kind, Node, WIDTH};
-use super::search::{Query, State, USUAL_DEPTH, stack_size};
+use super::search::{Query, State, Sure, USUAL_DEPTH, stack_size};
 use whitstone_core::Ray;
 use whitstone_core::stream::GROUP;
-use whitstone_simd::Lanes;
+use whitstone_simd::{Lanes, Machine};
 
 /// So many rays or fewer go alone.
 const FEW: u32 = 3;
@@ -26,6 +27,8 @@ pub(super) struct Packet<'a, 's> {
     /// Beyond these nothing counts; minus infinity for a ray that is done.
     pub(super) limits: [f32; GROUP],
     pub(super) octant: [usize; 3],
+    /// See [`LocalRay`], if they are the same for all.
+    pub(super) axes: Option<[usize; 3]>,
 }
 
 /// Some rays that want something.
@@ -44,18 +47,19 @@ pub(super) type WantedStack = [Wanted; stack_size(USUAL_DEPTH)];
 impl Packet<'_, '_> {
     /// Sends rays, as bits, through what is below a child.
     #[inline(always)]
-    pub(super) fn traverse<const ANY: bool, L: Lanes>(
+    pub(super) fn traverse<const ANY: bool, M: Machine>(
         &mut self,
-        l: L,
+        m: M,
         mut child: Child,
         mut rays: u32,
         wanted: &mut WantedStack,
         stack: &mut Stack,
     ) {
+        let l = m.wide();
         let size = wanted.len();
         let mut height = 0;
         // The largest of the limits.
-        let mut farthest = l.largest(l.load_wide(&self.limits));
+        let mut farthest = l.largest(l.load(&self.limits));
         loop {
             let mut inner = false;
             if rays.count_ones() <= FEW {
@@ -64,7 +68,7 @@ impl Packet<'_, '_> {
                     #[inline(always)]
                     |packet, lane| {
                         let (state, local) = (&mut packet.states[lane], &packet.alone[lane]);
-                        let limit = state.traverse::<ANY, _, L>(l, local, child, stack, packet.limits[lane]);
+                        let limit = state.traverse::<ANY, _, M>(m, local, child, stack, packet.limits[lane]);
                         packet.limits[lane] = if ANY && state.best.is_some() {
                             f32::NEG_INFINITY
                         } else {
@@ -99,18 +103,10 @@ impl Packet<'_, '_> {
                     height += 1;
                 }
             } else {
-                self.each(
-                    rays,
-                    #[inline(always)]
-                    |packet, lane| {
-                        let (state, local) = (&mut packet.states[lane], &packet.alone[lane]);
-                        let limit = state.leaf::<ANY, L>(l, local, child, packet.limits[lane]);
-                        packet.limits[lane] = limit.unwrap_or(f32::NEG_INFINITY);
-                    },
-                );
+                self.leaf::<ANY, M>(m, child, rays);
             }
             if !inner {
-                farthest = l.largest(l.load_wide(&self.limits));
+                farthest = l.largest(l.load(&self.limits));
             }
             loop {
                 if height == 0 {
@@ -122,6 +118,54 @@ impl Packet<'_, '_> {
                     (child, rays) = (entry.child, entry.rays);
                     break;
                 }
+            }
+        }
+    }
+
+    /// Tests what is in a leaf.
+    #[inline(always)]
+    fn leaf<const ANY: bool, M: Machine>(&mut self, m: M, leaf: Child, rays: u32) {
+        let (Kind::Triangles(first, count), Some(axes)) = (leaf.kind(), self.axes) else {
+            return self.each(
+                rays,
+                #[inline(always)]
+                |packet, lane| {
+                    let (state, local) = (&mut packet.states[lane], &packet.alone[lane]);
+                    let limit = state.leaf::<ANY, M>(m, local, leaf, packet.limits[lane]);
+                    packet.limits[lane] = limit.unwrap_or(f32::NEG_INFINITY);
+                },
+            );
+        };
+        let numbers = &self.bvh.numbers[NUMBERS * first..][..NUMBERS * count];
+        for i in 0..count {
+            let pairs = Beam {
+                rays: self.rays,
+                axes,
+                numbers: &numbers[i..],
+                stride: count,
+                limits: &self.limits,
+            };
+            let Some(filtered) = filter(m.wide(), &pairs, rays) else {
+                continue;
+            };
+            let (mut sure, mut unsure) = (filtered.sure, filtered.unsure);
+            while sure != 0 {
+                let lane = sure.trailing_zeros() as usize % GROUP;
+                sure &= sure - 1;
+                let bounds = [filtered.low[lane], filtered.high[lane]];
+                let (state, local) = (&mut self.states[lane], &self.alone[lane]);
+                match state.sure::<ANY>(local, leaf, i, bounds, self.limits[lane]) {
+                    Sure::Nearer(nearer) => self.limits[lane] = nearer,
+                    Sure::Unsure => unsure |= 1 << lane,
+                    Sure::Found => self.limits[lane] = f32::NEG_INFINITY,
+                }
+            }
+            while unsure != 0 {
+                let lane = unsure.trailing_zeros() as usize % GROUP;
+                unsure &= unsure - 1;
+                let (state, local) = (&mut self.states[lane], &self.alone[lane]);
+                let limit = state.unsure::<ANY>(local, leaf, i, self.limits[lane]);
+                self.limits[lane] = limit.unwrap_or(f32::NEG_INFINITY);
             }
         }
     }
@@ -141,20 +185,20 @@ impl Packet<'_, '_> {
     /// Which of these rays may meet a box, and where the first of them enters it at the earliest; the same
     /// numbers as in [`Node::enter`].
     #[inline(always)]
-    fn enter<L: Lanes>(&self, l: L, node: &Node, i: usize, rays: u32) -> (L::Wide, u32) {
-        let mut near = l.load_wide(&self.rays.min);
-        let mut far = l.load_wide(&self.limits);
+    fn enter<L: Lanes<GROUP>>(&self, l: L, node: &Node, i: usize, rays: u32) -> (L::Floats, u32) {
+        let mut near = l.load(&self.rays.min);
+        let mut far = l.load(&self.limits);
         for axis in 0..3 {
             let side = self.octant[axis] & 1;
             let sides = &node.planes[axis];
-            let (enter, leave) = (l.splat_wide(sides[side][i]), l.splat_wide(sides[side ^ 1][i]));
-            let reciprocal = l.load_wide(&self.rays.reciprocal[axis]);
-            let enter = l.mul_add_wide(enter, reciprocal, l.load_wide(&self.rays.near[axis]));
-            let leave = l.mul_add_wide(leave, reciprocal, l.load_wide(&self.rays.far[axis]));
-            near = l.max_wide(enter, near);
-            far = l.min_wide(leave, far);
+            let (enter, leave) = (l.splat(sides[side][i]), l.splat(sides[side ^ 1][i]));
+            let reciprocal = l.load(&self.rays.reciprocal[axis]);
+            let enter = l.mul_add(enter, reciprocal, l.load(&self.rays.near[axis]));
+            let leave = l.mul_add(leave, reciprocal, l.load(&self.rays.far[axis]));
+            near = l.max(enter, near);
+            far = l.min(leave, far);
         }
-        let wants = l.at_most_wide(near, far) & rays;
+        let wants = l.at_most(near, far) & rays;
         (near, wants)
     }
 }

@@ -1,12 +1,12 @@
 //! The way of a ray through the hierarchy.
 
 use super::Bvh;
-use super::filter::{self, Filtered, NUMBERS};
+use super::filter::{self, Filtered, Leaf, NUMBERS};
 use super::frame::LocalRay;
 use super::node::{Child, Kind, WIDTH};
 use whitstone_core::triangle::{ShearedRay, TriangleHit};
 use whitstone_core::{DVec2, DVec3, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Shape, Skip};
-use whitstone_simd::{Kernel, Lanes};
+use whitstone_simd::{Kernel, Lanes, Machine};
 
 /// The stack of a search: each level of nodes puts off seven children at most.
 pub(super) const fn stack_size(depth: usize) -> usize {
@@ -65,6 +65,16 @@ impl Asked for Query<Ray> {
     fn skip(&self) -> Skip {
         self.skip
     }
+}
+
+/// What becomes of a triangle that is certainly hit.
+pub(super) enum Sure {
+    /// The new limit.
+    Nearer(f32),
+    /// It is not certain that the hit is inside the interval.
+    Unsure,
+    /// The search is over.
+    Found,
 }
 
 /// What a search knows.
@@ -231,13 +241,13 @@ impl<const ANY: bool, const DEEP: bool> Kernel for Search<'_, ANY, DEEP> {
     type Output = Option<RawHit>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Option<RawHit> {
+    fn run<M: Machine>(self, l: M) -> Option<RawHit> {
         let Self(bvh, query) = self;
         let state = State::new(bvh, query);
         if DEEP {
-            state.search::<ANY, { stack_size(super::MAX_DEPTH) }, L>(l)
+            state.search::<ANY, { stack_size(super::MAX_DEPTH) }, M>(l)
         } else {
-            state.search::<ANY, { stack_size(USUAL_DEPTH) }, L>(l)
+            state.search::<ANY, { stack_size(USUAL_DEPTH) }, M>(l)
         }
     }
 }
@@ -277,7 +287,7 @@ impl<Q: Asked> State<'_, Q> {
     }
 
     #[inline(always)]
-    fn search<const ANY: bool, const STACK: usize, L: Lanes>(mut self, l: L) -> Option<RawHit> {
+    fn search<const ANY: bool, const STACK: usize, L: Lanes<WIDTH>>(mut self, l: L) -> Option<RawHit> {
         let bvh = self.bvh;
         if self.resolve_unbounded() && ANY {
             return self.best;
@@ -299,7 +309,7 @@ impl<Q: Asked> State<'_, Q> {
 
     /// Goes through what is below a child; what is pending then may be nearest up to the limit that is returned.
     #[inline(always)]
-    pub(super) fn traverse<const ANY: bool, const STACK: usize, L: Lanes>(
+    pub(super) fn traverse<const ANY: bool, const STACK: usize, L: Lanes<WIDTH>>(
         &mut self,
         l: L,
         local: &LocalRay,
@@ -385,9 +395,55 @@ impl<Q: Asked> State<'_, Q> {
         }
     }
 
+    /// Takes a triangle that is certainly hit between two distances.
+    #[inline(always)]
+    pub(super) fn sure<const ANY: bool>(
+        &mut self,
+        local: &LocalRay,
+        leaf: Child,
+        lane: usize,
+        bounds: [f32; 2],
+        limit: f32,
+    ) -> Sure {
+        if !(bounds[0] >= local.inside[0] && bounds[1] <= local.inside[1]) {
+            return Sure::Unsure;
+        }
+        if self.skips(leaf.index() + lane) {
+            return Sure::Nearer(limit);
+        }
+        if ANY {
+            // Any hit will do: this one is not known in double precision, but it is there.
+            self.best = Some(RawHit {
+                t: 0.0,
+                params: Default::default(),
+                instance: InstancePath::WORLD,
+                shape: 0,
+                primitive: 0,
+            });
+            return Sure::Found;
+        }
+        Sure::Nearer(self.put_off(bounds, leaf, lane, local, limit))
+    }
+
+    /// Decides at once about a triangle that may be hit; returns the new limit, or `None` if the search is over.
+    #[inline(always)]
+    pub(super) fn unsure<const ANY: bool>(
+        &mut self,
+        local: &LocalRay,
+        leaf: Child,
+        lane: usize,
+        limit: f32,
+    ) -> Option<f32> {
+        if self.skips(leaf.index() + lane) {
+            return Some(limit);
+        }
+        let limit = self.resolve_in(leaf, lane, local, limit);
+        (!ANY || self.best.is_none()).then_some(limit)
+    }
+
     /// Tests what is in a leaf; returns the new limit, or `None` if the search is over.
     #[inline(always)]
-    pub(super) fn leaf<const ANY: bool, L: Lanes>(
+    pub(super) fn leaf<const ANY: bool, L: Lanes<WIDTH>>(
         &mut self,
         l: L,
         local: &LocalRay,
@@ -400,7 +456,13 @@ impl<Q: Asked> State<'_, Q> {
                 let Some(numbers) = bvh.numbers[NUMBERS * first..].first_chunk() else {
                     return Some(limit);
                 };
-                match filter::filter(l, local, numbers, count, limit) {
+                let pairs = Leaf {
+                    ray: local,
+                    numbers,
+                    count,
+                    limit,
+                };
+                match filter::filter(l, &pairs, (1 << count) - 1) {
                     Some(filtered) => (first, filtered),
                     None => return Some(limit),
                 }
@@ -421,37 +483,17 @@ impl<Q: Asked> State<'_, Q> {
         while sure != 0 {
             let i = sure.trailing_zeros() as usize % WIDTH;
             sure &= sure - 1;
-            let (low, high) = (filtered.low[i], filtered.high[i]);
-            if !(low >= local.inside[0] && high <= local.inside[1]) {
-                unsure |= 1 << i;
-                continue;
+            let bounds = [filtered.low[i], filtered.high[i]];
+            match self.sure::<ANY>(local, child, i, bounds, limit) {
+                Sure::Nearer(nearer) => limit = nearer,
+                Sure::Unsure => unsure |= 1 << i,
+                Sure::Found => return None,
             }
-            if self.skips(first + i) {
-                continue;
-            }
-            if ANY {
-                // Any hit will do: this one is not known in double precision, but it is there.
-                self.best = Some(RawHit {
-                    t: 0.0,
-                    params: Default::default(),
-                    instance: InstancePath::WORLD,
-                    shape: 0,
-                    primitive: 0,
-                });
-                return None;
-            }
-            limit = self.put_off([low, high], child, i, local, limit);
         }
         while unsure != 0 {
             let i = unsure.trailing_zeros() as usize;
             unsure &= unsure - 1;
-            if self.skips(first + i) {
-                continue;
-            }
-            limit = self.resolve_in(child, i, local, limit);
-            if ANY && self.best.is_some() {
-                return None;
-            }
+            limit = self.unsure::<ANY>(local, child, i, limit)?;
         }
         Some(limit)
     }

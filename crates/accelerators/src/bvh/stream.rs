@@ -9,7 +9,7 @@ use super::search::{Query, Slot, State, USUAL_DEPTH, stack_size};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes as RayLanes, RayStream};
 use whitstone_core::triangle::{ShearedStream, TriangleHit};
 use whitstone_core::{DVec2, DVec3, InstancePath, PrimitiveHit, RawHit, Skip};
-use whitstone_simd::{Kernel, Lanes, with_lanes};
+use whitstone_simd::{Kernel, Machine, with_lanes};
 
 /// The nearest hits of a stream, into hits that are clear.
 pub(super) fn closest(bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
@@ -85,7 +85,7 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) {
+    fn run<M: Machine>(self, m: M) {
         let Self {
             bvh,
             root,
@@ -128,14 +128,15 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
                     states: &mut states,
                     limits,
                     octant,
+                    axes: local.axes(),
                 };
-                packet.traverse::<ANY, L>(l, root, (1 << GROUP) - 1, &mut wanted, &mut stack);
+                packet.traverse::<ANY, M>(m, root, (1 << GROUP) - 1, &mut wanted, &mut stack);
                 limits = packet.limits;
             } else {
                 for k in 0..len {
                     if limits[k] > f32::NEG_INFINITY {
                         limits[k] =
-                            states[k].traverse::<ANY, _, L>(l, &alone[k], root, &mut stack, limits[k]);
+                            states[k].traverse::<ANY, _, M>(m, &alone[k], root, &mut stack, limits[k]);
                     }
                 }
             }
