@@ -5,8 +5,7 @@
 //!   elements are left. Triangles are cut into polygons at each plane (Fuchs, Kedem, Naylor, *On visible surface
 //!   generation by a priori tree structures*, 1980). `split = "midpoint"` and `"median"` cut across the principal axis
 //!   of what is in the cell; see `build`.
-//! - Traversal: that of a kd-tree, in order with an interval for each cell, with two products of vectors for each
-//!   plane.
+//! - Traversal: that of a kd-tree, with two products of vectors for each plane; see `partition`.
 //! - Cost model: that of `kdtree`, with the areas of the polyhedra; a step takes about twice as long. What it buys are
 //!   cells that fit: a triangle that lies askew fills a corner of every axis-parallel box, and a plane along
 //!   it leaves empty space on one side at once. There are fewer tests than in any other structure here, and the build
@@ -18,17 +17,16 @@
 
 mod build;
 
-use crate::elements::{Elements, Mailbox, Searched, Structure, WideRay};
-use crate::polyhedron::Plane;
+use crate::elements::{Searched, WideRay};
+use crate::partition::{Cut, MAX_DEPTH, Passage};
+use crate::polyhedron::{Plane, Polyhedron};
 use crate::split::Split;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::config::IntegerIn;
-use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, Element, Geometry, Plugin, SceneErrors, Statistics,
-};
+use whitstone_core::{Aabb, Accelerator, Accelerators, Context, Geometry, Outline, Plugin, SceneErrors};
 
 /// Space cut by planes in any direction: few tests for each ray, and a slow build.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -49,29 +47,8 @@ fn two() -> NonZeroU32 {
     const { NonZeroU32::new(2).unwrap() }
 }
 
-/// No path from the root is longer.
-const MAX_DEPTH: usize = 64;
-
-/// The tree.
-pub struct Bsp {
-    /// Around all elements.
-    bounds: Aabb,
-    /// The root is 0.
-    nodes: Vec<Node>,
-    /// What the leaves hold: indices of elements.
-    references: Vec<u32>,
-    elements: Vec<Element>,
-    depth: usize,
-    sah_cost: f64,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Node {
-    /// Two children side by side, the first below the plane.
-    Inner { plane: Plane, children: u32 },
-    /// A range of references.
-    Leaf { first: u32, count: u32 },
-}
+/// The plugin.
+pub struct Bsp;
 
 impl Plugin<Accelerators> for Bsp {
     const TYPE: &'static str = "bsp";
@@ -82,96 +59,46 @@ impl Plugin<Accelerators> for Bsp {
         geometry: Arc<Geometry>,
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
-        let build = |geometry: &Geometry, elements: Elements| build::build(geometry, &elements, &config);
-        Ok(Box::new(Searched::new(geometry, build)))
+        Ok(Box::new(Searched::new(geometry, |geometry, elements| {
+            build::build(geometry, &elements, &config)
+        })?))
     }
 }
 
-/// A cell that is visited later: its node and the part of the ray in it.
-type Later = (u32, f64, f64);
+impl Cut for Plane {
+    type Cell = Polyhedron;
 
-impl Structure for Bsp {
-    #[inline]
-    fn visit(
-        &self,
-        ray: &WideRay,
-        min: f64,
-        mut limit: f64,
-        visit: &mut impl FnMut(Element) -> Option<f64>,
-    ) -> Option<f64> {
-        let Some((mut near, mut far)) = ray.inside(&self.bounds, min, limit) else {
-            return Some(limit);
-        };
-        let mut mailbox = Mailbox::new();
-        let mut stack: [Later; MAX_DEPTH] = [(0, 0.0, 0.0); MAX_DEPTH];
-        let (mut height, mut node) = (0, 0);
-        loop {
-            match self.nodes[node as usize] {
-                Node::Inner { plane, children } => {
-                    let along = ray.along(plane.normal);
-                    let side = u32::from(along.backwards);
-                    let (before, beyond) = (children + side, children + 1 - side);
-                    let leaves = far.min(along.leaves(plane.at));
-                    let arrives = near.max(along.arrives(plane.at));
-                    match (near <= leaves, arrives <= far) {
-                        (true, true) => {
-                            stack[height] = (beyond, arrives, far);
-                            height += 1;
-                            (node, far) = (before, leaves);
-                            continue;
-                        }
-                        (true, false) => {
-                            (node, far) = (before, leaves);
-                            continue;
-                        }
-                        (false, true) => {
-                            (node, near) = (beyond, arrives);
-                            continue;
-                        }
-                        (false, false) => {}
-                    }
-                }
-                Node::Leaf { first, count } => {
-                    for &element in &self.references[first as usize..(first + count) as usize] {
-                        if mailbox.is_new(element) {
-                            limit = visit(self.elements[element as usize])?;
-                        }
-                    }
-                }
-            }
-            loop {
-                if height == 0 {
-                    return Some(limit);
-                }
-                height -= 1;
-                (node, near, far) = stack[height];
-                // At equal distance an element of lower number may be in there.
-                if near <= limit {
-                    break;
-                }
-            }
+    fn cell(aabb: &Aabb) -> Polyhedron {
+        Polyhedron::of_box(aabb)
+    }
+
+    fn half_area(cell: &Polyhedron) -> f64 {
+        cell.half_area()
+    }
+
+    fn outline(depth: usize, cell: &Polyhedron) -> Outline {
+        Outline {
+            depth,
+            segments: cell.edges(),
         }
     }
 
-    fn statistics(&self) -> Statistics {
-        let leaf = |node: &&Node| matches!(node, Node::Leaf { .. });
-        let empty = |node: &&Node| matches!(node, Node::Leaf { count: 0, .. });
-        let askew = |node: &&Node| match node {
-            Node::Inner { plane, .. } => plane.normal.abs().max_element() < 1.0,
-            Node::Leaf { .. } => false,
-        };
-        let leaves = self.nodes.iter().filter(leaf).count();
-        let bytes = size_of_val(&*self.nodes) + size_of_val(&*self.references) + size_of_val(&*self.elements);
-        Statistics::from([
-            ("nodes", (self.nodes.len() - leaves) as f64),
-            ("askew", self.nodes.iter().filter(askew).count() as f64),
-            ("leaves", leaves as f64),
-            ("empty_leaves", self.nodes.iter().filter(empty).count() as f64),
-            ("references", self.references.len() as f64),
-            ("depth", self.depth as f64),
-            ("sah_cost", self.sah_cost),
-            ("bytes", bytes as f64),
-        ])
+    fn halves(&self, cell: &Polyhedron) -> [Polyhedron; 2] {
+        cell.cut(self)
+    }
+
+    #[inline]
+    fn passage(&self, ray: &WideRay) -> Passage {
+        let along = ray.along(self.normal);
+        Passage {
+            side: u32::from(along.backwards),
+            leaves: along.leaves(self.at),
+            arrives: along.arrives(self.at),
+        }
+    }
+
+    fn is_askew(&self) -> bool {
+        self.normal.abs().max_element() < 1.0
     }
 }
 

@@ -22,10 +22,11 @@ mod stream;
 mod tree;
 mod wide;
 
+use crate::elements::{MOST_ELEMENTS, check_count};
 use binned::Binned;
 use frame::Frame;
 use items::Items;
-use node::{Child, Node};
+use node::{Child, Kind, Node};
 use schemars::JsonSchema;
 use search::{Query, Search, Slot};
 use serde::Deserialize;
@@ -34,8 +35,8 @@ use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::{
-    Accelerator, Accelerators, Context, Element, Geometry, Interval, Plugin, RawHit, Ray, SceneErrors, Skip,
-    Statistics,
+    Aabb, Accelerator, Accelerators, Context, DVec3, Element, Geometry, Interval, Outline, Plugin, RawHit,
+    Ray, SceneErrors, Skip, Statistics,
 };
 use whitstone_simd::{Level, with_lanes};
 use wide::Wide;
@@ -92,6 +93,9 @@ impl Plugin<Accelerators> for Bvh {
         geometry: Arc<Geometry>,
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
+        // Spatial splits add three tenths at most.
+        let spare = if config.quality == Quality::Best { 4 } else { 0 };
+        check_count(&geometry, MOST_ELEMENTS / 16 * (16 - spare))?;
         Ok(Box::new(Self::new(geometry, config.quality)))
     }
 }
@@ -139,6 +143,26 @@ impl Bvh {
         }
     }
 
+    fn outline(&self, child: Child, aabb: &Aabb, depth: usize, deepest: usize, found: &mut Vec<Outline>) {
+        found.push(Outline::of_box(depth, aabb));
+        if let Kind::Inner(node) = child.kind()
+            && depth < deepest
+        {
+            let (zero, scale) = (self.frame.point(DVec3::ZERO), self.frame.length(1.0));
+            let world = |p: DVec3| (p - zero) / scale;
+            let node = &self.nodes[node];
+            for (i, child) in node.children.map(Child).into_iter().enumerate() {
+                let corner = |side: usize| node.planes.map(|sides| f64::from(sides[side][i])).into();
+                let (min, max): (DVec3, DVec3) = (corner(0), corner(1));
+                // Where there is no child, the box is inside out.
+                if min.cmple(max).all() {
+                    let [min, max] = [min, max].map(world);
+                    self.outline(child, &Aabb { min, max }, depth + 1, deepest, found);
+                }
+            }
+        }
+    }
+
     /// `ANY` for some hit, else the nearest.
     #[inline(always)]
     fn find<const ANY: bool>(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
@@ -171,6 +195,18 @@ impl Accelerator for Bvh {
 
     fn statistics(&self) -> Statistics {
         self.statistics.clone()
+    }
+
+    fn outlines(&self, deepest: usize) -> Option<Vec<Outline>> {
+        let elements = self.slots.iter().map(|slot| slot.element());
+        let whole = elements.fold(Aabb::EMPTY, |whole, element| {
+            whole.union(self.geometry.bounds(element))
+        });
+        let mut found = Vec::new();
+        if let Some(root) = self.root {
+            self.outline(root, &whole, 0, deepest, &mut found);
+        }
+        Some(found)
     }
 }
 

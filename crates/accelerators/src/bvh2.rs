@@ -13,14 +13,15 @@
 //! - Example: `scenes/accelerators/bvh2.toml`.
 
 use crate::binary::{Builder, MAX_DEPTH, STEP_COST, Tree};
-use crate::elements::{Elements, Item, Searched, Structure, WideRay, bounds};
+use crate::elements::{Elements, Item, Searched, Structure, Visitor, WideRay, bounds};
 use crate::split::{Axes, Split};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, DVec3, Element, Geometry, Plugin, SceneErrors, Statistics,
+    Aabb, Accelerator, Accelerators, Context, DVec3, Element, Geometry, Outline, Plugin, SceneErrors,
+    Statistics,
 };
 
 /// A binary bounding volume hierarchy: good for every scene.
@@ -55,6 +56,7 @@ pub struct Bvh2 {
     depth: usize,
     /// Expected time of a ray that hits the whole, in tests of an element.
     sah_cost: f64,
+    bounds: Option<Aabb>,
 }
 
 /// An inner node with the boxes of both children.
@@ -119,7 +121,7 @@ impl Plugin<Accelerators> for Bvh2 {
         };
         Ok(Box::new(Searched::new(geometry, |_, elements| {
             Self::new(elements, &builder)
-        })))
+        })?))
     }
 }
 
@@ -130,7 +132,9 @@ impl Bvh2 {
         if items.is_empty() {
             return found;
         }
-        let area = bounds(&items).half_area();
+        let bounds = bounds(&items);
+        let area = bounds.half_area();
+        found.bounds = Some(bounds);
         let tree = builder.build(&mut items);
         let slot = |item: &Item| Slot {
             element: item.element,
@@ -173,13 +177,26 @@ impl Bvh2 {
         }
     }
 
+    fn outline(&self, child: Child, aabb: &Aabb, depth: usize, deepest: usize, found: &mut Vec<Outline>) {
+        found.push(Outline::of_box(depth, aabb));
+        if let Err(node) = child.first_slot()
+            && depth < deepest
+        {
+            let node = &self.nodes[node];
+            for (i, &child) in node.children.iter().enumerate() {
+                let [min, max] = [0, 1].map(|side| node.planes.map(|sides| sides[side][i]).into());
+                self.outline(child, &Aabb { min, max }, depth + 1, deepest, found);
+            }
+        }
+    }
+
     #[inline]
     fn walk<const DEPTH: usize>(
         &self,
         ray: &WideRay,
         min: f64,
         mut limit: f64,
-        visit: &mut impl FnMut(Element) -> Option<f64>,
+        visitor: &mut impl Visitor,
     ) -> Option<f64> {
         let Some(mut child) = self.root else {
             return Some(limit);
@@ -190,6 +207,7 @@ impl Bvh2 {
         loop {
             match child.first_slot() {
                 Err(node) => {
+                    visitor.step();
                     let node = &self.nodes[node];
                     let (near, hit) = node.enter(ray, min, limit);
                     match hit {
@@ -213,7 +231,7 @@ impl Bvh2 {
                 }
                 Ok(first) => {
                     for slot in &self.slots[first..] {
-                        limit = visit(slot.element)?;
+                        limit = visitor.test(slot.element)?;
                         if slot.last {
                             break;
                         }
@@ -237,17 +255,11 @@ impl Bvh2 {
 
 impl Structure for Bvh2 {
     #[inline]
-    fn visit(
-        &self,
-        ray: &WideRay,
-        min: f64,
-        limit: f64,
-        visit: &mut impl FnMut(Element) -> Option<f64>,
-    ) -> Option<f64> {
+    fn visit(&self, ray: &WideRay, min: f64, limit: f64, visitor: &mut impl Visitor) -> Option<f64> {
         if self.depth <= USUAL_DEPTH {
-            self.walk::<USUAL_DEPTH>(ray, min, limit, visit)
+            self.walk::<USUAL_DEPTH>(ray, min, limit, visitor)
         } else {
-            self.walk::<MAX_DEPTH>(ray, min, limit, visit)
+            self.walk::<MAX_DEPTH>(ray, min, limit, visitor)
         }
     }
 
@@ -263,6 +275,14 @@ impl Structure for Bvh2 {
                 (size_of_val(&*self.nodes) + size_of_val(&*self.slots)) as f64,
             ),
         ])
+    }
+
+    fn outlines(&self, deepest: usize) -> Vec<Outline> {
+        let mut found = Vec::new();
+        if let (Some(child), Some(bounds)) = (self.root, &self.bounds) {
+            self.outline(child, bounds, 0, deepest, &mut found);
+        }
+        found
     }
 }
 

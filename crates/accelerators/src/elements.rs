@@ -13,7 +13,8 @@ use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Aabb, Accelerator, DVec3, Element, Geometry, Interval, RawHit, Ray, Shape, Skip, Statistics,
+    Aabb, Accelerator, DVec3, Effort, Element, Geometry, Interval, Outline, RawHit, Ray, SceneError,
+    SceneErrors, Shape, Skip, Statistics,
 };
 
 /// Boxes that reach farther are treated as endless: their areas would overflow.
@@ -37,6 +38,24 @@ use tests::width;
 /// What a structure may lose by its own rounding when it cuts elements, relative to the largest coordinate:
 /// many roundings, and far below the pad.
 pub(crate) const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
+
+/// Fewer elements than this: they, what refers to them and the nodes over them are numbered in 32 bits.
+pub(crate) const MOST_ELEMENTS: usize = 1 << 28;
+
+/// Refuses a geometry that does not have fewer than `most` elements.
+pub(crate) fn check_count(geometry: &Geometry, most: usize) -> Result<(), SceneError> {
+    let count = |shape: &Shape| match shape {
+        Shape::Triangles(mesh) => mesh.triangles.len(),
+        _ => 1,
+    };
+    let count: usize = geometry.shapes().iter().map(count).sum();
+    if count < most {
+        return Ok(());
+    }
+    let message =
+        format!("the scene has {count} triangles and shapes; an accelerator holds fewer than {most}");
+    Err(SceneError::anywhere(message).with_help("use a coarser mesh"))
+}
 
 /// An element with a box.
 #[derive(Clone, Copy, Debug)]
@@ -304,20 +323,50 @@ impl Mailbox {
     }
 }
 
+/// What is done with what a search comes upon.
+pub(crate) trait Visitor {
+    /// An inner node or a cell.
+    fn step(&mut self) {}
+
+    /// An element; the new limit, or `None` to stop.
+    fn test(&mut self, element: Element) -> Option<f64>;
+}
+
+impl<F: FnMut(Element) -> Option<f64>> Visitor for F {
+    #[inline(always)]
+    fn test(&mut self, element: Element) -> Option<f64> {
+        self(element)
+    }
+}
+
+/// Counts what another visitor is shown.
+struct Counting<V> {
+    effort: Effort,
+    visitor: V,
+}
+
+impl<V: Visitor> Visitor for Counting<V> {
+    fn step(&mut self) {
+        self.effort.steps += 1;
+    }
+
+    fn test(&mut self, element: Element) -> Option<f64> {
+        self.effort.tests += 1;
+        self.visitor.test(element)
+    }
+}
+
 /// A structure over items: what differs between the accelerators.
 pub(crate) trait Structure: Send + Sync {
-    /// Hands every element to `visit` that a hit with `min` < t <= `limit` may be on, nearer ones roughly first.
-    /// `visit` returns the new limit, or `None` to stop; so does this.
-    fn visit(
-        &self,
-        ray: &WideRay,
-        min: f64,
-        limit: f64,
-        visit: &mut impl FnMut(Element) -> Option<f64>,
-    ) -> Option<f64>;
+    /// Hands every element to the visitor that a hit with `min` < t <= `limit` may be on, nearer ones roughly first.
+    /// The visitor returns the new limit, or `None` to stop; so does this.
+    fn visit(&self, ray: &WideRay, min: f64, limit: f64, visitor: &mut impl Visitor) -> Option<f64>;
 
     /// What was built, with `bytes`; the rest is common to all.
     fn statistics(&self) -> Statistics;
+
+    /// The volumes down to a level, as in [`Accelerator::outlines`]; none where there are no elements.
+    fn outlines(&self, deepest: usize) -> Vec<Outline>;
 }
 
 /// A structure, and the two searches in it.
@@ -330,83 +379,113 @@ pub(crate) struct Searched<S> {
     /// Of rays, relative to the largest coordinate.
     width: f64,
     structure: S,
-    statistics: Statistics,
+    /// Elements with a box.
+    bounded: usize,
+    degenerate: usize,
+    build_seconds: f64,
 }
 
 impl<S: Structure> Searched<S> {
     /// Builds over all elements that have a box.
-    pub(crate) fn new(geometry: Arc<Geometry>, build: impl FnOnce(&Geometry, Elements) -> S) -> Self {
+    pub(crate) fn new(
+        geometry: Arc<Geometry>,
+        build: impl FnOnce(&Geometry, Elements) -> S,
+    ) -> Result<Self, SceneErrors> {
         let start = Instant::now();
+        check_count(&geometry, MOST_ELEMENTS)?;
         let mut elements = Elements::of(&geometry);
         let unbounded = std::mem::take(&mut elements.unbounded);
-        let (items, reach, degenerate) = (elements.items.len(), elements.reach, elements.degenerate);
+        let (bounded, reach, degenerate) = (elements.items.len(), elements.reach, elements.degenerate);
         let structure = build(&geometry, elements);
-        let mut statistics = structure.statistics();
-        *statistics.entry("bytes").or_default() += size_of_val(&*unbounded) as f64;
-        statistics.extend([
-            ("elements", (items + unbounded.len()) as f64),
-            ("unbounded", unbounded.len() as f64),
-            ("degenerate", degenerate as f64),
-            ("build_seconds", start.elapsed().as_secs_f64()),
-        ]);
-        Self {
+        Ok(Self {
             geometry,
             unbounded,
             reach,
             width: width(),
             structure,
-            statistics,
-        }
+            bounded,
+            degenerate,
+            build_seconds: start.elapsed().as_secs_f64(),
+        })
     }
 
     #[inline]
-    fn visit(
-        &self,
-        ray: &Ray,
-        interval: Interval,
-        mut visit: impl FnMut(Element) -> Option<f64>,
-    ) -> Option<f64> {
+    fn visit(&self, ray: &Ray, interval: Interval, visitor: &mut impl Visitor) -> Option<f64> {
         let mut limit = interval.max;
         for &element in &self.unbounded {
-            limit = visit(element)?;
+            limit = visitor.test(element)?;
         }
         if !(ray.origin.is_finite() && ray.direction.is_finite()) {
             return Some(limit);
         }
         let wide = WideRay::new(ray, self.width * (ray.origin.abs().max_element() + self.reach));
-        self.structure.visit(&wide, interval.min, limit, &mut visit)
+        self.structure.visit(&wide, interval.min, limit, visitor)
+    }
+
+    /// Keeps the nearest hit of those elements that it is shown.
+    #[inline]
+    fn nearest(
+        &self,
+        ray: &Ray,
+        interval: Interval,
+        skip: Skip,
+        best: &mut Option<RawHit>,
+    ) -> impl FnMut(Element) -> Option<f64> {
+        let sheared = ShearedRay::new(ray);
+        let mut open = interval;
+        move |element| {
+            if let Some(hit) = self.geometry.intersect(element, ray, &sheared, open, skip)
+                && best.is_none_or(|best| hit.beats(&best))
+            {
+                *best = Some(hit);
+                // Hits at the same distance still count: they may be lower in number.
+                open.max = hit.t.next_up();
+            }
+            Some(best.map_or(interval.max, |best| best.t))
+        }
     }
 }
 
 impl<S: Structure> Accelerator for Searched<S> {
     fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        let sheared = ShearedRay::new(ray);
-        let mut best: Option<RawHit> = None;
-        let mut open = interval;
-        self.visit(ray, interval, |element| {
-            if let Some(hit) = self.geometry.intersect(element, ray, &sheared, open, skip)
-                && best.is_none_or(|best| hit.beats(&best))
-            {
-                best = Some(hit);
-                // Hits at the same distance still count: they may be lower in number.
-                open.max = hit.t.next_up();
-            }
-            Some(best.map_or(interval.max, |best| best.t))
-        });
+        let mut best = None;
+        self.visit(ray, interval, &mut self.nearest(ray, interval, skip, &mut best));
         best
+    }
+
+    fn effort(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<Effort> {
+        let mut best = None;
+        let mut counting = Counting {
+            effort: Effort::default(),
+            visitor: self.nearest(ray, interval, skip, &mut best),
+        };
+        self.visit(ray, interval, &mut counting);
+        Some(counting.effort)
     }
 
     fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
         let sheared = ShearedRay::new(ray);
-        self.visit(ray, interval, |element| {
+        let mut until_hit = |element: Element| {
             let hit = self.geometry.intersect(element, ray, &sheared, interval, skip);
             hit.is_none().then_some(interval.max)
-        })
-        .is_none()
+        };
+        self.visit(ray, interval, &mut until_hit).is_none()
     }
 
     fn statistics(&self) -> Statistics {
-        self.statistics.clone()
+        let mut statistics = self.structure.statistics();
+        *statistics.entry("bytes").or_default() += size_of_val(&*self.unbounded) as f64;
+        statistics.extend([
+            ("elements", (self.bounded + self.unbounded.len()) as f64),
+            ("unbounded", self.unbounded.len() as f64),
+            ("degenerate", self.degenerate as f64),
+            ("build_seconds", self.build_seconds),
+        ]);
+        statistics
+    }
+
+    fn outlines(&self, deepest: usize) -> Option<Vec<Outline>> {
+        Some(self.structure.outlines(deepest))
     }
 }
 
@@ -456,6 +535,22 @@ mod tests {
         let above = Aabb::around([DVec3::new(0.0, 0.0, 0.1), DVec3::ONE]);
         assert!(!overlaps(&corners, &above, 0.09));
         assert!(overlaps(&corners, &above, 0.1));
+    }
+
+    #[test]
+    fn more_elements_than_can_be_numbered_are_refused() {
+        let mesh = |count: usize| {
+            Shape::Triangles(whitstone_core::TriangleMesh {
+                triangles: vec![[0; 3]; count],
+                ..Default::default()
+            })
+        };
+        let geometry = Geometry::new(vec![mesh(5), mesh(0), mesh(2)]);
+        assert!(check_count(&geometry, 8).is_ok());
+        let error = check_count(&geometry, 7).unwrap_err();
+        let expected = "the scene has 7 triangles and shapes; an accelerator holds fewer than 7";
+        assert_eq!(error.message, expected);
+        assert!(check_count(&Geometry::default(), 1).is_ok());
     }
 
     #[test]

@@ -22,14 +22,14 @@
 
 mod cells;
 
-use crate::elements::{Elements, Mailbox, Searched, Structure, WideRay, bounds};
+use crate::elements::{Elements, Mailbox, Searched, Structure, Visitor, WideRay, bounds};
 use cells::Cells;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{
-    Accelerator, Accelerators, Context, Element, Geometry, Plugin, SceneErrors, Statistics,
+    Accelerator, Accelerators, Context, Element, Geometry, Outline, Plugin, SceneErrors, Statistics,
 };
 
 /// A uniform grid of one or two levels: quick to build, good for elements that are spread evenly.
@@ -85,7 +85,7 @@ impl Plugin<Accelerators> for Grid {
         let two = config.levels.get() == 2;
         Ok(Box::new(Searched::new(geometry, |geometry, elements| {
             Self::new(geometry, &elements, density, two)
-        })))
+        })?))
     }
 }
 
@@ -130,18 +130,13 @@ impl Grid {
 
 impl Structure for Grid {
     #[inline]
-    fn visit(
-        &self,
-        ray: &WideRay,
-        min: f64,
-        limit: f64,
-        visit: &mut impl FnMut(Element) -> Option<f64>,
-    ) -> Option<f64> {
+    fn visit(&self, ray: &WideRay, min: f64, limit: f64, visitor: &mut impl Visitor) -> Option<f64> {
         let mut mailbox = Mailbox::new();
         let mut try_all = |held: &[u32], mut limit: f64| {
+            visitor.step();
             for &element in held {
                 if mailbox.is_new(element) {
-                    limit = visit(self.elements[element as usize])?;
+                    limit = visitor.test(self.elements[element as usize])?;
                 }
             }
             Some(limit)
@@ -157,9 +152,12 @@ impl Structure for Grid {
             min,
             limit,
             &mut |cell, limit| match self.inner.get(self.inner_of[cell] as usize) {
-                Some(inner) => inner.walk(ray, min, limit, &mut |cell, limit| {
-                    try_all(inner.held(cell), limit)
-                }),
+                Some(inner) => {
+                    let limit = try_all(&[], limit)?;
+                    inner.walk(ray, min, limit, &mut |cell, limit| {
+                        try_all(inner.held(cell), limit)
+                    })
+                }
                 None => try_all(self.cells.held(cell), limit),
             },
         )
@@ -181,6 +179,26 @@ impl Structure for Grid {
             ("depth", if self.inner.is_empty() { 1.0 } else { 2.0 }),
             ("bytes", own as f64 + sum(Cells::bytes)),
         ])
+    }
+
+    /// The whole, then the cells that are not empty, then those of the grids in them.
+    fn outlines(&self, deepest: usize) -> Vec<Outline> {
+        if self.elements.is_empty() {
+            return Vec::new();
+        }
+        let whole = Outline::of_box(0, self.cells.bounds());
+        let occupied = |cells: &Cells, depth: usize| -> Vec<Outline> {
+            let numbers = (0..cells.count()).filter(|&cell| depth <= deepest && !cells.held(cell).is_empty());
+            numbers
+                .map(|cell| Outline::of_box(depth, &cells.cell(cell)))
+                .collect()
+        };
+        let inner = self.inner.iter().flat_map(|inner| occupied(inner, 2));
+        [whole]
+            .into_iter()
+            .chain(occupied(&self.cells, 1))
+            .chain(inner)
+            .collect()
     }
 }
 

@@ -4,9 +4,7 @@
 //!   2006: the surface area heuristic over the ends of the elements' boxes (section 4.2), boxes cut at each plane
 //!   ("perfect splits", section 3.3, by boxes instead of polygons), a bonus for empty space (section 3.4). Nodes of
 //!   many elements are cut at the borders of bins instead (Shevtsov, Soupikov, Kapustin 2007); see `build`.
-//! - Traversal: in order, with an interval of the ray for each cell (the notes' t_min, t*, t_max; Havran,
-//!   *Heuristic ray shooting algorithms*, 2000, appendix C). The ray is as wide as rounding may need (see
-//!   `elements`), so it arrives at a plane before it leaves the side before, and the intervals overlap a little.
+//! - Traversal: in order, with an interval of the ray for each cell; see `partition`.
 //! - Cost model: a ray that passes a cell passes a part of it with the ratio of their areas as chance. So a cut
 //!   costs 1.2 + (A_l n_l + A_r n_r) / A tests of an element and a leaf costs n; if one side is empty the cut
 //!   counts a fifth less. Cells do not overlap, so that nearest hits end the search early, but an element is
@@ -17,16 +15,15 @@
 
 mod build;
 
-use crate::elements::{Elements, Mailbox, Searched, Structure, WideRay};
+use crate::elements::{Searched, WideRay};
+use crate::partition::{Cut, MAX_DEPTH, Passage};
 use crate::split::{Axes, Split};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::config::IntegerIn;
-use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, Element, Geometry, Plugin, SceneErrors, Statistics,
-};
+use whitstone_core::{Aabb, Accelerator, Accelerators, Context, Geometry, Outline, Plugin, SceneErrors};
 
 /// A kd-tree: cells that do not overlap, with elements in several of them.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -50,29 +47,8 @@ fn four() -> NonZeroU32 {
     const { NonZeroU32::new(4).unwrap() }
 }
 
-/// No path from the root is longer.
-const MAX_DEPTH: usize = 64;
-
-/// The tree.
-pub struct KdTree {
-    /// Around all elements.
-    bounds: Aabb,
-    /// The root is 0.
-    nodes: Vec<Node>,
-    /// What the leaves hold: indices of elements.
-    references: Vec<u32>,
-    elements: Vec<Element>,
-    depth: usize,
-    sah_cost: f64,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Node {
-    /// Two children side by side, the first with the smaller coordinates.
-    Inner { axis: u8, children: u32, plane: f64 },
-    /// A range of references.
-    Leaf { first: u32, count: u32 },
-}
+/// The plugin.
+pub struct KdTree;
 
 impl Plugin<Accelerators> for KdTree {
     const TYPE: &'static str = "kdtree";
@@ -83,96 +59,75 @@ impl Plugin<Accelerators> for KdTree {
         geometry: Arc<Geometry>,
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
-        let build = |geometry: &Geometry, elements: Elements| build::build(geometry, &elements, &config);
-        Ok(Box::new(Searched::new(geometry, build)))
+        Ok(Box::new(Searched::new(geometry, |geometry, elements| {
+            build::build(geometry, &elements, &config)
+        })?))
     }
 }
 
-/// A cell that is visited later: its node and the part of the ray in it.
-type Later = (u32, f64, f64);
+/// A plane across an axis. Packed, so that a node of the tree has 16 bytes.
+#[derive(Clone, Copy, Debug)]
+#[repr(Rust, packed(4))]
+struct AxisCut {
+    plane: f64,
+    axis: Axis,
+}
 
-impl Structure for KdTree {
-    #[inline]
-    fn visit(
-        &self,
-        ray: &WideRay,
-        min: f64,
-        mut limit: f64,
-        visit: &mut impl FnMut(Element) -> Option<f64>,
-    ) -> Option<f64> {
-        let Some((mut near, mut far)) = ray.inside(&self.bounds, min, limit) else {
-            return Some(limit);
-        };
-        let mut mailbox = Mailbox::new();
-        let mut stack: [Later; MAX_DEPTH] = [(0, 0.0, 0.0); MAX_DEPTH];
-        let (mut height, mut node) = (0, 0);
-        loop {
-            match self.nodes[node as usize] {
-                Node::Inner {
-                    axis,
-                    children,
-                    plane,
-                } => {
-                    let axis = usize::from(axis);
-                    let near_side = ray.near_side[axis] as u32;
-                    let (before, beyond) = (children + near_side, children + 1 - near_side);
-                    // t* of the notes, which is two for a wide ray.
-                    let leaves = far.min(ray.leaves(axis, plane));
-                    let arrives = near.max(ray.arrives(axis, plane));
-                    match (near <= leaves, arrives <= far) {
-                        (true, true) => {
-                            stack[height] = (beyond, arrives, far);
-                            height += 1;
-                            (node, far) = (before, leaves);
-                            continue;
-                        }
-                        (true, false) => {
-                            (node, far) = (before, leaves);
-                            continue;
-                        }
-                        (false, true) => {
-                            (node, near) = (beyond, arrives);
-                            continue;
-                        }
-                        (false, false) => {}
-                    }
-                }
-                Node::Leaf { first, count } => {
-                    for &element in &self.references[first as usize..(first + count) as usize] {
-                        if mailbox.is_new(element) {
-                            limit = visit(self.elements[element as usize])?;
-                        }
-                    }
-                }
-            }
-            loop {
-                if height == 0 {
-                    return Some(limit);
-                }
-                height -= 1;
-                (node, near, far) = stack[height];
-                // At equal distance an element of lower number may be in there.
-                if near <= limit {
-                    break;
-                }
-            }
+/// A coordinate axis; that there are no others leaves room to tell nodes from leaves.
+#[derive(Clone, Copy, Debug)]
+enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+impl AxisCut {
+    fn new(axis: usize, plane: f64) -> Self {
+        Self {
+            plane,
+            axis: [Axis::X, Axis::Y, Axis::Z][axis],
         }
     }
 
-    fn statistics(&self) -> Statistics {
-        let inner = |node: &&Node| matches!(node, Node::Inner { .. });
-        let empty = |node: &&Node| matches!(node, Node::Leaf { count: 0, .. });
-        let nodes = self.nodes.iter().filter(inner).count();
-        let bytes = size_of_val(&*self.nodes) + size_of_val(&*self.references) + size_of_val(&*self.elements);
-        Statistics::from([
-            ("nodes", nodes as f64),
-            ("leaves", (self.nodes.len() - nodes) as f64),
-            ("empty_leaves", self.nodes.iter().filter(empty).count() as f64),
-            ("references", self.references.len() as f64),
-            ("depth", self.depth as f64),
-            ("sah_cost", self.sah_cost),
-            ("bytes", bytes as f64),
-        ])
+    fn axis(&self) -> usize {
+        self.axis as usize
+    }
+}
+
+impl Cut for AxisCut {
+    type Cell = Aabb;
+
+    fn cell(aabb: &Aabb) -> Aabb {
+        *aabb
+    }
+
+    fn half_area(cell: &Aabb) -> f64 {
+        cell.half_area()
+    }
+
+    fn outline(depth: usize, cell: &Aabb) -> Outline {
+        Outline::of_box(depth, cell)
+    }
+
+    fn halves(&self, cell: &Aabb) -> [Aabb; 2] {
+        let mut halves = [*cell; 2];
+        halves[0].max[self.axis()] = self.plane;
+        halves[1].min[self.axis()] = self.plane;
+        halves
+    }
+
+    #[inline]
+    fn passage(&self, ray: &WideRay) -> Passage {
+        let axis = self.axis();
+        Passage {
+            side: ray.near_side[axis] as u32,
+            leaves: ray.leaves(axis, self.plane),
+            arrives: ray.arrives(axis, self.plane),
+        }
+    }
+
+    fn is_askew(&self) -> bool {
+        false
     }
 }
 

@@ -22,12 +22,16 @@ pub mod bvh2;
 mod elements;
 #[cfg(feature = "grid")]
 pub mod grid;
+#[cfg(any(feature = "obb_bvh", feature = "slab_bvh"))]
+mod hierarchy;
 #[cfg(feature = "kdtree")]
 pub mod kdtree;
 #[cfg(feature = "obb_bvh")]
 pub mod obb_bvh;
 #[cfg(feature = "octree")]
 pub mod octree;
+#[cfg(any(feature = "bsp", feature = "kdtree"))]
+mod partition;
 mod polyhedron;
 #[cfg(any(feature = "bsp", feature = "obb_bvh"))]
 mod principal;

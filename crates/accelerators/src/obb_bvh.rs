@@ -14,8 +14,9 @@
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/obb_bvh.toml`.
 
-use crate::binary::{Builder, MAX_DEPTH, STEP_COST, Tree};
-use crate::elements::{Elements, Item, Searched, Structure, WideRay};
+use crate::binary::{Builder, MAX_DEPTH, STEP_COST};
+use crate::elements::{Item, Searched, Structure, Visitor, WideRay};
+use crate::hierarchy::{Below, Hierarchy, Volume};
 use crate::principal::{COORDINATE_AXES, principal_axes};
 use crate::split::{Axes, Split};
 use schemars::JsonSchema;
@@ -23,7 +24,7 @@ use serde::Deserialize;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::{
-    Accelerator, Accelerators, Context, DVec3, Element, Geometry, Plugin, SceneErrors, Statistics,
+    Aabb, Accelerator, Accelerators, Context, DVec3, Geometry, Outline, Plugin, SceneErrors, Statistics,
 };
 
 /// A hierarchy of oriented boxes: for long thin things that lie askew.
@@ -61,7 +62,7 @@ struct Oriented {
 impl Oriented {
     /// The box around some points along given axes. Each face is where the outermost point is, so rounding of the
     /// axes does not matter.
-    fn around(points: &[DVec3], axes: [DVec3; 3]) -> Self {
+    fn along(points: &[DVec3], axes: [DVec3; 3]) -> Self {
         let end = |start: f64, choose: fn(f64, f64) -> f64| {
             axes.map(|axis| points.iter().map(|p| axis.dot(*p)).fold(start, choose))
         };
@@ -70,22 +71,6 @@ impl Oriented {
             min: end(f64::INFINITY, f64::min),
             max: end(f64::NEG_INFINITY, f64::max),
         }
-    }
-
-    /// The smaller of the two candidates.
-    fn fitted(points: &[DVec3]) -> Self {
-        let straight = Self::around(points, COORDINATE_AXES);
-        let askew = Self::around(points, principal_axes(points));
-        if askew.half_area() < straight.half_area() {
-            askew
-        } else {
-            straight
-        }
-    }
-
-    fn half_area(&self) -> f64 {
-        let [x, y, z] = [0, 1, 2].map(|i| self.max[i] - self.min[i]);
-        x * y + y * z + z * x
     }
 
     /// Where the ray enters, if it does so from `min` to `limit`.
@@ -100,25 +85,37 @@ impl Oriented {
     }
 }
 
-/// The hierarchy.
-#[derive(Default)]
-pub struct ObbBvh {
-    /// The root is 0.
-    nodes: Vec<Node>,
-    /// What the leaves hold, leaf after leaf.
-    elements: Vec<Element>,
-    depth: usize,
-    sah_cost: f64,
+impl Volume for Oriented {
+    /// The smaller of the two candidates.
+    fn around(items: &[Item], geometry: &Geometry) -> Self {
+        let points: Vec<DVec3> = items.iter().flat_map(|item| item.hull(geometry)).collect();
+        let straight = Self::along(&points, COORDINATE_AXES);
+        let askew = Self::along(&points, principal_axes(&points));
+        if askew.half_area() < straight.half_area() {
+            askew
+        } else {
+            straight
+        }
+    }
+
+    /// The boxes of the children say too little: each is fitted to its own elements.
+    fn joined(_: &Self, _: &Self) -> Option<Self> {
+        None
+    }
+
+    fn half_area(&self) -> f64 {
+        let [x, y, z] = [0, 1, 2].map(|i| self.max[i] - self.min[i]);
+        x * y + y * z + z * x
+    }
+
+    fn outline(&self, depth: usize) -> Outline {
+        let (min, max) = (self.min.into(), self.max.into());
+        Outline::of_parallelepiped(depth, &Aabb { min, max }, self.axes)
+    }
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Node {
-    oriented: Oriented,
-    /// Of an inner node, the first of two children side by side; of a leaf, the first of its elements.
-    first: u32,
-    /// Elements of a leaf; 0 for an inner node.
-    count: u32,
-}
+/// The hierarchy.
+pub struct ObbBvh(Hierarchy<Oriented>);
 
 impl Plugin<Accelerators> for ObbBvh {
     const TYPE: &'static str = "obb_bvh";
@@ -136,103 +133,49 @@ impl Plugin<Accelerators> for ObbBvh {
             step_cost: STEPS * STEP_COST,
         };
         Ok(Box::new(Searched::new(geometry, |geometry, elements| {
-            Self::new(geometry, elements, &builder)
-        })))
-    }
-}
-
-impl ObbBvh {
-    fn new(geometry: &Geometry, elements: Elements, builder: &Builder) -> Self {
-        let mut items = elements.items;
-        let mut found = Self::default();
-        if items.is_empty() {
-            return found;
-        }
-        let tree = builder.build(&mut items);
-        found.elements = items.iter().map(|item| item.element).collect();
-        found.nodes.push(node(&tree, &items, geometry));
-        found.flatten(&tree, 0, 0, &items, geometry);
-        // Relative to the chance of hitting the whole; a flat point has none.
-        found.sah_cost /= found.nodes[0].oriented.half_area().max(f64::MIN_POSITIVE);
-        found
-    }
-
-    /// Puts what is below a node behind all others.
-    fn flatten(&mut self, tree: &Tree, place: usize, depth: usize, items: &[Item], geometry: &Geometry) {
-        self.depth = self.depth.max(depth);
-        let area = self.nodes[place].oriented.half_area();
-        match tree {
-            Tree::Leaf(range) => {
-                self.sah_cost += area * range.len() as f64;
-                self.nodes[place].count = range.len() as u32;
-                self.nodes[place].first = range.start as u32;
-            }
-            Tree::Inner([(_, left), (_, right)]) => {
-                self.sah_cost += area * STEPS * STEP_COST;
-                let first = self.nodes.len();
-                self.nodes[place].first = first as u32;
-                let children = rayon::join(|| node(left, items, geometry), || node(right, items, geometry));
-                self.nodes.extend(<[Node; 2]>::from(children));
-                for (i, child) in [left, right].into_iter().enumerate() {
-                    self.flatten(child, first + i, depth + 1, items, geometry);
-                }
-            }
-        }
-    }
-}
-
-/// A node around a subtree, without its children.
-fn node(tree: &Tree, items: &[Item], geometry: &Geometry) -> Node {
-    let points: Vec<DVec3> = items[tree.range()]
-        .iter()
-        .flat_map(|item| item.hull(geometry))
-        .collect();
-    Node {
-        oriented: Oriented::fitted(&points),
-        first: 0,
-        count: 0,
+            Self(Hierarchy::new(geometry, elements, &builder))
+        })?))
     }
 }
 
 impl Structure for ObbBvh {
     #[inline]
-    fn visit(
-        &self,
-        ray: &WideRay,
-        min: f64,
-        mut limit: f64,
-        visit: &mut impl FnMut(Element) -> Option<f64>,
-    ) -> Option<f64> {
-        let enter = |node: u32, limit: f64| self.nodes[node as usize].oriented.enter(ray, min, limit);
-        if self.nodes.is_empty() || enter(0, limit).is_none() {
+    fn visit(&self, ray: &WideRay, min: f64, mut limit: f64, visitor: &mut impl Visitor) -> Option<f64> {
+        let Self(hierarchy) = self;
+        let enter = |node: u32, limit: f64| hierarchy.volume(node).enter(ray, min, limit);
+        let Some(mut node) = hierarchy.root().filter(|&root| enter(root, limit).is_some()) else {
             return Some(limit);
-        }
+        };
         // One entry a level: the child that is put off.
         let mut stack = [(0.0, 0); MAX_DEPTH];
-        let (mut height, mut node) = (0, 0);
+        let mut height = 0;
         loop {
-            let Node { first, count, .. } = self.nodes[node as usize];
-            for &element in held(&self.elements, first, count) {
-                limit = visit(element)?;
-            }
-            if count == 0 {
-                match (enter(first, limit), enter(first + 1, limit)) {
-                    (Some(left), Some(right)) => {
-                        let swap = u32::from(right < left);
-                        stack[height] = (left.max(right), first + 1 - swap);
-                        height += 1;
-                        node = first + swap;
-                        continue;
+            match hierarchy.below(node) {
+                Below::Elements(elements) => {
+                    for &element in elements {
+                        limit = visitor.test(element)?;
                     }
-                    (Some(_), None) => {
-                        node = first;
-                        continue;
+                }
+                Below::Children(first) => {
+                    visitor.step();
+                    match (enter(first, limit), enter(first + 1, limit)) {
+                        (Some(left), Some(right)) => {
+                            let swap = u32::from(right < left);
+                            stack[height] = (left.max(right), first + 1 - swap);
+                            height += 1;
+                            node = first + swap;
+                            continue;
+                        }
+                        (Some(_), None) => {
+                            node = first;
+                            continue;
+                        }
+                        (None, Some(_)) => {
+                            node = first + 1;
+                            continue;
+                        }
+                        (None, None) => {}
                     }
-                    (None, Some(_)) => {
-                        node = first + 1;
-                        continue;
-                    }
-                    (None, None) => {}
                 }
             }
             loop {
@@ -251,27 +194,15 @@ impl Structure for ObbBvh {
     }
 
     fn statistics(&self) -> Statistics {
-        let leaves = self.nodes.iter().filter(|node| node.count > 0).count();
-        let askew = |node: &&Node| node.oriented.axes != COORDINATE_AXES;
-        let bytes = size_of_val(&*self.nodes) + size_of_val(&*self.elements);
-        Statistics::from([
-            ("nodes", (self.nodes.len() - leaves) as f64),
-            ("leaves", leaves as f64),
-            ("askew", self.nodes.iter().filter(askew).count() as f64),
-            ("depth", self.depth as f64),
-            ("sah_cost", self.sah_cost),
-            ("bytes", bytes as f64),
-        ])
+        let askew = |oriented: &&Oriented| oriented.axes != COORDINATE_AXES;
+        let mut statistics = self.0.statistics();
+        statistics.insert("askew", self.0.volumes().filter(askew).count() as f64);
+        statistics
     }
-}
 
-/// What a leaf holds; nothing for an inner node, whose `first` is a node.
-#[inline]
-fn held(elements: &[Element], first: u32, count: u32) -> &[Element] {
-    if count == 0 {
-        return &[];
+    fn outlines(&self, deepest: usize) -> Vec<Outline> {
+        self.0.outlines(deepest)
     }
-    &elements[first as usize..][..count as usize]
 }
 
 #[cfg(test)]

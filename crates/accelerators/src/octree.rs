@@ -14,14 +14,17 @@
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/octree.toml`.
 
-use crate::elements::{Elements, Item, MARGIN, Mailbox, Searched, Structure, WideRay, bounds, overlaps};
+use crate::elements::{
+    Elements, Item, MARGIN, Mailbox, Searched, Structure, Visitor, WideRay, bounds, overlaps,
+};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, DVec3, Element, Geometry, Plugin, SceneErrors, Statistics,
+    Aabb, Accelerator, Accelerators, Context, DVec3, Element, Geometry, Outline, Plugin, SceneErrors,
+    Statistics,
 };
 
 /// Cubes in cubes: adapts to where the elements are, with cuts in the middle only.
@@ -101,7 +104,7 @@ impl Plugin<Accelerators> for Octree {
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
         let build = |geometry: &Geometry, elements: Elements| Self::new(geometry, &elements, &config);
-        Ok(Box::new(Searched::new(geometry, build)))
+        Ok(Box::new(Searched::new(geometry, build)?))
     }
 }
 
@@ -196,6 +199,19 @@ impl Octree {
     }
 }
 
+impl Octree {
+    fn outline(&self, node: u32, cube: &Cube, depth: usize, deepest: usize, found: &mut Vec<Outline>) {
+        found.push(Outline::of_box(depth, &cube.aabb()));
+        if let Node::Inner { children } = self.nodes[node as usize]
+            && depth < deepest
+        {
+            for (number, child) in (children..children + 8).enumerate() {
+                self.outline(child, &cube.part(number), depth + 1, deepest, found);
+            }
+        }
+    }
+}
+
 impl Builder<'_> {
     /// Which elements lie in a part of a cube.
     fn inside(&self, held: &[u32], cube: &Cube, number: usize) -> Vec<u32> {
@@ -226,18 +242,21 @@ struct Walk<'a, V> {
     /// Which bits of a child's number are turned over, so that child 0 comes first.
     mirror: usize,
     mailbox: Mailbox,
-    visit: V,
+    visitor: &'a mut V,
 }
 
-impl<V: FnMut(Element) -> Option<f64>> Walk<'_, V> {
+impl<V: Visitor> Walk<'_, V> {
     /// Visits a node, which the ray touches from `near` to `far`. The recursion is as deep as the tree.
     fn descend(&mut self, node: u32, cube: Cube, near: f64, far: f64, mut limit: f64) -> Option<f64> {
         let children = match self.tree.nodes[node as usize] {
-            Node::Inner { children } => children,
+            Node::Inner { children } => {
+                self.visitor.step();
+                children
+            }
             Node::Leaf { first, count } => {
                 for &element in &self.tree.references[first as usize..(first + count) as usize] {
                     if self.mailbox.is_new(element) {
-                        limit = (self.visit)(self.tree.elements[element as usize])?;
+                        limit = self.visitor.test(self.tree.elements[element as usize])?;
                     }
                 }
                 return Some(limit);
@@ -266,13 +285,7 @@ impl<V: FnMut(Element) -> Option<f64>> Walk<'_, V> {
 }
 
 impl Structure for Octree {
-    fn visit(
-        &self,
-        ray: &WideRay,
-        min: f64,
-        limit: f64,
-        visit: &mut impl FnMut(Element) -> Option<f64>,
-    ) -> Option<f64> {
+    fn visit(&self, ray: &WideRay, min: f64, limit: f64, visitor: &mut impl Visitor) -> Option<f64> {
         let Some((near, far)) = ray.inside(&self.bounds, min, limit) else {
             return Some(limit);
         };
@@ -282,7 +295,7 @@ impl Structure for Octree {
             ray,
             mirror: x | y << 1 | z << 2,
             mailbox: Mailbox::new(),
-            visit,
+            visitor,
         };
         walk.descend(0, self.cube, near, far, limit)
     }
@@ -300,6 +313,14 @@ impl Structure for Octree {
             ("depth", f64::from(self.depth)),
             ("bytes", bytes as f64),
         ])
+    }
+
+    fn outlines(&self, deepest: usize) -> Vec<Outline> {
+        let mut found = Vec::new();
+        if !self.elements.is_empty() {
+            self.outline(0, &self.cube, 0, deepest, &mut found);
+        }
+        found
     }
 }
 

@@ -1,5 +1,6 @@
 //! Convex polygons and polyhedra that are cut by planes.
 
+use std::cmp::Ordering;
 use whitstone_core::{Aabb, DVec3};
 
 /// A plane: the points whose product with the normal is `at`.
@@ -33,7 +34,13 @@ pub(crate) fn cut_polygon(corners: &[DVec3], plane: &Plane, margin: f64) -> [Vec
         let crosses =
             height_a.abs() > margin && height_b.abs() > margin && (height_a < 0.0) != (height_b < 0.0);
         if crosses {
-            let point = a.lerp(b, height_a / (height_a - height_b));
+            // The same point to the bit whichever way round the polygon goes, so that neighbours share it.
+            let [(low, low_height), (high, high_height)] = if height_a < 0.0 {
+                [(a, height_a), (b, height_b)]
+            } else {
+                [(b, height_b), (a, height_a)]
+            };
+            let point = low.lerp(high, low_height / (low_height - high_height));
             parts.iter_mut().for_each(|part| part.push(point));
         }
     }
@@ -71,6 +78,25 @@ impl Polyhedron {
     /// Half the area of the surface.
     pub(crate) fn half_area(&self) -> f64 {
         0.5 * self.faces.iter().map(|face| area(face)).sum::<f64>()
+    }
+
+    /// The ends of each edge, once each.
+    pub(crate) fn edges(&self) -> Vec<[DVec3; 2]> {
+        let order = |a: &DVec3, b: &DVec3| {
+            let axes = a.to_array().into_iter().zip(b.to_array());
+            axes.fold(Ordering::Equal, |order, (a, b)| order.then(a.total_cmp(&b)))
+        };
+        let around = |face: &Vec<DVec3>| face.clone().into_iter().cycle().skip(1).take(face.len());
+        let pairs = self
+            .faces
+            .iter()
+            .flat_map(|face| face.iter().copied().zip(around(face)));
+        let mut edges: Vec<[DVec3; 2]> = pairs
+            .map(|(a, b)| if order(&b, &a).is_lt() { [b, a] } else { [a, b] })
+            .collect();
+        edges.sort_by(|[a, b], [c, d]| order(a, c).then(order(b, d)));
+        edges.dedup();
+        edges
     }
 
     /// Whether a plane goes through the inside.
@@ -122,7 +148,7 @@ mod tests {
     #[test]
     fn a_cube_that_is_cut_keeps_its_surface_and_gains_two_lids() {
         let cube = Polyhedron::of_box(&Aabb::around([DVec3::ZERO, DVec3::ONE]));
-        assert_eq!(cube.half_area(), 3.0);
+        assert_eq!((cube.half_area(), cube.edges().len()), (3.0, 12));
         // A regular hexagon through six edges.
         let normal = DVec3::ONE.normalize();
         let plane = Plane {
@@ -133,6 +159,8 @@ mod tests {
         let hexagon = 0.75 * 3f64.sqrt();
         for half in &halves {
             assert!((half.half_area() - 0.5 * (3.0 + hexagon)).abs() < 1e-12);
+            // Three of the cube, six halves, six of the lid: as many as Euler says of 10 corners and 7 faces.
+            assert_eq!(half.edges().len(), 15);
         }
         // Once more, through the corners of the lid too.
         let plane = Plane {

@@ -16,8 +16,10 @@
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/slab_bvh.toml`.
 
-use crate::binary::{Builder, STEP_COST, Tree};
-use crate::elements::{Along, Elements, Item, Searched, Structure, WideRay};
+use crate::binary::{Builder, STEP_COST};
+use crate::elements::{Along, Item, Searched, Structure, Visitor, WideRay};
+use crate::hierarchy::{Below, Hierarchy, Volume};
+use crate::polyhedron::{Plane, Polyhedron};
 use crate::split::{Axes, Split};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer};
@@ -26,7 +28,7 @@ use std::collections::BinaryHeap;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::{
-    Accelerator, Accelerators, Context, DVec3, Element, Geometry, Plugin, SceneErrors, Statistics,
+    Aabb, Accelerator, Accelerators, Context, DVec3, Geometry, Outline, Plugin, SceneErrors, Statistics,
 };
 
 /// A hierarchy of slabs in 3, 7 or 13 directions, searched in the order of distance.
@@ -104,24 +106,27 @@ impl Plugin<Accelerators> for SlabBvh {
         geometry: Arc<Geometry>,
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
-        Ok(match config.k {
+        match config.k {
             Planes::Six => build::<3>(&config, geometry),
             Planes::Fourteen => build::<7>(&config, geometry),
             Planes::TwentySix => build::<13>(&config, geometry),
-        })
+        }
     }
 }
 
-fn build<const N: usize>(config: &Config, geometry: Arc<Geometry>) -> Box<dyn Accelerator> {
+fn build<const N: usize>(
+    config: &Config,
+    geometry: Arc<Geometry>,
+) -> Result<Box<dyn Accelerator>, SceneErrors> {
     let builder = Builder {
         max_leaf: config.max_leaf.get() as usize,
         split: config.split,
         axes: config.axes,
         step_cost: STEP_COST * N as f64 / 3.0,
     };
-    Box::new(Searched::new(geometry, |geometry, elements| {
-        Hierarchy::<N>::new(geometry, elements, &builder)
-    }))
+    Ok(Box::new(Searched::new(geometry, |geometry, elements| {
+        Slabbed::<N>(Hierarchy::new(geometry, elements, &builder))
+    })?))
 }
 
 /// The space between N pairs of planes.
@@ -137,25 +142,6 @@ impl<const N: usize> Slabs<N> {
         max: [f64::NEG_INFINITY; N],
     };
 
-    fn around(item: &Item, geometry: &Geometry) -> Self {
-        item.hull(geometry).fold(Self::EMPTY, |mut slabs, point| {
-            for i in 0..N {
-                let x = NORMALS[i].dot(point);
-                slabs.min[i] = slabs.min[i].min(x);
-                slabs.max[i] = slabs.max[i].max(x);
-            }
-            slabs
-        })
-    }
-
-    fn union(mut self, other: &Self) -> Self {
-        for i in 0..N {
-            self.min[i] = self.min[i].min(other.min[i]);
-            self.max[i] = self.max[i].max(other.max[i]);
-        }
-        self
-    }
-
     /// Where the ray enters, if it does so from `min` to `limit`.
     #[inline]
     fn enter(&self, ray: &[Along; N], min: f64, limit: f64) -> Option<f64> {
@@ -167,71 +153,62 @@ impl<const N: usize> Slabs<N> {
     }
 }
 
-/// The hierarchy.
-struct Hierarchy<const N: usize> {
-    /// The root is 0.
-    nodes: Vec<Node<N>>,
-    /// What the leaves hold, leaf after leaf.
-    elements: Vec<Element>,
-    depth: usize,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Node<const N: usize> {
-    slabs: Slabs<N>,
-    /// Of an inner node, the first of two children side by side; of a leaf, the first of its elements.
-    first: u32,
-    /// Elements of a leaf; 0 for an inner node.
-    count: u32,
-}
-
-impl<const N: usize> Hierarchy<N> {
-    fn new(geometry: &Geometry, elements: Elements, builder: &Builder) -> Self {
-        let mut items = elements.items;
-        let mut found = Self {
-            nodes: Vec::new(),
-            elements: Vec::new(),
-            depth: 0,
-        };
-        if !items.is_empty() {
-            let tree = builder.build(&mut items);
-            found.nodes.push(Node {
-                slabs: Slabs::EMPTY,
-                first: 0,
-                count: 0,
-            });
-            found.flatten(&tree, 0, 0, &items, geometry);
-            found.elements = items.iter().map(|item| item.element).collect();
-        }
-        found
-    }
-
-    /// Puts a subtree at a place among the nodes, and what is below it behind all others.
-    fn flatten(&mut self, tree: &Tree, place: usize, depth: usize, items: &[Item], geometry: &Geometry) {
-        self.depth = self.depth.max(depth);
-        self.nodes[place] = match tree {
-            Tree::Leaf(range) => Node {
-                slabs: items[range.clone()].iter().fold(Slabs::EMPTY, |slabs, item| {
-                    slabs.union(&Slabs::around(item, geometry))
-                }),
-                first: range.start as u32,
-                count: range.len() as u32,
-            },
-            Tree::Inner(children) => {
-                let first = self.nodes.len();
-                self.nodes.extend([self.nodes[place]; 2]);
-                for (i, (_, child)) in children.iter().enumerate() {
-                    self.flatten(child, first + i, depth + 1, items, geometry);
-                }
-                Node {
-                    slabs: self.nodes[first].slabs.union(&self.nodes[first + 1].slabs),
-                    first: first as u32,
-                    count: 0,
-                }
+impl<const N: usize> Volume for Slabs<N> {
+    fn around(items: &[Item], geometry: &Geometry) -> Self {
+        let points = items.iter().flat_map(|item| item.hull(geometry));
+        points.fold(Self::EMPTY, |mut slabs, point| {
+            for i in 0..N {
+                let x = NORMALS[i].dot(point);
+                slabs.min[i] = slabs.min[i].min(x);
+                slabs.max[i] = slabs.max[i].max(x);
             }
-        };
+            slabs
+        })
+    }
+
+    fn joined(first: &Self, second: &Self) -> Option<Self> {
+        let mut joined = *first;
+        for i in 0..N {
+            joined.min[i] = joined.min[i].min(second.min[i]);
+            joined.max[i] = joined.max[i].max(second.max[i]);
+        }
+        Some(joined)
+    }
+
+    fn half_area(&self) -> f64 {
+        self.polyhedron().half_area()
+    }
+
+    fn outline(&self, depth: usize) -> Outline {
+        Outline {
+            depth,
+            segments: self.polyhedron().edges(),
+        }
     }
 }
+
+impl<const N: usize> Slabs<N> {
+    /// What is left of the box if all that is outside of the other slabs is cut off.
+    fn polyhedron(&self) -> Polyhedron {
+        let corner = |of: &[f64; N]| DVec3::new(of[0], of[1], of[2]);
+        let (min, max) = (corner(&self.min), corner(&self.max));
+        let mut cut = Polyhedron::of_box(&Aabb { min, max });
+        for i in 3..N {
+            let length = NORMALS[i].length();
+            for (normal, at) in [(NORMALS[i], self.max[i]), (-NORMALS[i], -self.min[i])] {
+                let plane = Plane {
+                    normal: normal / length,
+                    at: at / length,
+                };
+                [cut, _] = cut.cut(&plane);
+            }
+        }
+        cut
+    }
+}
+
+/// The hierarchy.
+struct Slabbed<const N: usize>(Hierarchy<Slabs<N>>);
 
 /// A node that waits, and where the ray enters it.
 #[derive(Clone, Copy, PartialEq)]
@@ -255,59 +232,45 @@ impl PartialOrd for Waiting {
     }
 }
 
-impl<const N: usize> Structure for Hierarchy<N> {
-    fn visit(
-        &self,
-        ray: &WideRay,
-        min: f64,
-        mut limit: f64,
-        visit: &mut impl FnMut(Element) -> Option<f64>,
-    ) -> Option<f64> {
+impl<const N: usize> Structure for Slabbed<N> {
+    fn visit(&self, ray: &WideRay, min: f64, mut limit: f64, visitor: &mut impl Visitor) -> Option<f64> {
+        let Self(hierarchy) = self;
         let along: [Along; N] = std::array::from_fn(|i| ray.along(NORMALS[i]));
         let enter = |node: u32, limit: f64| {
-            let near = self.nodes[node as usize].slabs.enter(&along, min, limit)?;
+            let near = hierarchy.volume(node).enter(&along, min, limit)?;
             Some(Waiting { near, node })
         };
         let mut heap = BinaryHeap::new();
-        if !self.nodes.is_empty() {
-            heap.extend(enter(0, limit));
-        }
+        heap.extend(hierarchy.root().and_then(|root| enter(root, limit)));
         // At equal distance an element of lower number may be in there.
         while let Some(Waiting { near, node }) = heap.pop()
             && near <= limit
         {
-            let Node { first, count, .. } = self.nodes[node as usize];
-            for &element in held(&self.elements, first, count) {
-                limit = visit(element)?;
-            }
-            if count == 0 {
-                heap.extend(enter(first, limit));
-                heap.extend(enter(first + 1, limit));
+            match hierarchy.below(node) {
+                Below::Elements(elements) => {
+                    for &element in elements {
+                        limit = visitor.test(element)?;
+                    }
+                }
+                Below::Children(first) => {
+                    visitor.step();
+                    heap.extend(enter(first, limit));
+                    heap.extend(enter(first + 1, limit));
+                }
             }
         }
         Some(limit)
     }
 
     fn statistics(&self) -> Statistics {
-        let leaves = self.nodes.iter().filter(|node| node.count > 0).count();
-        let bytes = size_of_val(&*self.nodes) + size_of_val(&*self.elements);
-        Statistics::from([
-            ("planes", 2.0 * N as f64),
-            ("nodes", (self.nodes.len() - leaves) as f64),
-            ("leaves", leaves as f64),
-            ("depth", self.depth as f64),
-            ("bytes", bytes as f64),
-        ])
+        let mut statistics = self.0.statistics();
+        statistics.insert("planes", 2.0 * N as f64);
+        statistics
     }
-}
 
-/// What a leaf holds; nothing for an inner node, whose `first` is a node.
-#[inline]
-fn held(elements: &[Element], first: u32, count: u32) -> &[Element] {
-    if count == 0 {
-        return &[];
+    fn outlines(&self, deepest: usize) -> Vec<Outline> {
+        self.0.outlines(deepest)
     }
-    &elements[first as usize..][..count as usize]
 }
 
 #[cfg(test)]

@@ -10,7 +10,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
 use whitstone_core::config::{Finite, Positive};
-use whitstone_core::{Camera, Cameras, Context, DVec2, FilmSize, Plugin, Ray, SceneError, SceneErrors};
+use whitstone_core::{
+    Camera, Cameras, Context, DMat4, DVec2, FilmSize, Plugin, Ray, SceneError, SceneErrors,
+};
 
 /// A camera with parallel rays, by its width or by a window.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -93,6 +95,10 @@ impl Camera for Orthographic {
             backwards,
         } = self.frame;
         Ray::new(origin + a * right + c * up, -backwards)
+    }
+
+    fn projection(&self) -> Option<DMat4> {
+        Some(view::projection(&self.frame, &self.window, None, self.film))
     }
 }
 

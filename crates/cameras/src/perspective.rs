@@ -14,7 +14,7 @@ use toml::Spanned;
 use whitstone_core::config::{Finite, Positive};
 use whitstone_core::stream::{LANES, Lanes, RayStream};
 use whitstone_core::{
-    Camera, Cameras, Context, DVec2, DVec3, FilmSize, Plugin, Ray, SceneError, SceneErrors, simd,
+    Camera, Cameras, Context, DMat4, DVec2, DVec3, FilmSize, Plugin, Ray, SceneError, SceneErrors, simd,
 };
 
 /// A pinhole camera, by its angle of view or by a window in front of it.
@@ -193,6 +193,15 @@ impl Camera for Perspective {
                 }
             },
         );
+    }
+
+    fn projection(&self) -> Option<DMat4> {
+        Some(view::projection(
+            &self.frame,
+            &self.window,
+            Some(self.distance),
+            self.film,
+        ))
     }
 }
 

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
 use whitstone_core::config::Vector3;
-use whitstone_core::{DVec2, DVec3, FilmSize, SceneError, SceneErrors, SourceSpan};
+use whitstone_core::{DMat4, DVec2, DVec3, DVec4, FilmSize, SceneError, SceneErrors, SourceSpan};
 
 /// Where a camera stands, what it looks at and what is up in its image.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -32,6 +32,13 @@ pub(crate) struct Frame {
     pub(crate) up: DVec3,
     /// Unit, against the view.
     pub(crate) backwards: DVec3,
+}
+
+impl Frame {
+    /// What turns a point, with 1 as its fourth coordinate, into how far it is to the right, up and in front.
+    fn rows(&self) -> [DVec4; 3] {
+        [self.right, self.up, -self.backwards].map(|axis| axis.extend(-axis.dot(self.origin)))
+    }
 }
 
 impl LookAt {
@@ -148,6 +155,17 @@ impl Window {
         let (near, far) = (raster / film, (film - raster) / film);
         DVec2::new(self.l * far.x + self.r * near.x, self.t * far.y + self.b * near.y)
     }
+}
+
+/// The projection to a window at a distance in front of the camera; parallel to the view if that is `None`.
+pub(crate) fn projection(frame: &Frame, window: &Window, distance: Option<f64>, film: DVec2) -> DMat4 {
+    let Window { l, r, b, t } = *window;
+    let [right, up, depth] = frame.rows();
+    // In similar triangles, what is one at the window is `depth` over its distance.
+    let (w, scale) = distance.map_or((DVec4::W, 1.0), |distance| (depth, distance));
+    let x = film.x / (r - l) * (scale * right - l * w);
+    let y = film.y / (t - b) * (t * w - scale * up);
+    DMat4::from_cols(x, y, depth, w).transpose()
 }
 
 /// The size of the film as numbers.

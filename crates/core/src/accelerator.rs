@@ -1,5 +1,6 @@
 use crate::stream::{HitStream, Lanes, RayStream};
-use crate::{Interval, RawHit, Ray, Skip};
+use crate::{Aabb, Interval, RawHit, Ray, Skip};
+use glam::DVec3;
 use std::collections::BTreeMap;
 
 /// A structure over a [`crate::Geometry`] that finds hits faster than trying everything.
@@ -34,8 +35,81 @@ pub trait Accelerator: Send + Sync {
 
     /// What was built, for people.
     fn statistics(&self) -> Statistics;
+
+    /// What [`Self::closest`] has to do for a ray; `None` where that is not counted.
+    fn effort(&self, _ray: &Ray, _interval: Interval, _skip: Skip) -> Option<Effort> {
+        None
+    }
+
+    /// The volumes that space or the elements are divided into, for pictures: down to the level `deepest`, the whole
+    /// being level 0. `None` for what has none.
+    fn outlines(&self, _deepest: usize) -> Option<Vec<Outline>> {
+        None
+    }
+}
+
+/// What a search does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Effort {
+    /// Inner nodes and cells that were visited.
+    pub steps: u64,
+    /// Tests of elements.
+    pub tests: u64,
+}
+
+/// The edges of one volume of an accelerator.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outline {
+    /// Levels below the whole.
+    pub depth: usize,
+    /// Both ends of each edge, in world space.
+    pub segments: Vec<[DVec3; 2]>,
+}
+
+impl Outline {
+    /// The edges of a box; none if it is empty.
+    pub fn of_box(depth: usize, aabb: &Aabb) -> Self {
+        Self::of_parallelepiped(depth, aabb, [DVec3::X, DVec3::Y, DVec3::Z])
+    }
+
+    /// The edges of a box in a frame of its own, which `axes` spans; none if it is empty.
+    pub fn of_parallelepiped(depth: usize, aabb: &Aabb, axes: [DVec3; 3]) -> Self {
+        let corner = |number: usize| {
+            let sides = [0, 1, 2].map(|axis| [aabb.min, aabb.max][number >> axis & 1][axis]);
+            sides[0] * axes[0] + sides[1] * axes[1] + sides[2] * axes[2]
+        };
+        let edges = (0..8).flat_map(|number| {
+            let other = move |axis: usize| (number >> axis & 1 == 0).then_some(number | 1 << axis);
+            (0..3).filter_map(other).map(move |other| [number, other])
+        });
+        let segments = edges.map(|ends| ends.map(corner));
+        Self {
+            depth,
+            segments: if aabb.is_empty() {
+                Vec::new()
+            } else {
+                segments.collect()
+            },
+        }
+    }
 }
 
 /// Figures that an accelerator reports about itself, by name, such as `nodes`, `leaves`, `depth`,
 /// `bytes`, `sah_cost`, `build_seconds`.
 pub type Statistics = BTreeMap<&'static str, f64>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_box_has_twelve_edges() {
+        let aabb = Aabb::around([DVec3::ZERO, DVec3::new(1.0, 2.0, 4.0)]);
+        let Outline { depth, segments } = Outline::of_box(3, &aabb);
+        assert_eq!((depth, segments.len()), (3, 12));
+        let total: f64 = segments.iter().map(|[a, b]| a.distance(*b)).sum();
+        assert_eq!(total, 4.0 * (1.0 + 2.0 + 4.0));
+        assert_eq!(Aabb::around(segments.into_iter().flatten()), aabb);
+        assert!(Outline::of_box(0, &Aabb::EMPTY).segments.is_empty());
+    }
+}

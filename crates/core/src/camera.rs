@@ -1,6 +1,6 @@
 use crate::Ray;
 use crate::stream::{Lanes, RayStream};
-use glam::DVec2;
+use glam::{DMat4, DVec2};
 
 /// Size of the image in pixels, each at least 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,5 +24,12 @@ pub trait Camera: Send + Sync {
             rays.origin.set(lane, ray.origin);
             rays.direction.set(lane, ray.direction);
         }
+    }
+
+    /// The way back from points to positions in the image, where that is linear: a matrix that takes a point of
+    /// the world to (x w, y w, depth, w), with x, y the raster position at which it is seen, and depth how far it is in
+    /// front of the camera, in metres along the view. `None` if straight lines are not straight in the image.
+    fn projection(&self) -> Option<DMat4> {
+        None
     }
 }

@@ -23,12 +23,12 @@ mod texture;
 mod transform;
 pub mod triangle;
 
-pub use accelerator::{Accelerator, Statistics};
+pub use accelerator::{Accelerator, Effort, Outline, Statistics};
 pub use camera::{Camera, FilmSize};
 pub use color::Rgb;
 pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
 pub use geometry::{Element, Geometry, TriangleMesh};
-pub use glam::{DAffine3, DMat3, DVec2, DVec3};
+pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4};
 pub use integrator::{Counters, Integrator, LightMemory, PathLetter, PathState, Scratch, TreeNode, World};
 pub use light::{Light, LightGives, LightSample};
 pub use material::{

@@ -38,6 +38,14 @@ pub fn accelerator_agrees(geometry: &Geometry, accelerator: &dyn Accelerator, ra
     assert_eq!(broken, None);
 }
 
+/// Rays in and around some geometry: from anywhere to anywhere, to corners, along axes, in planes of faces, flat over
+/// triangles, from very far. The same for the same seed.
+pub fn random_rays(geometry: &Geometry, count: u64, seed: u64) -> impl Iterator<Item = Ray> {
+    let mut random = Random::new(seed);
+    let aim = Aim::new(geometry);
+    (0..count).map(move |number| aim.ray((number % 7) as u32, &mut random))
+}
+
 fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result<(), String> {
     for (name, shapes, rays) in worlds() {
         let geometry = Arc::new(Geometry::new(shapes));

@@ -1,10 +1,11 @@
 //! What every camera must satisfy.
 
 use crate::streams::camera_streams;
-use whitstone_core::{Camera, DVec2, FilmSize, Ray};
+use whitstone_core::{Camera, DMat4, DVec2, FilmSize, Ray};
 
 /// Rays are finite and of unit direction, a function of the position alone, different at different
-/// corners, the same one by one and in streams, and show the world as it is rather than mirrored or upside down.
+/// corners, the same one by one and in streams, and show the world as it is rather than mirrored or upside down. The
+/// projection, if there is one, takes every point of a ray back to where the ray came from.
 ///
 /// # Panics
 ///
@@ -32,6 +33,9 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
                 ray,
                 "the ray through {raster} is always the same"
             );
+            if let Some(projection) = camera.projection() {
+                goes_back(&projection, &ray, raster, size);
+            }
         }
     }
     let broken = camera_streams(camera, &rasters).err();
@@ -58,10 +62,34 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
     );
 }
 
+/// Holds points of a ray, and one behind its start, to where a projection puts them.
+fn goes_back(projection: &DMat4, ray: &Ray, raster: DVec2, size: DVec2) {
+    for t in [0.25, 1.0, 1e3] {
+        let projected = *projection * ray.at(t).extend(1.0);
+        assert!(
+            projected.z > 0.0,
+            "{ray:?} goes forward, to depth {}",
+            projected.z
+        );
+        let back = projected.truncate().truncate() / projected.w;
+        let error = ((back - raster) / size).abs().max_element();
+        assert!(
+            error < 1e-7,
+            "the point at {t} of {ray:?} projects to {back}, not to {raster}"
+        );
+    }
+    let behind = *projection * ray.at(-0.25).extend(1.0);
+    assert!(
+        behind.z < 0.0,
+        "what is behind has negative depth, found {}",
+        behind.z
+    );
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::DVec3;
+    use whitstone_core::{DVec3, DVec4};
 
     const FILM: FilmSize = FilmSize { width: 4, height: 3 };
 
@@ -76,6 +104,45 @@ mod tests {
     #[test]
     fn a_right_camera_passes() {
         camera_laws(&Pinhole(|a, c| DVec3::new(a, c, -1.0).normalize()), FILM);
+    }
+
+    struct Projected(DMat4);
+
+    impl Camera for Projected {
+        fn ray(&self, raster: DVec2) -> Ray {
+            Pinhole(|a, c| DVec3::new(a, c, -1.0).normalize()).ray(raster)
+        }
+
+        fn projection(&self) -> Option<DMat4> {
+            Some(self.0)
+        }
+    }
+
+    /// Of the camera above: x = 4 (a + 1/2), y = 3 (1/2 - c), with a and c at depth -z.
+    fn right_projection() -> [DVec4; 4] {
+        let (x, y) = (DVec4::new(4.0, 0.0, -2.0, 0.0), DVec4::new(0.0, -3.0, -1.5, 0.0));
+        [x, y, DVec4::NEG_Z, DVec4::NEG_Z]
+    }
+
+    #[test]
+    fn a_right_projection_passes() {
+        let [x, y, z, w] = right_projection();
+        camera_laws(&Projected(DMat4::from_cols(x, y, z, w).transpose()), FILM);
+    }
+
+    #[test]
+    #[should_panic(expected = "projects to")]
+    fn a_projection_that_is_a_little_off_is_found() {
+        let [x, y, z, w] = right_projection();
+        let off = x + 1e-6 * w;
+        camera_laws(&Projected(DMat4::from_cols(off, y, z, w).transpose()), FILM);
+    }
+
+    #[test]
+    #[should_panic(expected = "goes forward")]
+    fn a_projection_of_what_is_behind_is_found() {
+        let [x, y, z, w] = right_projection();
+        camera_laws(&Projected(DMat4::from_cols(-x, -y, -z, -w).transpose()), FILM);
     }
 
     #[test]

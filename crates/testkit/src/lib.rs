@@ -12,7 +12,8 @@ mod ball;
 mod random;
 mod shapes;
 
-pub use accelerators::{accelerator_agrees, accelerator_laws};
+pub use accelerators::{accelerator_agrees, accelerator_laws, random_rays};
+pub use random::Random;
 pub use shapes::{placements, shape_laws, shape_laws_everywhere};
 
 mod cameras;

@@ -3,14 +3,16 @@
 use whitstone_core::DVec3;
 
 /// SplitMix64 (Steele, Lea, Flood, OOPSLA 2014): good enough to aim rays.
-pub(crate) struct Random(u64);
+pub struct Random(u64);
 
 impl Random {
-    pub(crate) fn new(seed: u64) -> Self {
+    /// The same seed gives the same numbers.
+    pub fn new(seed: u64) -> Self {
         Self(seed)
     }
 
-    pub(crate) fn bits(&mut self) -> u64 {
+    /// All bits random.
+    pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -19,26 +21,27 @@ impl Random {
     }
 
     /// In [0, 1).
-    pub(crate) fn unit(&mut self) -> f64 {
+    pub fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// In [-1, 1).
-    pub(crate) fn signed(&mut self) -> f64 {
+    pub fn signed(&mut self) -> f64 {
         2.0 * self.unit() - 1.0
     }
 
-    pub(crate) fn below(&mut self, count: usize) -> usize {
+    /// Below `count`, which is not 0.
+    pub fn below(&mut self, count: usize) -> usize {
         (self.bits() % count as u64) as usize
     }
 
     /// In the cube [-1, 1)³.
-    pub(crate) fn cube(&mut self) -> DVec3 {
+    pub fn cube(&mut self) -> DVec3 {
         DVec3::new(self.signed(), self.signed(), self.signed())
     }
 
     /// A unit vector, evenly over the sphere.
-    pub(crate) fn direction(&mut self) -> DVec3 {
+    pub fn direction(&mut self) -> DVec3 {
         loop {
             let v = self.cube();
             if (1e-4..=1.0).contains(&v.length_squared()) {

@@ -14,6 +14,7 @@
 #[macro_use]
 mod terminal;
 pub mod commands;
+pub mod wireframe;
 
 pub use commands::Cli;
 pub use terminal::{Exit, Failure, finish, progress};

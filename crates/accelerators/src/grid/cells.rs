@@ -35,7 +35,12 @@ impl Cells {
             bounds,
             size: DVec3::ZERO,
             scale: DVec3::ZERO,
-            resolution: resolution(bounds.extent(), density * held.len() as f64, smallest),
+            // Cells are numbered in 32 bits.
+            resolution: resolution(
+                bounds.extent(),
+                (density * held.len() as f64).min(f64::from(1u32 << 31)),
+                smallest,
+            ),
             starts: Vec::new(),
             references: Vec::new(),
         };
@@ -135,6 +140,10 @@ impl Cells {
     #[inline]
     pub(super) fn held(&self, cell: usize) -> &[u32] {
         &self.references[self.starts[cell] as usize..self.starts[cell + 1] as usize]
+    }
+
+    pub(super) fn bounds(&self) -> &Aabb {
+        &self.bounds
     }
 
     pub(super) fn resolution(&self) -> [usize; 3] {

@@ -1,19 +1,14 @@
 //! The build of the tree.
 
-use super::{Config, KdTree, Node};
-use crate::elements::{Elements, Item, MARGIN, bounds};
+use super::{AxisCut, Config};
+use crate::elements::{Elements, Item, MARGIN};
+use crate::partition::{Choice, Cut, Cutter, Partition, cheaper, cost};
 use crate::split::{Axes, Split};
-use whitstone_core::{Aabb, Element, Geometry};
+use whitstone_core::{Aabb, Geometry};
 
 /// Time of a step down, in units of the time of one test of an element. Measured on triangle meshes: from 0.4 to 1.2
 /// rays take the same time, and the tree has half the size.
 const STEP_COST: f64 = 1.2;
-
-/// What a cut counts if one side is empty.
-const EMPTY_BONUS: f64 = 0.8;
-
-/// Most references to an element, on average.
-const MOST_REFERENCES: usize = 8;
 
 /// Up to this number of references every end of a box is tried.
 const SWEEP: usize = 1024;
@@ -21,30 +16,12 @@ const SWEEP: usize = 1024;
 /// Bins for each axis, where there are more.
 const BINS: usize = 64;
 
-/// From this number of references on both sides are built in parallel.
-const PARALLEL: usize = 4096;
-
 /// An element in a cell.
 #[derive(Clone, Copy)]
 struct Reference {
     /// Around the part of the element in the cell.
     aabb: Aabb,
     item: u32,
-}
-
-enum Tree {
-    Leaf(Vec<Reference>),
-    Inner { cut: Cut, children: Box<[Tree; 2]> },
-}
-
-/// A plane, and what it costs: area times number, both sides.
-#[derive(Clone, Copy)]
-struct Cut {
-    axis: usize,
-    plane: f64,
-    /// Where elements go that lie in the plane: 0 below, 1 above.
-    flat_side: usize,
-    cost: f64,
 }
 
 struct Builder<'a> {
@@ -56,17 +33,9 @@ struct Builder<'a> {
     axes: Axes,
 }
 
-/// Builds over all elements. The result depends on the geometry only, not on the number of threads.
-pub(super) fn build(geometry: &Geometry, elements: &Elements, config: &Config) -> KdTree {
+/// Builds over all elements.
+pub(super) fn build(geometry: &Geometry, elements: &Elements, config: &Config) -> Partition<AxisCut> {
     let items = &elements.items;
-    let mut built = KdTree {
-        bounds: bounds(items),
-        nodes: vec![Node::Leaf { first: 0, count: 0 }],
-        references: Vec::new(),
-        elements: items.iter().map(|item| item.element).collect::<Vec<Element>>(),
-        depth: 0,
-        sah_cost: 0.0,
-    };
     let builder = Builder {
         geometry,
         items,
@@ -80,108 +49,51 @@ pub(super) fn build(geometry: &Geometry, elements: &Elements, config: &Config) -
         item: number,
     };
     let references = items.iter().zip(0..).map(reference).collect();
-    let usual = 8.0 + 1.3 * (items.len().max(1) as f64).log2();
-    let levels = config
-        .max_depth
-        .map_or(usual as usize, |depth| depth.get() as usize);
-    let spare = (MOST_REFERENCES - 1) * items.len();
-    let tree = builder.tree(references, built.bounds, levels.min(super::MAX_DEPTH), spare);
-    let area = built.bounds.half_area().max(f64::MIN_POSITIVE);
-    built.flatten(&tree, 0, built.bounds, 0);
-    // Relative to the chance of hitting the whole; a flat point has none.
-    built.sah_cost /= area;
-    built
+    let max_depth = config.max_depth.map(|depth| depth.get());
+    Partition::new(&builder, items, references, max_depth)
 }
 
-impl KdTree {
-    /// Puts a subtree at a place among the nodes, and what is below it behind all others.
-    fn flatten(&mut self, tree: &Tree, place: usize, cell: Aabb, depth: usize) {
-        self.depth = self.depth.max(depth);
-        self.nodes[place] = match tree {
-            Tree::Leaf(references) => {
-                self.sah_cost += cell.half_area() * references.len() as f64;
-                let first = self.references.len() as u32;
-                self.references.extend(references.iter().map(|r| r.item));
-                Node::Leaf {
-                    first,
-                    count: references.len() as u32,
-                }
-            }
-            Tree::Inner { cut, children } => {
-                self.sah_cost += cell.half_area() * STEP_COST;
-                let next = self.nodes.len();
-                self.nodes.extend([Node::Leaf { first: 0, count: 0 }; 2]);
-                let cells = halves(&cell, cut.axis, cut.plane);
-                for side in 0..2 {
-                    self.flatten(&children[side], next + side, cells[side], depth + 1);
-                }
-                Node::Inner {
-                    axis: cut.axis as u8,
-                    children: next as u32,
-                    plane: cut.plane,
-                }
-            }
-        };
-    }
-}
+impl Cutter for Builder<'_> {
+    type Cut = AxisCut;
+    type Part = Reference;
 
-/// The parts of a box below and above a plane.
-fn halves(cell: &Aabb, axis: usize, plane: f64) -> [Aabb; 2] {
-    let mut halves = [*cell; 2];
-    halves[0].max[axis] = plane;
-    halves[1].min[axis] = plane;
-    halves
-}
+    const STEP_COST: f64 = STEP_COST;
+    const PARALLEL: usize = 4096;
 
-impl Builder<'_> {
-    /// Builds over a cell, at most so many levels and with so many references more than it has now.
-    fn tree(&self, references: Vec<Reference>, cell: Aabb, levels: usize, spare: usize) -> Tree {
-        let n = references.len();
-        if levels == 0 || n == 0 || (self.split != Split::Sah && n <= self.max_leaf) {
-            return Tree::Leaf(references);
-        }
-        let Some(cut) = self.choose(&references, &cell) else {
-            return Tree::Leaf(references);
-        };
-        let area = cell.half_area();
-        if self.split == Split::Sah && STEP_COST * area + cut.cost >= n as f64 * area {
-            return Tree::Leaf(references);
-        }
-        let [below, above] = self.sides(&references, &cut);
-        let more = (below.len() + above.len()).saturating_sub(n);
-        if more > spare {
-            return Tree::Leaf(references);
-        }
-        drop(references);
-        let (n_below, n_above) = (below.len(), above.len());
-        // What may still be added is shared out by size.
-        let spare_below = (spare - more) * n_below / (n_below + n_above).max(1);
-        let spares = [spare_below, spare - more - spare_below];
-        let cells = halves(&cell, cut.axis, cut.plane);
-        let build_below = move || self.tree(below, cells[0], levels - 1, spares[0]);
-        let build_above = move || self.tree(above, cells[1], levels - 1, spares[1]);
-        let (below, above) = if n >= PARALLEL {
-            rayon::join(build_below, build_above)
-        } else {
-            (build_below(), build_above())
-        };
-        Tree::Inner {
-            cut,
-            children: Box::new([below, above]),
-        }
+    fn item(reference: &Reference) -> u32 {
+        reference.item
     }
 
-    /// What lies on each side of a plane.
-    fn sides(&self, references: &[Reference], cut: &Cut) -> [Vec<Reference>; 2] {
-        let mut sides = [Vec::new(), Vec::new()];
+    fn is_leaf(&self, count: usize) -> bool {
+        !self.asks_cost() && count <= self.max_leaf
+    }
+
+    fn asks_cost(&self) -> bool {
+        self.split == Split::Sah
+    }
+
+    fn choose(&self, references: &[Reference], cell: &Aabb) -> Option<Choice<AxisCut>> {
+        let axes = self.axes.of(cell.extent().to_array());
+        let cuts = axes.filter_map(|axis| match self.split {
+            Split::Sah if references.len() <= SWEEP => sweep(references, cell, axis),
+            Split::Sah => binned(references, cell, axis, 1..BINS),
+            Split::Midpoint => binned(references, cell, axis, BINS / 2..BINS / 2 + 1),
+            Split::Median => median(references, cell, axis),
+        });
+        cuts.reduce(cheaper)
+    }
+
+    fn sides(&self, references: &[Reference], choice: &Choice<AxisCut>) -> Option<[Vec<Reference>; 2]> {
+        let (axis, plane) = (choice.cut.axis(), choice.cut.plane);
+        let mut sides = [const { Vec::new() }; 2];
         for reference in references {
-            let (min, max) = (reference.aabb.min[cut.axis], reference.aabb.max[cut.axis]);
-            match (min < cut.plane, max > cut.plane) {
+            let (min, max) = (reference.aabb.min[axis], reference.aabb.max[axis]);
+            match (min < plane, max > plane) {
                 (true, false) => sides[0].push(*reference),
                 (false, true) => sides[1].push(*reference),
-                (false, false) => sides[cut.flat_side].push(*reference),
+                (false, false) => sides[choice.flat_side].push(*reference),
                 (true, true) => {
-                    for (side, part) in sides.iter_mut().zip(self.parts(reference, cut)) {
+                    for (side, part) in sides.iter_mut().zip(self.parts(reference, &choice.cut)) {
                         side.extend((!part.is_empty()).then_some(Reference {
                             aabb: part,
                             item: reference.item,
@@ -190,13 +102,15 @@ impl Builder<'_> {
                 }
             }
         }
-        sides
+        Some(sides)
     }
+}
 
+impl Builder<'_> {
     /// Boxes around the parts of an element on both sides of a plane; empty if it is cut off already.
-    fn parts(&self, reference: &Reference, cut: &Cut) -> [Aabb; 2] {
-        let Cut { axis, plane, .. } = *cut;
-        let mut parts = halves(&reference.aabb, axis, plane);
+    fn parts(&self, reference: &Reference, cut: &AxisCut) -> [Aabb; 2] {
+        let (axis, plane) = (cut.axis(), cut.plane);
+        let mut parts = cut.halves(&reference.aabb);
         let Some(corners) = self.items[reference.item as usize].corners(self.geometry) else {
             return parts;
         };
@@ -221,18 +135,6 @@ impl Builder<'_> {
         }
         parts
     }
-
-    /// The best plane inside a cell; `None` if there is none.
-    fn choose(&self, references: &[Reference], cell: &Aabb) -> Option<Cut> {
-        let axes = self.axes.of(cell.extent().to_array());
-        let cuts = axes.filter_map(|axis| match self.split {
-            Split::Sah if references.len() <= SWEEP => sweep(references, cell, axis),
-            Split::Sah => binned(references, cell, axis, 1..BINS),
-            Split::Midpoint => binned(references, cell, axis, BINS / 2..BINS / 2 + 1),
-            Split::Median => median(references, cell, axis),
-        });
-        cuts.reduce(|best, cut| if cut.cost < best.cost { cut } else { best })
-    }
 }
 
 /// Costs of cuts of one cell along one axis.
@@ -244,40 +146,30 @@ struct Costs {
 impl Costs {
     /// A cut with so many elements that are partly below, in the plane, and partly above; `None` if the plane
     /// is not inside.
-    fn cut(&self, plane: f64, below: usize, flat: usize, above: usize) -> Option<Cut> {
+    fn cut(&self, plane: f64, below: usize, flat: usize, above: usize) -> Option<Choice<AxisCut>> {
         let axis = self.axis;
         if !(self.cell.min[axis] < plane && plane < self.cell.max[axis]) {
             return None;
         }
-        let areas = halves(&self.cell, axis, plane).map(|half| half.half_area());
-        let costs = [(below + flat, above), (below, above + flat)].map(|(below, above)| {
-            let cost = areas[0] * below as f64 + areas[1] * above as f64;
-            let bonus = if below == 0 || above == 0 {
-                EMPTY_BONUS
-            } else {
-                1.0
-            };
-            cost * bonus
-        });
+        let cut = AxisCut::new(axis, plane);
+        let areas = cut.halves(&self.cell).map(|half| half.half_area());
+        let costs = [[below + flat, above], [below, above + flat]].map(|counts| cost(areas, counts));
         let flat_side = usize::from(costs[1] < costs[0]);
-        Some(Cut {
-            axis,
-            plane,
+        Some(Choice {
+            cut,
             flat_side,
             cost: costs[flat_side],
         })
     }
 }
 
-fn cheaper(best: Option<Cut>, cut: Option<Cut>) -> Option<Cut> {
-    match (best, cut) {
-        (Some(best), Some(cut)) => Some(if cut.cost < best.cost { cut } else { best }),
-        (best, cut) => best.or(cut),
-    }
+/// The cheapest of all cuts that there are.
+fn keep(best: &mut Option<Choice<AxisCut>>, cut: Option<Choice<AxisCut>>) {
+    *best = best.take().into_iter().chain(cut).reduce(cheaper);
 }
 
 /// The best cut at an end of any box: the ends pass by in order, and the numbers on both sides are counted.
-fn sweep(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Cut> {
+fn sweep(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Choice<AxisCut>> {
     /// In the order in which they count at the same place.
     #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
     enum Kind {
@@ -302,7 +194,7 @@ fn sweep(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Cut> {
         let count = |kind| at_place.iter().filter(|event| event.1 == kind).count();
         let (ends, flat, begins) = (count(Kind::Ends), count(Kind::Flat), count(Kind::Begins));
         above -= ends + flat;
-        best = cheaper(best, costs.cut(at_place[0].0, below, flat, above));
+        keep(&mut best, costs.cut(at_place[0].0, below, flat, above));
         below += begins + flat;
     }
     best
@@ -310,7 +202,12 @@ fn sweep(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Cut> {
 
 /// The best cut at a border before some of the bins, which divide the cell evenly: for each bin, how many
 /// boxes begin and how many end in it.
-fn binned(references: &[Reference], cell: &Aabb, axis: usize, before: std::ops::Range<usize>) -> Option<Cut> {
+fn binned(
+    references: &[Reference],
+    cell: &Aabb,
+    axis: usize,
+    before: std::ops::Range<usize>,
+) -> Option<Choice<AxisCut>> {
     let (start, extent) = (cell.min[axis], cell.max[axis] - cell.min[axis]);
     let scale = BINS as f64 / extent;
     if !scale.is_finite() {
@@ -333,14 +230,14 @@ fn binned(references: &[Reference], cell: &Aabb, axis: usize, before: std::ops::
             let plane = start + extent * (i as f64 / BINS as f64);
             // What lies in the border is in the bin above it.
             let cut = costs.cut(plane, below, 0, above);
-            best = cheaper(best, cut.map(|cut| Cut { flat_side: 1, ..cut }));
+            keep(&mut best, cut.map(|cut| Choice { flat_side: 1, ..cut }));
         }
     }
     best
 }
 
 /// The cut that has as many centers below as above.
-fn median(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Cut> {
+fn median(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Choice<AxisCut>> {
     let mut centers: Vec<f64> = references.iter().map(|r| r.aabb.center()[axis]).collect();
     let middle = centers.len() / 2;
     let (_, &mut plane, _) = centers.select_nth_unstable_by(middle, f64::total_cmp);

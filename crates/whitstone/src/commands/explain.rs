@@ -2,6 +2,7 @@
 
 use super::{SceneArguments, build_with};
 use crate::terminal::{Exit, Failure, write_json};
+use crate::wireframe;
 use clap::Args;
 use serde_json::{Value, json};
 use std::mem::size_of_val;
@@ -26,6 +27,13 @@ pub struct Arguments {
     /// Most rays of the tree to print
     #[arg(long, value_name = "N", default_value_t = 200)]
     max_rays: usize,
+    /// Write a picture of the boxes of the accelerator over that of the scene, as PNG: white for the whole, then
+    /// orange, blue, yellow, green, red, pink by level
+    #[arg(long, value_name = "FILE")]
+    draw_bounds: Option<PathBuf>,
+    /// Down to which level to draw
+    #[arg(long, value_name = "N", default_value_t = 4, requires = "draw_bounds")]
+    bounds_depth: usize,
     /// Write everything to this file, the whole tree included
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -100,6 +108,10 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     }
     if let Some(path) = &arguments.json {
         write_json(path, &report(&pipeline, &names, tree.as_ref()))?;
+    }
+    if let Some(path) = &arguments.draw_bounds {
+        let picture = wireframe::picture(&pipeline, arguments.bounds_depth)?;
+        picture.write_png(path).map_err(Failure::environment)?;
     }
     Ok(Exit::Pass)
 }

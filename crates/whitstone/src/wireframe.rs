@@ -1,0 +1,232 @@
+//! Wireframe pictures of what an accelerator divides space into, over the dimmed picture of the scene.
+
+use crate::terminal::Failure;
+use whitstone_core::{DMat4, DVec2, DVec3, DVec4, Outline};
+use whitstone_image::{Raster, ToneMap};
+use whitstone_scene::{Pipeline, RenderOptions};
+
+/// By level, from the whole down, again and again: told apart by hue and by brightness (Okabe and Ito's palette, which
+/// people with any colour vision can tell apart).
+const COLORS: [[u8; 3]; 7] = [
+    [255, 255, 255],
+    [230, 159, 0],
+    [86, 180, 233],
+    [240, 228, 66],
+    [0, 158, 115],
+    [213, 94, 0],
+    [204, 121, 167],
+];
+
+/// What is left of the brightness of the picture below.
+const DIM: f64 = 0.4;
+
+/// The picture of a scene with the outlines of its accelerator down to a level.
+///
+/// # Errors
+/// If the accelerator has none, or the camera does not say where points are in its image.
+pub fn picture(pipeline: &Pipeline, deepest: usize) -> Result<Raster, Failure> {
+    let kind = &pipeline.accelerator.0;
+    let outlines = pipeline.world.accelerator.outlines(deepest).ok_or_else(|| {
+        Failure::usage(format!(
+            "\"{kind}\" has no boxes to draw; choose another accelerator, such as with `--set accelerator={{type=\"bvh2\"}}`"
+        ))
+    })?;
+    let projection = pipeline
+        .camera
+        .projection()
+        .ok_or_else(|| Failure::usage("the camera does not say where points are in its image"))?;
+    let film = pipeline.render(RenderOptions::default());
+    let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
+    let picture = Raster::preview(&image, ToneMap::default()).map_err(Failure::usage)?;
+    Ok(draw(&picture, &projection, &outlines))
+}
+
+/// The colour of a level.
+fn color(depth: usize) -> [u8; 3] {
+    COLORS[depth % COLORS.len()]
+}
+
+/// The picture, dimmed, with lines over it: deeper levels first, so that none hides the larger volumes around it.
+fn draw(picture: &Raster, projection: &DMat4, outlines: &[Outline]) -> Raster {
+    let mut drawn = Raster::from_fn(picture.width(), picture.height(), |x, y| {
+        let pixel = picture.pixel(x, y).unwrap_or_default();
+        pixel.map(|value| (f64::from(value) * DIM) as u8)
+    });
+    let mut order: Vec<&Outline> = outlines.iter().collect();
+    order.sort_by_key(|outline| std::cmp::Reverse(outline.depth));
+    for outline in order {
+        for &segment in &outline.segments {
+            if let Some(ends) = project(segment, projection) {
+                line(&mut drawn, ends, color(outline.depth));
+            }
+        }
+    }
+    drawn
+}
+
+/// The ends of the part of a segment in front of the camera, in the image.
+fn project(segment: [DVec3; 2], projection: &DMat4) -> Option<[DVec2; 2]> {
+    let [a, b] = segment.map(|end| *projection * end.extend(1.0));
+    // At the camera itself there is no image; this near to it, lines leave the picture.
+    let near = 1e-6 * a.z.abs().max(b.z.abs());
+    let cut =
+        |inside: DVec4, outside: DVec4| inside.lerp(outside, (inside.z - near) / (inside.z - outside.z));
+    let [a, b] = match (a.z >= near, b.z >= near) {
+        (true, true) => [a, b],
+        (true, false) => [a, cut(a, b)],
+        (false, true) => [cut(b, a), b],
+        (false, false) => return None,
+    };
+    let ends = [a, b].map(|end| end.truncate().truncate() / end.w);
+    ends.iter().all(|end| end.is_finite()).then_some(ends)
+}
+
+/// Draws an anti-aliased line one pixel wide: across its steeper direction, each pixel by how much of its height the
+/// line covers (Gupta and Sproull 1981, with a box for the filter).
+fn line(picture: &mut Raster, ends: [DVec2; 2], color: [u8; 3]) {
+    let size = DVec2::new(picture.width() as f64, picture.height() as f64);
+    let Some([a, b]) = clip(ends, size) else {
+        return;
+    };
+    let along = b - a;
+    let steep = along.y.abs() > along.x.abs();
+    let turned = |p: DVec2| if steep { DVec2::new(p.y, p.x) } else { p };
+    let (mut a, mut b) = (turned(a), turned(b));
+    if a.x > b.x {
+        (a, b) = (b, a);
+    }
+    let slope = if b.x > a.x { (b.y - a.y) / (b.x - a.x) } else { 0.0 };
+    for column in a.x.floor() as i64..=b.x.floor() as i64 {
+        // How much of this column the line passes.
+        let length = (b.x.min(column as f64 + 1.0) - a.x.max(column as f64)).max(0.0);
+        // Where it is at the middle of the column, from the middles of the rows.
+        let y = a.y + slope * (column as f64 + 0.5 - a.x) - 0.5;
+        for row in [y.floor(), y.floor() + 1.0] {
+            let cover = length * (1.0 - (row - y).abs());
+            let [x, y] = if steep {
+                [row as i64, column]
+            } else {
+                [column, row as i64]
+            };
+            blend(picture, x, y, color, cover);
+        }
+    }
+}
+
+fn blend(picture: &mut Raster, x: i64, y: i64, color: [u8; 3], cover: f64) {
+    let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else {
+        return;
+    };
+    if let Some(below) = picture.pixel(x, y) {
+        let mix = |i: usize| f64::from(below[i]) * (1.0 - cover) + f64::from(color[i]) * cover;
+        picture.set(x, y, [0, 1, 2].map(|i| (mix(i) + 0.5) as u8));
+    }
+}
+
+/// The part of a line inside of the picture and a pixel around it (Liang and Barsky 1984).
+fn clip([a, b]: [DVec2; 2], size: DVec2) -> Option<[DVec2; 2]> {
+    let (low, high) = (DVec2::NEG_ONE, size + DVec2::ONE);
+    let along = b - a;
+    let (mut from, mut to) = (0.0_f64, 1.0_f64);
+    for axis in 0..2 {
+        let (start, step) = (a[axis], along[axis]);
+        if step == 0.0 && !(low[axis] <= start && start <= high[axis]) {
+            return None;
+        }
+        if step != 0.0 {
+            let (p, q) = ((low[axis] - start) / step, (high[axis] - start) / step);
+            from = from.max(p.min(q));
+            to = to.min(p.max(q));
+        }
+    }
+    (from <= to).then(|| [a + from * along, a + to * along])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lit(picture: &Raster) -> Vec<(usize, usize)> {
+        let all = (0..picture.height()).flat_map(|y| (0..picture.width()).map(move |x| (x, y)));
+        all.filter(|&(x, y)| picture.pixel(x, y) != Some([0; 3]))
+            .collect()
+    }
+
+    /// A camera in the origin that looks along z, at ten pixels a unit of slope, with the middle of the image at (8, 6).
+    fn projection() -> DMat4 {
+        let rows = [
+            DVec4::new(10.0, 0.0, 8.0, 0.0),
+            DVec4::new(0.0, 10.0, 6.0, 0.0),
+            DVec4::Z,
+            DVec4::Z,
+        ];
+        DMat4::from_cols(rows[0], rows[1], rows[2], rows[3]).transpose()
+    }
+
+    fn drawn(segments: &[[DVec3; 2]]) -> Raster {
+        let outline = Outline {
+            depth: 0,
+            segments: segments.to_vec(),
+        };
+        draw(&Raster::filled(16, 12, [0; 3]), &projection(), &[outline])
+    }
+
+    #[test]
+    fn a_line_is_where_its_ends_project_to() {
+        // From (3, 4.5) to (13, 4.5), two units away: the row of pixels whose middles it passes.
+        let ends = [DVec3::new(-1.0, -0.3, 2.0), DVec3::new(1.0, -0.3, 2.0)];
+        let picture = drawn(&[ends]);
+        assert_eq!(lit(&picture), (3..13).map(|x| (x, 4)).collect::<Vec<_>>());
+        assert_eq!(picture.pixel(3, 4), Some([255; 3]));
+        // Between two rows it is half in each, and nowhere else.
+        let picture = drawn(&[ends.map(|end| end - 0.1 * DVec3::Y)]);
+        assert_eq!(lit(&picture).len(), 20);
+        assert_eq!(
+            (picture.pixel(5, 3), picture.pixel(5, 4)),
+            (Some([128; 3]), Some([128; 3]))
+        );
+        // Turned by a quarter.
+        let turned = ends.map(|end| DVec3::new(end.y, end.x, end.z));
+        assert!(lit(&drawn(&[turned])).iter().all(|&(x, _)| x == 6));
+    }
+
+    #[test]
+    fn what_is_behind_the_camera_is_not_drawn() {
+        let behind = [DVec3::new(-1.0, 0.1, -2.0), DVec3::new(1.0, 0.1, -2.0)];
+        assert_eq!(lit(&drawn(&[behind])), []);
+        // A line past the camera: from the middle it runs to the right, and out of the picture.
+        let past = [DVec3::new(0.5, 0.05, 1e9), DVec3::new(0.5, 0.05, -1e9)];
+        let found = lit(&drawn(&[past]));
+        assert!(
+            found.iter().all(|&(x, y)| x >= 7 && (5..8).contains(&y)),
+            "{found:?}"
+        );
+        assert!(
+            (8..16).all(|column| found.iter().any(|&(x, _)| x == column)),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn lines_far_outside_are_cut_off_and_cost_nothing() {
+        let far = [DVec3::new(-1e300, -1e299, 1.0), DVec3::new(1e300, 1e299, 1.0)];
+        assert!(!lit(&drawn(&[far])).is_empty());
+        let beside = [DVec3::new(-1e30, 5.0, 1.0), DVec3::new(1e30, 5.0, 1.0)];
+        assert_eq!(lit(&drawn(&[beside])), []);
+    }
+
+    #[test]
+    fn levels_have_their_colours_and_the_whole_is_on_top() {
+        let segments = vec![[DVec3::new(-1.0, -0.3, 2.0), DVec3::new(1.0, -0.3, 2.0)]];
+        let outlines = [0, 1, 2].map(|depth| Outline {
+            depth,
+            segments: segments.clone(),
+        });
+        let below = Raster::filled(16, 12, [200, 100, 0]);
+        let picture = draw(&below, &projection(), &outlines);
+        assert_eq!(picture.pixel(5, 4), Some([255; 3]));
+        assert_eq!(picture.pixel(0, 0), Some([80, 40, 0]));
+        let picture = draw(&below, &projection(), &outlines[1..]);
+        assert_eq!(picture.pixel(5, 4), Some(color(1)));
+    }
+}
