@@ -69,8 +69,7 @@ impl Frame {
 
     /// The same for some rays of a stream, from `start` on.
     #[inline(always)]
-    pub(super) fn rays(&self, rays: &RayStream, start: usize) -> LocalRays {
-        let mut local = LocalRays::default();
+    pub(super) fn rays(&self, rays: &RayStream, start: usize, local: &mut LocalRays) {
         for k in 0..GROUP {
             let lane = start + k;
             let (ray, interval) = (rays.ray(lane), rays.interval(lane));
@@ -79,7 +78,6 @@ impl Frame {
                 local.set(k, &ray, sound);
             }
         }
-        local
     }
 }
 
@@ -307,12 +305,13 @@ impl LocalRays {
         self.sound[lane] = sound;
     }
 
-    /// The ray of a lane.
-    #[inline(always)]
-    pub(super) fn get(&self, lane: usize) -> LocalRay {
+    /// Copies the ray of a lane. Not inlined: for AVX-512 the compiler makes gathers of it, which take longer.
+    #[inline(never)]
+    pub(super) fn get(&self, lane: usize, to: &mut LocalRay) {
+        let lane = lane % GROUP;
         let three = |rows: &[[f32; GROUP]; 3]| [rows[0][lane], rows[1][lane], rows[2][lane]];
         let two = |rows: &[[f32; GROUP]; 2]| [rows[0][lane], rows[1][lane]];
-        LocalRay {
+        *to = LocalRay {
             reciprocal: three(&self.reciprocal),
             near: three(&self.near),
             far: three(&self.far),
@@ -330,7 +329,7 @@ impl LocalRays {
                 scale: self.scale[lane],
                 shift: self.shift[lane],
             },
-        }
+        };
     }
 
     /// The axes of all rays, if they are the same.

@@ -125,7 +125,13 @@ impl Packet<'_, '_> {
     /// Tests what is in a leaf.
     #[inline(always)]
     fn leaf<const ANY: bool, M: Machine>(&mut self, m: M, leaf: Child, rays: u32) {
-        let (Kind::Triangles(first, count), Some(axes)) = (leaf.kind(), self.axes) else {
+        let together = match (leaf.kind(), self.axes) {
+            (Kind::Triangles(first, count), Some(axes)) if 2 * rays.count_ones() as usize > count => {
+                Some((first, count, axes))
+            }
+            _ => None,
+        };
+        let Some((first, count, axes)) = together else {
             return self.each(
                 rays,
                 #[inline(always)]

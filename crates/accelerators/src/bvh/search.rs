@@ -451,7 +451,7 @@ impl<Q: Asked> State<'_, Q> {
         mut limit: f32,
     ) -> Option<f32> {
         let bvh = self.bvh;
-        let (first, filtered) = match child.kind() {
+        let filtered = match child.kind() {
             Kind::Triangles(first, count) => {
                 let Some(numbers) = bvh.numbers[NUMBERS * first..].first_chunk() else {
                     return Some(limit);
@@ -463,19 +463,16 @@ impl<Q: Asked> State<'_, Q> {
                     limit,
                 };
                 match filter::filter(l, &pairs, (1 << count) - 1) {
-                    Some(filtered) => (first, filtered),
+                    Some(filtered) => filtered,
                     None => return Some(limit),
                 }
             }
-            Kind::Mixed(first, count) => {
-                let nothing = Filtered {
-                    sure: 0,
-                    unsure: (1 << count) - 1,
-                    low: [0.0; WIDTH],
-                    high: [0.0; WIDTH],
-                };
-                (first, nothing)
-            }
+            Kind::Mixed(_, count) => Filtered {
+                sure: 0,
+                unsure: (1 << count) - 1,
+                low: [0.0; WIDTH],
+                high: [0.0; WIDTH],
+            },
             Kind::Inner(_) => return Some(limit),
         };
         let mut unsure = filtered.unsure;

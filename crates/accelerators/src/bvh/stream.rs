@@ -2,7 +2,7 @@
 //! side in vector registers.
 
 use super::Bvh;
-use super::frame::LocalRay;
+use super::frame::{LocalRay, LocalRays};
 use super::node::Child;
 use super::packet::{Packet, Wanted, WantedStack};
 use super::search::{Query, Slot, State, USUAL_DEPTH, stack_size};
@@ -101,14 +101,15 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             skip: Skip::NOTHING,
         };
         let mut states = [State::new(bvh, nothing); GROUP];
+        let mut local = LocalRays::default();
         let mut alone = [LocalRay::default(); GROUP];
         for start in rays.groups() {
-            let local = bvh.frame.rays(rays, start);
+            bvh.frame.rays(rays, start, &mut local);
             let len = GROUP.min(rays.len - start);
             for k in 0..len {
                 let lane = start + k;
                 states[k].restart(rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
-                alone[k] = local.get(k);
+                local.get(k, &mut alone[k]);
             }
             let mut limits = [f32::NEG_INFINITY; GROUP];
             for k in 0..len {
