@@ -4,6 +4,7 @@ mod assets;
 mod bench;
 mod dependencies;
 mod features;
+mod peers;
 mod readme;
 mod tidy;
 

@@ -1,6 +1,6 @@
 //! What the compiler cannot check: one name in five places for every plugin, no list that drifts.
 
-use crate::{assets, dependencies, verdict};
+use crate::{assets, dependencies, peers, verdict};
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::{Entry, FamilyName, Registry};
@@ -14,19 +14,26 @@ const MAX_LINES: usize = 700;
 /// Runs all checks.
 pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     let mut problems = Vec::new();
-    for entry in registry.entries() {
+    let (peers, plugins): (Vec<_>, Vec<_>) = registry
+        .entries()
+        .partition(|entry| entry.crate_name == peers::CRATE);
+    for entry in &plugins {
         problems.extend(check_plugin(entry));
     }
+    problems.extend(peers::check(&peers));
     problems.extend(check_strays(registry));
     problems.extend(check_orphans(registry));
     problems.extend(assets::check());
     problems.extend(check_stored());
     problems.extend(check_sources());
     problems.extend(dependencies::check());
-    let plugins = registry.entries().count();
     verdict(
         &problems,
-        &format!("tidy: {plugins} plugins, each with file, feature, example, twin and documentation"),
+        &format!(
+            "tidy: {} plugins, each with file, feature, example, twin and documentation; {} peers",
+            plugins.len(),
+            peers::names().len()
+        ),
     )
 }
 
@@ -144,7 +151,7 @@ fn is_plugin(source: &str) -> bool {
     documentation.into_iter().any(|line| line.contains("Twin:"))
 }
 
-fn undocumented_parameters(entry: &Entry) -> impl Iterator<Item = String> {
+pub(crate) fn undocumented_parameters(entry: &Entry) -> impl Iterator<Item = String> {
     let schema = entry.schema();
     let properties = schema
         .get("properties")

@@ -33,6 +33,12 @@ pub trait Accelerator: Send + Sync {
         }
     }
 
+    /// Why an image depends on this accelerator, if it does: what departs from the law is told to whoever looks at
+    /// the image. `None` for all that obey it.
+    fn caveat(&self) -> Option<&str> {
+        None
+    }
+
     /// What was built, for people.
     fn statistics(&self) -> Statistics;
 

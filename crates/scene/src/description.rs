@@ -66,13 +66,18 @@ pub struct PluginTable<'s> {
 }
 
 impl PluginTable<'_> {
-    /// No name and no parameters.
-    fn empty() -> Self {
+    /// A type without parameters that no scene has written.
+    pub fn named(name: &str) -> Self {
         Self {
-            name: String::new(),
+            name: name.to_owned(),
             name_span: 0..0,
             table: Spanned::new(0..0, DeTable::new()),
         }
+    }
+
+    /// No name and no parameters.
+    fn empty() -> Self {
+        Self::named("")
     }
 }
 
@@ -312,10 +317,7 @@ impl<'s> Reader<'_, 's> {
     fn plugin_or(&mut self, value: Option<Value<'s>>, what: &'static str, default: &str) -> PluginTable<'s> {
         let plugin = match value {
             Some(value) => self.plugin(value, what),
-            None => Some(PluginTable {
-                name: default.to_owned(),
-                ..PluginTable::empty()
-            }),
+            None => Some(PluginTable::named(default)),
         };
         self.or_empty(plugin, what)
     }

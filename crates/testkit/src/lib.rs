@@ -9,6 +9,7 @@ pub use context::{TestContext, build, build_in};
 mod accelerators;
 pub mod assets;
 mod ball;
+mod peers;
 mod random;
 mod shapes;
 
@@ -29,5 +30,6 @@ pub use cameras::camera_laws;
 pub use integrators::{Lamp, Simple, Wall, floor, integrator_laws, world_of_walls};
 pub use lights::{light_laws, light_near_laws};
 pub use materials::{dielectric_laws, furnace_laws, material_laws};
+pub use peers::{peer_agrees, peer_laws};
 pub use samplers::sampler_laws;
 pub use textures::texture_laws;

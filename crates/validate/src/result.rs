@@ -157,6 +157,8 @@ pub struct CaseResult {
     pub scene_error: bool,
     /// What our pipeline did without.
     pub left_out: Vec<String>,
+    /// Of an accelerator that the image depends on: which, and how the image differs from the exact one.
+    pub caveat: Option<String>,
     /// The command that runs this case alone.
     pub command: String,
     /// Pictures for the report.

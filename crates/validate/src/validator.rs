@@ -14,7 +14,9 @@ use whitstone_image::error_map::error_map;
 use whitstone_image::{
     CompareError, CompareOptions, Image, Mask, Raster, Tolerance, ToneMap, compare, layers, metrics,
 };
-use whitstone_scene::{Description, Flattened, Pipeline, Plan, RenderOptions, Sources, all_errors};
+use whitstone_scene::{
+    Description, Flattened, Pipeline, Plan, PluginTable, RenderOptions, Sources, all_errors,
+};
 
 /// Of an image, at least so many pixels may be explained edges.
 const EXPLAINED_PIXELS: usize = 8;
@@ -214,6 +216,17 @@ impl<'a> Validator<'a> {
             threads: self.options.threads,
             progress: Some(&|done, all| stage(&format!("ours, {}%", 100 * done / all.max(1)))),
         });
+        if let Some(caveat) = pipeline.world.accelerator.caveat() {
+            let mut description = Description::parse(&sources).map_err(report)?;
+            description.accelerator = PluginTable::named("auto");
+            let plan = Plan::new(&description, self.registry).map_err(report)?;
+            let exact = Pipeline::build(&plan, self.registry).map_err(report)?;
+            let exact = exact.render(RenderOptions {
+                threads: self.options.threads,
+                progress: None,
+            });
+            case.caveat = Some(format!("{caveat}: {}", departure(&film.rgb, &exact.rgb)));
+        }
         let image = film
             .to_image(&pipeline.scene_hash)
             .map_err(|error| error.to_string())?;
@@ -583,6 +596,26 @@ fn pictures(ours: &Image, reference: &Image) -> Option<Pictures> {
         reference: png(Raster::preview(reference, tone).ok()?)?,
         error: png(error_map(ours, reference, ERROR_VIEW).ok()?)?,
     })
+}
+
+/// How a picture differs from the exact one, in words.
+fn departure(ours: &[[f32; 3]], exact: &[[f32; 3]]) -> String {
+    let far = |a: &[f32; 3], b: &[f32; 3]| {
+        let channels = a.iter().zip(b);
+        channels
+            .map(|(a, b)| (a - b).abs() / (1.0 + b.abs()))
+            .fold(0.0, f32::max)
+    };
+    let apart = || ours.iter().zip(exact).map(|(a, b)| far(a, b));
+    let beyond = |limit: f32| apart().filter(|&far| far > limit).count();
+    format!(
+        "{} of {} pixels differ from the exact image, {} by more than 1e-5, {} by more than 1e-3, at most by {:.2e}",
+        beyond(0.0),
+        ours.len(),
+        beyond(1e-5),
+        beyond(1e-3),
+        apart().fold(0.0, f32::max)
+    )
 }
 
 fn start_live(options: &Options, say: &dyn Fn(&str)) -> Result<Live, String> {

@@ -215,6 +215,9 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     row("integrator", &names.integrator);
     let (accelerator, why) = &pipeline.accelerator;
     row("accelerator", &format!("{accelerator} ({why})"));
+    if let Some(caveat) = pipeline.world.accelerator.caveat() {
+        println!("  {caveat}: the image depends on it");
+    }
     for (name, value) in pipeline.world.accelerator.statistics() {
         println!("  {name:<20} {value}");
     }
@@ -318,6 +321,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>) -> Value
         "accelerator": {
             "type": pipeline.accelerator.0,
             "reason": pipeline.accelerator.1,
+            "caveat": pipeline.world.accelerator.caveat(),
             "statistics": pipeline.world.accelerator.statistics(),
         },
         "shapes": names.shapes,

@@ -262,6 +262,9 @@ fn print_case(case: &CaseResult) {
             .map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
         case.twin,
     );
+    if let Some(caveat) = &case.caveat {
+        println!("      {caveat}");
+    }
     for problem in &case.problems {
         println!("      {}", problem.replace('\n', "\n      "));
     }

@@ -1,0 +1,156 @@
+//! What the peers share: triangles in single precision beside all other elements in double precision.
+
+use std::sync::Arc;
+use whitstone_core::triangle::ShearedRay;
+use whitstone_core::{
+    Accelerator, DVec2, Element, Geometry, InstancePath, Interval, RawHit, Ray, SceneError, SceneErrors,
+    Shape, Skip, Statistics, TriangleMesh,
+};
+
+/// Of a shape and a triangle in it.
+pub(crate) type TriangleId = (u32, u32);
+
+/// A ray in single precision.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SingleRay {
+    pub(crate) origin: [f32; 3],
+    pub(crate) direction: [f32; 3],
+    pub(crate) min: f32,
+    pub(crate) max: f32,
+}
+
+/// A hit in single precision.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SingleHit {
+    pub(crate) id: TriangleId,
+    pub(crate) t: f32,
+    /// Weights of the second and third vertex.
+    pub(crate) uv: [f32; 2],
+}
+
+/// What a peer does: find triangles.
+pub(crate) trait Triangles: Send + Sync {
+    /// The nearest one but `skip`.
+    fn closest(&self, ray: &SingleRay, skip: Option<TriangleId>) -> Option<SingleHit>;
+
+    /// Whether there is one but `skip`.
+    fn occluded(&self, ray: &SingleRay, skip: Option<TriangleId>) -> bool;
+}
+
+/// The triangles of a peer and all elements that are no triangles.
+pub(crate) struct Single<T> {
+    pub(crate) geometry: Arc<Geometry>,
+    pub(crate) triangles: T,
+    /// Tried one by one.
+    pub(crate) others: Vec<Element>,
+    pub(crate) statistics: Statistics,
+    pub(crate) caveat: String,
+}
+
+/// Elements that no peer is asked for.
+pub(crate) fn others(geometry: &Geometry) -> Vec<Element> {
+    let is_other = |element: &Element| !matches!(element, Element::Triangle { .. });
+    geometry.elements().filter(is_other).collect()
+}
+
+/// The meshes with their numbers. Single precision holds coordinates up to about 10^38, and peers multiply them: larger
+/// ones than `limit` are refused.
+pub(crate) fn meshes(geometry: &Geometry, limit: f64) -> Result<Vec<(u32, &TriangleMesh)>, SceneErrors> {
+    let shapes = geometry.shapes().iter().zip(0u32..);
+    let meshes: Vec<_> = shapes
+        .filter_map(|(shape, number)| match shape {
+            Shape::Triangles(mesh) if !mesh.triangles.is_empty() => Some((number, mesh)),
+            _ => None,
+        })
+        .collect();
+    let is_near = |mesh: &TriangleMesh| mesh.positions.iter().all(|p| p.abs().max_element() <= limit);
+    match meshes.iter().find(|(_, mesh)| !is_near(mesh)) {
+        None => Ok(meshes),
+        Some((number, _)) => Err(SceneError::anywhere(format!(
+            "shape {number} has coordinates beyond {limit:e}, too large for this accelerator's single precision"
+        ))
+        .with_help("choose another accelerator, such as \"bvh\"")
+        .into()),
+    }
+}
+
+/// `None` where the ray is beyond single precision.
+fn single(ray: &Ray, interval: Interval, skip: Skip) -> Option<SingleRay> {
+    let (origin, direction) = (ray.origin.as_vec3(), ray.direction.as_vec3());
+    if !(origin.is_finite() && direction.is_finite()) {
+        return None;
+    }
+    // The origin of a ray that leaves a surface was rounded to either side of it, and with it all triangles
+    // near the one that is left: hits within that rounding are none.
+    let rounding = match skip.id() {
+        Some(_) => 8.0 * f32::EPSILON * origin.abs().max_element(),
+        None => 0.0,
+    };
+    Some(SingleRay {
+        origin: origin.to_array(),
+        direction: direction.to_array(),
+        min: (interval.min as f32).max(rounding),
+        max: interval.max as f32,
+    })
+}
+
+/// The triangle that the ray leaves.
+fn left(skip: Skip) -> Option<TriangleId> {
+    let (instance, shape, triangle) = skip.id()?;
+    (instance == InstancePath::WORLD).then_some((shape, triangle))
+}
+
+impl<T: Triangles> Single<T> {
+    fn nearest_other(&self, ray: &Ray, mut interval: Interval, skip: Skip) -> Option<RawHit> {
+        let mut best: Option<RawHit> = None;
+        if self.others.is_empty() {
+            return None;
+        }
+        let sheared = ShearedRay::new(ray);
+        let mut open = interval;
+        for &element in &self.others {
+            if let Some(hit) = self.geometry.intersect(element, ray, &sheared, open, skip)
+                && best.is_none_or(|best| hit.beats(&best))
+            {
+                best = Some(hit);
+                // Elements at the same distance are still found: lower numbers come first and stay.
+                interval.max = hit.t;
+                open = interval;
+            }
+        }
+        best
+    }
+}
+
+impl<T: Triangles> Accelerator for Single<T> {
+    fn closest(&self, ray: &Ray, mut interval: Interval, skip: Skip) -> Option<RawHit> {
+        let other = self.nearest_other(ray, interval, skip);
+        interval.max = other.map_or(interval.max, |hit| hit.t);
+        let triangle = single(ray, interval, skip)
+            .and_then(|ray| self.triangles.closest(&ray, left(skip)))
+            .filter(|hit| interval.contains(f64::from(hit.t)));
+        match triangle {
+            None => other,
+            Some(hit) => Some(RawHit {
+                t: f64::from(hit.t),
+                params: DVec2::from_array(hit.uv.map(f64::from)),
+                instance: InstancePath::WORLD,
+                shape: hit.id.0,
+                primitive: hit.id.1,
+            }),
+        }
+    }
+
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+        single(ray, interval, skip).is_some_and(|ray| self.triangles.occluded(&ray, left(skip)))
+            || self.nearest_other(ray, interval, skip).is_some()
+    }
+
+    fn statistics(&self) -> Statistics {
+        self.statistics.clone()
+    }
+
+    fn caveat(&self) -> Option<&str> {
+        Some(&self.caveat)
+    }
+}

@@ -1,0 +1,266 @@
+//! What must hold of an accelerator in single precision: it departs from ours by rounding, and says so.
+
+use crate::ball::Ball;
+use crate::random::Random;
+use crate::shapes::same_bits;
+use crate::streams::accelerator_streams;
+use crate::{Wall, build};
+use std::sync::Arc;
+use whitstone_core::triangle::ShearedRay;
+use whitstone_core::{
+    Accelerator, Accelerators, DVec3, Geometry, Interval, Plugin, RawHit, Ray, Shape, Skip, TriangleMesh,
+};
+
+/// Of so many rays one may see another primitive: those that run by an edge, as far as rounding goes.
+const RAYS: u32 = 20_000;
+const MOST_OTHERS: u32 = RAYS / 500;
+
+/// A distance may differ by so much of the size of the scene and of how far the ray comes from.
+const CLOSE: f64 = 2e-5;
+
+/// A peer finds, up to the rounding of single precision, what trying every element in double precision finds: over
+/// triangles of two meshes, balls and an endless wall; elements that are no triangles exactly so. It never finds the
+/// primitive that a ray leaves, nor anything outside the interval; its streams agree with its single rays to the last
+/// bit; and it says that images depend on it.
+///
+/// # Panics
+///
+/// If it cannot be built or does not; the message says how.
+pub fn peer_laws<P: Plugin<Accelerators>>(text: &str) {
+    for (name, shapes) in worlds() {
+        let geometry = Arc::new(Geometry::new(shapes));
+        let accelerator = match build::<Accelerators, P>(text, geometry.clone()) {
+            Ok(accelerator) => accelerator,
+            Err(error) => panic!("{}: {error}", P::TYPE),
+        };
+        let broken = peer_agrees(&geometry, &*accelerator);
+        assert_eq!(broken.err(), None, "{} with \"{text}\" over {name}", P::TYPE);
+    }
+}
+
+/// Holds one that is built to the laws of [`peer_laws`].
+///
+/// # Errors
+///
+/// The first thing that does not hold.
+pub fn peer_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result<(), String> {
+    if accelerator.caveat().is_none() {
+        return Err("it does not say that images depend on it".to_owned());
+    }
+    let mut random = Random::new(7);
+    let (mut others, mut queries, mut skip) = (0, Vec::new(), Skip::NOTHING);
+    let mut start = 2.0 * random.cube();
+    for _ in 0..RAYS {
+        let ray = Ray::new(start, (random.cube() - start).normalize());
+        let expected = nearest(geometry, &ray, Interval::FORWARD, skip);
+        let found = accelerator.closest(&ray, Interval::FORWARD, skip);
+        match (expected, found) {
+            (None, None) => {}
+            (Some(a), Some(b)) if a.id() == b.id() => {
+                let triangle = matches!(geometry.shapes()[a.shape as usize], Shape::Triangles(_));
+                let (far, apart) = ((a.t - b.t).abs(), (a.params - b.params).length());
+                if !triangle && !same_bits(&a, &b) {
+                    return Err(format!("{ray:?}: {b:?} is no triangle and differs from {a:?}"));
+                }
+                let close = CLOSE * (1.0 + start.abs().max_element());
+                if triangle && (far > close || apart * size(geometry, &a) > 10.0 * close) {
+                    return Err(format!("{ray:?}: {b:?} is too far from {a:?}"));
+                }
+            }
+            _ => others += 1,
+        }
+        if let Some(hit) = found {
+            if Some(hit.id()) == skip.id()
+                && matches!(geometry.shapes()[hit.shape as usize], Shape::Triangles(_))
+            {
+                return Err(format!("{ray:?} finds {hit:?}, which it leaves"));
+            }
+            for interval in [
+                Interval::up_to(hit.t),
+                Interval {
+                    min: hit.t,
+                    max: f64::INFINITY,
+                },
+            ] {
+                let inside = accelerator.closest(&ray, interval, skip);
+                if let Some(hit) = inside.filter(|hit| !interval.contains(hit.t)) {
+                    return Err(format!("{ray:?} finds {hit:?} outside of {interval:?}"));
+                }
+            }
+        }
+        if accelerator.occluded(&ray, Interval::FORWARD, skip) != found.is_some() {
+            others += 1;
+        }
+        queries.push((ray, f64::INFINITY, skip));
+        (start, skip) = match expected {
+            // Half of the rays leave what the ray before them hit.
+            Some(hit) if random.unit() < 0.5 => (ray.origin + hit.t * ray.direction, Skip::leaving(&hit)),
+            _ => (2.0 * random.cube(), Skip::NOTHING),
+        };
+    }
+    if others > MOST_OTHERS {
+        return Err(format!(
+            "{others} of {RAYS} rays find something else, more than {MOST_OTHERS}"
+        ));
+    }
+    accelerator_streams(accelerator, &queries)
+}
+
+/// Of the triangle of a hit: its longest edge.
+fn size(geometry: &Geometry, hit: &RawHit) -> f64 {
+    match &geometry.shapes()[hit.shape as usize] {
+        Shape::Triangles(mesh) => {
+            let [a, b, c] = mesh.corners(hit.primitive);
+            (b - a).length().max((c - b).length()).max((a - c).length())
+        }
+        _ => 1.0,
+    }
+}
+
+fn nearest(geometry: &Geometry, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+    let sheared = ShearedRay::new(ray);
+    let hits = geometry
+        .elements()
+        .filter_map(|element| geometry.intersect(element, ray, &sheared, interval, skip));
+    hits.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+}
+
+fn worlds() -> Vec<(&'static str, Vec<Shape>)> {
+    let mut random = Random::new(1);
+    let mut mesh = |count: u32| {
+        let mut mesh = TriangleMesh {
+            orientation: 1.0,
+            ..TriangleMesh::default()
+        };
+        for i in 0..count {
+            let center = random.cube();
+            let corner = |v: DVec3| center + 0.4 * v;
+            mesh.positions
+                .extend([random.cube(), random.cube(), random.cube()].map(corner));
+            mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+        }
+        mesh
+    };
+    let ball = |x: f64| -> Shape {
+        Shape::Opaque(Box::new(Ball {
+            center: DVec3::new(x, 0.1, 0.3 * x),
+            radius: 0.25,
+        }))
+    };
+    let wall = || {
+        Shape::Opaque(Box::new(Wall {
+            point: DVec3::new(0.0, 0.0, -1.5),
+            normal: DVec3::Z,
+        }))
+    };
+    vec![
+        ("nothing", Vec::new()),
+        ("a mesh of nothing", vec![Shape::Triangles(mesh(0))]),
+        ("one triangle", vec![Shape::Triangles(mesh(1))]),
+        ("balls and a wall", vec![ball(-0.5), wall(), ball(0.5), ball(0.6)]),
+        (
+            "everything",
+            vec![
+                Shape::Triangles(mesh(40)),
+                ball(-0.6),
+                Shape::Triangles(mesh(0)),
+                wall(),
+                Shape::Triangles(mesh(30)),
+                ball(0.7),
+            ],
+        ),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::Statistics;
+    use whitstone_core::stream::{HitStream, RayStream};
+
+    /// Tries everything, and is wrong in one way.
+    struct Faulty {
+        geometry: Geometry,
+        fault: &'static str,
+    }
+
+    impl Accelerator for Faulty {
+        fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+            let skip = if self.fault == "leaves" {
+                Skip::NOTHING
+            } else {
+                skip
+            };
+            let interval = match self.fault {
+                "interval" => Interval {
+                    max: f64::INFINITY,
+                    ..interval
+                },
+                _ => interval,
+            };
+            let mut hit = nearest(&self.geometry, ray, interval, skip)?;
+            match self.fault {
+                "distance" => hit.t += 1e-4,
+                "opaque" => hit.t += 1e-9,
+                "weights" => hit.params *= 0.9,
+                "identity" if hit.primitive % 2 == 1 => hit.primitive -= 1,
+                _ => {}
+            }
+            Some(hit)
+        }
+
+        fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+            self.fault != "shadows" && nearest(&self.geometry, ray, interval, skip).is_some()
+        }
+
+        fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+            hits.clear(rays);
+            for lane in 0..rays.len {
+                let hit = self.closest(&rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
+                if let Some(mut hit) = hit {
+                    hit.t += if self.fault == "streams" { 1e-12 } else { 0.0 };
+                    hits.set(lane, &hit);
+                }
+            }
+        }
+
+        fn statistics(&self) -> Statistics {
+            Statistics::new()
+        }
+
+        fn caveat(&self) -> Option<&str> {
+            (self.fault != "silent").then_some("a test")
+        }
+    }
+
+    #[test]
+    fn each_fault_is_found() {
+        let check = |fault| {
+            let (_, shapes) = worlds().pop().expect("there are worlds");
+            let geometry = Geometry::new(shapes);
+            peer_agrees(
+                &geometry,
+                &Faulty {
+                    geometry: Geometry::new(worlds().pop().expect("as above").1),
+                    fault,
+                },
+            )
+        };
+        assert_eq!(check(""), Ok(()));
+        for (fault, message) in [
+            ("silent", "does not say"),
+            ("leaves", "which it leaves"),
+            ("interval", "outside of"),
+            ("distance", "too far from"),
+            ("opaque", "differs from"),
+            ("weights", "too far from"),
+            ("identity", "rays find something else"),
+            ("shadows", "rays find something else"),
+            ("streams", ""),
+        ] {
+            let broken = check(fault);
+            let told = broken.as_ref().is_err_and(|error| error.contains(message));
+            assert!(told, "{fault}: {broken:?}");
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! What `tidy` asks of the peers in place of what it asks of plugins: they have no example scene, no stored reference
+//! and no laws of accelerators, because they are not built by default and their images are not ours.
+
+use crate::tidy::undocumented_parameters;
+use std::fs;
+use std::path::Path;
+use whitstone::core::Entry;
+
+/// The crate that registers them.
+pub(crate) const CRATE: &str = "whitstone-peers";
+
+const FOLDER: &str = "crates/peers";
+const TESTS: &str = "crates/peers/tests/peers.rs";
+const DOCUMENTATION: &str = "docs/peers.md";
+
+/// Its features: the names of the peers.
+pub(crate) fn names() -> Vec<String> {
+    features(&read(&format!("{FOLDER}/Cargo.toml")))
+        .map(|(name, _)| name.to_owned())
+        .collect()
+}
+
+fn read(path: &str) -> String {
+    fs::read_to_string(path).unwrap_or_default()
+}
+
+/// Name and value of each feature but `default`.
+fn features(manifest: &str) -> impl Iterator<Item = (&str, &str)> {
+    let table = manifest.split("[features]").nth(1).unwrap_or_default();
+    let table = table.split("\n[").next().unwrap_or_default();
+    let entries = table.lines().filter_map(|line| line.split_once(" = "));
+    entries.filter(|(name, _)| *name != "default")
+}
+
+/// Each has a file, tests and documentation, is a feature of all that pass it on and on by default in none. `built`
+/// are those that this program has.
+pub(crate) fn check(built: &[&Entry]) -> Vec<String> {
+    let mut problems = check_names(&names(), &read);
+    for entry in built {
+        let keys = undocumented_parameters(entry);
+        problems
+            .extend(keys.map(|key| format!("{FOLDER}/src/{}.rs: `{key}` has no documentation", entry.name)));
+        if entry.summary().is_empty() {
+            problems.push(format!(
+                "{FOLDER}/src/{}.rs: `Config` has no documentation",
+                entry.name
+            ));
+        }
+    }
+    // Beside the crate's root and what they share, each file is a peer.
+    for file in fs::read_dir(Path::new(FOLDER).join("src"))
+        .into_iter()
+        .flatten()
+        .flatten()
+    {
+        let name = file.file_name().to_string_lossy().into_owned();
+        let stem = name.strip_suffix(".rs").unwrap_or("lib");
+        if !["lib", "single"].contains(&stem) && !names().iter().any(|peer| peer == stem) {
+            problems.push(format!("{FOLDER}/src/{name}: there is no feature `{stem}`"));
+        }
+    }
+    problems
+}
+
+fn check_names(names: &[String], read: &dyn Fn(&str) -> String) -> Vec<String> {
+    let mut problems = Vec::new();
+    let mut require = |good: bool, problem: String| {
+        if !good {
+            problems.push(problem);
+        }
+    };
+    let lib = read(&format!("{FOLDER}/src/lib.rs"));
+    for name in names {
+        let file = format!("{FOLDER}/src/{name}.rs");
+        let source = read(&file);
+        require(
+            source.starts_with("//! "),
+            format!("{file}: no file, or no module documentation"),
+        );
+        require(
+            source.contains(&format!("accelerator.type={name}")),
+            format!("{file}: the documentation has no example \"--set accelerator.type={name}\""),
+        );
+        require(
+            source.contains("caveat: "),
+            format!("{file}: it gives no caveat, so nobody is told that images depend on it"),
+        );
+        require(
+            lib.contains(&format!("registry.add::<whitstone_core::Accelerators, {name}::")),
+            format!("{FOLDER}/src/lib.rs: does not register `{name}`"),
+        );
+        let tests = read(TESTS);
+        for part in [
+            format!("whitstone_peers::{name}::"),
+            format!("type = \\\"{name}\\\""),
+        ] {
+            require(tests.contains(&part), format!("{TESTS}: nowhere is `{part}`"));
+        }
+        require(
+            read(DOCUMENTATION).contains(&format!("`{name}`")),
+            format!("{DOCUMENTATION}: does not say what `{name}` is"),
+        );
+        for manifest in ["crates/whitstone/Cargo.toml", "xtask/Cargo.toml"] {
+            let text = read(manifest);
+            require(
+                features(&text).any(|(feature, _)| feature == name),
+                format!("{manifest}: does not pass the feature `{name}` on"),
+            );
+        }
+    }
+    let defaults = [
+        "crates/peers/Cargo.toml",
+        "crates/whitstone/Cargo.toml",
+        "xtask/Cargo.toml",
+    ];
+    for manifest in defaults {
+        let text = read(manifest);
+        let default = text.lines().find_map(|line| line.strip_prefix("default = "));
+        require(
+            default.is_none_or(|default| default == "[]"),
+            format!("{manifest}: a feature is on by default; peers must be asked for"),
+        );
+    }
+    problems
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_peer_lacks_is_named() {
+        std::env::set_current_dir(crate::root()).unwrap();
+        assert_eq!(names(), ["embree", "obvhs"]);
+        assert_eq!(check(&[]), Vec::<String>::new());
+        let missing = check_names(&["nonesuch".to_owned()], &read);
+        assert_eq!(missing.len(), 9, "{missing:#?}");
+        let on = check_names(&[], &|path| {
+            read(path).replace("default = []", "default = [\"embree\"]")
+        });
+        assert_eq!(on.len(), 1, "{on:#?}");
+    }
+}
