@@ -1,15 +1,18 @@
 //! `bench accelerators`: rays a second of every accelerator, beside Embree in the same run.
 
+use super::chart;
 use super::data;
+use super::fetch;
+use super::machine::processor_time;
 use super::median;
 use super::peer::{self, Peer};
 use super::prepare::prepare;
-use super::rays::{Mode, Rays};
+use super::rays::{Difference, Mode, Rays};
 use clap::Args;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
-use whitstone::core::{Accelerator, Accelerators, Element, Geometry, Registry, Shape};
+use whitstone::core::{Accelerator, Accelerators, Element, FamilyName, Geometry, Registry, Shape};
 use whitstone::{Exit, Failure};
 use whitstone_testkit::TestContext;
 
@@ -18,10 +21,9 @@ use whitstone_testkit::TestContext;
 /// Everything runs on one thread, in processor time; pin it to one core (`taskset -c 0`) for steady figures.
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
-    /// Folder of meshes and rays [default: target/whitstone/bench]
-    #[arg(long, value_name = "DIR", env = "WHITSTONE_BENCH_DATA")]
-    data: Option<PathBuf>,
-    /// Which: a type, or TYPE:QUALITY
+    #[command(flatten)]
+    folder: fetch::Folder,
+    /// Which: a type, or TYPE:QUALITY; peers are known if this was built with their features
     #[arg(long = "accelerator", value_name = "NAME")]
     accelerators: Vec<String>,
     /// Meshes: names in the folder, or PLY and OBJ files
@@ -39,18 +41,49 @@ pub(crate) struct Arguments {
     /// Write the figures to this file
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Draw the ratios to Embree, or the rates without it, into this file
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
 }
 
-/// What is timed if nothing is named.
-const ALL: [&str; 4] = ["bvh:fast", "bvh:balanced", "bvh:best", "bvh2"];
+/// What is timed if nothing is named, as far as it is built in.
+const ALL: [&str; 6] = [
+    "bvh:fast",
+    "bvh:balanced",
+    "bvh:best",
+    "bvh2",
+    "embree:high",
+    "obvhs:very_slow",
+];
 
 /// The quality of the peer that rays are compared with.
 const PEER_QUALITY: &str = "HIGH";
 
-/// An accelerator over a mesh.
-struct Built {
-    name: String,
+/// An accelerator and its quality.
+pub(super) struct Choice {
+    kind: String,
+    /// Empty for none.
     quality: String,
+}
+
+impl Choice {
+    /// From TYPE or TYPE:QUALITY.
+    pub(super) fn parse(text: &str) -> Self {
+        let (kind, quality) = text.split_once(':').unwrap_or((text, ""));
+        Self {
+            kind: kind.to_owned(),
+            quality: quality.to_owned(),
+        }
+    }
+
+    fn label(&self) -> String {
+        format!("{} {}", self.kind, self.quality)
+    }
+}
+
+/// An accelerator over a mesh.
+struct Built<'a> {
+    choice: &'a Choice,
     accelerator: Box<dyn Accelerator>,
     build_seconds: f64,
     bytes_per_triangle: f64,
@@ -70,12 +103,19 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         rows.extend(bench.mesh(&mesh, &mut version).map_err(Failure::environment)?);
     }
     let summary = summarise(&rows, version);
-    println!("\n{summary:#}");
+    println!("{}", chart::table(&rows));
+    println!("{summary:#}");
+    if let Some(path) = &arguments.svg {
+        let picture = chart::bars(&rows);
+        whitstone::image::atomic::write_bytes(path, picture.as_bytes()).map_err(Failure::environment)?;
+    }
     if let Some(path) = &arguments.json {
         let text = format!("{:#}\n", json!({ "rows": rows, "summary": summary }));
         whitstone::image::atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
     }
-    let mismatches: u64 = rows.iter().filter_map(|row| row["mismatches"].as_u64()).sum();
+    // Peers in single precision differ; that is shown, not judged.
+    let judged = rows.iter().filter(|row| row["exact"] == true);
+    let mismatches: u64 = judged.filter_map(|row| row["mismatches"].as_u64()).sum();
     Ok(if mismatches == 0 {
         Exit::Pass
     } else {
@@ -87,7 +127,7 @@ struct Bench<'a> {
     arguments: &'a Arguments,
     registry: &'a Registry,
     folder: PathBuf,
-    names: Vec<(String, String)>,
+    choices: Vec<Choice>,
     peer: Option<PathBuf>,
     rounds: usize,
     stride: usize,
@@ -95,26 +135,25 @@ struct Bench<'a> {
 
 impl<'a> Bench<'a> {
     fn new(arguments: &'a Arguments, registry: &'a Registry) -> Result<Self, Failure> {
-        let folder = arguments.data.clone();
-        let folder = folder.unwrap_or_else(|| PathBuf::from("target/whitstone/bench"));
-        std::fs::create_dir_all(&folder).map_err(Failure::environment)?;
+        let folder = arguments.folder.ensure().map_err(Failure::environment)?;
         let peer = peer::compile(&folder);
         if let Err(why) = &peer {
             eprintln!("without Embree: {why}");
         }
-        let mut names: Vec<&str> = arguments.accelerators.iter().map(String::as_str).collect();
-        if names.is_empty() {
-            names = ALL.to_vec();
+        let mut choices: Vec<Choice> = arguments
+            .accelerators
+            .iter()
+            .map(|name| Choice::parse(name))
+            .collect();
+        if choices.is_empty() {
+            choices.extend(ALL.map(Choice::parse));
+            choices.retain(|choice| registry.get(FamilyName::Accelerator, &choice.kind).is_ok());
         }
-        let split = |name: &&str| match name.split_once(':') {
-            Some((name, quality)) => (name.to_owned(), quality.to_owned()),
-            None => ((*name).to_owned(), String::new()),
-        };
         Ok(Self {
             arguments,
             registry,
             folder,
-            names: names.iter().map(split).collect(),
+            choices,
             peer: peer.ok(),
             rounds: if arguments.quick {
                 3
@@ -132,15 +171,15 @@ impl<'a> Bench<'a> {
         println!("\n{name}: {triangles} triangles");
         let geometry = Arc::new(Geometry::new(vec![Shape::Triangles(mesh)]));
         let built = self
-            .names
+            .choices
             .iter()
-            .map(|(kind, quality)| self.build(kind, quality, &geometry))
+            .map(|choice| self.build(choice, &geometry))
             .collect::<Result<Vec<_>, String>>()?;
-        let truth = build(self.registry, "bvh2", "", &geometry)?;
+        let truth = build(self.registry, &Choice::parse("bvh2"), &geometry)?;
         for one in &built {
             println!(
                 "  {:28} build {:8.4} s  {:6.1} bytes a triangle",
-                format!("{} {}", one.name, one.quality),
+                one.choice.label(),
                 one.build_seconds,
                 one.bytes_per_triangle
             );
@@ -172,30 +211,41 @@ impl<'a> Bench<'a> {
                 let ratio = figures
                     .ratio
                     .map_or("    -".to_owned(), |ratio| format!("{ratio:5.3}"));
+                let exact = one.accelerator.caveat().is_none();
+                let difference = &figures.difference;
+                let differ = if exact {
+                    format!("{} of {} differ", difference.mismatches, rays.len())
+                } else {
+                    format!(
+                        "{} of {} find another triangle, t differs by up to {:.1e}",
+                        difference.others,
+                        rays.len(),
+                        difference.distance
+                    )
+                };
                 println!(
-                    "  {set:8} {:28} {mode:6} {rate:7.3} Mrays/s  {ratio} of Embree  {} of {} differ",
-                    format!("{} {}", one.name, one.quality),
-                    figures.mismatches,
-                    rays.len()
+                    "  {set:8} {:28} {mode:6} {rate:7.3} Mrays/s  {ratio} of Embree  {differ}",
+                    one.choice.label()
                 );
                 rows.push(json!({
-                    "accelerator": one.name, "quality": one.quality, "mode": mode, "mesh": name,
+                    "accelerator": one.choice.kind, "quality": one.choice.quality, "mode": mode, "mesh": name,
                     "set": set, "rays": rays.len(), "mrays_per_s": rate, "ratio_to_embree": figures.ratio,
                     "build_s": one.build_seconds, "bytes_per_triangle": one.bytes_per_triangle,
-                    "mismatches": figures.mismatches,
+                    "mismatches": difference.mismatches, "others": difference.others,
+                    "max_t_error": difference.distance, "exact": exact,
                 }));
             }
         }
         Ok(rows)
     }
 
-    fn build(&self, kind: &str, quality: &str, geometry: &Arc<Geometry>) -> Result<Built, String> {
+    fn build<'c>(&self, choice: &'c Choice, geometry: &Arc<Geometry>) -> Result<Built<'c>, String> {
         let mut seconds = f64::INFINITY;
         let mut accelerator = None;
         for _ in 0..3 {
             drop(accelerator.take());
             let start = processor_time();
-            accelerator = Some(build(self.registry, kind, quality, geometry)?);
+            accelerator = Some(build(self.registry, choice, geometry)?);
             seconds = seconds.min(processor_time() - start);
         }
         let accelerator = accelerator.ok_or("nothing built")?;
@@ -205,8 +255,7 @@ impl<'a> Bench<'a> {
             .count();
         let bytes = accelerator.statistics().get("bytes").copied().unwrap_or(f64::NAN);
         Ok(Built {
-            name: kind.to_owned(),
-            quality: quality.to_owned(),
+            choice,
             accelerator,
             build_seconds: seconds,
             bytes_per_triangle: bytes / triangles as f64,
@@ -219,11 +268,11 @@ impl<'a> Bench<'a> {
         &self,
         set: &str,
         rays: &Rays,
-        built: &[Built],
+        built: &[Built<'_>],
         truth: &dyn Accelerator,
         mut peer: Option<&mut Peer>,
     ) -> Result<Vec<Figures>, String> {
-        let rows: Vec<(&Built, Mode)> = built
+        let rows: Vec<(&Built<'_>, Mode)> = built
             .iter()
             .flat_map(|one| Mode::ALL.map(|mode| (one, mode)))
             .collect();
@@ -249,7 +298,7 @@ impl<'a> Bench<'a> {
         let figures = rows.iter().enumerate().map(|(i, (one, mode))| Figures {
             seconds: median(&mut seconds[i]),
             ratio: (!ratios[i].is_empty()).then(|| median(&mut ratios[i])),
-            mismatches: rays.mismatches(&*one.accelerator, *mode, &expected),
+            difference: rays.difference(&*one.accelerator, *mode, &expected),
         });
         Ok(figures.collect())
     }
@@ -258,7 +307,7 @@ impl<'a> Bench<'a> {
 struct Figures {
     seconds: f64,
     ratio: Option<f64>,
-    mismatches: usize,
+    difference: Difference,
 }
 
 /// Geometric means over all cells, by accelerator and quality, of the ratios to Embree.
@@ -292,14 +341,14 @@ fn summarise(rows: &[Value], version: Value) -> Value {
     })
 }
 
-/// Builds an accelerator by its name on this thread.
+/// Builds an accelerator by its name.
 pub(super) fn build(
     registry: &Registry,
-    kind: &str,
-    quality: &str,
+    choice: &Choice,
     geometry: &Arc<Geometry>,
 ) -> Result<Box<dyn Accelerator>, String> {
-    let text = match quality {
+    let Choice { kind, quality } = choice;
+    let text = match quality.as_str() {
         "" => String::new(),
         quality => format!("quality = \"{quality}\""),
     };
@@ -307,10 +356,4 @@ pub(super) fn build(
     registry
         .build::<Accelerators>(kind, &table, geometry.clone(), &mut TestContext::default())
         .map_err(|error| format!("{kind}: {error}"))
-}
-
-/// Of this process, in seconds.
-fn processor_time() -> f64 {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }

@@ -1,7 +1,8 @@
 //! Meshes and rays for `bench accelerators`, made where they are not there.
 
-use super::accelerators::build;
+use super::accelerators::{Choice, build};
 use super::data::{self, Query};
+use super::fetch;
 use std::f64::consts::TAU;
 use std::path::Path;
 use std::sync::Arc;
@@ -22,7 +23,8 @@ const SIZE: usize = 1024;
 
 /// Sees to it that the meshes and their rays are in the folder; returns the names.
 pub(super) fn prepare(folder: &Path, meshes: &[String], registry: &Registry) -> Result<Vec<String>, String> {
-    let known = |name: &str| folder.join(format!("{name}.tri")).is_file();
+    let known =
+        |name: &str| folder.join(format!("{name}.tri")).is_file() || fetch::source(folder, name).is_some();
     let mut names: Vec<String> = meshes.to_vec();
     if names.is_empty() {
         names = PUBLIC
@@ -33,7 +35,7 @@ pub(super) fn prepare(folder: &Path, meshes: &[String], registry: &Registry) -> 
     }
     if names.is_empty() {
         eprintln!(
-            "none of {PUBLIC:?} is in {}: generated meshes instead",
+            "none of {PUBLIC:?} is in {} (--fetch gets them): generated meshes instead",
             folder.display()
         );
         names = GENERATED.map(str::to_owned).to_vec();
@@ -50,7 +52,7 @@ pub(super) fn prepare(folder: &Path, meshes: &[String], registry: &Registry) -> 
         if !file.is_file() {
             let mesh = match generated(&name) {
                 Some(mesh) => mesh,
-                None => read(path, registry)?,
+                None => read(&fetch::source(folder, &name).unwrap_or(path.to_owned()), registry)?,
             };
             data::write_mesh(&file, &mesh)?;
         }
@@ -139,22 +141,64 @@ fn grid(m: u32, n: u32, at: impl Fn(f64, f64) -> DVec3) -> TriangleMesh {
     mesh
 }
 
+/// Where a picture is taken from.
+struct View {
+    eye: DVec3,
+    target: DVec3,
+    light: DVec3,
+    /// Field of view in degrees.
+    angle: f64,
+}
+
+impl View {
+    /// Those of the public meshes are those of which figures are known: inside the building, in front of the others.
+    fn of(name: &str, bounds: &Aabb) -> Self {
+        if name == "sponza" {
+            return Self {
+                eye: DVec3::new(-11.0, 4.0, -0.5),
+                target: DVec3::new(5.0, 5.0, 0.3),
+                light: DVec3::new(1.0, 11.0, 0.5),
+                angle: 70.0,
+            };
+        }
+        let (x, angle) = if name == "dragon" {
+            (0.15, 38.0)
+        } else {
+            (0.25, 36.0)
+        };
+        let (center, size) = (bounds.center(), bounds.extent().length());
+        Self {
+            eye: center + 1.25 * size * DVec3::new(x, 0.2, 1.0).normalize(),
+            target: center,
+            light: center + size * DVec3::new(0.8, 1.2, 0.9),
+            angle,
+        }
+    }
+}
+
 /// Rays of a picture of the whole, rays from what they hit towards a light, and rays from there in random
 /// directions by the cosine law.
 fn write_rays(folder: &Path, name: &str, registry: &Registry) -> Result<(), String> {
     let mesh = data::mesh(&folder.join(format!("{name}.tri")))?;
-    let bounds = Aabb::around(mesh.positions.iter().copied());
+    // A file may hold vertices that no triangle has.
+    let corners = mesh.triangles.as_flattened().iter();
+    let bounds = Aabb::around(corners.map(|&i| mesh.positions[i as usize]));
     let size = bounds.extent().length();
     let geometry = Arc::new(Geometry::new(vec![Shape::Triangles(mesh)]));
-    let accelerator = build(registry, "bvh2", "", &geometry)?;
-    let eye = bounds.center() + 1.25 * size * DVec3::new(0.25, 0.3, 1.0).normalize();
-    let light = bounds.center() + size * DVec3::new(0.8, 1.2, 0.9);
-    let w = (bounds.center() - eye).normalize();
+    let accelerator = build(registry, &Choice::parse("bvh2"), &geometry)?;
+    let View {
+        eye,
+        target,
+        light,
+        angle,
+    } = View::of(name, &bounds);
+    let w = (target - eye).normalize();
     let u = w.cross(DVec3::Y).normalize();
     let v = u.cross(w);
+    let reach = (0.5 * angle.to_radians()).tan();
     let (mut primary, mut shadow, mut bounce) = (Vec::new(), Vec::new(), Vec::new());
     for i in 0..SIZE * SIZE {
-        let place = |i: usize| 0.325 * (2.0 * (i as f64 + 0.5) / SIZE as f64 - 1.0);
+        let place = |i: usize| reach * (2.0 * (i as f64 + 0.5) / SIZE as f64 - 1.0);
         let ray = Ray::new(eye, (w + place(i % SIZE) * u - place(i / SIZE) * v).normalize());
         let (ray, interval) = rounded(&(ray, Interval::FORWARD));
         primary.push((ray, interval));

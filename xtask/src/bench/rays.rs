@@ -1,6 +1,7 @@
 //! A set of rays, and both ways to trace it: one call a ray, one call a stream.
 
 use super::data::{self, Query};
+use rayon::prelude::*;
 use std::path::Path;
 use whitstone::core::stream::{HitStream, LANES, RayStream};
 use whitstone::core::{Accelerator, InstancePath, RawHit, Skip};
@@ -41,6 +42,17 @@ pub(super) enum Answer {
     Any(bool),
 }
 
+/// How answers differ from others.
+#[derive(Debug, Default)]
+pub(super) struct Difference {
+    /// In any bit.
+    pub(super) mismatches: usize,
+    /// In whether there is a hit, or which primitive it is.
+    pub(super) others: usize,
+    /// Largest relative difference of the distance to the same primitive.
+    pub(super) distance: f64,
+}
+
 fn nearest(hit: Option<RawHit>) -> Answer {
     Answer::Nearest(hit.map(|hit| {
         let numbers = [hit.t, hit.params.x, hit.params.y];
@@ -78,35 +90,37 @@ impl Rays {
 
     /// Traces all rays; returns the number of hits.
     pub(super) fn pass(&self, accelerator: &dyn Accelerator, mode: Mode) -> usize {
-        match (mode, self.any) {
-            (Mode::Single, true) => {
-                let hits = self.single.iter();
-                hits.filter(|(ray, interval)| accelerator.occluded(ray, *interval, Skip::NOTHING))
-                    .count()
-            }
-            (Mode::Single, false) => {
-                let hits = self.single.iter();
-                hits.filter(|(ray, interval)| accelerator.closest(ray, *interval, Skip::NOTHING).is_some())
-                    .count()
-            }
-            (Mode::Batch, true) => {
-                let mut count = 0;
-                for stream in &self.streams {
-                    let mut hidden = [false; LANES];
-                    accelerator.occluded_stream(stream, &mut hidden);
-                    count += hidden.iter().filter(|&&hidden| hidden).count();
-                }
-                count
-            }
-            (Mode::Batch, false) => {
+        match mode {
+            Mode::Single => self.count_single(accelerator, &self.single),
+            Mode::Batch => {
                 let mut hits = Box::<HitStream>::default();
-                let mut count = 0;
-                for stream in &self.streams {
-                    accelerator.closest_stream(stream, &mut hits);
-                    count += (0..stream.len).filter(|&lane| hits.get(lane).is_some()).count();
-                }
-                count
+                let streams = self.streams.iter();
+                streams
+                    .map(|stream| self.count_stream(accelerator, stream, &mut hits))
+                    .sum()
             }
+        }
+    }
+
+    fn count_single(&self, accelerator: &dyn Accelerator, rays: &[Query]) -> usize {
+        let hits = rays.iter().filter(|(ray, interval)| {
+            if self.any {
+                accelerator.occluded(ray, *interval, Skip::NOTHING)
+            } else {
+                accelerator.closest(ray, *interval, Skip::NOTHING).is_some()
+            }
+        });
+        hits.count()
+    }
+
+    fn count_stream(&self, accelerator: &dyn Accelerator, stream: &RayStream, hits: &mut HitStream) -> usize {
+        if self.any {
+            let mut hidden = [false; LANES];
+            accelerator.occluded_stream(stream, &mut hidden);
+            hidden.iter().filter(|&&hidden| hidden).count()
+        } else {
+            accelerator.closest_stream(stream, hits);
+            (0..stream.len).filter(|&lane| hits.get(lane).is_some()).count()
         }
     }
 
@@ -138,10 +152,45 @@ impl Rays {
         }
     }
 
-    /// How many rays have another answer than expected.
-    pub(super) fn mismatches(&self, accelerator: &dyn Accelerator, mode: Mode, expected: &[Answer]) -> usize {
-        let found = self.answers(accelerator, mode);
-        found.iter().zip(expected).filter(|(a, b)| a != b).count()
+    /// How the answers differ from what is expected.
+    pub(super) fn difference(
+        &self,
+        accelerator: &dyn Accelerator,
+        mode: Mode,
+        expected: &[Answer],
+    ) -> Difference {
+        let mut difference = Difference::default();
+        for (found, expected) in self.answers(accelerator, mode).iter().zip(expected) {
+            difference.mismatches += usize::from(found != expected);
+            match (found, expected) {
+                (Answer::Nearest(Some((a, [found, ..]))), Answer::Nearest(Some((b, [t, ..])))) if a == b => {
+                    let [found, t] = [*found, *t].map(f64::from_bits);
+                    difference.distance = difference.distance.max((found - t).abs() / t);
+                }
+                _ => difference.others += usize::from(found != expected),
+            }
+        }
+        difference
+    }
+
+    /// As [`Self::pass`], shared out by the pool that this runs in.
+    pub(super) fn parallel_pass(&self, accelerator: &dyn Accelerator, mode: Mode) -> usize {
+        // As many rays as a tile of a picture has.
+        match mode {
+            Mode::Single => {
+                let hits = self.single.par_chunks(LANES);
+                hits.map(|rays| self.count_single(accelerator, rays)).sum()
+            }
+            Mode::Batch => {
+                let counts = self
+                    .streams
+                    .par_iter()
+                    .map_init(Box::<HitStream>::default, |hits, stream| {
+                        self.count_stream(accelerator, stream, hits)
+                    });
+                counts.sum()
+            }
+        }
     }
 }
 
@@ -193,9 +242,13 @@ mod tests {
             // The first of each of three streams.
             assert_eq!(rays.pass(&Torn, Mode::Batch), 3);
             let expected = rays.answers(&Torn, Mode::Single);
-            assert_eq!(rays.mismatches(&Torn, Mode::Single, &expected), 0);
+            assert_eq!(rays.difference(&Torn, Mode::Single, &expected).mismatches, 0);
             // 298 of the first 300 are missing, and ray 512 should not hit.
-            assert_eq!(rays.mismatches(&Torn, Mode::Batch, &expected), 299);
+            let difference = rays.difference(&Torn, Mode::Batch, &expected);
+            assert_eq!((difference.mismatches, difference.others), (299, 299));
+            for mode in Mode::ALL {
+                assert_eq!(rays.parallel_pass(&Torn, mode), rays.pass(&Torn, mode));
+            }
         }
     }
 }

@@ -1,0 +1,220 @@
+//! Whole pictures: beside Mitsuba's, beside POV-Ray's, and as frames a second.
+
+use super::machine::{load, processor_time};
+use super::median;
+use super::povray;
+use clap::Args;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use whitstone::core::Registry;
+use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources};
+use whitstone::validate::driver::{Driver, Setting};
+use whitstone::validate::environment::Environment;
+use whitstone::{Exit, Failure};
+
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// The scenes
+    #[arg(default_value = CLASSIC)]
+    scenes: Vec<PathBuf>,
+    /// Columns of the image
+    #[arg(long, default_value_t = 1920)]
+    width: u32,
+    /// Rows of the image
+    #[arg(long, default_value_t = 1080)]
+    height: u32,
+    /// Rounds; each times both once
+    #[arg(long, default_value_t = 5)]
+    rounds: usize,
+    /// Threads of both; 0 for one a core
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+    /// Beside POV-Ray instead: the classic scene on one thread, in processor time a ray
+    #[arg(long, conflicts_with_all = ["threads", "scenes"])]
+    povray: bool,
+    /// Frames a second of the scenes instead, at 640 x 360 on two threads
+    #[arg(long, conflicts_with_all = ["threads", "width", "height"])]
+    fps: bool,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// The scene that is also written in POV-Ray's language.
+const CLASSIC: &str = "scenes/showcase/classic.toml";
+
+/// Columns, rows, threads and rounds of frames.
+const FRAMES: (u32, u32, usize, usize) = (640, 360, 2, 60);
+
+/// Runs the verb.
+pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let mut figures = Vec::new();
+    if arguments.povray {
+        figures.push(beside_povray(arguments, registry)?);
+    }
+    if arguments.fps {
+        for scene in &arguments.scenes {
+            figures.push(frames(scene, registry)?);
+        }
+    }
+    if !arguments.povray && !arguments.fps {
+        figures = beside_mitsuba(arguments, registry)?;
+    }
+    if let Some(path) = &arguments.json {
+        let text = format!("{:#}\n", json!({ "bench": figures }));
+        whitstone::image::atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
+    }
+    Ok(Exit::Pass)
+}
+
+/// A scene at a size, built and handed over with what the driver wants to know of it.
+fn with_scene<T>(
+    path: &Path,
+    film: &str,
+    registry: &Registry,
+    use_it: impl FnOnce(&Pipeline, &Description<'_>) -> Result<T, Failure>,
+) -> Result<T, Failure> {
+    let overrides = [format!("film={{ {film} }}")];
+    let sources = Sources::load(path, &overrides)
+        .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
+    let report = |errors| Failure::usage(sources.report(&errors, false));
+    let description = Description::parse(&sources).map_err(report)?;
+    let plan = Plan::new(&description, registry).map_err(report)?;
+    let pipeline = Pipeline::build(&plan, registry).map_err(report)?;
+    use_it(&pipeline, &description)
+}
+
+fn beside_mitsuba(arguments: &Arguments, registry: &Registry) -> Result<Vec<Value>, Failure> {
+    let target = Path::new("target/whitstone");
+    let environment = Environment::ensure(target, Path::new("references"), &|text| eprintln!("{text}"))
+        .map_err(Failure::environment)?;
+    let mut driver = Driver::start(&environment, Duration::from_secs(600)).map_err(Failure::environment)?;
+    let film = format!("width = {}, height = {}", arguments.width, arguments.height);
+    let mut reports = Vec::new();
+    for path in &arguments.scenes {
+        let report = with_scene(path, &film, registry, |pipeline, description| {
+            one_beside_mitsuba(arguments, path, pipeline, description, &mut driver)
+        });
+        reports.push(report?);
+    }
+    Ok(reports)
+}
+
+fn one_beside_mitsuba(
+    arguments: &Arguments,
+    path: &Path,
+    pipeline: &Pipeline,
+    description: &Description<'_>,
+    driver: &mut Driver,
+) -> Result<Value, Failure> {
+    let options = RenderOptions {
+        threads: arguments.threads,
+        progress: None,
+    };
+    let request = json!({
+        "op": "time", "scene": description.flattened.text, "base": description.flattened.base,
+        "setting": Setting::default(), "threads": arguments.threads, "repeats": 1,
+    });
+    // Once for warmth: kernels are compiled, pages are touched.
+    let warm = driver.request(&request).map_err(Failure::environment)?;
+    let counters = pipeline.render(options).counters;
+    let (mut ours, mut theirs, mut path_times) = (Vec::new(), Vec::new(), Vec::new());
+    for _ in 0..arguments.rounds {
+        ours.push(pipeline.render(options).render_seconds);
+        let answer = driver.request(&request).map_err(Failure::environment)?;
+        theirs.extend(answer["driver_s"].as_f64());
+        path_times.extend(answer["path_s"].as_f64());
+    }
+    let driver_rays = warm["driver_rays"]["closest"].as_f64().unwrap_or(0.0)
+        + warm["driver_rays"]["shadow"].as_f64().unwrap_or(0.0);
+    let (ours, theirs, path_s) = (median(&mut ours), median(&mut theirs), median(&mut path_times));
+    let rate = counters.total() as f64 / ours / 1e6;
+    let driver_rate = driver_rays / theirs / 1e6;
+    println!(
+        "{}: {} x {}\n  whitstone            {ours:.3} s  {} rays  {rate:.2} Mrays/s\n  mitsuba, same rays   {theirs:.3} s  {driver_rays} rays  {driver_rate:.2} Mrays/s  (whitstone traces {:.2} times as many rays a second)\n  mitsuba, C++ path    {path_s:.3} s  one branch a hit  (whitstone takes {:.2} of its time)",
+        path.display(),
+        arguments.width,
+        arguments.height,
+        counters.total(),
+        rate / driver_rate,
+        ours / path_s,
+    );
+    Ok(json!({
+        "scene": path, "width": arguments.width, "height": arguments.height,
+        "whitstone_s": ours, "whitstone_rays": counters.total(), "driver_s": theirs,
+        "driver_rays": driver_rays, "path_s": path_s, "rate_ratio": rate / driver_rate,
+        "time_over_path": ours / path_s,
+    }))
+}
+
+/// The classic scene on one thread: nanoseconds a ray of both, in processor time, so that others on the machine disturb
+/// little.
+fn beside_povray(arguments: &Arguments, registry: &Registry) -> Result<Value, Failure> {
+    let (width, height) = (arguments.width, arguments.height);
+    let film = format!("width = {width}, height = {height}, aovs = []");
+    with_scene(Path::new(CLASSIC), &film, registry, |pipeline, _| {
+        let options = RenderOptions {
+            threads: 1,
+            progress: None,
+        };
+        let counters = pipeline.render(options).counters;
+        let (mut ours, mut theirs, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
+        let mut rays = (0, 0);
+        for _ in 0..arguments.rounds.max(1) {
+            let other = povray::render(width, height).map_err(Failure::environment)?;
+            let start = processor_time();
+            pipeline.render(options);
+            let seconds = processor_time() - start;
+            rays = (other.rays, other.shadow_rays);
+            let a_ray = 1e9 * other.seconds / (other.rays + other.shadow_rays) as f64;
+            let our_ray = 1e9 * seconds / counters.total() as f64;
+            ours.push(our_ray);
+            theirs.push(a_ray);
+            ratios.push(our_ray / a_ray);
+        }
+        let (ours, theirs, ratio) = (median(&mut ours), median(&mut theirs), median(&mut ratios));
+        println!(
+            "{CLASSIC}: {width} x {height}, one thread, processor time\n  whitstone  {ours:6.1} ns a ray  {} rays, {} of them for shadows\n  POV-Ray    {theirs:6.1} ns a ray  {} rays, {} of them for shadows  (whitstone takes {ratio:.3} of its time a ray)\n  load {:.1}",
+            counters.total(),
+            counters.shadow,
+            rays.0 + rays.1,
+            rays.1,
+            load(),
+        );
+        Ok(json!({
+            "scene": CLASSIC, "width": width, "height": height, "whitstone_ns_per_ray": ours,
+            "whitstone_rays": counters.total(), "povray_ns_per_ray": theirs, "povray_rays": rays.0,
+            "povray_shadow_rays": rays.1, "time_per_ray_ratio": ratio, "load": load(),
+        }))
+    })
+}
+
+/// Frames a second of a warm scene: rendering alone, by the clock.
+fn frames(path: &Path, registry: &Registry) -> Result<Value, Failure> {
+    let (width, height, threads, rounds) = FRAMES;
+    let film = format!("width = {width}, height = {height}, aovs = []");
+    with_scene(path, &film, registry, |pipeline, _| {
+        let options = RenderOptions {
+            threads,
+            progress: None,
+        };
+        let rays = pipeline.render(options).counters.total();
+        let mut seconds: Vec<f64> = (0..rounds)
+            .map(|_| pipeline.render(options).render_seconds)
+            .collect();
+        let (middle, best) = (median(&mut seconds), seconds[0]);
+        println!(
+            "{}: {width} x {height}, {threads} threads\n  {:.1} frames a second (best {:.1}), {rays} rays each, {:.1} ns a ray and thread\n  load {:.1}",
+            path.display(),
+            1.0 / middle,
+            1.0 / best,
+            1e9 * middle * threads as f64 / rays as f64,
+            load(),
+        );
+        Ok(json!({
+            "scene": path, "width": width, "height": height, "threads": threads, "frames_per_s": 1.0 / middle,
+            "best_frames_per_s": 1.0 / best, "rays": rays, "load": load(),
+        }))
+    })
+}

@@ -1,0 +1,131 @@
+//! `bench scaling`: building and tracing by several threads beside one.
+
+use super::accelerators::{Choice, build};
+use super::data;
+use super::fetch;
+use super::machine::load;
+use super::median;
+use super::prepare::prepare;
+use super::rays::{Mode, Rays};
+use clap::Args;
+use rayon::ThreadPool;
+use serde_json::json;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+use whitstone::core::{Geometry, Registry, Shape};
+use whitstone::{Exit, Failure};
+
+/// Build an accelerator and trace rays with one thread and with several, interleaved, by the clock
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    folder: fetch::Folder,
+    /// A mesh: a name in the folder, or a PLY or OBJ file
+    #[arg(long, value_name = "PATH")]
+    mesh: Option<String>,
+    /// Set of rays
+    #[arg(long, value_name = "SET", default_value = "bounce")]
+    set: String,
+    /// Which: a type, or TYPE:QUALITY
+    #[arg(long, value_name = "NAME", default_value = "bvh:balanced")]
+    accelerator: String,
+    /// Threads of the larger pool
+    #[arg(long, default_value_t = 2)]
+    threads: usize,
+    /// Rounds; each does everything once with both pools
+    #[arg(long, default_value_t = 7)]
+    rounds: usize,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// Runs the verb.
+pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let folder = arguments.folder.ensure().map_err(Failure::environment)?;
+    let meshes: Vec<String> = arguments.mesh.iter().cloned().collect();
+    let names = prepare(&folder, &meshes, registry).map_err(Failure::environment)?;
+    // The dragon, or else the last of what there is.
+    let name = names.iter().find(|name| *name == "dragon").or(names.last());
+    let name = name.ok_or_else(|| Failure::usage("there is no mesh"))?;
+    let mesh = data::mesh(&folder.join(format!("{name}.tri"))).map_err(Failure::environment)?;
+    let geometry = Arc::new(Geometry::new(vec![Shape::Triangles(mesh)]));
+    let rays = folder.join(format!("{name}_{}.rays", arguments.set));
+    let rays = Rays::read(&rays, 1, &arguments.set).map_err(Failure::environment)?;
+    let choice = Choice::parse(&arguments.accelerator);
+
+    let pool = |threads: usize| {
+        let builder = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        builder.build().map_err(Failure::environment)
+    };
+    let pools = [pool(1)?, pool(arguments.threads.max(2))?];
+    let before = load();
+    let mut times = [[Vec::new(), Vec::new(), Vec::new()], [const { Vec::new() }; 3]];
+    let mut ratios = [const { Vec::new() }; 3];
+    for round in 0..=arguments.rounds.max(1) {
+        let mut seconds = [[0.0; 3]; 2];
+        for (pool, seconds) in pools.iter().zip(&mut seconds) {
+            *seconds = once(pool, &choice, &geometry, &rays, registry).map_err(Failure::environment)?;
+        }
+        // The first round touches pages.
+        for task in 0..3 {
+            if round > 0 {
+                times[0][task].push(seconds[0][task]);
+                times[1][task].push(seconds[1][task]);
+                ratios[task].push(seconds[0][task] / seconds[1][task]);
+            }
+        }
+    }
+    println!(
+        "{name}, {} {} rays, {}: 1 and {} threads, by the clock; load {before:.1} before, {:.1} after",
+        rays.len(),
+        arguments.set,
+        arguments.accelerator,
+        arguments.threads,
+        load()
+    );
+    let mut figures = Vec::new();
+    for (task, what) in ["build", "single", "batch"].into_iter().enumerate() {
+        let [one, several] = [0, 1].map(|pool: usize| median(&mut times[pool][task]));
+        let ratio = median(&mut ratios[task]);
+        // What the machine gave at its quietest.
+        let best = times[0][task][0] / times[1][task][0];
+        println!(
+            "  {what:6}  {one:8.4} s  {several:8.4} s  {ratio:.2} times as fast (best of each: {best:.2})"
+        );
+        figures.push(json!({
+            "task": what, "one_s": one, "several_s": several, "speedup": ratio, "best_speedup": best,
+        }));
+    }
+    if let Some(path) = &arguments.json {
+        let text = json!({
+            "mesh": name, "set": arguments.set, "accelerator": arguments.accelerator,
+            "threads": arguments.threads, "load_before": before, "load_after": load(), "figures": figures,
+        });
+        let text = format!("{text:#}\n");
+        whitstone::image::atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
+    }
+    Ok(Exit::Pass)
+}
+
+/// Seconds of building, of single rays and of streams.
+fn once(
+    pool: &ThreadPool,
+    choice: &Choice,
+    geometry: &Arc<Geometry>,
+    rays: &Rays,
+    registry: &Registry,
+) -> Result<[f64; 3], String> {
+    pool.install(|| {
+        let start = Instant::now();
+        let accelerator = build(registry, choice, geometry)?;
+        let built = start.elapsed().as_secs_f64();
+        let [single, batch] = Mode::ALL.map(|mode| {
+            let start = Instant::now();
+            std::hint::black_box(rays.parallel_pass(&*accelerator, mode));
+            start.elapsed().as_secs_f64()
+        });
+        Ok([built, single, batch])
+    })
+}
