@@ -1,9 +1,12 @@
 //! `bench scaling`: building and tracing by several threads beside one.
+//!
+//! By the clock, others on the machine take part in the result. So processor time stands beside it: what several threads
+//! take more of it than one is what they cost each other, and bounds the speedup where nobody waits.
 
 use super::accelerators::{Choice, build};
 use super::data;
 use super::fetch;
-use super::machine::load;
+use super::machine::{load, processor_time};
 use super::median;
 use super::prepare::prepare;
 use super::rays::{Mode, Rays};
@@ -59,21 +62,26 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         let builder = rayon::ThreadPoolBuilder::new().num_threads(threads);
         builder.build().map_err(Failure::environment)
     };
-    let pools = [pool(1)?, pool(arguments.threads.max(2))?];
+    let threads = arguments.threads.max(2);
+    let pools = [pool(1)?, pool(threads)?];
     let before = load();
     let mut times = [[Vec::new(), Vec::new(), Vec::new()], [const { Vec::new() }; 3]];
     let mut ratios = [const { Vec::new() }; 3];
+    let mut bounds = [const { Vec::new() }; 3];
     for round in 0..=arguments.rounds.max(1) {
-        let mut seconds = [[0.0; 3]; 2];
+        let mut seconds = [[(0.0, 0.0); 3]; 2];
         for (pool, seconds) in pools.iter().zip(&mut seconds) {
             *seconds = once(pool, &choice, &geometry, &rays, registry).map_err(Failure::environment)?;
         }
         // The first round touches pages.
         for task in 0..3 {
             if round > 0 {
-                times[0][task].push(seconds[0][task]);
-                times[1][task].push(seconds[1][task]);
-                ratios[task].push(seconds[0][task] / seconds[1][task]);
+                let [(one, one_busy), (several, several_busy)] =
+                    [0, 1].map(|pool: usize| seconds[pool][task]);
+                times[0][task].push(one);
+                times[1][task].push(several);
+                ratios[task].push(one / several);
+                bounds[task].push(threads as f64 * one_busy / several_busy);
             }
         }
     }
@@ -82,13 +90,13 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         rays.len(),
         arguments.set,
         arguments.accelerator,
-        arguments.threads,
+        threads,
         load()
     );
     let mut figures = Vec::new();
     for (task, what) in ["build", "single", "batch"].into_iter().enumerate() {
         let [one, several] = [0, 1].map(|pool: usize| median(&mut times[pool][task]));
-        let ratio = median(&mut ratios[task]);
+        let (ratio, bound) = (median(&mut ratios[task]), median(&mut bounds[task]));
         // What the machine gave at its quietest.
         let best = times[0][task][0] / times[1][task][0];
         println!(
@@ -96,12 +104,13 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         );
         figures.push(json!({
             "task": what, "one_s": one, "several_s": several, "speedup": ratio, "best_speedup": best,
+            "bound_by_processor_time": bound,
         }));
     }
     if let Some(path) = &arguments.json {
         let text = json!({
             "mesh": name, "set": arguments.set, "accelerator": arguments.accelerator,
-            "threads": arguments.threads, "load_before": before, "load_after": load(), "figures": figures,
+            "threads": threads, "load_before": before, "load_after": load(), "figures": figures,
         });
         let text = format!("{text:#}\n");
         whitstone::image::atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
@@ -109,23 +118,32 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     Ok(Exit::Pass)
 }
 
-/// Seconds of building, of single rays and of streams.
+/// Seconds of building, of single rays and of streams: by the clock, and of processor time.
 fn once(
     pool: &ThreadPool,
     choice: &Choice,
     geometry: &Arc<Geometry>,
     rays: &Rays,
     registry: &Registry,
-) -> Result<[f64; 3], String> {
+) -> Result<[(f64, f64); 3], String> {
+    let timed = |work: &mut dyn FnMut() -> Result<(), String>| {
+        let (clock, busy) = (Instant::now(), processor_time());
+        work()?;
+        Ok::<_, String>((clock.elapsed().as_secs_f64(), processor_time() - busy))
+    };
     pool.install(|| {
-        let start = Instant::now();
-        let accelerator = build(registry, choice, geometry)?;
-        let built = start.elapsed().as_secs_f64();
-        let [single, batch] = Mode::ALL.map(|mode| {
-            let start = Instant::now();
-            std::hint::black_box(rays.parallel_pass(&*accelerator, mode));
-            start.elapsed().as_secs_f64()
-        });
-        Ok([built, single, batch])
+        let mut accelerator = None;
+        let built = timed(&mut || {
+            accelerator = Some(build(registry, choice, geometry)?);
+            Ok(())
+        })?;
+        let accelerator = accelerator.ok_or("nothing built")?;
+        let trace = |mode| {
+            timed(&mut || {
+                std::hint::black_box(rays.parallel_pass(&*accelerator, mode));
+                Ok(())
+            })
+        };
+        Ok([built, trace(Mode::Single)?, trace(Mode::Batch)?])
     })
 }

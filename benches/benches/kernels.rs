@@ -1,0 +1,56 @@
+//! Instructions, by callgrind, of the kernels that pictures spend their time in: the same in every run, so that a change
+//! of 1% is seen on any machine, however busy. They are no times: callgrind knows neither AVX-512 nor what waits for memory.
+//!
+//! ```text
+//! cargo install gungraun-runner --version 0.20.0     # and valgrind
+//! cargo bench -p whitstone-benches
+//! ```
+//!
+//! Each is over a stream of 256 rays.
+
+#![allow(
+    missing_docs,
+    unused_qualifications,
+    reason = "the macros write public functions, and names in full"
+)]
+
+use gungraun::{library_benchmark, library_benchmark_group, main};
+use std::hint::black_box;
+use whitstone_benches::{Tile, Traced, closest, closest_shape, closest_single};
+use whitstone_core::{Accelerator, Shape};
+
+#[library_benchmark]
+#[bench::node(whitstone_benches::node())]
+#[bench::leaf(whitstone_benches::leaf())]
+#[bench::hit(whitstone_benches::hit())]
+fn single(traced: Traced<Box<dyn Accelerator>>) -> usize {
+    black_box(closest_single(black_box(&traced)))
+}
+
+#[library_benchmark]
+#[bench::node(whitstone_benches::node())]
+#[bench::leaf(whitstone_benches::leaf())]
+#[bench::hit(whitstone_benches::hit())]
+fn stream(mut traced: Traced<Box<dyn Accelerator>>) -> usize {
+    black_box(closest(black_box(&mut traced), |bvh, rays, hits| {
+        bvh.closest_stream(rays, hits);
+    }))
+}
+
+#[library_benchmark]
+#[bench::sphere(whitstone_benches::sphere())]
+#[bench::cuboid(whitstone_benches::cuboid())]
+#[bench::triangle(whitstone_benches::triangle())]
+fn shape(mut traced: Traced<Shape>) -> usize {
+    black_box(closest(black_box(&mut traced), closest_shape))
+}
+
+#[library_benchmark]
+#[bench::perspective(whitstone_benches::camera())]
+fn camera(mut tile: Tile) -> f64 {
+    tile.camera.ray_stream(black_box(&tile.raster), &mut tile.rays);
+    black_box(tile.rays.direction.get(0).x)
+}
+
+library_benchmark_group!(name = kernels, benchmarks = [single, stream, shape, camera]);
+main!(library_benchmark_groups = kernels);
