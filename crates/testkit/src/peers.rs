@@ -201,7 +201,7 @@ mod tests {
             let mut hit = nearest(&self.geometry, ray, interval, skip)?;
             match self.fault {
                 "distance" => hit.t += 1e-4,
-                "opaque" => hit.t += 1e-9,
+                "opaque" => hit.params.x += 1e-9,
                 "weights" => hit.params *= 0.9,
                 "identity" if hit.primitive % 2 == 1 => hit.primitive -= 1,
                 _ => {}
