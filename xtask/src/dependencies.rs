@@ -99,12 +99,13 @@ fn check_table(table: &BTreeSet<&str>, metadata: &Value) -> Vec<String> {
     problems
 }
 
-/// Whether an SPDX expression can be met by allowed licences; `/` is the old way to write OR.
+/// Whether an SPDX expression can be met by allowed licences; `/` is the old way to write OR, and some write it small.
 fn is_allowed(expression: &str) -> bool {
     let spaced = expression
         .replace('(', " ( ")
         .replace(')', " ) ")
-        .replace('/', " OR ");
+        .replace('/', " OR ")
+        .replace(" or ", " OR ");
     let mut words = spaced.split_whitespace().peekable();
     any(&mut words) == Some(true) && words.next().is_none()
 }
@@ -152,6 +153,7 @@ mod tests {
         for good in [
             "MIT",
             "MIT/Apache-2.0",
+            "MIT or Apache-2.0",
             "Unlicense OR MIT",
             "(MIT OR Apache-2.0) AND Unicode-3.0",
             "GPL-3.0 OR Apache-2.0 WITH LLVM-exception",

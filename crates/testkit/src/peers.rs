@@ -203,7 +203,7 @@ mod tests {
                 "distance" => hit.t += 1e-4,
                 "opaque" => hit.params.x += 1e-9,
                 "weights" => hit.params *= 0.9,
-                "identity" if hit.primitive % 2 == 1 => hit.primitive -= 1,
+                "identity" => hit.primitive += 1000,
                 _ => {}
             }
             Some(hit)
