@@ -88,14 +88,14 @@ impl Packet<'_, '_> {
                     if wants == 0 {
                         continue;
                     }
-                    let near = l.smallest(near);
+                    let near = if ANY { f32::NEG_INFINITY } else { l.smallest(near) };
                     let entry = Wanted {
                         near,
                         child: Child(node.children[i]),
                         rays: wants,
                     };
                     let mut place = height;
-                    while place > bottom && wanted[(place - 1) % size].near < near {
+                    while !ANY && place > bottom && wanted[(place - 1) % size].near < near {
                         wanted[place % size] = wanted[(place - 1) % size];
                         place -= 1;
                     }
