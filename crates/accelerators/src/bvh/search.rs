@@ -355,7 +355,7 @@ impl<Q: Asked> State<'_, Q> {
                     let bottom = height;
                     let mut insert = |entry: (f32, Child)| {
                         let mut place = height;
-                        while place > bottom && stack[(place - 1) % STACK].0 < entry.0 {
+                        while !ANY && place > bottom && stack[(place - 1) % STACK].0 < entry.0 {
                             stack[place % STACK] = stack[(place - 1) % STACK];
                             place -= 1;
                         }
