@@ -59,7 +59,7 @@ fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Res
     let mut random = Random::new(u64::from(rays));
     let aim = Aim::new(geometry);
     let mut skip = Skip::NOTHING;
-    let mut queries = Vec::new();
+    let (mut queries, mut bundles) = (Vec::new(), Vec::new());
     for number in 0..rays {
         let ray = aim.ray(number, &mut random);
         let hits = everything(geometry, &ray, skip);
@@ -98,13 +98,22 @@ fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Res
             }
         }
         queries.extend([f64::INFINITY, ends[0].abs()].map(|limit| (ray, limit, skip)));
+        if number.is_multiple_of(BUNDLE as u32 / 4) {
+            for limit in [f64::INFINITY, 1.5 * ends[0].abs()] {
+                bundles.extend(aim.bundle(&ray, &mut random).map(|ray| (ray, limit, skip)));
+            }
+        }
         skip = match nearest(Interval::FORWARD) {
             Some(hit) if number.is_multiple_of(3) => Skip::leaving(&hit),
             _ => Skip::NOTHING,
         };
     }
-    accelerator_streams(accelerator, &queries)
+    accelerator_streams(accelerator, &queries)?;
+    accelerator_streams(accelerator, &bundles)
 }
+
+/// Rays that are close to each other: enough of them that whole groups of lanes are, wherever they begin.
+const BUNDLE: usize = 32;
 
 /// The hits of every element, anywhere in front.
 fn everything(geometry: &Geometry, ray: &Ray, skip: Skip) -> Vec<RawHit> {
@@ -208,6 +217,17 @@ impl Aim {
                 Ray::new(origin, 1e-3 * (around - origin))
             }
         }
+    }
+}
+
+impl Aim {
+    /// A ray and others like it, so that accelerators may treat them together.
+    fn bundle(&self, ray: &Ray, random: &mut Random) -> [Ray; BUNDLE] {
+        let spread = 10f64.powf(-1.0 - 5.0 * random.unit());
+        [0; BUNDLE].map(|_| Ray {
+            origin: ray.origin + spread * self.size * random.cube(),
+            direction: ray.direction + spread * ray.direction.length() * random.cube(),
+        })
     }
 }
 
