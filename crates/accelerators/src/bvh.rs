@@ -3,7 +3,7 @@
 //! - Nodes of eight boxes in `f32`, leaves of up to eight triangles in `f32`; what these tests cannot decide
 //!   for certain, and every hit that is returned, is decided by the tests in `f64`. Proof that nothing is
 //!   missed: `docs/accelerators.md`.
-//! - Build: `binned` or `spatial`, then `wide`. Traversal: `search`; eight boxes at once, near and far planes by the signs
+//! - Build: `morton`, `binned` or `spatial`, then `wide`. Traversal: `search`; eight boxes at once, near and far planes by the signs
 //!   of the direction (Wald, Benthin, Boulos, *Getting rid of packets*, 2008; Fuetterling et al., *Accelerated
 //!   single ray tracing for wide vector units*, HPG 2017).
 //!
@@ -14,6 +14,7 @@ mod binned;
 mod filter;
 mod frame;
 mod items;
+mod morton;
 mod node;
 mod packet;
 mod search;
@@ -104,17 +105,18 @@ impl Bvh {
     fn new(geometry: Arc<Geometry>, quality: Quality) -> Self {
         let start = Instant::now();
         let mut items = Items::new(&geometry);
-        let bins = if quality == Quality::Fast { 16 } else { 32 };
         let bounded = std::mem::take(&mut items.items);
-        let tree = if quality == Quality::Best {
-            let corners = items.corners(&geometry);
-            Spatial { corners: &corners }.build(bounded)
-        } else {
-            let builder = Binned {
-                max_leaf: if quality == Quality::Fast { 6 } else { 3 },
-                bins,
-            };
-            builder.build(bounded)
+        let tree = match quality {
+            Quality::Fast => morton::build(&bounded),
+            Quality::Balanced => Binned {
+                max_leaf: 3,
+                bins: 32,
+            }
+            .build(bounded),
+            Quality::Best => {
+                let corners = items.corners(&geometry);
+                Spatial { corners: &corners }.build(bounded)
+            }
         };
         let wide = Wide::new(&tree, &items, &geometry);
         let bytes = size_of_val(&*wide.nodes) + size_of_val(&*wide.slots) + size_of_val(&*wide.numbers);
