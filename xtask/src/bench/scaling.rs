@@ -100,7 +100,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         // What the machine gave at its quietest.
         let best = times[0][task][0] / times[1][task][0];
         println!(
-            "  {what:6}  {one:8.4} s  {several:8.4} s  {ratio:.2} times as fast (best of each: {best:.2})"
+            "  {what:6}  {one:8.4} s  {several:8.4} s  {ratio:.2} times as fast (best of each: {best:.2}); by processor time at most {bound:.2}"
         );
         figures.push(json!({
             "task": what, "one_s": one, "several_s": several, "speedup": ratio, "best_speedup": best,
