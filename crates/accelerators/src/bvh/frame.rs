@@ -21,9 +21,11 @@ impl Frame {
         // Of the corners as they will be computed, so that rounding puts none outside.
         let half = (aabb.max - center).max(center - aabb.min).max_element();
         let exponent = if half > 0.0 { half.log2().ceil() } else { 0.0 };
+        // By its bits: of `exp2` it is not promised that powers of two come out exactly.
+        let exponent = (-exponent).clamp(-1000.0, 1000.0) as i64;
         Self {
             center,
-            scale: (-exponent).clamp(-1000.0, 1000.0).exp2(),
+            scale: f64::from_bits(((1023 + exponent) as u64) << 52),
             exact: false,
         }
     }
