@@ -11,7 +11,7 @@ use whitstone::image::{Raster, ToneMap, atomic};
 use whitstone::scene::{Description, Film, Pipeline, Plan, RenderOptions, Sources};
 use whitstone::validate::stored::Stored;
 use whitstone::validate::{CaseResult, Mode, Options, Status, Validator, find_scenes};
-use whitstone::{Exit, Failure};
+use whitstone::{Exit, Failure, wireframe};
 
 const README: &str = "README.md";
 const BEGIN: &str = "<!-- numbers: written by `cargo xtask readme` -->";
@@ -28,7 +28,20 @@ const SHEET: [&str; 6] = [
 /// Pixels of a picture on the sheet.
 const TILE: (usize, usize) = (288, 216);
 
-/// Write the pictures and the numbers of README.md from the stored references
+/// Pictures of what accelerators divide space into: name, configuration, down to which level.
+const BOUNDS: [(&str, &str, usize); 9] = [
+    ("bvh", "type = \"bvh\"", 2),
+    ("bvh2", "type = \"bvh2\"", 4),
+    ("kdtree", "type = \"kdtree\"", 6),
+    ("grid", "type = \"grid\", density = 1", 1),
+    ("grid-2", "type = \"grid\", density = 1, levels = 2", 2),
+    ("octree", "type = \"octree\"", 2),
+    ("slab_bvh", "type = \"slab_bvh\"", 3),
+    ("obb_bvh", "type = \"obb_bvh\"", 4),
+    ("bsp", "type = \"bsp\"", 6),
+];
+
+/// Write the pictures and the numbers of README.md from the stored references, and the pictures of docs/accelerators.md
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Write nothing; exit 1 if something would change
@@ -51,7 +64,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         table(&cases),
         &readme[end..]
     );
-    let files = [
+    let mut files = vec![
         (PathBuf::from(README), readme.into_bytes()),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
         (
@@ -59,6 +72,10 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             classic_trio(registry)?,
         ),
     ];
+    for (name, accelerator, deepest) in BOUNDS {
+        let path = PathBuf::from(format!("docs/images/bounds-{name}.png"));
+        files.push((path, bounds(registry, accelerator, deepest)?));
+    }
     let mut problems = Vec::new();
     for (path, bytes) in files {
         if std::fs::read(&path).is_ok_and(|found| found == bytes) {
@@ -136,14 +153,30 @@ fn table(cases: &[CaseResult]) -> String {
     text
 }
 
-fn render(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<(Film, String), Failure> {
+fn build(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<Pipeline, Failure> {
     let sources = Sources::load(scene, overrides)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
     let report = |errors| Failure::usage(sources.report(&errors, false));
     let description = Description::parse(&sources).map_err(report)?;
     let plan = Plan::new(&description, registry).map_err(report)?;
-    let pipeline = Pipeline::build(&plan, registry).map_err(report)?;
+    Pipeline::build(&plan, registry).map_err(report)
+}
+
+fn render(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<(Film, String), Failure> {
+    let pipeline = build(registry, scene, overrides)?;
     Ok((pipeline.render(RenderOptions::default()), pipeline.scene_hash))
+}
+
+/// The small scene of the accelerators, from a little farther away, with the boxes of one of them.
+fn bounds(registry: &Registry, accelerator: &str, deepest: usize) -> Result<Vec<u8>, Failure> {
+    let overrides = [
+        format!("film={{ width = {}, height = {} }}", TILE.0, TILE.1),
+        "camera.look_at={ origin = [1.7, 2.2, 4.2], target = [0, 0.55, 0] }".to_owned(),
+        format!("accelerator={{ {accelerator} }}"),
+    ];
+    let pipeline = build(registry, Path::new("scenes/accelerators/bvh.toml"), &overrides)?;
+    let picture = wireframe::picture(&pipeline, deepest)?;
+    picture.to_png().map_err(Failure::environment)
 }
 
 /// Pictures of showcase scenes with nine samples a pixel.

@@ -1,8 +1,13 @@
-//! What a ray costs in each structure, on one thread, over a generated mesh: a bumpy ball or one of these besides.
+//! What a ray costs in each structure, on one thread, over a generated mesh: steps (inner nodes or cells visited), tests of
+//! elements, and time, beside `bvh2` in the same run. The default `bvh` counts no steps.
 //!
 //! ```text
-//! cargo run --release -p whitstone-accelerators --example structures -- [TRIANGLES] [ball|needles|stadium]
+//! cargo run --release -p whitstone-accelerators --example structures -- [TRIANGLES] [MESH] [NAME]
 //! ```
+//!
+//! MESH is `ball` (with bumps, compact triangles, spread evenly), `needles` (long thin triangles that lie askew) or `stadium`
+//! (the ball within one of 128 triangles that is a hundred times as large). NAME keeps only the rows that contain it, and
+//! `bvh2`.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -11,7 +16,7 @@ use whitstone_accelerators::{
     octree::Octree, slab_bvh::SlabBvh,
 };
 use whitstone_core::{
-    Accelerator, Accelerators, DVec3, Geometry, Interval, Plugin, Ray, Shape, Skip, TriangleMesh,
+    Accelerator, Accelerators, DVec3, Effort, Geometry, Interval, Plugin, Ray, Shape, Skip, TriangleMesh,
 };
 use whitstone_testkit::build;
 
@@ -19,6 +24,7 @@ fn main() {
     let mut arguments = std::env::args().skip(1);
     let triangles: usize = arguments.next().map_or(100_000, |n| n.parse().expect("a number"));
     let kind = arguments.next().unwrap_or_else(|| "ball".to_owned());
+    let only = arguments.next().unwrap_or_default();
     let side = ((triangles / 2) as f64).sqrt() as usize;
     let mut shapes = vec![Shape::Triangles(match kind.as_str() {
         "needles" => needles(triangles),
@@ -31,10 +37,9 @@ fn main() {
     let geometry = Arc::new(Geometry::new(shapes));
     println!("{kind}, {} triangles", geometry.elements().count());
     println!(
-        "{:34} {:>9} {:>8} {:>8} {:>9} {:>7}",
-        "", "build s", "B/tri", "ns/ray", "ns/shadow", "x bvh2"
+        "{:34} {:>8} {:>7} {:>7} {:>7} {:>8} {:>9} {:>7}",
+        "", "build s", "B/tri", "steps", "tests", "ns/ray", "ns/shadow", "x bvh2"
     );
-    let only = std::env::var("ONLY").unwrap_or_default();
     let mut bvh2 = 1.0;
     let mut row = |accelerator: Box<dyn Accelerator>, name: &str| {
         if !name.contains(&only) && name != "bvh2" {
@@ -46,14 +51,13 @@ fn main() {
             bvh2 = nearest;
         }
         println!(
-            "{name:34} {:9.3} {:8.1} {nearest:8.0} {any:9.0} {:7.2}",
+            "{name:34} {:8.3} {:7.1} {:>7} {:>7} {nearest:8.0} {any:9.0} {:7.2}",
             statistics.get("build_seconds").copied().unwrap_or(0.0),
             statistics["bytes"] / geometry.elements().count() as f64,
+            effort(&*accelerator, |effort| effort.steps),
+            effort(&*accelerator, |effort| effort.tests),
             nearest / bvh2
         );
-        if std::env::var_os("STATISTICS").is_some() {
-            println!("    {statistics:?}");
-        }
     };
     fn made<P: Plugin<Accelerators>>(geometry: &Arc<Geometry>, text: &str) -> (Box<dyn Accelerator>, String) {
         let built = build::<Accelerators, P>(text, geometry.clone()).expect("it builds");
@@ -101,20 +105,35 @@ fn main() {
     }
 }
 
-/// Nanoseconds of a nearest hit and of any hit: the best of some rounds.
-fn cost(accelerator: &dyn Accelerator) -> (f64, f64) {
+/// Rays from around into the middle.
+fn rays() -> Vec<Ray> {
     let mut random = random();
     let mut cube = || DVec3::new(random(), random(), random());
-    let rays: Vec<Ray> = (0..20_000)
-        .map(|_| {
-            let origin = 1.5 * cube();
-            Ray::new(origin, (cube() - origin).normalize())
-        })
-        .collect();
+    let mut ray = || {
+        let origin = 1.5 * cube();
+        Ray::new(origin, (cube() - origin).normalize())
+    };
+    (0..4000).map(|_| ray()).collect()
+}
+
+/// The mean of something that is counted for each ray.
+fn effort(accelerator: &dyn Accelerator, of: impl Fn(Effort) -> u64) -> String {
+    let rays = rays();
+    let count = |ray: &Ray| accelerator.effort(ray, Interval::FORWARD, Skip::NOTHING).map(&of);
+    let sum: Option<u64> = rays.iter().map(count).sum();
+    sum.map_or_else(
+        || "-".to_owned(),
+        |sum| format!("{:.1}", sum as f64 / rays.len() as f64),
+    )
+}
+
+/// Nanoseconds of a nearest hit and of any hit: the best of some rounds.
+fn cost(accelerator: &dyn Accelerator) -> (f64, f64) {
+    let rays = rays();
     // The best of several rounds of few rays each, so that other work of the machine disturbs little.
     let best = |trace: &dyn Fn(&Ray) -> bool| {
-        let chunks = rays.chunks(1000).map(|rays| {
-            let rounds = (0..16).map(|_| {
+        let chunks = rays.chunks(500).map(|rays| {
+            let rounds = (0..8).map(|_| {
                 let start = Instant::now();
                 std::hint::black_box(rays.iter().filter(|ray| trace(ray)).count());
                 start.elapsed().as_secs_f64()
@@ -166,8 +185,8 @@ fn needles(count: usize) -> TriangleMesh {
     let mut random = random();
     let mut cube = move || DVec3::new(random(), random(), random());
     let corners = (0..count).flat_map(|_| {
-        let (start, along) = (cube(), 0.5 * (DVec3::ONE + 0.2 * cube()));
-        [start, start + along, start + 0.5 * along + 0.003 * cube()]
+        let (start, along) = (cube(), 0.1 * (DVec3::ONE + 0.2 * cube()));
+        [start, start + along, start + 0.5 * along + 0.002 * cube()]
     });
     mesh(corners.collect())
 }

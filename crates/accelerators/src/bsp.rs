@@ -6,11 +6,11 @@
 //!   generation by a priori tree structures*, 1980). `split = "midpoint"` and `"median"` cut across the principal axis
 //!   of what is in the cell; see `build`.
 //! - Traversal: that of a kd-tree, with two products of vectors for each plane; see `partition`.
-//! - Cost model: that of `kdtree`, with the areas of the polyhedra; a step takes about twice as long. What it buys are
+//! - Cost model: that of `kdtree`, with the areas of the polyhedra; a step takes longer by a third. What it buys are
 //!   cells that fit: a triangle that lies askew fills a corner of every axis-parallel box, and a plane along
-//!   it leaves empty space on one side at once. There are fewer tests than in any other structure here, and the build
-//!   is by far the slowest. Memory: 48 bytes a node, at most 8 references to an element on average, after which
-//!   cells stay as they are. Build: O(n log n) with a large factor.
+//!   it leaves empty space on one side at once. With the few candidates that are tried here that saves no tests (figures
+//!   in `docs/accelerators.md`), and the build is by far the slowest. Memory: 40 bytes a node, at most 8 references to an
+//!   element on average, after which cells stay as they are. Build: O(n log n) with a large factor.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bsp.toml`.
@@ -18,7 +18,7 @@
 mod build;
 
 use crate::elements::{Searched, WideRay};
-use crate::partition::{Cut, MAX_DEPTH, Passage};
+use crate::partition::{Cut, MAX_DEPTH, Partition, Passage};
 use crate::polyhedron::{Plane, Polyhedron};
 use crate::split::Split;
 use schemars::JsonSchema;
@@ -28,7 +28,7 @@ use std::sync::Arc;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{Aabb, Accelerator, Accelerators, Context, Geometry, Outline, Plugin, SceneErrors};
 
-/// Space cut by planes in any direction: few tests for each ray, and a slow build.
+/// Space cut by planes in any direction: cells that fit, and a slow build.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -64,6 +64,8 @@ impl Plugin<Accelerators> for Bsp {
         })?))
     }
 }
+
+const _: () = assert!(Partition::<Plane>::NODE_BYTES == 40);
 
 impl Cut for Plane {
     type Cell = Polyhedron;

@@ -16,7 +16,7 @@
 mod build;
 
 use crate::elements::{Searched, WideRay};
-use crate::partition::{Cut, MAX_DEPTH, Passage};
+use crate::partition::{Cut, MAX_DEPTH, Partition, Passage};
 use crate::split::{Axes, Split};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -72,6 +72,8 @@ struct AxisCut {
     plane: f64,
     axis: Axis,
 }
+
+const _: () = assert!(Partition::<AxisCut>::NODE_BYTES == 16);
 
 /// A coordinate axis; that there are no others leaves room to tell nodes from leaves.
 #[derive(Clone, Copy, Debug)]

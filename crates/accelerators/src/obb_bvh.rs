@@ -6,10 +6,10 @@
 //! - Build: top down over axis-parallel boxes; see `binary`.
 //! - Traversal: nearer child first, with an explicit stack. The ray is expressed in the frame of each box: six
 //!   products with a vector before the three intervals.
-//! - Cost model: a step takes about three times that of an axis-parallel box, so that an oriented one pays where it
-//!   is hit less than a third as often: long thin things that lie askew (hair, pipes, blades), the worst case
-//!   of `bvh2`. On compact meshes it does not pay. Memory: 15 numbers a node, two nodes an element at most. Build:
-//!   O(n log n), as every level is fitted anew. A moving rigid part needs no new fit, only a new frame.
+//! - Cost model: a step takes two to three times that of an axis-parallel box, so that an oriented one pays only where it
+//!   is hit less than a third as often. Hairs that lie askew save a third of the steps, compact meshes a sixth: neither
+//!   pays (figures in `docs/accelerators.md`). Memory: 15 numbers a node, two nodes an element at most. Build:
+//!   O(n log n), as every level is fitted anew. A moving rigid part would need no new fit, only a new frame.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/obb_bvh.toml`.
@@ -27,7 +27,7 @@ use whitstone_core::{
     Aabb, Accelerator, Accelerators, Context, DVec3, Geometry, Outline, Plugin, SceneErrors, Statistics,
 };
 
-/// A hierarchy of oriented boxes: for long thin things that lie askew.
+/// A hierarchy of oriented boxes: fewer steps among long thin things that lie askew, each of which takes longer.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

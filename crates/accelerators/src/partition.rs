@@ -139,6 +139,9 @@ enum Tree<C> {
 }
 
 impl<C: Cut> Partition<C> {
+    /// Size of a node.
+    pub(crate) const NODE_BYTES: usize = size_of::<Node<C>>();
+
     /// Builds over the parts that are all of the items. The result depends on these only, not on the number of threads.
     pub(crate) fn new<K: Cutter<Cut = C>>(
         cutter: &K,
