@@ -11,8 +11,8 @@ use std::sync::Arc;
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Accelerator, Accelerators, Context, Element, Geometry, InstancePath, Interval, Plugin, RawHit, Ray,
-    SceneErrors, Shape, Skip, Statistics,
+    Accelerator, Accelerators, Context, Element, Geometry, Instance, InstancePath, Interval, Plugin, RawHit,
+    Ray, SceneErrors, Shape, Skip, Statistics,
 };
 
 /// Tries every element in order, without any structure.
@@ -66,10 +66,25 @@ impl BruteForce {
                         }
                     }
                 }
+                Shape::Instance(instance) => {
+                    if let Some(hit) = instance.closest(ray, interval, skip)
+                        && !found(hit)
+                    {
+                        return;
+                    }
+                }
                 // No other kind can be made here; core adds them together with their code.
                 _ => {}
             }
         }
+    }
+
+    /// The copies of groups.
+    fn instances(&self) -> impl Iterator<Item = &Instance> {
+        self.geometry.shapes().iter().filter_map(|shape| match shape {
+            Shape::Instance(instance) => Some(&**instance),
+            _ => None,
+        })
     }
 }
 
@@ -100,9 +115,12 @@ impl Accelerator for BruteForce {
             match part {
                 Shape::Opaque(primitive) => primitive.closest_stream(shape, rays, hits),
                 Shape::Triangles(mesh) => mesh.closest_stream(shape, rays, hits),
-                // No other kind can be made here; core adds them together with their code.
                 _ => {}
             }
+        }
+        // At equal distance what is in no copy comes first.
+        for instance in self.instances() {
+            instance.closest_stream(rays, hits);
         }
     }
 
@@ -114,6 +132,9 @@ impl Accelerator for BruteForce {
                 Shape::Triangles(mesh) => mesh.occluded_stream(shape, rays, hidden),
                 _ => {}
             }
+        }
+        for instance in self.instances() {
+            instance.occluded_stream(rays, hidden);
         }
     }
 

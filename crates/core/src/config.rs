@@ -554,6 +554,37 @@ impl JsonSchema for FilePath {
     }
 }
 
+/// The id of a group of shapes, with its place in the source. The key that holds it is always called `group`.
+#[derive(Clone, Debug)]
+pub struct GroupRef {
+    /// Place in the source.
+    pub span: SourceSpan,
+    /// As in `[group.ID]`.
+    pub id: String,
+}
+
+impl<'de> Deserialize<'de> for GroupRef {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let id = Spanned::<String>::deserialize(deserializer)?;
+        Ok(Self {
+            span: id.span(),
+            id: id.into_inner(),
+        })
+    }
+}
+
+impl JsonSchema for GroupRef {
+    fn schema_name() -> Cow<'static, str> {
+        "GroupRef".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "description": "id of a group of shapes" })
+    }
+}
+
 /// Exactly N values.
 struct ArrayVisitor<T, const N: usize>(std::marker::PhantomData<T>);
 

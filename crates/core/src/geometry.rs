@@ -1,7 +1,9 @@
 use crate::simd;
 use crate::stream::{GROUP, HitStream, LANES, Lanes, PointStream, RayStream};
 use crate::triangle::{ShearedRay, ShearedStream, TriangleHit};
-use crate::{Aabb, InstancePath, Interval, Needs, PrimitiveHit, RawHit, Ray, Shape, Skip, SurfacePoint};
+use crate::{
+    Aabb, Instance, InstancePath, Interval, Needs, PrimitiveHit, RawHit, Ray, Shape, Skip, SurfacePoint,
+};
 use glam::{DVec2, DVec3};
 
 /// An indexed triangle mesh in world space.
@@ -120,23 +122,85 @@ pub enum Element {
         /// Number of the triangle in it.
         triangle: u32,
     },
-    /// The shape as a whole.
+    /// The shape as a whole; also a copy of a group.
     Opaque {
         /// Number of the shape.
         shape: u32,
     },
 }
 
-/// All shapes of a scene, by number. Accelerators are built over its elements.
-#[derive(Default)]
+/// All shapes of a scene or of a group, by number. Accelerators are built over its elements.
 pub struct Geometry {
     shapes: Vec<Shape>,
+    /// Copies of groups: the first of their numbers, which ascend, and the place of the shape.
+    copies: Vec<(u32, u32)>,
+    /// How many copies of shapes there are, the shapes themselves counted as one.
+    paths: u64,
+}
+
+impl Default for Geometry {
+    fn default() -> Self {
+        Self::new(Vec::new())
+    }
 }
 
 impl Geometry {
     /// From the shapes in the order of the scene.
-    pub fn new(shapes: Vec<Shape>) -> Self {
-        Self { shapes }
+    pub fn new(mut shapes: Vec<Shape>) -> Self {
+        let mut copies = Vec::new();
+        let mut paths = 1u64;
+        for (shape, place) in shapes.iter_mut().zip(0..) {
+            if let Shape::Instance(instance) = shape {
+                instance.first_path = InstancePath(paths as u32);
+                copies.push((paths as u32, place));
+                paths = paths.saturating_add(instance.paths());
+            }
+        }
+        Self {
+            shapes,
+            copies,
+            paths,
+        }
+    }
+
+    /// How many numbers of copies ([`InstancePath`]) there are, 0 among them: no more than `u32` can count.
+    pub fn paths(&self) -> u64 {
+        self.paths
+    }
+
+    /// The numbers of the instance shapes that lead to a copy, the outermost first.
+    pub fn placed_by(&self, path: InstancePath) -> Vec<u32> {
+        let Some((shape, instance)) = self.copy(path) else {
+            return Vec::new();
+        };
+        let group = instance.group();
+        let mut inside = group
+            .geometry()
+            .placed_by(InstancePath(path.0 - instance.first_path.0));
+        // The ones behind it have been numbered by their own groups.
+        if let Some(first) = inside.first_mut() {
+            *first += group.first_shape();
+        }
+        inside.insert(0, shape);
+        inside
+    }
+
+    /// The instance that a copy belongs to, and its place.
+    fn copy(&self, path: InstancePath) -> Option<(u32, &Instance)> {
+        let after = self.copies.partition_point(|(first, _)| *first <= path.0);
+        let (_, shape) = self.copies.get(after.checked_sub(1)?)?;
+        match &self.shapes[*shape as usize] {
+            Shape::Instance(instance) => Some((*shape, instance)),
+            _ => None,
+        }
+    }
+
+    /// The surface at a hit of this ray on a copy.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn instanced(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let (_, instance) = self.copy(hit.instance).expect("what was hit is there");
+        instance.surface(ray, hit, needs)
     }
 
     /// The shapes by number.
@@ -149,11 +213,11 @@ impl Geometry {
         self.shapes.iter().zip(0u32..).flat_map(|(part, shape)| {
             let count = match part {
                 Shape::Triangles(mesh) => mesh.triangles.len(),
-                Shape::Opaque(_) => 1,
+                Shape::Opaque(_) | Shape::Instance(_) => 1,
             };
             (0..count as u32).map(move |triangle| match part {
                 Shape::Triangles(_) => Element::Triangle { shape, triangle },
-                Shape::Opaque(_) => Element::Opaque { shape },
+                Shape::Opaque(_) | Shape::Instance(_) => Element::Opaque { shape },
             })
         })
     }
@@ -165,6 +229,7 @@ impl Geometry {
                 Aabb::around(mesh.corners(triangle))
             }
             (_, Shape::Opaque(primitive)) => primitive.bounds(),
+            (_, Shape::Instance(instance)) => instance.bounds(),
             (Element::Opaque { .. }, Shape::Triangles(mesh)) => Aabb::around(mesh.positions.iter().copied()),
         }
     }
@@ -194,6 +259,7 @@ impl Geometry {
                 }
             }
             (_, Shape::Opaque(primitive)) => primitive.closest(ray, interval, leaves)?,
+            (_, Shape::Instance(instance)) => return instance.closest(ray, interval, skip),
             (Element::Opaque { .. }, Shape::Triangles(_)) => return None,
         };
         interval
@@ -203,9 +269,11 @@ impl Geometry {
 
     /// The surface at a hit of this ray.
     pub fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
-        match &self.shapes[hit.shape as usize] {
-            Shape::Triangles(mesh) => mesh.surface(hit, needs),
-            Shape::Opaque(primitive) => primitive.surface(ray, hit, needs),
+        match self.shapes.get(hit.shape as usize) {
+            Some(Shape::Triangles(mesh)) => mesh.surface(hit, needs),
+            Some(Shape::Opaque(primitive)) => primitive.surface(ray, hit, needs),
+            // The shapes of groups have numbers behind all those of the scene.
+            Some(Shape::Instance(_)) | None => self.instanced(ray, hit, needs),
         }
     }
 
@@ -218,13 +286,18 @@ impl Geometry {
         needs: Needs,
         points: &mut PointStream,
     ) {
-        match &self.shapes[shape as usize] {
-            Shape::Triangles(mesh) => {
+        match self.shapes.get(shape as usize) {
+            Some(Shape::Triangles(mesh)) => {
                 for lane in 0..rays.len {
                     points.set(lane, &mesh.surface(&hits.hit(lane), needs));
                 }
             }
-            Shape::Opaque(primitive) => primitive.surface_stream(rays, hits, needs, points),
+            Some(Shape::Opaque(primitive)) => primitive.surface_stream(rays, hits, needs, points),
+            Some(Shape::Instance(_)) | None => {
+                for lane in 0..rays.len {
+                    points.set(lane, &self.instanced(&rays.ray(lane), &hits.hit(lane), needs));
+                }
+            }
         }
     }
 }

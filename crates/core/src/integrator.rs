@@ -351,6 +351,7 @@ impl Scratch {
             path: name,
             shape: hit.map_or(-1, |hit| i64::from(hit.shape)),
             primitive: hit.map_or(-1, |hit| i64::from(hit.primitive)),
+            copy: hit.map_or(0, |hit| hit.instance.0),
             t: hit.map_or(f64::INFINITY, |hit| hit.t),
             position: point.map_or(DVec3::ZERO, |point| point.position),
             n_s: point.map_or(DVec3::ZERO, |point| point.n_s),
@@ -372,6 +373,8 @@ pub struct TreeNode {
     pub shape: i64,
     /// Number of the primitive in it; -1 for none.
     pub primitive: i64,
+    /// Which copy of the shape; 0 for what is in no copy.
+    pub copy: u32,
     /// Distance in metres; infinite for a miss.
     pub t: f64,
     /// The point that was hit.

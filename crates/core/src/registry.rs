@@ -1,6 +1,6 @@
-use crate::config::{self, FilePath, Table, TextureRef};
+use crate::config::{self, FilePath, GroupRef, Table, TextureRef};
 use crate::{
-    Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Integrator, Light, Material,
+    Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Group, Integrator, Light, Material,
     Sampler, SceneError, SceneErrors, Shape, Texture, Transform, nearest,
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator};
@@ -137,6 +137,11 @@ pub trait Context {
 
     /// The path of a file that a parameter names; the file exists and is a regular file.
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError>;
+
+    /// The group of shapes that a parameter names. Built once, however often it is placed.
+    fn group(&self, group: &GroupRef) -> Result<Arc<Group>, SceneErrors> {
+        Err(group.no_groups().into())
+    }
 
     /// Tells the user something that is no error.
     fn warn(&mut self, warning: SceneError);

@@ -1,16 +1,18 @@
 use crate::stream::{HitStream, Lanes, PointStream, RayStream};
-use crate::{Aabb, Interval, Ray, TriangleMesh};
+use crate::{Aabb, Instance, Interval, Ray, TriangleMesh};
 use glam::{DVec2, DVec3};
 use std::ops::{BitOr, BitOrAssign};
 
-/// What a shape turns itself into: the only two things that an accelerator sees. Its number in the
-/// scene (`shape_id`) is the place of its table in the file.
+/// What a shape turns itself into: all that an accelerator sees. Its number in the scene (`shape_id`) is the
+/// place of its table in the file; the shapes of groups are numbered behind all others.
 #[non_exhaustive]
 pub enum Shape {
     /// Triangles in world space.
     Triangles(TriangleMesh),
     /// Anything else that can intersect a ray.
     Opaque(Box<dyn Primitive>),
+    /// A copy of a group of shapes.
+    Instance(Box<Instance>),
 }
 
 /// A thing that rays hit and that is not made of triangles, in world space.
@@ -87,7 +89,8 @@ impl PrimitiveHit {
     }
 }
 
-/// Which copy of a shape was hit: [`InstancePath::WORLD`] for what is not instanced.
+/// Which copy of a shape was hit: [`InstancePath::WORLD`] for what is not instanced. Copies are numbered depth first in
+/// the order of the scene, copies within a copy right behind it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct InstancePath(pub u32);
 

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
-use whitstone_core::config::{IntegerIn, PluginRef, Positive, Table, decode, inline_reference};
+use whitstone_core::config::{GroupRef, IntegerIn, PluginRef, Positive, Table, decode, inline_reference};
 use whitstone_core::{FilmSize, SceneError, SceneErrors, SourceSpan, Transform, nearest};
 
 /// Most pixels that an image may have.
@@ -35,6 +35,8 @@ pub struct Description<'s> {
     pub materials: BTreeMap<String, PluginTable<'s>>,
     /// Shared textures by id.
     pub textures: BTreeMap<String, PluginTable<'s>>,
+    /// Groups of shapes by id.
+    pub groups: BTreeMap<String, GroupTable<'s>>,
     /// Plugins written inside others, by the number in the reference that stands in their place.
     pub inline: Vec<PluginTable<'s>>,
     /// What validation must show.
@@ -92,6 +94,17 @@ pub struct ShapeTable<'s> {
     pub material: Option<(SourceSpan, PluginRef)>,
     /// From object to world space.
     pub transform: Transform,
+    /// The group that it places, if it does: what the key `group` says.
+    pub group: Option<GroupRef>,
+}
+
+/// A group of shapes.
+#[derive(Clone, Debug)]
+pub struct GroupTable<'s> {
+    /// How to find hits in it; the type may be "auto".
+    pub accelerator: PluginTable<'s>,
+    /// In the order of the file; not empty.
+    pub shapes: Vec<ShapeTable<'s>>,
 }
 
 /// The `[film]` table.
@@ -207,6 +220,7 @@ impl<'s> Description<'s> {
         let textures = reader.shared(merged.remove("texture"), "texture");
         let materials = reader.shared(merged.remove("material"), "material");
         let shapes = reader.shapes(merged.remove("shape"));
+        let groups = reader.groups(merged.remove("group"));
         // A number that no document can hold is told again by whoever wanted another one there.
         let told: BTreeSet<_> = errors
             .0
@@ -226,6 +240,7 @@ impl<'s> Description<'s> {
             shapes,
             materials,
             textures,
+            groups,
             inline,
             expect: expect.unwrap_or_default(),
             flattened,
@@ -468,14 +483,54 @@ impl<'s> Reader<'_, 's> {
                 None => Some(Transform::IDENTITY),
                 Some(value) => self.errors.take(transform::parse(&value)),
             };
+            let group = plugin.table.get_ref().get("group").and_then(|value| {
+                Some(GroupRef {
+                    span: value.span(),
+                    id: value.get_ref().as_str()?.to_owned(),
+                })
+            });
             shapes.push(ShapeTable {
                 plugin,
+                group,
                 id: id.map(|(_, id)| id),
                 material: material.map(|(span, text)| (span, PluginRef::from(text.as_str()))),
                 transform: transform.unwrap_or(Transform::IDENTITY),
             });
         }
         shapes
+    }
+
+    fn groups(&mut self, value: Option<Value<'s>>) -> BTreeMap<String, GroupTable<'s>> {
+        let mut groups = BTreeMap::new();
+        let Some(table) = value.and_then(|value| self.table(value, "group")) else {
+            return groups;
+        };
+        for (id, value) in table.into_inner() {
+            let (span, id) = (value.span(), id.into_inner().into_owned());
+            let errors = self.errors.0.len();
+            let Some(mut table) = self.table(value, "group") else {
+                self.faulty.shared.insert(("group", id));
+                continue;
+            };
+            let accelerator = self.plugin_or(table.get_mut().remove("accelerator"), "accelerator", "auto");
+            let shapes = self.shapes(table.get_mut().remove("shape"));
+            for key in table.get_ref().keys() {
+                let error = SceneError::at(key.span(), format!("unknown key `{}`", key.get_ref()));
+                let help = "a group has the keys accelerator and shape";
+                self.errors.0.push(error.with_help(help));
+            }
+            if shapes.is_empty() && self.errors.0.len() == errors {
+                let error = SceneError::at(span, format!("the group \"{id}\" has no shapes"));
+                self.errors
+                    .0
+                    .push(error.with_help(format!("add [[group.{id}.shape]]")));
+            }
+            if self.errors.0.len() > errors {
+                self.faulty.shared.insert(("group", id.clone()));
+            }
+            groups.insert(id, GroupTable { accelerator, shapes });
+        }
+        groups
     }
 
     fn text(&mut self, value: Value<'s>, expected: &str) -> Option<(SourceSpan, String)> {

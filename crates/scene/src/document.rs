@@ -10,7 +10,7 @@ use whitstone_core::{SceneError, SceneErrors, SourceSpan, nearest};
 pub(crate) type Value<'s> = Spanned<DeValue<'s>>;
 
 /// Every key that the top level of a scene may have.
-pub(crate) const TOP_LEVEL: [&str; 11] = [
+pub(crate) const TOP_LEVEL: [&str; 12] = [
     "include",
     "film",
     "camera",
@@ -20,6 +20,7 @@ pub(crate) const TOP_LEVEL: [&str; 11] = [
     "light",
     "texture",
     "material",
+    "group",
     "shape",
     "expect",
 ];
@@ -84,7 +85,7 @@ fn two_brackets(name: &str) -> String {
 /// All files merged, overrides applied.
 ///
 /// A file comes after what it includes: its `[[shape]]`s and `[[light]]`s are added behind, its shared
-/// materials and textures replace those of the same id, its other tables replace whole tables.
+/// materials, textures and groups replace those of the same id, its other tables replace whole tables.
 pub(crate) fn merge(sources: &Sources) -> Result<DeTable<'_>, SceneErrors> {
     let mut merged = DeTable::new();
     let mut errors = SceneErrors::default();
@@ -96,7 +97,7 @@ pub(crate) fn merge(sources: &Sources) -> Result<DeTable<'_>, SceneErrors> {
                 "include" => {}
                 name if !TOP_LEVEL.contains(&name) => errors.0.push(unknown_top_level(&key)),
                 name if LISTS.contains(&name) => append(&mut merged, key, value, &mut errors),
-                "material" | "texture" => insert_all(&mut merged, key, value, &mut errors),
+                "material" | "texture" | "group" => insert_all(&mut merged, key, value, &mut errors),
                 _ => {
                     merged.insert(key, value);
                 }
@@ -313,6 +314,11 @@ impl Flattened {
         let text = to_text(&table);
         table.remove("accelerator");
         table.remove("expect");
+        if let Some(groups) = table.get_mut("group").and_then(toml::Value::as_table_mut) {
+            for (_, group) in groups.iter_mut() {
+                group.as_table_mut().and_then(|group| group.remove("accelerator"));
+            }
+        }
         let mut hasher = blake3::Hasher::new();
         hasher.update(to_text(&table).as_bytes());
         for path in &files {

@@ -1,15 +1,16 @@
-use crate::{Description, FilmTable, LeftOut, Plan, PluginTable};
+use crate::groups::{BuiltGroup, unknown_id};
+use crate::{Description, FilmTable, LeftOut, Plan, PluginTable, ShapeTable};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 use toml::Spanned;
 use toml::de::DeTable;
-use whitstone_core::config::{FilePath, PluginRef, TextureRef, TextureValue};
+use whitstone_core::config::{FilePath, GroupRef, PluginRef, TextureRef, TextureValue};
 use whitstone_core::{
-    Accelerators, Camera, Cameras, ColorSource, Context, Element, FamilyName, Geometry, Integrator,
-    Integrators, LightGives, Lights, Lobes, Material, Materials, Registry, Sampler, Samplers, SceneError,
-    SceneErrors, Shapes, SourceSpan, Texture, Textures, World, nearest,
+    Accelerator, Accelerators, Camera, Cameras, ColorSource, Context, Element, FamilyName, Geometry, Group,
+    Integrator, Integrators, LightGives, Lights, Lobes, Material, Materials, Registry, Sampler, Samplers,
+    SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures, World,
 };
 
 /// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
@@ -19,6 +20,9 @@ const BRUTE_FORCE_LIMIT: usize = 128;
 
 /// Of a triangle, in tests of whole shapes.
 const TRIANGLE_COST: usize = 4;
+
+/// Of a copy of a group: mostly the test of its box.
+const COPY_COST: usize = 4;
 
 /// A scene that is built and ready to render.
 pub struct Pipeline {
@@ -36,6 +40,8 @@ pub struct Pipeline {
     pub scene_hash: String,
     /// The accelerator in use, and why if the scene left the choice.
     pub accelerator: (String, String),
+    /// The groups that are placed, by id.
+    pub groups: Vec<BuiltGroup>,
     /// What was not built, with the reasons.
     pub left_out: Vec<LeftOut>,
     /// Not errors, but worth knowing.
@@ -63,6 +69,7 @@ impl Pipeline {
             registry,
             textures: BTreeMap::new(),
             open: Vec::new(),
+            groups: BTreeMap::new(),
             warnings: Vec::new(),
         };
         let size = description.film.size;
@@ -75,23 +82,8 @@ impl Pipeline {
             lights.extend(errors.take(builder.plugin::<Lights>(light, ())));
         }
         let materials = builder.materials(plan, &mut errors);
-        let mut shapes = Vec::new();
-        for shape in &description.shapes {
-            shapes.extend(errors.take(builder.plugin::<Shapes>(&shape.plugin, shape.transform)));
-        }
-        let complete = shapes.len() == description.shapes.len();
-        let geometry = Arc::new(Geometry::new(shapes));
-        let (name, why) = choose_accelerator(description, &geometry, registry);
-        let table = PluginTable {
-            name: name.clone(),
-            ..description.accelerator.clone()
-        };
-        // Over half of the shapes it would be built for nothing.
-        let accelerator = if complete {
-            errors.take(builder.one::<Accelerators>(&table, geometry.clone()))
-        } else {
-            None
-        };
+        let complete = builder.groups(plan, &mut errors);
+        let built = builder.structure(&description.shapes, &description.accelerator, &mut errors);
         let mut left_out = plan.left_out.clone();
         left_out.extend(builder.unused_textures());
         if let Some(integrator) = &integrator {
@@ -103,16 +95,20 @@ impl Pipeline {
             ));
         }
         let warnings = builder.warnings;
-        let pipeline = match (camera, sampler, integrator, accelerator) {
-            (Some(camera), Some(sampler), Some(integrator), Some(accelerator)) if errors.0.is_empty() => {
+        let groups = builder.groups.into_values().collect();
+        let pipeline = match (camera, sampler, integrator, built) {
+            (Some(camera), Some(sampler), Some(integrator), Some(built))
+                if complete && errors.0.is_empty() =>
+            {
                 Some(Self {
                     film: description.film.clone(),
                     camera,
                     sampler,
                     integrator,
-                    world: World::new(geometry, accelerator, materials, lights),
+                    world: World::new(built.geometry, built.accelerator, materials, lights),
                     scene_hash: description.flattened.hash.clone(),
-                    accelerator: (name, why),
+                    accelerator: built.chosen,
+                    groups,
                     left_out,
                     warnings,
                     build_seconds: start.elapsed().as_secs_f64(),
@@ -124,21 +120,23 @@ impl Pipeline {
     }
 }
 
+/// Shapes and what is built over them.
+struct Structure {
+    geometry: Arc<Geometry>,
+    accelerator: Box<dyn Accelerator>,
+    /// The type, and why.
+    chosen: (String, String),
+}
+
 /// The type to use and the reason.
-fn choose_accelerator(
-    description: &Description<'_>,
-    geometry: &Geometry,
-    registry: &Registry,
-) -> (String, String) {
-    if description.accelerator.name != "auto" {
-        return (
-            description.accelerator.name.clone(),
-            "named by the scene".to_owned(),
-        );
+fn choose_accelerator(table: &PluginTable<'_>, geometry: &Geometry, registry: &Registry) -> (String, String) {
+    if table.name != "auto" {
+        return (table.name.clone(), "named by the scene".to_owned());
     }
-    let cost = |element| match element {
-        Element::Triangle { .. } => TRIANGLE_COST,
-        Element::Opaque { .. } => 1,
+    let cost = |element: Element| match (element, &geometry.shapes()[element.shape() as usize]) {
+        (Element::Triangle { .. }, _) => TRIANGLE_COST,
+        (_, Shape::Instance(_)) => COPY_COST,
+        (Element::Opaque { .. }, _) => 1,
     };
     let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1);
     let cost: usize = elements.map(cost).sum();
@@ -219,6 +217,8 @@ struct Builder<'d, 's> {
     textures: BTreeMap<TextureKey, Option<Arc<dyn Texture>>>,
     /// Textures being built: one of them again is a cycle.
     open: Vec<TextureKey>,
+    /// What instances place, by id, as far as it is built.
+    groups: BTreeMap<&'d str, BuiltGroup>,
     warnings: Vec<SceneError>,
 }
 
@@ -264,22 +264,32 @@ impl<'d, 's> Builder<'d, 's> {
             }
         }
         let mut default: Option<Arc<dyn Material>> = None;
-        let mut materials = Vec::new();
-        for shape in &description.shapes {
+        // A copy has a place and no material.
+        let mut materials: Vec<Option<Arc<dyn Material>>> = Vec::new();
+        for shape in plan.shapes() {
+            if shape.group.is_some() {
+                if let Some((span, _)) = &shape.material {
+                    let error = SceneError::at(span.clone(), "an instance has no material of its own");
+                    let help = "the shapes of its group bring theirs";
+                    errors.0.push(error.with_help(help));
+                }
+                materials.push(None);
+                continue;
+            }
             match &shape.material {
                 None => {
                     if default.is_none() {
                         default = errors.take(self.default_material(&shape.plugin));
                     }
-                    materials.extend(default.clone());
+                    materials.push(default.clone());
                 }
                 Some((_, PluginRef::Inline(index))) => {
                     if let Some(plugin) = description.inline.get(*index) {
-                        materials.extend(errors.take(self.plugin::<Materials>(plugin, ())));
+                        materials.push(errors.take(self.plugin::<Materials>(plugin, ())));
                     }
                 }
                 Some((span, PluginRef::Shared(id))) => match shared.get(id.as_str()) {
-                    Some(material) => materials.extend(material.clone()),
+                    Some(material) => materials.push(material.clone()),
                     None if description.faulty.shared.contains(&("material", id.clone())) => {}
                     None => {
                         let known = description.materials.keys();
@@ -288,7 +298,72 @@ impl<'d, 's> Builder<'d, 's> {
                 },
             }
         }
+        // Nobody asks for that of a copy: any will do.
+        let any = materials.iter().flatten().next().cloned();
         materials
+            .into_iter()
+            .filter_map(|material| material.or_else(|| any.clone()))
+            .collect()
+    }
+
+    /// Builds the groups that are placed; whether all of them could be.
+    fn groups(&mut self, plan: &Plan<'d, 's>, errors: &mut SceneErrors) -> bool {
+        let mut complete = true;
+        for planned in &plan.groups {
+            let table = &self.description.groups[planned.id];
+            match self.structure(&table.shapes, &table.accelerator, errors) {
+                Some(built) => {
+                    let group = Group::new(built.geometry, built.accelerator, planned.first_shape);
+                    let built = BuiltGroup {
+                        id: planned.id.to_owned(),
+                        group: Arc::new(group),
+                        accelerator: built.chosen,
+                    };
+                    self.groups.insert(planned.id, built);
+                }
+                None => complete = false,
+            }
+        }
+        complete
+    }
+
+    /// The shapes and the accelerator over them; none where any shape is missing, as it would be built for
+    /// nothing.
+    fn structure(
+        &mut self,
+        tables: &[ShapeTable<'s>],
+        accelerator: &PluginTable<'s>,
+        errors: &mut SceneErrors,
+    ) -> Option<Structure> {
+        let mut shapes = Vec::new();
+        for shape in tables {
+            shapes.extend(errors.take(self.plugin::<Shapes>(&shape.plugin, shape.transform)));
+        }
+        if shapes.len() < tables.len() {
+            return None;
+        }
+        let geometry = Arc::new(Geometry::new(shapes));
+        if geometry.paths() > u64::from(u32::MAX)
+            && let Some(place) = tables.iter().find_map(|shape| shape.group.as_ref())
+        {
+            let message = format!("copies of copies multiply to {:e}", geometry.paths() as f64);
+            let error = SceneError::at(place.span.clone(), message);
+            errors
+                .0
+                .push(error.with_help("at most 4294967295 can be told apart"));
+            return None;
+        }
+        let (name, why) = choose_accelerator(accelerator, &geometry, self.registry);
+        let table = PluginTable {
+            name: name.clone(),
+            ..accelerator.clone()
+        };
+        let accelerator = errors.take(self.one::<Accelerators>(&table, geometry.clone()))?;
+        Some(Structure {
+            geometry,
+            accelerator,
+            chosen: (name, why),
+        })
     }
 
     fn default_material(&mut self, shape: &PluginTable<'s>) -> Result<Arc<dyn Material>, SceneErrors> {
@@ -342,21 +417,6 @@ impl<'d, 's> Builder<'d, 's> {
     }
 }
 
-fn unknown_id<'a>(
-    what: &str,
-    span: &SourceSpan,
-    id: &str,
-    known: impl Iterator<Item = &'a String>,
-) -> SceneError {
-    let known: Vec<&str> = known.map(String::as_str).collect();
-    let error = SceneError::at(span.clone(), format!("no {what} has the id \"{id}\""));
-    error.with_help(match nearest(id, known.iter().copied()) {
-        Some(near) => format!("did you mean \"{near}\"?"),
-        None if known.is_empty() => format!("add [{what}.{id}], or write the {what} inline"),
-        None => format!("the scene has the {what}s {}", known.join(", ")),
-    })
-}
-
 impl Context for Builder<'_, '_> {
     fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors> {
         let span = reference.span.clone().unwrap_or(0..0);
@@ -386,6 +446,14 @@ impl Context for Builder<'_, '_> {
             Ok(metadata) if !metadata.is_file() => fail("not a regular file".to_owned()),
             Ok(_) => Ok(path),
         }
+    }
+
+    fn group(&self, group: &GroupRef) -> Result<Arc<Group>, SceneErrors> {
+        // Why one is missing has been told where it was planned or built.
+        let found = self.groups.get(group.id.as_str());
+        found
+            .map(|built| built.group.clone())
+            .ok_or_else(SceneErrors::default)
     }
 
     fn warn(&mut self, warning: SceneError) {

@@ -1,4 +1,5 @@
-use crate::Description;
+use crate::groups::{self, PlannedGroup};
+use crate::{Description, ShapeTable};
 use std::collections::BTreeSet;
 use whitstone_core::config::PluginRef;
 use whitstone_core::{FamilyName, Registry, SceneErrors};
@@ -9,6 +10,8 @@ pub struct Plan<'d, 's> {
     pub description: &'d Description<'s>,
     /// Ids of the shared materials that shapes name.
     pub materials: BTreeSet<&'d str>,
+    /// The groups that instances place, each after those that it places itself.
+    pub groups: Vec<PlannedGroup<'d>>,
     /// What will not be built, loaded or run.
     pub left_out: Vec<LeftOut>,
 }
@@ -42,6 +45,12 @@ impl<'d, 's> Plan<'d, 's> {
         .chain((description.accelerator.name != "auto").then_some((Accelerator, &description.accelerator)))
         .chain(description.lights.iter().map(|plugin| (Light, plugin)))
         .chain(description.shapes.iter().map(|shape| (Shape, &shape.plugin)))
+        .chain(description.groups.values().flat_map(|group| {
+            let named = (group.accelerator.name != "auto").then_some((Accelerator, &group.accelerator));
+            named
+                .into_iter()
+                .chain(group.shapes.iter().map(|shape| (Shape, &shape.plugin)))
+        }))
         .chain(description.materials.values().map(|plugin| (Material, plugin)))
         .chain(description.textures.values().map(|plugin| (Texture, plugin)));
         for (family, plugin) in plugins {
@@ -52,14 +61,15 @@ impl<'d, 's> Plan<'d, 's> {
                 errors.0.push(error);
             }
         }
-        let materials: BTreeSet<&str> = description
-            .shapes
-            .iter()
+        let groups = groups::plan(description, &mut errors);
+        let materials: BTreeSet<&str> = shapes_by_number(description, &groups)
+            .into_iter()
             .filter_map(|shape| match &shape.material {
                 Some((_, PluginRef::Shared(id))) => Some(id.as_str()),
                 _ => None,
             })
             .collect();
+        let unplaced = |id: &&String| !groups.iter().any(|group| group.id == id.as_str());
         let left_out = description
             .materials
             .keys()
@@ -68,12 +78,34 @@ impl<'d, 's> Plan<'d, 's> {
                 what: format!("material \"{id}\""),
                 why: "no shape has it".to_owned(),
             })
+            .chain(description.groups.keys().filter(unplaced).map(|id| LeftOut {
+                what: format!("group \"{id}\""),
+                why: "no instance places it".to_owned(),
+            }))
             .collect();
         let plan = Self {
             description,
             materials,
+            groups,
             left_out,
         };
         (plan, errors)
     }
+
+    /// All shapes that are there, by number: those of groups behind the others.
+    pub fn shapes(&self) -> Vec<&'d ShapeTable<'s>> {
+        shapes_by_number(self.description, &self.groups)
+    }
+}
+
+fn shapes_by_number<'d, 's>(
+    description: &'d Description<'s>,
+    groups: &[PlannedGroup<'d>],
+) -> Vec<&'d ShapeTable<'s>> {
+    let mut groups = groups.to_vec();
+    groups.sort_unstable_by_key(|group| group.first_shape);
+    let of_groups = groups
+        .iter()
+        .flat_map(|group| &description.groups[group.id].shapes);
+    description.shapes.iter().chain(of_groups).collect()
 }

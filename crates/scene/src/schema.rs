@@ -102,8 +102,32 @@ fn top_level() -> Value {
         "texture": by_id(FamilyName::Texture, "Shared textures by id."),
         "material": by_id(FamilyName::Material, "Shared materials by id."),
         "shape": list(FamilyName::Shape, "Shapes; their place in the file is their shape_id."),
+        "group": {
+            "description": "Groups of shapes by id, for shapes of type \"instance\" to place.",
+            "type": "object",
+            "additionalProperties": group(),
+        },
         "expect": expect(),
     })
+}
+
+fn group() -> Value {
+    object(
+        "Shapes in a space of their own.",
+        json!({
+            "accelerator": {
+                "description": "How to find hits in it; without effect on the image; \"auto\" if left out.",
+                "allOf": [reference(FamilyName::Accelerator.singular())],
+            },
+            "shape": {
+                "description": "The shapes; at least one.",
+                "type": "array",
+                "minItems": 1,
+                "items": reference(FamilyName::Shape.singular()),
+            },
+        }),
+        &["shape"],
+    )
 }
 
 fn film() -> Value {

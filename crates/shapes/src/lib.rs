@@ -18,6 +18,8 @@ mod near;
 pub mod cuboid;
 #[cfg(feature = "disk")]
 pub mod disk;
+#[cfg(feature = "instance")]
+pub mod instance;
 #[cfg(feature = "mesh")]
 pub mod mesh;
 #[cfg(feature = "plane")]
@@ -36,6 +38,8 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Shapes, cuboid::Cuboid>(from)?;
     #[cfg(feature = "disk")]
     registry.add::<Shapes, disk::Disk>(from)?;
+    #[cfg(feature = "instance")]
+    registry.add::<Shapes, instance::Placed>(from)?;
     #[cfg(feature = "mesh")]
     registry.add::<Shapes, mesh::Mesh>(from)?;
     #[cfg(feature = "plane")]

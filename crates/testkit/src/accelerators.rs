@@ -1,6 +1,7 @@
 //! What every accelerator must satisfy.
 
 use crate::ball::Ball;
+use crate::instances::{Naive, corners_of_copies, worlds_of_copies};
 use crate::random::Random;
 use crate::shapes::same_bits;
 use crate::streams::accelerator_streams;
@@ -51,6 +52,13 @@ fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result
         let geometry = Arc::new(Geometry::new(shapes));
         let accelerator = build(geometry.clone());
         compare(&geometry, &*accelerator, rays).map_err(|difference| format!("over {name}: {difference}"))?;
+    }
+    for (name, shapes, rays) in worlds_of_copies() {
+        let naive = |geometry| Box::new(Naive::new(geometry)) as Box<dyn Accelerator>;
+        let truth = Geometry::new(shapes(&naive));
+        // The structure on both levels: over the copies, and over what is copied.
+        let accelerator = build(Arc::new(Geometry::new(shapes(&build))));
+        compare(&truth, &*accelerator, rays).map_err(|difference| format!("over {name}: {difference}"))?;
     }
     Ok(())
 }
@@ -157,7 +165,8 @@ impl Aim {
             _ => None,
         });
         let all = meshes.flat_map(|mesh| (0..mesh.triangles.len() as u32).map(|i| mesh.corners(i)));
-        let triangles: Vec<[DVec3; 3]> = all.take(1 << 14).collect();
+        let mut triangles: Vec<[DVec3; 3]> = all.take(1 << 14).collect();
+        triangles.extend(corners_of_copies(geometry));
         let mut corners: Vec<DVec3> = triangles.iter().map(|triangle| triangle[0]).collect();
         corners.push(center);
         Self {
@@ -278,7 +287,7 @@ fn worlds() -> Vec<(&'static str, Vec<Shape>, u32)> {
     ]
 }
 
-fn mesh_of(positions: Vec<DVec3>) -> TriangleMesh {
+pub(crate) fn mesh_of(positions: Vec<DVec3>) -> TriangleMesh {
     TriangleMesh {
         triangles: (0..positions.len() as u32 / 3)
             .map(|i| [3 * i, 3 * i + 1, 3 * i + 2])
@@ -297,11 +306,11 @@ fn random_mesh(random: &mut Random, count: usize, size: f64) -> TriangleMesh {
     mesh_of(corners.collect())
 }
 
-fn soup(random: &mut Random, count: usize, size: f64) -> Shape {
+pub(crate) fn soup(random: &mut Random, count: usize, size: f64) -> Shape {
     Shape::Triangles(random_mesh(random, count, size))
 }
 
-fn ball(random: &mut Random, scale: f64) -> Shape {
+pub(crate) fn ball(random: &mut Random, scale: f64) -> Shape {
     Shape::Opaque(Box::new(Ball {
         center: scale * random.cube(),
         radius: scale * (0.01 + 0.2 * random.unit()),
@@ -310,7 +319,7 @@ fn ball(random: &mut Random, scale: f64) -> Shape {
 
 /// Long thin triangles in few planes, some along an axis and nearly in one another, so that rays meet
 /// several at nearly the same distance; the flattest are only as wide as rounding.
-fn needles(random: &mut Random, count: usize) -> Shape {
+pub(crate) fn needles(random: &mut Random, count: usize) -> Shape {
     let corners = (0..count).flat_map(|i| {
         let width = 10f64.powi(-(random.below(15) as i32));
         let (start, angle) = if i % 2 == 0 {

@@ -1,15 +1,19 @@
 //! Building one plugin on its own, without a scene around it.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
-use whitstone_core::config::{FilePath, TextureRef, TextureValue};
-use whitstone_core::{ColorSource, Context, Family, Plugin, Registry, SceneError, SceneErrors};
+use std::sync::Arc;
+use whitstone_core::config::{FilePath, GroupRef, TextureRef, TextureValue};
+use whitstone_core::{ColorSource, Context, Family, Group, Plugin, Registry, SceneError, SceneErrors};
 
-/// What a plugin may ask for while it is built: constants as textures, files of one folder. Warnings are
-/// collected.
-#[derive(Clone, Debug, Default)]
+/// What a plugin may ask for while it is built: constants as textures, files of one folder, groups of shapes by
+/// id. Warnings are collected.
+#[derive(Clone, Default)]
 pub struct TestContext {
     /// What files are relative to; by default the folder in which the tests run.
     pub folder: PathBuf,
+    /// Groups by id.
+    pub groups: BTreeMap<String, Arc<Group>>,
     /// What plugins warned about.
     pub warnings: Vec<SceneError>,
 }
@@ -19,7 +23,7 @@ impl TestContext {
     pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
         Self {
             folder: folder.into(),
-            warnings: Vec::new(),
+            ..Self::default()
         }
     }
 }
@@ -39,6 +43,11 @@ impl Context for TestContext {
         }
         let message = format!("expected a regular file, found none at \"{}\"", file.path);
         Err(SceneError::at(file.span.clone(), message))
+    }
+
+    fn group(&self, group: &GroupRef) -> Result<Arc<Group>, SceneErrors> {
+        let found = self.groups.get(&group.id).cloned();
+        found.ok_or_else(|| group.no_groups().into())
     }
 
     fn warn(&mut self, warning: SceneError) {

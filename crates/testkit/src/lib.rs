@@ -9,11 +9,13 @@ pub use context::{TestContext, build, build_in};
 mod accelerators;
 pub mod assets;
 mod ball;
+mod instances;
 mod peers;
 mod random;
 mod shapes;
 
 pub use accelerators::{accelerator_agrees, accelerator_laws, random_rays};
+pub use instances::Naive;
 pub use random::Random;
 pub use shapes::{placements, shape_laws, shape_laws_everywhere};
 

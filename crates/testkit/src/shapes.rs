@@ -118,6 +118,7 @@ impl Accelerator for Bench {
         hits.clear(rays);
         match &self.geometry.shapes()[0] {
             Shape::Opaque(primitive) => primitive.closest_stream(0, rays, hits),
+            Shape::Instance(instance) => instance.closest_stream(rays, hits),
             _ => {
                 for lane in 0..rays.len {
                     let (interval, skip) = (rays.interval(lane), rays.skip.skip(lane));
@@ -133,6 +134,7 @@ impl Accelerator for Bench {
         hidden[..rays.len].fill(false);
         match &self.geometry.shapes()[0] {
             Shape::Opaque(primitive) => primitive.occluded_stream(0, rays, hidden),
+            Shape::Instance(instance) => instance.occluded_stream(rays, hidden),
             _ => {
                 for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
                     let (interval, skip) = (rays.interval(lane), rays.skip.skip(lane));

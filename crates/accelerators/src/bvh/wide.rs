@@ -37,7 +37,7 @@ impl Wide {
         let opaque = geometry
             .shapes()
             .iter()
-            .any(|shape| matches!(shape, Shape::Opaque(_)));
+            .any(|shape| !matches!(shape, Shape::Triangles(_)));
         let mut builder = Builder {
             tree,
             items,

@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use std::mem::size_of_val;
 use std::path::PathBuf;
 use std::sync::Arc;
-use whitstone_core::{Needs, Registry, Rgb, Scratch, Shape, TreeNode};
-use whitstone_scene::{Description, Pipeline};
+use whitstone_core::{Geometry, InstancePath, Needs, Registry, Rgb, Scratch, Shape, TreeNode};
+use whitstone_scene::{Pipeline, Plan};
 use whitstone_validate::tree;
 
 /// Say what is built for a scene, what is left out and why; with --pixel, follow the rays of one pixel
@@ -52,13 +52,14 @@ struct Names {
     sampler: String,
     integrator: String,
     lights: Vec<String>,
-    /// Of each shape, its id or its type.
+    /// Of each shape by number, those of groups behind the others, its id or its type.
     shapes: Vec<String>,
 }
 
 impl Names {
-    fn of(description: &Description<'_>) -> Self {
-        let shapes = description.shapes.iter().map(|shape| {
+    fn of(plan: &Plan<'_, '_>) -> Self {
+        let description = plan.description;
+        let shapes = plan.shapes().into_iter().map(|shape| {
             let kind = &shape.plugin.name;
             shape
                 .id
@@ -104,7 +105,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     print_pipeline(&pipeline, &names);
     if let Some(tree) = &tree {
         println!();
-        print_tree(tree, &names, arguments.max_rays);
+        print_tree(&pipeline, tree, &names, arguments.max_rays);
     }
     if let Some(path) = &arguments.json {
         write_json(path, &report(&pipeline, &names, tree.as_ref()))?;
@@ -140,7 +141,20 @@ fn trace(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Result<PixelTre
 }
 
 fn elements(pipeline: &Pipeline) -> usize {
-    pipeline.world.geometry.elements().count()
+    geometries(pipeline)
+        .map(|geometry| geometry.elements().count())
+        .sum()
+}
+
+/// That of the scene, and those of its groups.
+fn geometries(pipeline: &Pipeline) -> impl Iterator<Item = &Geometry> {
+    let groups = pipeline.groups.iter().map(|built| &**built.group.geometry());
+    std::iter::once(&*pipeline.world.geometry).chain(groups)
+}
+
+/// The instances that lead to a copy, outermost first.
+fn placed_by(pipeline: &Pipeline, copy: u32) -> Vec<u32> {
+    pipeline.world.geometry.placed_by(InstancePath(copy))
 }
 
 /// Materials that differ; shapes share them.
@@ -167,7 +181,9 @@ fn mesh_bytes(pipeline: &Pipeline) -> usize {
         }
         _ => 0,
     };
-    pipeline.world.geometry.shapes().iter().map(bytes).sum()
+    geometries(pipeline)
+        .flat_map(|geometry| geometry.shapes().iter().map(bytes))
+        .sum()
 }
 
 /// Bytes of the film while it is rendered: radiance and layers.
@@ -226,6 +242,20 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         "shapes",
         &format!("{shapes}, as {elements} elements (triangles and whole shapes)"),
     );
+    for built in &pipeline.groups {
+        let (accelerator, why) = &built.accelerator;
+        row("group", &format!("\"{}\": {accelerator} ({why})", built.id));
+        for (name, value) in built.group.accelerator().statistics() {
+            println!("  {name:<20} {value}");
+        }
+    }
+    let copies = pipeline.world.geometry.paths() - 1;
+    if copies > 0 {
+        row(
+            "copies",
+            &format!("{copies} of groups, those within copies counted"),
+        );
+    }
     let lights: Vec<&str> = names.lights.iter().map(String::as_str).collect();
     row("lights", &format!("{}: {}", lights.len(), or_none(lights)));
     row(
@@ -243,12 +273,12 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     }
 }
 
-fn print_tree(tree: &PixelTree, names: &Names, most: usize) {
+fn print_tree(pipeline: &Pipeline, tree: &PixelTree, names: &Names, most: usize) {
     let [x, y] = tree.pixel;
     println!("pixel ({x}, {y}): {}", colour(tree.value));
     println!("rays of sample {} (R reflected, T transmitted):", tree.sample);
     for node in in_order(&tree.nodes).into_iter().take(most) {
-        print_node(node, names);
+        print_node(pipeline, node, names);
     }
     if tree.nodes.len() > most {
         println!("... and {} more; --max-rays shows them", tree.nodes.len() - most);
@@ -262,7 +292,7 @@ fn in_order(nodes: &[TreeNode]) -> Vec<&TreeNode> {
     sorted
 }
 
-fn print_node(node: &TreeNode, names: &Names) {
+fn print_node(pipeline: &Pipeline, node: &TreeNode, names: &Names) {
     // Beyond some depth, more indentation would only fill the lines.
     let indent = "  ".repeat(1 + node.path.len().min(20));
     let name = match node.path.len() {
@@ -283,8 +313,13 @@ fn print_node(node: &TreeNode, names: &Names) {
         );
         return;
     }
+    let copies = placed_by(pipeline, node.copy).into_iter().map(|place| {
+        let place = i64::from(place);
+        format!(" in shape {place} ({})", names.shape(place))
+    });
+    let copies: String = copies.rev().collect();
     println!(
-        "{indent}{name}: shape {} ({}), primitive {}, t {}, normal {:?}, throughput {}, local {}",
+        "{indent}{name}: shape {} ({}){copies}, primitive {}, t {}, normal {:?}, throughput {}, local {}",
         node.shape,
         names.shape(node.shape),
         node.primitive,
@@ -326,6 +361,14 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>) -> Value
         },
         "shapes": names.shapes,
         "elements": elements(pipeline),
+        "groups": pipeline.groups.iter().map(|built| json!({
+            "id": built.id,
+            "first_shape": built.group.first_shape(),
+            "type": built.accelerator.0,
+            "reason": built.accelerator.1,
+            "statistics": built.group.accelerator().statistics(),
+        })).collect::<Vec<_>>(),
+        "copies": pipeline.world.geometry.paths() - 1,
         "lights": names.lights,
         "materials": materials(pipeline),
         "needs": needs(pipeline),
@@ -343,6 +386,7 @@ fn tree_report(tree: &PixelTree) -> Value {
             "path": node.path,
             "shape": node.shape,
             "primitive": node.primitive,
+            "copy": node.copy,
             // Null for a miss: JSON has no infinity.
             "t": node.t,
             "position": node.position.to_array(),

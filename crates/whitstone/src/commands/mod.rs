@@ -137,11 +137,11 @@ pub fn build(arguments: &SceneArguments, registry: &Registry) -> Result<Pipeline
     Ok(pipeline)
 }
 
-/// As [`build`], and what `note` makes of the scene as it is written.
+/// As [`build`], and what `note` makes of the scene as it is planned.
 pub fn build_with<T>(
     arguments: &SceneArguments,
     registry: &Registry,
-    note: impl FnOnce(&Description<'_>) -> T,
+    note: impl FnOnce(&Plan<'_, '_>) -> T,
 ) -> Result<(Pipeline, T), Failure> {
     let color = terminal::color();
     let sources = Sources::load(&arguments.scene, &arguments.overrides)
@@ -153,5 +153,5 @@ pub fn build_with<T>(
     if !pipeline.warnings.is_empty() {
         eprintln!("{}", sources.report_warnings(&pipeline.warnings, color));
     }
-    Ok((pipeline, note(&description)))
+    Ok((pipeline, note(&plan)))
 }

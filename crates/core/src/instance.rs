@@ -1,0 +1,349 @@
+use crate::config::GroupRef;
+use crate::stream::{HitStream, Lanes, RayStream};
+use crate::{
+    Aabb, Accelerator, Element, Geometry, InstancePath, Interval, Needs, RawHit, Ray, SceneError, Shape,
+    Skip, SurfacePoint, Transform,
+};
+use glam::{DMat3, DVec3};
+use std::sync::Arc;
+
+/// Half the distance from 1 to the next number: the relative error of one rounding.
+const UNIT: f64 = 0.5 * f64::EPSILON;
+
+/// How far beside an element its hits may seem to lie, relative to the largest coordinate.
+const PAD: f64 = 1.0 / (1u64 << 40) as f64;
+
+/// Cells along each axis into which the bounds of a group are cut.
+const CELLS: usize = 4;
+
+/// Up to this condition number the width of rays covers what the transformation rounds: see
+/// `docs/accelerators.md`. Copies that are sheared more have no box and are tried for every ray.
+const MAX_CONDITION: f64 = 32.0;
+
+/// The width of rays at the boxes of copies, relative to the largest coordinate: half of what accelerators give
+/// to rays, so that none leaves out what is a hit here.
+const WIDTH: f64 = 1.0 / (1u64 << 41) as f64;
+
+/// Shapes that are placed together, any number of times, in a space of their own and with their own accelerator.
+pub struct Group {
+    geometry: Arc<Geometry>,
+    accelerator: Box<dyn Accelerator>,
+    /// Number in the scene of the first shape.
+    first_shape: u32,
+    /// Boxes that hold together every point that a ray can hit.
+    bounds: Vec<Aabb>,
+}
+
+impl Group {
+    /// From shapes in the group's space. They have the numbers from `first_shape` on in the scene; the
+    /// accelerator is built over the geometry.
+    pub fn new(geometry: Arc<Geometry>, accelerator: Box<dyn Accelerator>, first_shape: u32) -> Self {
+        Self {
+            bounds: bounds(&geometry),
+            geometry,
+            accelerator,
+            first_shape,
+        }
+    }
+
+    /// The shapes, numbered from 0.
+    pub fn geometry(&self) -> &Arc<Geometry> {
+        &self.geometry
+    }
+
+    /// Over the geometry.
+    pub fn accelerator(&self) -> &dyn Accelerator {
+        &*self.accelerator
+    }
+
+    /// Number in the scene of the first shape.
+    pub fn first_shape(&self) -> u32 {
+        self.first_shape
+    }
+}
+
+/// Boxes around the parts of a geometry that lie in the cells of a coarse grid: turned, they hold less empty
+/// space than one box does.
+fn bounds(geometry: &Geometry) -> Vec<Aabb> {
+    let all = || {
+        geometry
+            .elements()
+            .map(|element| (element, geometry.bounds(element)))
+    };
+    let whole = all().fold(Aabb::EMPTY, |whole, (_, aabb)| whole.union(aabb));
+    if whole.is_empty() || !whole.is_finite() {
+        return vec![whole];
+    }
+    let reach = whole.min.abs().max(whole.max.abs()).max_element();
+    let per_cell = CELLS as f64 / whole.extent().max(DVec3::splat(f64::MIN_POSITIVE));
+    let mut cells = [Aabb::EMPTY; CELLS * CELLS * CELLS];
+    for (element, aabb) in all() {
+        let cell = ((aabb.center() - whole.min) * per_cell).as_usizevec3();
+        let cell = cell.min(glam::USizeVec3::splat(CELLS - 1));
+        let place = &mut cells[(cell.z * CELLS + cell.y) * CELLS + cell.x];
+        *place = place.union(aabb.padded(needle_pad(geometry, element, reach)));
+    }
+    let used = cells.into_iter().filter(|cell| !cell.is_empty());
+    used.map(|cell| cell.padded(PAD * reach)).collect()
+}
+
+/// What the box of a needle needs besides: the error of the triangle test, up to which a hit may seem to lie
+/// outside of it. It is never more than the longest edge.
+fn needle_pad(geometry: &Geometry, element: Element, reach: f64) -> f64 {
+    let (Element::Triangle { shape, triangle }, shapes) = (element, geometry.shapes()) else {
+        return 0.0;
+    };
+    let Shape::Triangles(mesh) = &shapes[shape as usize] else {
+        return 0.0;
+    };
+    let [a, b, c] = mesh.corners(triangle);
+    let squares = [(b - a), (c - b), (a - c)].map(DVec3::length_squared);
+    let longest = squares[0].max(squares[1]).max(squares[2]);
+    let twice_area = (b - a).cross(c - a).length_squared();
+    // The height on the longest edge is twice the area over that edge.
+    if longest * longest <= 256.0 * twice_area || longest == 0.0 {
+        return 0.0;
+    }
+    // 64 roundings of coordinates up to eight times as far as the geometry reaches.
+    let error = 512.0 * f64::EPSILON * reach * (longest / twice_area.sqrt());
+    error.min(longest.sqrt())
+}
+
+/// A copy of a group. Rays are taken into the group's space with directions of any length, so that the parameter
+/// stays the same; what is hit there is the hit.
+pub struct Instance {
+    group: Arc<Group>,
+    transform: Transform,
+    /// The number of this copy; those of copies inside the group follow.
+    pub(crate) first_path: InstancePath,
+    bounds: Aabb,
+    /// For each plane across an axis of the group's space: how far a unit step along each axis can lead away
+    /// from where rays meet it.
+    tilt: DMat3,
+}
+
+impl Instance {
+    /// A group seen through `world_from_group`.
+    pub fn new(group: Arc<Group>, transform: Transform) -> Self {
+        let forward = transform.world_from_object().matrix3;
+        let inverse = transform.object_from_world().matrix3;
+        // Points are placed by the matrix and met through its rounded inverse: the residual says how far apart
+        // these are; then the rounding of the residual and of the origins of rays that start here.
+        let residual = inverse * forward - DMat3::IDENTITY;
+        Self {
+            bounds: world_bounds(&group.bounds, &transform),
+            tilt: residual.abs() + 8.0 * UNIT * (inverse.abs() * forward.abs()),
+            group,
+            transform,
+            first_path: InstancePath(1),
+        }
+    }
+
+    /// What is placed.
+    pub fn group(&self) -> &Arc<Group> {
+        &self.group
+    }
+
+    /// From the group's space to that of its surroundings.
+    pub fn transform(&self) -> &Transform {
+        &self.transform
+    }
+
+    /// A box that holds every point that a ray can hit.
+    pub fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    /// How many copies this is: itself, and those inside the group.
+    pub fn paths(&self) -> u64 {
+        self.group.geometry.paths()
+    }
+
+    /// The nearest hit inside the interval.
+    pub fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+        let interval = self.inside(ray, interval)?;
+        let ray = self.transform.ray_to_object(ray);
+        let hit = self
+            .group
+            .accelerator
+            .closest(&ray, interval, self.skip_inside(skip))?;
+        let shape = match hit.instance {
+            InstancePath::WORLD => self.group.first_shape + hit.shape,
+            // The copy inside has numbered it already.
+            _ => hit.shape,
+        };
+        let instance = InstancePath(self.first_path.0 + hit.instance.0);
+        Some(RawHit {
+            instance,
+            shape,
+            ..hit
+        })
+    }
+
+    /// Whether anything is hit inside the interval.
+    pub fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+        let Some(interval) = self.inside(ray, interval) else {
+            return false;
+        };
+        let ray = self.transform.ray_to_object(ray);
+        self.group
+            .accelerator
+            .occluded(&ray, interval, self.skip_inside(skip))
+    }
+
+    /// The part of an interval in which a ray touches the box. Besides saving time it makes what is outside no
+    /// hit by definition: from so far away that the group is smaller than rounding, its own tests tell nothing.
+    #[inline]
+    fn inside(&self, ray: &Ray, interval: Interval) -> Option<Interval> {
+        let Aabb { min, max } = self.bounds;
+        let reach = min.abs().max(max.abs()).max(ray.origin.abs());
+        let forward = DVec3::ONE.copysign(ray.direction) * (WIDTH * reach.max_element());
+        let reciprocal = ray.direction.recip();
+        // NaN, from zero times infinity, means that the ray runs in the very border: `max` and `min` ignore it.
+        let to_min = [
+            (min - ray.origin - forward) * reciprocal,
+            (min - ray.origin + forward) * reciprocal,
+        ];
+        let to_max = [
+            (max - ray.origin - forward) * reciprocal,
+            (max - ray.origin + forward) * reciprocal,
+        ];
+        let (mut near, mut far) = (interval.min, interval.max);
+        for axis in 0..3 {
+            let backwards = ray.direction[axis].is_sign_negative();
+            let (first, last) = if backwards {
+                (to_max, to_min)
+            } else {
+                (to_min, to_max)
+            };
+            near = near.max(first[0][axis].next_down());
+            far = far.min(last[1][axis].next_up());
+        }
+        (near <= far).then_some(Interval { min: near, max: far })
+    }
+
+    /// [`Self::closest`] for every ray of a stream. Hits that were found before are replaced by nearer ones.
+    pub fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+        for lane in 0..rays.len {
+            let interval = Interval::up_to(hits.t.0[lane]);
+            if let Some(hit) = self.closest(&rays.ray(lane), interval, rays.skip.skip(lane)) {
+                hits.set(lane, &hit);
+            }
+        }
+    }
+
+    /// Sets the lanes of the rays that hit anything inside their intervals.
+    pub fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
+        for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
+            *hidden = *hidden || self.occluded(&rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
+        }
+    }
+
+    /// Number in the group of a path that leads through this copy: 0 for the group's own shapes.
+    fn path_inside(&self, path: InstancePath) -> Option<InstancePath> {
+        let inside = path.0.wrapping_sub(self.first_path.0);
+        (u64::from(inside) < self.paths()).then_some(InstancePath(inside))
+    }
+
+    fn skip_inside(&self, skip: Skip) -> Skip {
+        let Some((path, shape, primitive)) = skip.id() else {
+            return Skip::NOTHING;
+        };
+        match self.path_inside(path) {
+            None => Skip::NOTHING,
+            Some(InstancePath::WORLD) => {
+                Skip::of(InstancePath::WORLD, shape - self.group.first_shape, primitive)
+            }
+            Some(path) => Skip::of(path, shape, primitive),
+        }
+    }
+
+    /// The surface at a hit of this ray.
+    ///
+    /// Pharr, Jakob, Humphreys, PBR (4th ed.), 6.8.6: the error of a transformed point is the transformed error
+    /// and that of the transformation, here along the normal.
+    pub fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let local = self.transform.ray_to_object(ray);
+        let geometry = &self.group.geometry;
+        let inside = InstancePath(hit.instance.0 - self.first_path.0);
+        let point = match inside {
+            InstancePath::WORLD => {
+                let shape = hit.shape - self.group.first_shape;
+                geometry.surface(
+                    &local,
+                    &RawHit {
+                        instance: inside,
+                        shape,
+                        ..*hit
+                    },
+                    needs,
+                )
+            }
+            _ => geometry.instanced(
+                &local,
+                &RawHit {
+                    instance: inside,
+                    ..*hit
+                },
+                needs,
+            ),
+        };
+        let forward = self.transform.world_from_object();
+        let across = self.transform.object_from_world().matrix3.transpose() * point.n_g;
+        let length = across.length();
+        let n_g = across / length;
+        let p = point.position.abs();
+        let terms = forward.translation.abs() + forward.matrix3.abs() * p;
+        let of_group = (point.error + point.n_g.abs().dot(self.tilt * p)) / length;
+        let n_s = if point.n_s == point.n_g {
+            n_g
+        } else {
+            self.transform.normal_to_world(point.n_s)
+        };
+        SurfacePoint {
+            position: self.transform.point_to_world(point.position),
+            // Three products and three sums, and one unit more for the rounding of the leave.
+            error: of_group + 5.0 * UNIT * n_g.abs().dot(terms),
+            n_g,
+            n_s,
+            uv: point.uv,
+        }
+    }
+}
+
+/// A box around boxes of the group's space, with all that hits may seem to lie beside them.
+fn world_bounds(parts: &[Aabb], transform: &Transform) -> Aabb {
+    if parts.iter().all(Aabb::is_empty) {
+        return Aabb::EMPTY;
+    }
+    let forward = transform.world_from_object();
+    let condition = forward.matrix3.abs() * transform.object_from_world().matrix3.abs();
+    let condition = (condition * DVec3::ONE).max_element();
+    let finite = parts.iter().all(Aabb::is_finite);
+    // Written so that NaN does not pass.
+    if !(finite && condition <= MAX_CONDITION) {
+        return Aabb::EVERYTHING;
+    }
+    let whole = parts.iter().fold(Aabb::EMPTY, |whole, part| {
+        whole.union(transform.aabb_to_world(part))
+    });
+    // Rounding of the corners, and of rays that are taken to the group's origin, which may lie far away.
+    let reach = whole
+        .min
+        .abs()
+        .max(whole.max.abs())
+        .max(forward.translation.abs());
+    let padded = whole.padded(64.0 * f64::EPSILON * condition * reach.max_element());
+    if padded.is_finite() {
+        padded
+    } else {
+        Aabb::EVERYTHING
+    }
+}
+
+impl GroupRef {
+    /// That there are no groups to place.
+    pub fn no_groups(&self) -> SceneError {
+        SceneError::at(self.span.clone(), format!("no group has the id \"{}\"", self.id))
+    }
+}

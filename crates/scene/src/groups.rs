@@ -1,0 +1,122 @@
+//! Groups of shapes: which of them are placed, and building them.
+
+use crate::Description;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use whitstone_core::config::GroupRef;
+use whitstone_core::{Group, SceneError, SceneErrors, SourceSpan, nearest};
+
+/// Deepest nesting of groups: a ray passes a transformation at each level, and no scene by hand comes near.
+const MAX_NESTING: usize = 16;
+
+/// A group that some instance places.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlannedGroup<'d> {
+    /// As in `[group.ID]`.
+    pub id: &'d str,
+    /// Number of its first shape.
+    pub first_shape: u32,
+}
+
+/// A group that is built.
+pub struct BuiltGroup {
+    /// As in `[group.ID]`.
+    pub id: String,
+    /// Its shapes and what is built over them.
+    pub group: Arc<Group>,
+    /// The accelerator in use, and why if the scene left the choice.
+    pub accelerator: (String, String),
+}
+
+/// The groups in use, each after those that it places itself.
+pub(crate) fn plan<'d>(description: &'d Description<'_>, errors: &mut SceneErrors) -> Vec<PlannedGroup<'d>> {
+    let mut search = Search {
+        description,
+        errors,
+        open: Vec::new(),
+        nesting: BTreeMap::new(),
+        order: Vec::new(),
+    };
+    for place in description.shapes.iter().filter_map(|shape| shape.group.as_ref()) {
+        search.follow(place);
+    }
+    let mut planned = search.order;
+    let used: BTreeSet<&str> = planned.iter().map(|group| group.id).collect();
+    let mut next = description.shapes.len() as u32;
+    for id in used {
+        for group in planned.iter_mut().filter(|group| group.id == id) {
+            group.first_shape = next;
+        }
+        next += description.groups[id].shapes.len() as u32;
+    }
+    planned
+}
+
+struct Search<'a, 'd, 's> {
+    description: &'d Description<'s>,
+    errors: &'a mut SceneErrors,
+    /// The groups that the search is in.
+    open: Vec<&'d str>,
+    /// By group that is done: how deep groups are nested in it, itself counted.
+    nesting: BTreeMap<&'d str, usize>,
+    order: Vec<PlannedGroup<'d>>,
+}
+
+impl<'d> Search<'_, 'd, '_> {
+    /// Returns how deep groups are nested below, this one counted.
+    fn follow(&mut self, place: &'d GroupRef) -> usize {
+        let Some((id, group)) = self.description.groups.get_key_value(&place.id) else {
+            if !self
+                .description
+                .faulty
+                .shared
+                .contains(&("group", place.id.clone()))
+            {
+                let known = self.description.groups.keys();
+                self.errors
+                    .0
+                    .push(unknown_id("group", &place.span, &place.id, known));
+            }
+            return 0;
+        };
+        let known = self.nesting.get(id.as_str()).copied();
+        let problem = if self.open.contains(&id.as_str()) {
+            Some(format!("the group \"{id}\" contains itself"))
+        } else if self.open.len() + known.unwrap_or(1) > MAX_NESTING {
+            Some(format!("groups are nested more than {MAX_NESTING} deep"))
+        } else {
+            None
+        };
+        if let Some(problem) = problem {
+            self.errors.0.push(SceneError::at(place.span.clone(), problem));
+            return 0;
+        }
+        if let Some(nesting) = known {
+            return nesting;
+        }
+        self.open.push(id);
+        let places = group.shapes.iter().filter_map(|shape| shape.group.as_ref());
+        let inside = places.map(|place| self.follow(place)).max().unwrap_or(0);
+        self.open.pop();
+        self.nesting.insert(id, inside + 1);
+        self.order.push(PlannedGroup { id, first_shape: 0 });
+        inside + 1
+    }
+}
+
+/// That nothing of a kind has this id, with the nearest that there is.
+pub(crate) fn unknown_id<'a>(
+    what: &str,
+    span: &SourceSpan,
+    id: &str,
+    known: impl Iterator<Item = &'a String>,
+) -> SceneError {
+    let known: Vec<&str> = known.map(String::as_str).collect();
+    let error = SceneError::at(span.clone(), format!("no {what} has the id \"{id}\""));
+    error.with_help(match nearest(id, known.iter().copied()) {
+        Some(near) => format!("did you mean \"{near}\"?"),
+        None if known.is_empty() && what == "group" => format!("add [[group.{id}.shape]]"),
+        None if known.is_empty() => format!("add [{what}.{id}], or write the {what} inline"),
+        None => format!("the scene has the {what}s {}", known.join(", ")),
+    })
+}

@@ -1,0 +1,187 @@
+//! Copies of groups of shapes, for the laws of accelerators.
+
+use crate::accelerators::{ball, needles, soup};
+use crate::random::Random;
+use crate::{Wall, placements};
+use std::sync::Arc;
+use whitstone_core::triangle::ShearedRay;
+use whitstone_core::{
+    Accelerator, DAffine3, DMat3, DVec3, Geometry, Group, Instance, Interval, RawHit, Ray, Shape, Skip,
+    Statistics, Transform,
+};
+
+/// Tries every element: what is right by definition.
+pub struct Naive {
+    geometry: Arc<Geometry>,
+}
+
+impl Naive {
+    /// Over a geometry.
+    pub fn new(geometry: Arc<Geometry>) -> Self {
+        Self { geometry }
+    }
+
+    fn hits(&self, ray: &Ray, interval: Interval, skip: Skip) -> impl Iterator<Item = RawHit> {
+        let sheared = ShearedRay::new(ray);
+        let elements = self.geometry.elements();
+        elements.filter_map(move |element| self.geometry.intersect(element, ray, &sheared, interval, skip))
+    }
+}
+
+impl Accelerator for Naive {
+    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+        let hits = self.hits(ray, interval, skip);
+        hits.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+    }
+
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+        self.hits(ray, interval, skip).next().is_some()
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::default()
+    }
+}
+
+/// What accelerators over groups are built by.
+pub(crate) type Build<'a> = &'a dyn Fn(Arc<Geometry>) -> Box<dyn Accelerator>;
+
+/// A group over whose shapes the accelerator is built, with its number in the scene.
+fn group(build: Build<'_>, shapes: Vec<Shape>, first_shape: u32) -> Arc<Group> {
+    let geometry = Arc::new(Geometry::new(shapes));
+    Arc::new(Group::new(geometry.clone(), build(geometry), first_shape))
+}
+
+fn copy(group: &Arc<Group>, transform: Transform) -> Shape {
+    Shape::Instance(Box::new(Instance::new(group.clone(), transform)))
+}
+
+/// A transform that turns, stretches, shears a little and moves; every second one mirrors.
+fn anywhere(random: &mut Random, size: f64) -> Transform {
+    let turn = || DMat3::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 1.0);
+    let stretch = DVec3::new(size, -size, size) * (DVec3::ONE + 0.7 * random.cube());
+    let shear = DMat3::from_cols(DVec3::X, DVec3::new(random.signed(), 1.0, 0.0), DVec3::Z);
+    let matrix =
+        DMat3::from_axis_angle(random.direction(), 3.0) * shear * DMat3::from_diagonal(stretch) * turn();
+    Transform::new(DAffine3::from_mat3_translation(matrix, random.cube())).expect("nothing is flattened")
+}
+
+type World = fn(Build<'_>) -> Vec<Shape>;
+
+/// Geometries with copies of groups, each with its name and how many rays it deserves. They are made twice: for
+/// the truth, and for the accelerator that is held to it.
+pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
+    [
+        (
+            "copies anywhere, beside what is no copy",
+            |build| {
+                let mut random = Random::new(11);
+                let mut inside = vec![soup(&mut random, 150, 0.3)];
+                inside.extend((0..6).map(|_| ball(&mut random, 1.0)));
+                let group = group(build, inside, 16);
+                let mut shapes = vec![soup(&mut random, 60, 0.3), ball(&mut random, 1.0)];
+                shapes.extend((0..14).map(|_| copy(&group, anywhere(&mut random, 0.4))));
+                shapes
+            },
+            1000,
+        ),
+        (
+            "copies that coincide with each other and with the original",
+            |build| {
+                let inside = || vec![soup(&mut Random::new(3), 80, 0.4)];
+                let group = group(build, inside(), 6);
+                let mut shapes: Vec<Shape> = (0..3).map(|_| copy(&group, Transform::IDENTITY)).collect();
+                shapes.extend(inside());
+                shapes.extend((0..2).map(|_| copy(&group, Transform::IDENTITY)));
+                shapes
+            },
+            1000,
+        ),
+        (
+            "copies of copies",
+            |build| {
+                let mut random = Random::new(12);
+                let leaf = group(build, vec![soup(&mut random, 60, 0.5), ball(&mut random, 1.0)], 5);
+                let mut shapes: Vec<Shape> =
+                    (0..4).map(|_| copy(&leaf, anywhere(&mut random, 0.5))).collect();
+                shapes.insert(2, soup(&mut random, 20, 0.3));
+                let branch = group(build, shapes, 7);
+                (0..5)
+                    .map(|i| copy([&branch, &leaf][i % 2], anywhere(&mut random, 0.6)))
+                    .collect()
+            },
+            1000,
+        ),
+        (
+            "copies that are tiny, huge, far away, thin and sheared",
+            |build| {
+                let mut random = Random::new(13);
+                let group = group(
+                    build,
+                    vec![soup(&mut random, 50, 0.5), ball(&mut random, 1.0)],
+                    20,
+                );
+                let mut shapes: Vec<Shape> = placements()
+                    .into_iter()
+                    .map(|(_, place)| copy(&group, place))
+                    .collect();
+                let askew = DMat3::from_cols(DVec3::X, DVec3::new(3e4, 1.0, 0.0), DVec3::Z);
+                shapes.extend(Transform::new(DAffine3::from_mat3(askew)).map(|askew| copy(&group, askew)));
+                shapes
+            },
+            1000,
+        ),
+        (
+            "copies of an endless wall",
+            |build| {
+                let mut random = Random::new(14);
+                let wall = Wall {
+                    point: 0.1 * DVec3::Y,
+                    normal: DVec3::Y,
+                };
+                let inside = vec![Shape::Opaque(Box::new(wall)), soup(&mut random, 40, 0.3)];
+                let group = group(build, inside, 4);
+                let mut shapes = vec![soup(&mut random, 40, 0.3)];
+                shapes.extend((0..3).map(|_| copy(&group, anywhere(&mut random, 0.5))));
+                shapes
+            },
+            800,
+        ),
+        (
+            "copies of needles and of nothing",
+            |build| {
+                let mut random = Random::new(15);
+                let thin = group(build, vec![needles(&mut random, 120)], 8);
+                let nothing = group(build, vec![], 9);
+                let mut shapes = vec![copy(&nothing, Transform::IDENTITY)];
+                shapes.extend((0..6).map(|_| copy(&thin, anywhere(&mut random, 0.7))));
+                shapes
+            },
+            1200,
+        ),
+    ]
+}
+
+/// Some triangles of copies, in world space.
+pub(crate) fn corners_of_copies(geometry: &Geometry) -> Vec<[DVec3; 3]> {
+    let mut corners = Vec::new();
+    for shape in geometry.shapes() {
+        let Shape::Instance(instance) = shape else {
+            continue;
+        };
+        let inside = instance.group().geometry();
+        for shape in inside.shapes() {
+            if let Shape::Triangles(mesh) = shape {
+                corners.extend((0..mesh.triangles.len().min(50) as u32).map(|i| mesh.corners(i)));
+            }
+        }
+        let inner = corners_of_copies(inside);
+        let to_world = |p| instance.transform().point_to_world(p);
+        corners.extend(inner);
+        let first = corners.len();
+        corners[..first]
+            .iter_mut()
+            .for_each(|triangle| *triangle = triangle.map(to_world));
+    }
+    corners
+}
