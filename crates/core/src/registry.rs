@@ -143,6 +143,13 @@ pub trait Context {
         Err(group.no_groups().into())
     }
 
+    /// Says before so many bytes are allocated that they will be: an error where the scene may not have them. What
+    /// grows with a number in the scene or with a file asks; what is small need not.
+    fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
+        let _ = bytes;
+        Ok(())
+    }
+
     /// Tells the user something that is no error.
     fn warn(&mut self, warning: SceneError);
 }

@@ -1,4 +1,5 @@
 use crate::groups::{BuiltGroup, unknown_id};
+use crate::memory::Memory;
 use crate::{Description, FilmTable, LeftOut, Plan, PluginTable, ShapeTable};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -17,6 +18,9 @@ use whitstone_core::{
 /// Measured with random spheres, boxes and triangles: the rates cross at about 160 whole shapes or 40
 /// triangles.
 const BRUTE_FORCE_LIMIT: usize = 128;
+
+/// What needs no structure.
+const BRUTE_FORCE: &str = "brute_force";
 
 /// Of a triangle, in tests of whole shapes.
 const TRIANGLE_COST: usize = 4;
@@ -50,17 +54,39 @@ pub struct Pipeline {
     pub build_seconds: f64,
 }
 
+/// How to build; what is rendered does not depend on it.
+#[derive(Clone, Copy, Default)]
+pub struct BuildOptions<'a> {
+    /// Bytes that meshes and accelerators may take, also while they are built; by default what the machine has left.
+    pub max_memory: Option<u64>,
+    /// Told what is about to be built.
+    pub progress: Option<&'a dyn Fn(&str)>,
+}
+
 impl Pipeline {
     /// Builds what the plan says; all errors at once.
     pub fn build(plan: &Plan<'_, '_>, registry: &Registry) -> Result<Self, SceneErrors> {
-        match Self::build_partly(plan, registry) {
+        Self::build_with(plan, registry, BuildOptions::default())
+    }
+
+    /// As [`Self::build`], in a certain way.
+    pub fn build_with(
+        plan: &Plan<'_, '_>,
+        registry: &Registry,
+        options: BuildOptions<'_>,
+    ) -> Result<Self, SceneErrors> {
+        match Self::build_partly(plan, registry, options) {
             (Some(pipeline), errors) => errors.into_result(pipeline),
             (None, errors) => Err(errors),
         }
     }
 
     /// As [`Self::build`]; there is no pipeline only if a part of it is missing.
-    pub(crate) fn build_partly(plan: &Plan<'_, '_>, registry: &Registry) -> (Option<Self>, SceneErrors) {
+    pub(crate) fn build_partly(
+        plan: &Plan<'_, '_>,
+        registry: &Registry,
+        options: BuildOptions<'_>,
+    ) -> (Option<Self>, SceneErrors) {
         let start = Instant::now();
         let description = plan.description;
         let mut errors = SceneErrors::default();
@@ -70,6 +96,8 @@ impl Pipeline {
             textures: BTreeMap::new(),
             open: Vec::new(),
             groups: BTreeMap::new(),
+            memory: Memory::new(options.max_memory),
+            options,
             warnings: Vec::new(),
         };
         let size = description.film.size;
@@ -142,11 +170,11 @@ fn choose_accelerator(table: &PluginTable<'_>, geometry: &Geometry, registry: &R
     let cost: usize = elements.map(cost).sum();
     let few = cost <= BRUTE_FORCE_LIMIT;
     let (wanted, why) = if few {
-        ("brute_force", "few elements: trying each is fastest".to_owned())
+        (BRUTE_FORCE, "few elements: trying each is fastest".to_owned())
     } else {
         ("bvh", "too many elements to try each".to_owned())
     };
-    let other = if few { "bvh" } else { "brute_force" };
+    let other = if few { "bvh" } else { BRUTE_FORCE };
     let available = |name: &str| registry.get(FamilyName::Accelerator, name).is_ok();
     if !available(wanted) && available(other) {
         (other.to_owned(), format!("\"{wanted}\" is not built in"))
@@ -210,7 +238,7 @@ fn unused_parts(
 }
 
 /// Builds plugins and what they refer to.
-struct Builder<'d, 's> {
+struct Builder<'d, 's, 'o> {
     description: &'d Description<'s>,
     registry: &'d Registry,
     /// Textures by id or place: `None` where the building failed and the error is reported.
@@ -219,6 +247,8 @@ struct Builder<'d, 's> {
     open: Vec<TextureKey>,
     /// What instances place, by id, as far as it is built.
     groups: BTreeMap<&'d str, BuiltGroup>,
+    memory: Memory,
+    options: BuildOptions<'o>,
     warnings: Vec<SceneError>,
 }
 
@@ -228,7 +258,7 @@ enum TextureKey {
     Inline(usize),
 }
 
-impl<'d, 's> Builder<'d, 's> {
+impl<'d, 's> Builder<'d, 's, '_> {
     fn plugin<F: whitstone_core::Family>(
         &mut self,
         plugin: &PluginTable<'s>,
@@ -336,7 +366,9 @@ impl<'d, 's> Builder<'d, 's> {
         errors: &mut SceneErrors,
     ) -> Option<Structure> {
         let mut shapes = Vec::new();
-        for shape in tables {
+        for (shape, number) in tables.iter().zip(1..) {
+            let kind = &shape.plugin.name;
+            self.tell(|| format!("shape {number} of {}: {kind}", tables.len()));
             shapes.extend(errors.take(self.plugin::<Shapes>(&shape.plugin, shape.transform)));
         }
         if shapes.len() < tables.len() {
@@ -354,6 +386,16 @@ impl<'d, 's> Builder<'d, 's> {
             return None;
         }
         let (name, why) = choose_accelerator(accelerator, &geometry, self.registry);
+        let elements = geometry.elements().count();
+        if name != BRUTE_FORCE {
+            let room = self.memory.take_structure(elements);
+            let at = |error: SceneError| match tables.first() {
+                Some(first) => SceneErrors::from(error).or_at(&first.plugin.name_span),
+                None => error.into(),
+            };
+            errors.take(room.map_err(at))?;
+        }
+        self.tell(|| format!("{name} over {elements} elements"));
         let table = PluginTable {
             name: name.clone(),
             ..accelerator.clone()
@@ -364,6 +406,12 @@ impl<'d, 's> Builder<'d, 's> {
             accelerator,
             chosen: (name, why),
         })
+    }
+
+    fn tell(&self, what: impl FnOnce() -> String) {
+        if let Some(progress) = self.options.progress {
+            progress(&what());
+        }
     }
 
     fn default_material(&mut self, shape: &PluginTable<'s>) -> Result<Arc<dyn Material>, SceneErrors> {
@@ -417,7 +465,7 @@ impl<'d, 's> Builder<'d, 's> {
     }
 }
 
-impl Context for Builder<'_, '_> {
+impl Context for Builder<'_, '_, '_> {
     fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors> {
         let span = reference.span.clone().unwrap_or(0..0);
         let key = match &reference.value {
@@ -454,6 +502,10 @@ impl Context for Builder<'_, '_> {
         found
             .map(|built| built.group.clone())
             .ok_or_else(SceneErrors::default)
+    }
+
+    fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
+        Ok(self.memory.take(bytes)?)
     }
 
     fn warn(&mut self, warning: SceneError) {

@@ -18,6 +18,8 @@ mod near;
 pub mod cuboid;
 #[cfg(feature = "disk")]
 pub mod disk;
+#[cfg(feature = "heightfield")]
+pub mod heightfield;
 #[cfg(feature = "instance")]
 pub mod instance;
 #[cfg(feature = "mesh")]
@@ -38,6 +40,8 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Shapes, cuboid::Cuboid>(from)?;
     #[cfg(feature = "disk")]
     registry.add::<Shapes, disk::Disk>(from)?;
+    #[cfg(feature = "heightfield")]
+    registry.add::<Shapes, heightfield::Heightfield>(from)?;
     #[cfg(feature = "instance")]
     registry.add::<Shapes, instance::Placed>(from)?;
     #[cfg(feature = "mesh")]

@@ -72,6 +72,9 @@ impl Plugin<Shapes> for Mesh {
         let Config { file, shading } = config;
         let error = |message: String| SceneError::at(file.span.clone(), message);
         let path = context.file(&file)?;
+        // The bytes of the file and what is made of them: about as much in every format.
+        let bytes = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
+        context.reserve(bytes.saturating_mul(3))?;
         let mut object = read(&path).map_err(|FileError { line, message }| match line {
             Some(line) => error(format!("{}, line {line}: {message}", file.path)),
             None => error(format!("{}: {message}", file.path)),

@@ -127,6 +127,17 @@ pub fn progress(total: u64, what: &str) -> ProgressBar {
     bar
 }
 
+/// A sign that something goes on, for what has no known end; none where standard error is no terminal.
+pub fn spinner(what: &str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+    let style = ProgressStyle::with_template("{spinner} {msg} {elapsed}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+    bar.set_message(what.to_owned());
+    // Not at once: most scenes are built before anyone could read it.
+    bar.enable_steady_tick(std::time::Duration::from_millis(250));
+    bar
+}
+
 #[cfg(test)]
 mod tests {
     use super::with_prefix;

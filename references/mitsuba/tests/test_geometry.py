@@ -191,6 +191,43 @@ class Shapes(Case):
         self.near(node["n_s"], -n / np.linalg.norm(n))
         self.assertEqual(node["n_g"], [0, 0, 1])
 
+    def test_instances(self):
+        """A tilted triangle with normals in a group in a group: turned by a quarter, stretched, mirrored, moved."""
+        scene = """
+[[group.b.shape]]
+type = "triangle"
+vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+normals = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+transform = { scale = [2, 2, 2] }
+[[group.a.shape]]
+type = "sphere"
+center = [50, 0, 0]
+[[group.a.shape]]
+type = "instance"
+group = "b"
+transform = { scale = [3, 1, 2] }
+[[shape]]
+type = "sphere"
+center = [0, 0, 90]
+[[shape]]
+type = "instance"
+group = "a"
+transform = [{ scale = [1, 1, -1] }, { translate = [10, 0, 0] }]
+"""
+        node = self.nodes(looking([11.5, 0.5, 5], (11.5, 0.5, 0)) + scene)[0]
+        # Shapes 0 and 1 are the document's, 2 and 3 those of a, 4 that of b.
+        self.assertEqual((node["shape"], node["primitive"], node["n_g"]), (4, 0, [0, 0, -1]))
+        self.near(node["uv"], [0.25, 0.25])
+        # Interpolated and normalised in the group; the inverse transpose of (3, 1, -2); turned to the viewer (rule S).
+        n = np.array([0.25 / 3, 0.25, -0.5 / 2])
+        self.near(node["n_s"], n / np.linalg.norm(n))
+        node = self.nodes(looking([60, 0, 5], (60, 0, 0)) + scene.replace("scale = [1, 1, -1]", "scale = 1"))[0]
+        self.assertEqual(node["shape"], 2)
+        self.refuse(looking([0, 0, 5]) + scene.replace('group = "b"', 'group = "a"'), "scene", "contains itself")
+        self.refuse(looking([0, 0, 5]) + scene.replace('group = "b"', 'group = "c"'), "scene", "no group is called")
+        stretched = scene.replace("scale = [1, 1, -1]", "scale = [1, 2, 1]")
+        self.refuse(looking([0, 0, 5]) + stretched, "unsupported", "sphere that an instance stretches")
+
     def test_numbers_and_misses(self):
         ball = '[[shape]]\ntype = "sphere"\nradius = 0.1\ncenter = [{}, 0, 0]\n'
         camera = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\nwidth = 3\n'

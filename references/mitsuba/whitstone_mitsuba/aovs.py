@@ -34,7 +34,8 @@ def render(tracer: Tracer, x: np.ndarray, y: np.ndarray) -> Dict[str, np.ndarray
             add("uv.U", hits.uv.x.numpy())
             add("uv.V", hits.uv.y.numpy())
         if "shape_id" in wanted:
-            add("shape_id.I", hits.shape.numpy(), -1.0)
+            place = np.minimum(hits.shape.numpy(), len(tracer.built.numbers) - 1)
+            add("shape_id.I", tracer.built.numbers[place], -1.0)
         if "primitive_id" in wanted:
             add("primitive_id.I", hits.primitive.numpy(), -1.0)
     return {name: np.concatenate(values) for name, values in parts.items()}

@@ -19,7 +19,7 @@ else:
     import tomli as tomllib
 
 AOVS = ("depth", "normal", "uv", "shape_id", "primitive_id")
-TABLES = ("film", "camera", "sampler", "integrator", "accelerator", "light", "texture", "material", "shape", "expect")
+TABLES = ("film", "camera", "sampler", "integrator", "accelerator", "light", "texture", "material", "group", "shape", "expect")
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,8 @@ def parse(text: str, base: str) -> Document:
     lamps = lights.read(root.get("light", []), errors, unsupported)
     texture_reader = textures.Textures(_shared(root.get("texture", {}), "texture", errors), folder, errors, unsupported)
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
-    shape_list = shapes.read(root.get("shape", []), material_reader, folder, errors, unsupported)
+    groups = _shared(root.get("group", {}), "group", errors)
+    shape_list = shapes.read(root, groups, material_reader, folder, errors, unsupported)
     # A document can be wrong and unsupported at once: what it gets wrong comes first.
     if errors:
         raise SceneError("\n".join(errors))

@@ -231,4 +231,44 @@ def _ply_values(
     return np.frombuffer(data, dtype, count, position), position + count * dtype.itemsize
 
 
+def _lowbias(x: np.ndarray) -> np.ndarray:
+    """The hash m of the model."""
+    x = x ^ (x >> np.uint32(16))
+    x = x * np.uint32(0x7FEB352D)
+    x = x ^ (x >> np.uint32(15))
+    x = x * np.uint32(0x846CA68B)
+    return x ^ (x >> np.uint32(16))
+
+
+def _words(values: np.ndarray) -> np.ndarray:
+    """Modulo 2^32."""
+    return (np.asarray(values, dtype=np.uint64) & np.uint64(0xFFFFFFFF)).astype(np.uint32)
+
+
+def heightfield(columns: int, rows: int, amplitude: float, hills: int, octaves: int, seed: int) -> Triangles:
+    """The model's generated landscape."""
+    i, j = np.arange(columns + 1), np.arange(rows + 1)
+    z = np.zeros((rows + 1, columns + 1))
+    for k in range(octaves):
+        count = hills * 2**k
+        p, q = i * count / columns, j * count / rows
+        left, low = np.floor(p), np.floor(q)
+        u, v = (t * t * (3.0 - 2.0 * t) for t in (p - left, q - low))
+        octave = _lowbias(_words(np.array([seed], dtype=np.uint64) + _lowbias(_words(np.array([k])))))
+
+        def value(right: int, up: int) -> np.ndarray:
+            line = _lowbias(_words(octave + (low + up).astype(np.uint64)))
+            return _lowbias(_words(line[:, None].astype(np.uint64) + (left + right).astype(np.uint64)[None, :])) / 2.0**31 - 1.0
+
+        near = value(0, 0) + u[None, :] * (value(1, 0) - value(0, 0))
+        far = value(0, 1) + u[None, :] * (value(1, 1) - value(0, 1))
+        z += amplitude * 0.5**k * (near + v[:, None] * (far - near))
+    x, y = np.meshgrid(2.0 * i / columns - 1.0, 2.0 * j / rows - 1.0)
+    positions = np.stack([x, y, z], axis=2).reshape(-1, 3).astype(np.float32).astype(np.float64)
+    corner = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)[None, :]).reshape(-1)
+    a, b, c, d = corner, corner + 1, corner + columns + 2, corner + columns + 1
+    faces = np.stack([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)], axis=1).reshape(-1, 3)
+    return Triangles(positions, faces)
+
+
 _READERS = {".obj": _obj, ".ply": _ply}

@@ -33,7 +33,7 @@ _ANCHORS: Optional["mi.Scene"] = None
 
 
 def load_shapes(document: Document, bsdfs: Sequence["mi.BSDF"], setting: Setting, extra: Optional[dict] = None) -> Any:
-    """(scene, shapes in the document's order). `extra`: emitters or a sensor for the check against Mitsuba's integrators."""
+    """(scene, shapes in the document's order, copies one by one). `extra`: emitters or a sensor for the check against Mitsuba's integrators."""
     global _ANCHORS
     if _ANCHORS is None:
         _ANCHORS = _anchors()
@@ -79,7 +79,9 @@ class Built:
     def _tables(self) -> None:
         shapes = self.document.shapes
         rules = [shape.rules for shape in shapes] + [shape_module.Rules()] * 2
-        # Dr.Jit numbers all shapes of the process; this gives back the document's number.
+        # The model's numbers: all copies of a shape have the same.
+        self.numbers = np.array([shape.number for shape in shapes] + [NOTHING], dtype=np.uint32)
+        # Dr.Jit numbers all shapes of the process; this gives back the place in the document.
         registry = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in self._shapes]
         number_of = np.full(max(registry, default=0) + 2, NOTHING, dtype=np.uint32)
         number_of[registry] = np.arange(len(shapes))

@@ -1,4 +1,4 @@
-"""Shapes: sphere, plane, rectangle, disk, box, triangle, mesh (model §9), on Mitsuba's geometry.
+"""Shapes: sphere, plane, rectangle, disk, box, triangle, mesh, heightfield, instance (model §9), on Mitsuba's geometry.
 
 Transforms are composed in float64 and handed over once. What Mitsuba's surface differs in from the model (normals of mirrored
 shapes, v of the sphere, uv of the plane, numbers of primitives) stands in each shape's `Rules`, which the driver applies.
@@ -46,10 +46,32 @@ Builder = Callable[["mi.BSDF", rounding.Rounding], "mi.Shape"]
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where a copy of a shape stands: the shape's own transform, and that of all instances around it."""
+
+    own: np.ndarray
+    around: np.ndarray
+    # Problems with the twin of this copy; the document itself may be right.
+    unsupported: List[str]
+
+    @property
+    def world(self) -> np.ndarray:
+        """`world_from_object`."""
+        return self.around @ self.own
+
+    @property
+    def stretched(self) -> bool:
+        """Whether the instances change proportions."""
+        return transforms.similarity_scale(self.around) is None
+
+
+@dataclass(frozen=True)
 class Shape:
-    """A shape as read."""
+    """A shape as read, or a copy of one in a group."""
 
     type: str
+    # The model's `shape_id`, the same for all copies.
+    number: int
     material: int
     rules: Rules
     build: Builder
@@ -86,8 +108,9 @@ def _native(plugin: str, matrix: np.ndarray) -> Builder:
     return build
 
 
-def _triangles(triangles: meshes.Triangles, matrix: np.ndarray, smooth: bool) -> Builder:
+def _triangles(triangles: meshes.Triangles, place: Place, smooth: bool) -> Builder:
     """Triangles in object space, transformed in float64."""
+    matrix = place.world
     linear = matrix[:3, :3]
     positions = triangles.positions @ linear.T + matrix[:3, 3]
     faces = triangles.faces
@@ -97,25 +120,31 @@ def _triangles(triangles: meshes.Triangles, matrix: np.ndarray, smooth: bool) ->
     normals = None
     if smooth and triangles.normals is not None:
         # Inverse transpose, normalised at the vertices; after the interpolation Mitsuba normalises once more.
-        normals = triangles.normals @ np.linalg.inv(linear)
+        normals = triangles.normals @ np.linalg.inv(place.own[:3, :3])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+        # Instances transform what is interpolated. That is linear up to its length, so it can be done before.
+        normals = normals @ np.linalg.inv(place.around[:3, :3])
     uvs = triangles.uvs if triangles.uvs is not None else np.zeros((len(positions), 2))
     return lambda bsdf, rounded: make_mesh(positions, faces, uvs, normals, bsdf, rounded)
 
 
-def _similarity(fields: Fields, matrix: np.ndarray) -> float:
-    scale = transforms.similarity_scale(matrix)
+def _similarity(fields: Fields, place: Place) -> float:
+    """The shape's own scale; that of the whole where there is one."""
+    scale = transforms.similarity_scale(place.own)
     if scale is None:
         fields.error("transform", "must be a similarity (rotation, reflection, translation, one scale for all axes)")
         return 1.0
-    return scale
+    return transforms.similarity_scale(place.world) or scale
 
 
-def _sphere(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]:
+def _sphere(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+    matrix = place.world
     centre = fields.vector("center", (0.0, 0.0, 0.0))
     radius = fields.number("radius", 1.0, lambda metres: metres > 0, "a radius > 0")
-    _similarity(fields, matrix)
+    _similarity(fields, place)
+    if place.stretched:
+        place.unsupported.append(f"{fields.where}: no twin for a sphere that an instance stretches: Mitsuba's are round")
     placed = matrix.copy()
     placed[:3, 3] = (matrix @ [*centre, 1.0])[:3]
     placed[:3, :3] *= radius
@@ -129,20 +158,32 @@ def _flat(matrix: np.ndarray) -> np.ndarray:
     return np.array([*normal, normal @ matrix[:3, 3]])
 
 
-def _plane(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]:
-    scale = _similarity(fields, matrix)
+def _flat_only(fields: Fields, place: Place) -> None:
+    """Mitsuba's disks and rectangles may be stretched along their own axes, not sheared."""
+    first, second = place.world[:3, 0], place.world[:3, 1]
+    if abs(first @ second) > 1e-9 * np.linalg.norm(first) * np.linalg.norm(second):
+        place.unsupported.append(f"{fields.where}: no twin for a {fields.take('type')} that an instance shears")
+
+
+def _plane(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+    matrix = place.world
+    scale = _similarity(fields, place)
+    _flat_only(fields, place)
     placed = matrix.copy()
     placed[:3, :3] *= PLANE_RADIUS / scale
     return Rules(uv=UV_PLANE, project=_flat(matrix), plane=np.linalg.inv(matrix)[:2]), _native("disk", placed)
 
 
-def _rectangle(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]:
+def _rectangle(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+    matrix = place.world
     return Rules(flip=transforms.mirrors(matrix)), _native("rectangle", matrix)
 
 
-def _disk(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]:
-    if not transforms.alike(matrix[:3, :2]):
+def _disk(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+    matrix = place.world
+    if not transforms.alike(place.own[:3, :2]):
         fields.error("transform", "must scale x and y equally")
+    _flat_only(fields, place)
     return Rules(project=_flat(matrix)), _native("disk", matrix)
 
 
@@ -164,11 +205,11 @@ def box_triangles() -> meshes.Triangles:
     return meshes.Triangles(np.array(positions), np.array(faces), None, np.array(uvs, dtype=float))
 
 
-def _box(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]:
-    return Rules(primitive=PRIMITIVE_HALF), _triangles(box_triangles(), matrix, False)
+def _box(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+    return Rules(primitive=PRIMITIVE_HALF), _triangles(box_triangles(), place, False)
 
 
-def _triangle(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]:
+def _triangle(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     vertices = fields.vectors("vertices", 3, 3, REQUIRED)
     normals = fields.vectors("normals", 3, 3)
     # Without uvs: the barycentric coordinates of b and c.
@@ -176,10 +217,10 @@ def _triangle(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, 
     triangle = meshes.Triangles(
         np.array(vertices or np.eye(3)), np.array([[0, 1, 2]]), None if normals is None else np.array(normals), np.array(uvs)
     )
-    return Rules(smooth=normals is not None), _triangles(triangle, matrix, True)
+    return Rules(smooth=normals is not None), _triangles(triangle, place, True)
 
 
-def _mesh(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]:
+def _mesh(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     name = fields.string("file", REQUIRED)
     shading = fields.choice("shading", "smooth", ("smooth", "flat"))
     triangles = box_triangles()
@@ -189,10 +230,25 @@ def _mesh(fields: Fields, matrix: np.ndarray, base: Folder) -> Tuple[Rules, Any]
         except SceneError as error:
             fields.error("file", str(error))
     smooth = shading == "smooth" and triangles.normals is not None
-    return Rules(smooth=smooth, primitive=PRIMITIVE_NATIVE), _triangles(triangles, matrix, smooth)
+    return Rules(smooth=smooth, primitive=PRIMITIVE_NATIVE), _triangles(triangles, place, smooth)
 
 
-READERS: Dict[str, Callable[[Fields, np.ndarray, Folder], Tuple[Rules, Any]]] = {
+def _heightfield(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+    columns, rows = fields.integer("columns", 64, 1, 65536), fields.integer("rows", 64, 1, 65536)
+    amplitude = fields.number("amplitude", 0.2, lambda metres: metres >= 0, "a number >= 0")
+    hills, octaves = fields.integer("hills", 4, 1, 1024), fields.integer("octaves", 8, 1, 16)
+    seed = fields.integer("seed", 0, 0, 2**32 - 1)
+    triangles = box_triangles()
+    if columns * rows > 2**26:
+        fields.error(None, f"at most 2^26 quads, found {columns} x {rows}")
+    elif columns * rows > MAX_QUADS:
+        place.unsupported.append(f"{fields.where}: no twin for more than {MAX_QUADS} quads")
+    else:
+        triangles = meshes.heightfield(columns, rows, amplitude, hills, octaves, seed)
+    return Rules(primitive=PRIMITIVE_NATIVE), _triangles(triangles, place, False)
+
+
+READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Rules, Any]]] = {
     "sphere": _sphere,
     "plane": _plane,
     "rectangle": _rectangle,
@@ -200,30 +256,117 @@ READERS: Dict[str, Callable[[Fields, np.ndarray, Folder], Tuple[Rules, Any]]] = 
     "box": _box,
     "triangle": _triangle,
     "mesh": _mesh,
+    "heightfield": _heightfield,
 }
 
 
-def read(tables: Any, materials: Any, base: Folder, errors: List[str], unsupported: List[str]) -> List[Shape]:
-    """The `[[shape]]` tables, in the document's order: a shape's number is its place."""
-    shapes: List[Shape] = []
-    if not isinstance(tables, list):
-        errors.append("shape: expected an array of tables, [[shape]]")
-        return shapes
-    names: Dict[str, int] = {}
-    for index, table in enumerate(tables):
-        fields = Fields(table, f"shape[{index}]", errors)
-        kind = fields.kind()
-        reader = READERS.get(kind or "")
-        if reader is None:
-            if kind is not None:
-                unsupported.append(f"shape[{index}]: no twin for a shape of type {kind!r}; {nearest(kind, list(READERS))}")
-            continue
-        name = fields.string("id", None)
-        if name and names.setdefault(name, index) != index:
-            fields.error("id", f"{name!r} is already the id of shape[{names[name]}]")
-        material = materials.number(fields.take("material"), f"shape[{index}].material")
-        matrix = transforms.read(fields.take("transform"), f"shape[{index}].transform", errors)
-        rules, build = reader(fields, matrix, base)
-        fields.close()
-        shapes.append(Shape(kind, material, rules, build))
-    return shapes
+# More than this in one landscape is no work for this driver.
+MAX_QUADS = 2**22
+# Groups may be nested so deep (model §9).
+MAX_NESTING = 16
+# More copies than this are no work for one scene of Mitsuba shapes.
+MAX_COPIES = 4096
+
+
+class _Reader:
+    """Walks through the `[[shape]]` tables and the groups that instances among them place."""
+
+    def __init__(self, groups: Any, materials: Any, base: Folder, errors: List[str], unsupported: List[str]) -> None:
+        self.groups = groups
+        self.materials = materials
+        self.base = base
+        self.errors = errors
+        self.unsupported = unsupported
+        self.shapes: List[Shape] = []
+        # The number of the first shape of each group in use.
+        self.first: Dict[str, int] = {}
+        self.open: List[str] = []
+
+    def tables(self, owner: Any, where: str) -> List[Any]:
+        """The shape tables of the document or of a group."""
+        tables = owner.get("shape", []) if isinstance(owner, dict) else None
+        if not isinstance(tables, list):
+            self.errors.append(f"{where}shape: expected an array of tables, [[shape]]")
+            return []
+        return tables
+
+    def placed(self, tables: List[Any]) -> List[str]:
+        """The groups that instances among some shapes place."""
+        names = [table.get("group") for table in tables if isinstance(table, dict) and table.get("type") == "instance"]
+        return [name for name in names if isinstance(name, str) and name in self.groups]
+
+    def number(self, tables: List[Any]) -> None:
+        """Gives every group in use its numbers: behind the document's own shapes, by ID."""
+        used: List[str] = []
+        waiting = self.placed(tables)
+        while waiting:
+            name = waiting.pop()
+            if name not in used:
+                used.append(name)
+                waiting += self.placed(self.tables(self.groups[name], f"group.{name}."))
+        following = len(tables)
+        for name in sorted(used):
+            self.first[name] = following
+            following += len(self.tables(self.groups[name], f"group.{name}."))
+
+    def walk(self, tables: List[Any], where: str, first: int, around: np.ndarray) -> None:
+        """Shapes of one list; the first has the number `first`."""
+        names: Dict[str, int] = {}
+        for index, table in enumerate(tables):
+            fields = Fields(table, f"{where}shape[{index}]", self.errors)
+            kind = fields.kind()
+            if kind is not None and kind != "instance" and kind not in READERS:
+                known = list(READERS) + ["instance"]
+                self.unsupported.append(f"{fields.where}: no twin for a shape of type {kind!r}; {nearest(kind, known)}")
+            if kind is None or (kind != "instance" and kind not in READERS):
+                continue
+            name = fields.string("id", None)
+            if name and names.setdefault(name, index) != index:
+                fields.error("id", f"{name!r} is already the id of {where}shape[{names[name]}]")
+            own = transforms.read(fields.take("transform"), f"{fields.where}.transform", self.errors)
+            if kind == "instance":
+                self.instance(fields, around @ own)
+                fields.close()
+                continue
+            material = self.materials.number(fields.take("material"), f"{fields.where}.material")
+            rules, build = READERS[kind](fields, Place(own, around, self.unsupported), self.base)
+            fields.close()
+            self.shapes.append(Shape(kind, first + index, material, rules, build))
+
+    def instance(self, fields: Fields, around: np.ndarray) -> None:
+        """A copy of all shapes of a group."""
+        name = fields.string("group", REQUIRED)
+        if name is None:
+            return
+        if name not in self.groups:
+            fields.error("group", f"no group is called {name!r}; {nearest(name, list(self.groups))}")
+        elif name in self.open:
+            fields.error("group", f"{name!r} contains itself")
+        elif len(self.open) == MAX_NESTING:
+            fields.error("group", f"groups are nested more than {MAX_NESTING} deep")
+        elif len(self.shapes) > MAX_COPIES:
+            self.unsupported.append(f"{fields.where}: no twin for more than {MAX_COPIES} copies of shapes")
+        else:
+            where = f"group.{name}."
+            group = Fields(self.groups[name], where[:-1], self.errors)
+            group.take("accelerator")
+            group.take("shape")
+            group.close()
+            tables = self.tables(self.groups[name], where)
+            if not tables:
+                group.error(None, "has no shapes")
+            self.open.append(name)
+            self.walk(tables, where, self.first[name], around)
+            self.open.pop()
+
+
+def read(document: Any, groups: Any, materials: Any, base: Folder, errors: List[str], unsupported: List[str]) -> List[Shape]:
+    """The `[[shape]]` tables in the document's order; in the place of an instance, the shapes of its group."""
+    reader = _Reader(groups, materials, base, errors, unsupported)
+    tables = reader.tables(document, "")
+    reader.number(tables)
+    reader.walk(tables, "", 0, np.eye(4))
+    # Each copy of a table tells the same again.
+    for problems in (errors, unsupported):
+        problems[:] = list(dict.fromkeys(problems))
+    return reader.shapes

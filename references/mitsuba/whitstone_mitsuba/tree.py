@@ -66,7 +66,7 @@ def grow(built: Built, setting: Setting, x: int, y: int, sample: int) -> List[Di
         nodes.append(
             {
                 "path": path,
-                "shape": int(hits.shape[lane]) if valid else -1,
+                "shape": int(tracer.built.numbers[int(hits.shape[lane])]) if valid else -1,
                 "primitive": int(hits.primitive[lane]) if valid else -1,
                 "t": hits.t[lane],
                 "p": _color(hits.p, lane) if valid else [0.0] * 3,

@@ -15,7 +15,7 @@ use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use whitstone_core::{DuplicateType, Registry};
-use whitstone_scene::{Description, Pipeline, Plan, Sources, all_errors};
+use whitstone_scene::{BuildOptions, Description, Pipeline, Plan, Sources, all_errors_with};
 
 /// A Whitted ray tracer that is validated against Mitsuba 3, pixel by pixel.
 ///
@@ -111,6 +111,14 @@ fn threads(text: &str) -> Result<usize, String> {
     }
 }
 
+/// Bytes from GiB.
+fn gib(text: &str) -> Result<u64, String> {
+    match text.parse::<f64>() {
+        Ok(gib) if gib > 0.0 && gib <= 1e9 => Ok((gib * (1u64 << 30) as f64) as u64),
+        _ => Err("expected a number of GiB above 0".to_owned()),
+    }
+}
+
 /// A number that can be calculated with.
 fn finite(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
@@ -129,6 +137,9 @@ pub struct SceneArguments {
     /// Change a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`, `film={width=64,height=64}`
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
+    /// Refuse a scene whose meshes and accelerators need more memory, in GiB; by default what the machine has left
+    #[arg(long, value_name = "GIB", value_parser = gib)]
+    pub max_memory: Option<u64>,
 }
 
 /// A scene that is built, or all that is wrong with it as a report.
@@ -146,10 +157,21 @@ pub fn build_with<T>(
     let color = terminal::color();
     let sources = Sources::load(&arguments.scene, &arguments.overrides)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
-    let report = |_| Failure::usage(sources.report(&all_errors(&sources, registry), color));
+    let bar = terminal::spinner("building");
+    let progress = |what: &str| bar.set_message(format!("building {what}"));
+    let options = BuildOptions {
+        max_memory: arguments.max_memory,
+        progress: Some(&progress),
+    };
+    let report = |_| {
+        let errors = all_errors_with(&sources, registry, options);
+        bar.finish_and_clear();
+        Failure::usage(sources.report(&errors, color))
+    };
     let description = Description::parse(&sources).map_err(report)?;
     let plan = Plan::new(&description, registry).map_err(report)?;
-    let pipeline = Pipeline::build(&plan, registry).map_err(report)?;
+    let pipeline = Pipeline::build_with(&plan, registry, options).map_err(report)?;
+    bar.finish_and_clear();
     if !pipeline.warnings.is_empty() {
         eprintln!("{}", sources.report_warnings(&pipeline.warnings, color));
     }

@@ -58,6 +58,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         let scene = super::SceneArguments {
             scene: path.clone(),
             overrides: options.overrides.clone(),
+            max_memory: None,
         };
         let pipeline = super::build(&scene, registry)?;
         let size = pipeline.film.size;

@@ -1,0 +1,101 @@
+//! How much memory a scene will take, before it does.
+
+use std::fs;
+use whitstone_core::SceneError;
+
+/// What a structure takes while it is built, in bytes an element: measured for `bvh` (`docs/accelerators.md`), about
+/// right for the others.
+const BUILD_BYTES: u64 = 200;
+
+/// What of it stays.
+const KEPT_BYTES: u64 = 64;
+
+/// What is taken so far of what there may be.
+#[derive(Debug)]
+pub(crate) struct Memory {
+    limit: Option<u64>,
+    /// Whether the limit is what the machine has left.
+    measured: bool,
+    taken: u64,
+}
+
+impl Memory {
+    /// Up to `limit` bytes; without one, what the machine has left, where that can be known.
+    pub(crate) fn new(limit: Option<u64>) -> Self {
+        Self {
+            limit: limit.or_else(available),
+            measured: limit.is_none(),
+            taken: 0,
+        }
+    }
+
+    /// Takes so many bytes for good.
+    pub(crate) fn take(&mut self, bytes: u64) -> Result<(), SceneError> {
+        self.fits(bytes)?;
+        self.taken = self.taken.saturating_add(bytes);
+        Ok(())
+    }
+
+    /// Takes what an accelerator over so many elements needs.
+    pub(crate) fn take_structure(&mut self, elements: usize) -> Result<(), SceneError> {
+        let elements = elements as u64;
+        self.fits(elements.saturating_mul(BUILD_BYTES))?;
+        self.take(elements.saturating_mul(KEPT_BYTES))
+    }
+
+    fn fits(&self, bytes: u64) -> Result<(), SceneError> {
+        let needed = self.taken.saturating_add(bytes);
+        let Some(limit) = self.limit.filter(|limit| needed > *limit) else {
+            return Ok(());
+        };
+        let gib = |bytes: u64| bytes as f64 / (1u64 << 30) as f64;
+        let what = if self.measured {
+            "this machine has left"
+        } else {
+            "the limit"
+        };
+        let message = format!(
+            "with this the scene needs about {:.3} GiB of memory, more than {what}: {:.3} GiB",
+            gib(needed),
+            gib(limit)
+        );
+        let help = "--max-memory sets another limit, in GiB";
+        Err(SceneError::anywhere(message).with_help(help))
+    }
+}
+
+/// Bytes that programs can still take without swapping; known on Linux.
+fn available() -> Option<u64> {
+    let text = fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib << 10)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_is_refused_and_what_was_built_is_counted() {
+        let mut memory = Memory::new(Some(1000 << 10));
+        memory.take(400 << 10).unwrap();
+        // While it is built it needs more than what stays of it.
+        memory.take_structure(3000).unwrap();
+        assert_eq!(memory.taken, (400 << 10) + 3000 * KEPT_BYTES);
+        let error = memory.take_structure(3000).unwrap_err();
+        assert_eq!(
+            error.message,
+            "with this the scene needs about 0.001 GiB of memory, more than the limit: 0.001 GiB"
+        );
+        memory.take(1 << 10).unwrap();
+        memory.take(u64::MAX).unwrap_err();
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn the_machine_says_what_is_left() {
+        let bytes = available().unwrap();
+        assert!(bytes > 1 << 20);
+    }
+}
