@@ -10,6 +10,7 @@ mod picture;
 mod povray;
 mod prepare;
 mod rays;
+mod scale;
 mod scaling;
 
 use clap::{Args, Subcommand};
@@ -29,6 +30,7 @@ pub(crate) struct Arguments {
 #[derive(Subcommand, Debug)]
 enum What {
     Accelerators(accelerators::Arguments),
+    Scale(scale::Arguments),
     Scaling(scaling::Arguments),
 }
 
@@ -37,6 +39,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     match &arguments.what {
         None => picture::run(&arguments.picture, registry),
         Some(What::Accelerators(arguments)) => accelerators::run(arguments, registry),
+        Some(What::Scale(arguments)) => scale::run(arguments, registry),
         Some(What::Scaling(arguments)) => scaling::run(arguments, registry),
     }
 }

@@ -37,7 +37,8 @@ pub(crate) fn folder_of(key: &str) -> PathBuf {
     Path::new(place).join(names.collect::<PathBuf>())
 }
 
-/// All scene files at or below the given paths, sorted, each once; folders named `assets` and `parts` hold none.
+/// All scene files at or below the given paths, sorted, each once; folders named `assets` and `parts` hold none. What
+/// is in a folder named `scale` takes minutes and gigabytes, and is found only by a path that leads into it.
 pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
@@ -51,8 +52,9 @@ pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
         let is_part = path
             .file_name()
             .is_some_and(|name| name == "assets" || name == "parts");
+        let is_large = path.file_name().is_some_and(|name| name == "scale") && !paths.contains(&path);
         if path.is_dir() {
-            if !is_part {
+            if !is_part && !is_large {
                 for entry in std::fs::read_dir(&path)? {
                     open.push(entry?.path());
                 }

@@ -1,0 +1,177 @@
+//! `bench scale`: a scene of 240 million quads, its time and its memory.
+
+use clap::Args;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+use whitstone::core::{Geometry, Registry, Shape};
+use whitstone::scene::{BuildOptions, Description, Pipeline, Plan, RenderOptions, Sources, all_errors_with};
+use whitstone::{Exit, Failure, image::atomic};
+
+/// Where the scene is.
+const SCENE: &str = "scenes/scale/landscapes.toml";
+
+/// What the lecture notes report of a frame with as many quads and 80 million rays, in hours (Christensen et al. 2006).
+const HOURS_THEN: f64 = 8.0;
+
+/// Build and render a scene of 240 million quads (15 copies of 16 million) with 80 million rays
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// A landscape of a million quads and a sixteenth of the pixels: some seconds
+    #[arg(long)]
+    quick: bool,
+    /// Change a value of the scene, as for `render`
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    overrides: Vec<String>,
+    /// Threads; 0 for one a core
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+    /// Most memory to take, in GiB
+    #[arg(long, value_name = "GIB", default_value_t = 16.0)]
+    max_memory: f64,
+    /// Also write the picture
+    #[arg(long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let mut overrides = Vec::new();
+    if arguments.quick {
+        overrides = [
+            "film={ width = 480, height = 270 }",
+            "group.land.shape.land.columns=1000",
+        ]
+        .map(str::to_owned)
+        .to_vec();
+        overrides.push("group.land.shape.land.rows=1000".to_owned());
+    }
+    overrides.extend(arguments.overrides.iter().cloned());
+    let start = Instant::now();
+    let build = || build(&overrides, arguments, registry, start);
+    let pipeline = match arguments.threads {
+        0 => build()?,
+        threads => rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .map_err(Failure::environment)?
+            .install(build)?,
+    };
+    let build_s = start.elapsed().as_secs_f64();
+    let (build_peak, resident) = (memory("VmHWM:"), memory("VmRSS:"));
+    say(
+        start,
+        &format!(
+            "built, {} GiB at most, {} GiB now",
+            gib(build_peak),
+            gib(resident)
+        ),
+    );
+    let told = AtomicU64::new(0);
+    let film = pipeline.render(RenderOptions {
+        threads: arguments.threads,
+        progress: Some(&|done, of| {
+            let tenths = done * 10 / of;
+            if told.fetch_max(tenths, Ordering::Relaxed) < tenths {
+                say(start, &format!("rendered {} %", 10 * tenths));
+            }
+        }),
+    });
+    if let Some(path) = &arguments.output {
+        let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
+        whitstone::image::exr_io::write(path, &image).map_err(Failure::environment)?;
+    }
+    let (copies, quads) = quads(&pipeline.world.geometry);
+    let rays = film.counters.total();
+    let total_s = start.elapsed().as_secs_f64();
+    let peak = memory("VmHWM:");
+    let rate = rays as f64 / film.render_seconds / 1e6;
+    let times = HOURS_THEN * 3600.0 / total_s;
+    println!(
+        "{SCENE}: {copies} copies, {:.1} million quads",
+        quads as f64 / 1e6
+    );
+    println!("  build   {build_s:.1} s");
+    println!(
+        "  render  {:.1} s, {:.1} million rays, {rate:.2} Mrays/s",
+        film.render_seconds,
+        rays as f64 / 1e6
+    );
+    println!("  memory  {} GiB at most", gib(peak));
+    println!("  total   {total_s:.1} s");
+    println!(
+        "  beside  {HOURS_THEN} h for a film frame of 240 million quads and 80 million rays on a machine of 2006: \
+         {times:.0} times as long; its shading was not this one"
+    );
+    if let Some(path) = &arguments.json {
+        let report = json!({
+            "scene": SCENE, "quick": arguments.quick, "copies": copies, "quads": quads, "triangles": 2 * quads,
+            "rays": rays, "closest_rays": film.counters.closest, "shadow_rays": film.counters.shadow,
+            "build_s": build_s, "render_s": film.render_seconds, "total_s": total_s, "mrays_per_s": rate,
+            "build_peak_bytes": build_peak, "built_bytes": resident, "peak_bytes": peak,
+            "hours_in_the_notes": HOURS_THEN,
+        });
+        atomic::write_bytes(path, format!("{report:#}\n").as_bytes()).map_err(Failure::environment)?;
+    }
+    Ok(Exit::Pass)
+}
+
+fn build(
+    overrides: &[String],
+    arguments: &Arguments,
+    registry: &Registry,
+    start: Instant,
+) -> Result<Pipeline, Failure> {
+    let progress = |what: &str| {
+        if !what.contains("instance") {
+            say(start, &format!("building {what}"));
+        }
+    };
+    let options = BuildOptions {
+        max_memory: Some((arguments.max_memory * (1u64 << 30) as f64) as u64),
+        progress: Some(&progress),
+    };
+    let sources = Sources::load(Path::new(SCENE), overrides)
+        .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
+    let report = |_| Failure::usage(sources.report(&all_errors_with(&sources, registry, options), false));
+    let description = Description::parse(&sources).map_err(report)?;
+    let plan = Plan::new(&description, registry).map_err(report)?;
+    Pipeline::build_with(&plan, registry, options).map_err(report)
+}
+
+fn say(start: Instant, what: &str) {
+    eprintln!("{:7.1} s  {what}", start.elapsed().as_secs_f64());
+}
+
+/// Copies, and quads in all of them together.
+fn quads(geometry: &Geometry) -> (u64, u64) {
+    let mut sums = (0, 0);
+    for shape in geometry.shapes() {
+        match shape {
+            Shape::Triangles(mesh) => sums.1 += mesh.triangles.len() as u64 / 2,
+            Shape::Instance(instance) => {
+                let inside = quads(instance.group().geometry());
+                sums = (sums.0 + 1 + inside.0, sums.1 + inside.1);
+            }
+            _ => {}
+        }
+    }
+    sums
+}
+
+/// A figure of this process in bytes, where the system tells it.
+fn memory(name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib << 10)
+}
+
+fn gib(bytes: Option<u64>) -> String {
+    bytes.map_or("unknown".to_owned(), |bytes| {
+        format!("{:.2}", bytes as f64 / (1u64 << 30) as f64)
+    })
+}
