@@ -1,5 +1,5 @@
 use crate::config::GroupRef;
-use crate::stream::{HitStream, Lanes, RayStream};
+use crate::stream::{HitStream, LANES, Lanes, RayStream};
 use crate::{
     Aabb, Accelerator, Element, Geometry, InstancePath, Interval, Needs, RawHit, Ray, SceneError, Shape,
     Skip, SurfacePoint, Transform,
@@ -166,18 +166,23 @@ impl Instance {
         let hit = self
             .group
             .accelerator
-            .closest(&ray, interval, self.skip_inside(skip))?;
+            .closest(&ray, interval, self.skip_inside(skip));
+        hit.map(|hit| self.outside(hit))
+    }
+
+    /// A hit in the group as it is called outside.
+    fn outside(&self, hit: RawHit) -> RawHit {
         let shape = match hit.instance {
             InstancePath::WORLD => self.group.first_shape + hit.shape,
             // The copy inside has numbered it already.
             _ => hit.shape,
         };
         let instance = InstancePath(self.first_path.0 + hit.instance.0);
-        Some(RawHit {
+        RawHit {
             instance,
             shape,
             ..hit
-        })
+        }
     }
 
     /// Whether anything is hit inside the interval.
@@ -224,9 +229,25 @@ impl Instance {
 
     /// [`Self::closest`] for every ray of a stream. Hits that were found before are replaced by nearer ones.
     pub fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
-        for lane in 0..rays.len {
-            let interval = Interval::up_to(hits.t.0[lane]);
-            if let Some(hit) = self.closest(&rays.ray(lane), interval, rays.skip.skip(lane)) {
+        let mut inside = Inside::default();
+        self.enter(rays, |lane| Some(hits.t.0[lane]), &mut inside);
+        if inside.rays.len == 0 {
+            return;
+        }
+        let mut found = HitStream::default();
+        self.group.accelerator.closest_stream(&inside.rays, &mut found);
+        for to in 0..inside.rays.len {
+            let lane = usize::from(inside.lanes[to]);
+            let hit = match found.get(to) {
+                // Streams begin at 0, but nothing before the box is a hit.
+                Some(hit) if hit.t <= inside.near[to] => {
+                    let interval = Interval::up_to(hits.t.0[lane]);
+                    self.closest(&rays.ray(lane), interval, rays.skip.skip(lane))
+                }
+                Some(hit) => Some(self.outside(hit)),
+                None => None,
+            };
+            if let Some(hit) = hit {
                 hits.set(lane, &hit);
             }
         }
@@ -234,8 +255,40 @@ impl Instance {
 
     /// Sets the lanes of the rays that hit anything inside their intervals.
     pub fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
-        for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
-            *hidden = *hidden || self.occluded(&rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
+        let mut inside = Inside::default();
+        self.enter(
+            rays,
+            |lane| (!hidden[lane]).then_some(rays.limit[lane]),
+            &mut inside,
+        );
+        if inside.rays.len == 0 {
+            return;
+        }
+        let mut found = [false; LANES];
+        self.group.accelerator.occluded_stream(&inside.rays, &mut found);
+        for to in (0..inside.rays.len).filter(|to| found[*to]) {
+            let lane = usize::from(inside.lanes[to]);
+            // Streams begin at 0: where the box does not, it is asked again from there.
+            hidden[lane] = inside.near[to] <= 0.0
+                || self.occluded(&rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
+        }
+    }
+
+    /// The rays that touch the box, in the group's space.
+    fn enter(&self, rays: &RayStream, limit: impl Fn(usize) -> Option<f64>, inside: &mut Inside) {
+        for lane in 0..rays.len {
+            let ray = rays.ray(lane);
+            let touched = limit(lane).and_then(|limit| self.inside(&ray, Interval::up_to(limit)));
+            if let Some(interval) = touched {
+                let to = inside.rays.len;
+                let skip = self.skip_inside(rays.skip.skip(lane));
+                inside
+                    .rays
+                    .set(to, self.transform.ray_to_object(&ray), interval.max, skip);
+                inside.lanes[to] = lane as u16;
+                inside.near[to] = interval.min;
+                inside.rays.len += 1;
+            }
         }
     }
 
@@ -307,6 +360,25 @@ impl Instance {
             n_g,
             n_s,
             uv: point.uv,
+        }
+    }
+}
+
+/// The rays of a stream that touch a copy, close together.
+struct Inside {
+    rays: RayStream,
+    /// Where they touch the box first.
+    near: Lanes<f64>,
+    /// Where they come from.
+    lanes: Lanes<u16>,
+}
+
+impl Default for Inside {
+    fn default() -> Self {
+        Self {
+            rays: RayStream::default(),
+            near: [0.0; LANES],
+            lanes: [0; LANES],
         }
     }
 }

@@ -29,4 +29,21 @@ pub use camera::{Camera, FilmSize};
 pub use color::Rgb;
 pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
 pub use geometry::{Element, Geometry, TriangleMesh};
+pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4};
 pub use instance::{Group, Instance};
+pub use integrator::{Counters, Integrator, LightMemory, PathLetter, PathState, Scratch, TreeNode, World};
+pub use light::{Light, LightGives, LightSample};
+pub use material::{
+    Branch, BranchKind, BranchStream, BranchStreams, Branches, Illumination, Incoming, Lobes, Material,
+};
+pub use ray::{Aabb, Interval, Ray};
+pub use registry::{
+    Accelerators, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights, Materials, Plugin,
+    Registry, Samplers, Shapes, Textures,
+};
+pub use sampler::Sampler;
+pub use shape::{InstancePath, Needs, Primitive, PrimitiveHit, RawHit, Shape, Skip, SurfacePoint};
+pub use straight::{LEAVES_NOTHING, Straight};
+pub use texture::{ColorSource, Texture};
+pub use transform::Transform;
+pub use whitstone_simd as simd;

@@ -56,9 +56,13 @@ fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result
     for (name, shapes, rays) in worlds_of_copies() {
         let naive = |geometry| Box::new(Naive::new(geometry)) as Box<dyn Accelerator>;
         let truth = Geometry::new(shapes(&naive));
-        // The structure on both levels: over the copies, and over what is copied.
-        let accelerator = build(Arc::new(Geometry::new(shapes(&build))));
-        compare(&truth, &*accelerator, rays).map_err(|difference| format!("over {name}: {difference}"))?;
+        // The structure on both levels: over the copies, and over what is copied. Then under copies that are
+        // asked one after another, by streams.
+        let geometry = || Arc::new(Geometry::new(shapes(&build)));
+        for accelerator in [build(geometry()), naive(geometry())] {
+            compare(&truth, &*accelerator, rays)
+                .map_err(|difference| format!("over {name}: {difference}"))?;
+        }
     }
     Ok(())
 }

@@ -4,6 +4,7 @@ use crate::accelerators::{ball, needles, soup};
 use crate::random::Random;
 use crate::{Wall, placements};
 use std::sync::Arc;
+use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
     Accelerator, DAffine3, DMat3, DVec3, Geometry, Group, Instance, Interval, RawHit, Ray, Shape, Skip,
@@ -36,6 +37,35 @@ impl Accelerator for Naive {
 
     fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
         self.hits(ray, interval, skip).next().is_some()
+    }
+
+    /// Copies are asked by stream: what they do with it is under test too.
+    fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
+        hits.clear(rays);
+        for (part, shape) in self.geometry.shapes().iter().zip(0..) {
+            match part {
+                Shape::Triangles(mesh) => mesh.closest_stream(shape, rays, hits),
+                Shape::Opaque(primitive) => primitive.closest_stream(shape, rays, hits),
+                _ => {}
+            }
+        }
+        for part in self.geometry.shapes() {
+            if let Shape::Instance(instance) = part {
+                instance.closest_stream(rays, hits);
+            }
+        }
+    }
+
+    fn occluded_stream(&self, rays: &RayStream, hidden: &mut Lanes<bool>) {
+        hidden[..rays.len].fill(false);
+        for (part, shape) in self.geometry.shapes().iter().zip(0..) {
+            match part {
+                Shape::Triangles(mesh) => mesh.occluded_stream(shape, rays, hidden),
+                Shape::Opaque(primitive) => primitive.occluded_stream(shape, rays, hidden),
+                Shape::Instance(instance) => instance.occluded_stream(rays, hidden),
+                _ => {}
+            }
+        }
     }
 
     fn statistics(&self) -> Statistics {

@@ -128,7 +128,7 @@ pub fn progress(total: u64, what: &str) -> ProgressBar {
 }
 
 /// A sign that something goes on, for what has no known end; none where standard error is no terminal.
-pub fn spinner(what: &str) -> ProgressBar {
+pub(crate) fn spinner(what: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{spinner} {msg} {elapsed}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
