@@ -81,7 +81,9 @@ impl BruteForce {
 
     /// The copies of groups.
     fn instances(&self) -> impl Iterator<Item = &Instance> {
-        self.geometry.shapes().iter().filter_map(|shape| match shape {
+        let any = self.geometry.paths() > 1;
+        let shapes = if any { self.geometry.shapes() } else { &[] };
+        shapes.iter().filter_map(|shape| match shape {
             Shape::Instance(instance) => Some(&**instance),
             _ => None,
         })

@@ -120,3 +120,79 @@ pub(crate) fn unknown_id<'a>(
         None => format!("the scene has the {what}s {}", known.join(", ")),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Sources;
+    use std::path::Path;
+
+    /// The plan as (id, first shape), and the messages.
+    fn planned(text: &str) -> (Vec<(String, u32)>, Vec<String>) {
+        let text = format!("{text}\n[camera]\ntype = \"perspective\"\n");
+        let sources = Sources::from_text("groups.toml", &text, Path::new(""), &[]).unwrap();
+        let (description, errors) = Description::parse_partly(&sources);
+        assert!(errors.0.is_empty(), "{errors}");
+        let mut errors = SceneErrors::default();
+        let plan = plan(description.as_ref().unwrap(), &mut errors);
+        let plan = plan.iter().map(|group| (group.id.to_owned(), group.first_shape));
+        (
+            plan.collect(),
+            errors.0.into_iter().map(|error| error.message).collect(),
+        )
+    }
+
+    #[test]
+    fn groups_in_use_are_built_inside_out_and_numbered_by_id() {
+        let text = r#"
+            [[shape]]
+            type = "instance"
+            group = "outer"
+            [[shape]]
+            type = "sphere"
+            [[group.outer.shape]]
+            type = "instance"
+            group = "z"
+            [[group.outer.shape]]
+            type = "instance"
+            group = "a"
+            [[group.z.shape]]
+            type = "instance"
+            group = "a"
+            [[group.a.shape]]
+            type = "box"
+            [[group.a.shape]]
+            type = "disk"
+            [[group.unused.shape]]
+            type = "instance"
+            group = "nowhere"
+        "#;
+        let (plan, errors) = planned(text);
+        let expected = [("a", 2), ("z", 6), ("outer", 4)];
+        assert_eq!(plan, expected.map(|(id, first)| (id.to_owned(), first)));
+        assert!(errors.is_empty(), "{errors:?}");
+    }
+
+    #[test]
+    fn nesting_may_be_sixteen_deep_whichever_way_it_is_reached() {
+        let chain = |deepest: usize| {
+            let link = |k: usize| {
+                format!(
+                    "[[group.g{k}.shape]]\ntype = \"instance\"\ngroup = \"g{}\"\n",
+                    k - 1
+                )
+            };
+            let links: String = (2..=deepest).map(link).collect();
+            format!("[[group.g1.shape]]\ntype = \"box\"\n{links}")
+        };
+        let place = |k: usize| format!("[[shape]]\ntype = \"instance\"\ngroup = \"g{k}\"\n");
+        assert_eq!(planned(&(chain(16) + &place(16))).1, [""; 0]);
+        assert_eq!(
+            planned(&(chain(17) + &place(17))).1,
+            ["groups are nested more than 16 deep"]
+        );
+        // What lies below is known from before.
+        let both = chain(17) + &place(9) + &place(17);
+        assert_eq!(planned(&both).1, ["groups are nested more than 16 deep"]);
+    }
+}

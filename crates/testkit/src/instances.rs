@@ -113,7 +113,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
                 shapes.extend((0..14).map(|_| copy(&group, anywhere(&mut random, 0.4))));
                 shapes
             },
-            1000,
+            400,
         ),
         (
             "copies that coincide with each other and with the original",
@@ -125,7 +125,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
                 shapes.extend((0..2).map(|_| copy(&group, Transform::IDENTITY)));
                 shapes
             },
-            1000,
+            400,
         ),
         (
             "copies of copies",
@@ -140,7 +140,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
                     .map(|i| copy([&branch, &leaf][i % 2], anywhere(&mut random, 0.6)))
                     .collect()
             },
-            1000,
+            400,
         ),
         (
             "copies that are tiny, huge, far away, thin and sheared",
@@ -159,7 +159,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
                 shapes.extend(Transform::new(DAffine3::from_mat3(askew)).map(|askew| copy(&group, askew)));
                 shapes
             },
-            1000,
+            400,
         ),
         (
             "copies of an endless wall",
@@ -175,7 +175,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
                 shapes.extend((0..3).map(|_| copy(&group, anywhere(&mut random, 0.5))));
                 shapes
             },
-            800,
+            300,
         ),
         (
             "copies of needles and of nothing",
@@ -187,7 +187,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
                 shapes.extend((0..6).map(|_| copy(&thin, anywhere(&mut random, 0.7))));
                 shapes
             },
-            1200,
+            500,
         ),
     ]
 }

@@ -105,7 +105,12 @@ mod tests {
         fs::create_dir(folder.path().join("parts")).unwrap();
         fs::write(folder.path().join("parts/p.toml"), "").unwrap();
         let both = [folder.path().to_owned(), scene.clone()];
+        // What is large is found only by its own folder.
+        let scale = folder.path().join("scale");
+        fs::create_dir(&scale).unwrap();
+        fs::write(scale.join("s.toml"), "").unwrap();
         assert_eq!(find_scenes(&both).unwrap(), [scene]);
+        assert_eq!(find_scenes(&[scale.clone()]).unwrap(), [scale.join("s.toml")]);
         let missing = folder.path().join("none");
         let error = find_scenes(&[missing]).unwrap_err();
         assert!(
