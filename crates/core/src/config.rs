@@ -3,6 +3,7 @@
 //! A plugin's `Config` is a struct of these with `#[serde(deny_unknown_fields)]`, so that an error
 //! knows the place of the one value that is wrong.
 
+pub use crate::instance::GroupRef;
 use crate::{Rgb, SceneError, SceneErrors, SourceSpan, nearest};
 use glam::{DVec2, DVec3};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -551,37 +552,6 @@ impl JsonSchema for FilePath {
     }
     fn json_schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({ "type": "string", "description": "path relative to the scene file" })
-    }
-}
-
-/// The id of a group of shapes, with its place in the source. The key that holds it is always called `group`.
-#[derive(Clone, Debug)]
-pub struct GroupRef {
-    /// Place in the source.
-    pub span: SourceSpan,
-    /// As in `[group.ID]`.
-    pub id: String,
-}
-
-impl<'de> Deserialize<'de> for GroupRef {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let id = Spanned::<String>::deserialize(deserializer)?;
-        Ok(Self {
-            span: id.span(),
-            id: id.into_inner(),
-        })
-    }
-}
-
-impl JsonSchema for GroupRef {
-    fn schema_name() -> Cow<'static, str> {
-        "GroupRef".into()
-    }
-    fn inline_schema() -> bool {
-        true
-    }
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "type": "string", "description": "id of a group of shapes" })
     }
 }
 

@@ -1,11 +1,14 @@
-use crate::config::GroupRef;
 use crate::stream::{HitStream, LANES, Lanes, RayStream};
 use crate::{
     Aabb, Accelerator, Element, Geometry, InstancePath, Interval, Needs, RawHit, Ray, SceneError, Shape,
-    Skip, SurfacePoint, Transform,
+    Skip, SourceSpan, SurfacePoint, Transform,
 };
 use glam::{DMat3, DVec3};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Deserializer};
+use std::borrow::Cow;
 use std::sync::Arc;
+use toml::Spanned;
 
 /// Half the distance from 1 to the next number: the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
@@ -410,6 +413,37 @@ fn world_bounds(parts: &[Aabb], transform: &Transform) -> Aabb {
         padded
     } else {
         Aabb::EVERYTHING
+    }
+}
+
+/// The id of a group of shapes, with its place in the source. The key that holds it is always called `group`.
+#[derive(Clone, Debug)]
+pub struct GroupRef {
+    /// Place in the source.
+    pub span: SourceSpan,
+    /// As in `[group.ID]`.
+    pub id: String,
+}
+
+impl<'de> Deserialize<'de> for GroupRef {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let id = Spanned::<String>::deserialize(deserializer)?;
+        Ok(Self {
+            span: id.span(),
+            id: id.into_inner(),
+        })
+    }
+}
+
+impl JsonSchema for GroupRef {
+    fn schema_name() -> Cow<'static, str> {
+        "GroupRef".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "description": "id of a group of shapes" })
     }
 }
 

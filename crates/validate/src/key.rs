@@ -110,7 +110,10 @@ mod tests {
         fs::create_dir(&scale).unwrap();
         fs::write(scale.join("s.toml"), "").unwrap();
         assert_eq!(find_scenes(&both).unwrap(), [scene]);
-        assert_eq!(find_scenes(&[scale.clone()]).unwrap(), [scale.join("s.toml")]);
+        assert_eq!(
+            find_scenes(std::slice::from_ref(&scale)).unwrap(),
+            [scale.join("s.toml")]
+        );
         let missing = folder.path().join("none");
         let error = find_scenes(&[missing]).unwrap_err();
         assert!(
