@@ -60,13 +60,19 @@ mod tests {
 
     #[test]
     fn obeys_the_laws_of_shapes() {
-        let corners = "vertices = [[-1, -1, 0], [1, -1, 0.1], [0, 1, -0.1]]\nnormals = [[0, 0, 1], [0, 1, 1], [1, 0, 1]]";
+        let triangles = [-0.8, 0.0, 0.8].map(|z| {
+            let corners = format!(
+                "vertices = [[-2, -2, {z}], [2, -2, {z}], [0, 3, {}]]\nnormals = [[0, 0, 1], [0, 1, 1], [1, 0, 1]]",
+                z + 0.1
+            );
+            one::<Triangle>(&corners)
+        });
         for (kind, shapes) in [
             ("sphere", one::<Sphere>("")),
             ("box", one::<Cuboid>("")),
             ("disk", one::<Disk>("")),
             ("plane", one::<Plane>("")),
-            ("triangle", one::<Triangle>(corners)),
+            ("triangles", triangles.into_iter().flatten().collect()),
         ] {
             let group = group(shapes);
             for (name, transform) in placements() {
