@@ -75,14 +75,14 @@ pub fn node() -> Traced<Box<dyn Accelerator>> {
     Traced::new(bvh(triangles(centers, 0.01)), 0.3)
 }
 
-/// One leaf of eight triangles that no ray hits and every ray enters: the filter of triangles.
+/// Eight large triangles, one behind the other, whose boxes every ray meets in the half that they do not fill: the filter of
+/// triangles.
 pub fn leaf() -> Traced<Box<dyn Accelerator>> {
-    let side = |i: u32| if i & 1 == 0 { -1.0 } else { 1.0 };
-    let centers = (0..8).map(|i| DVec3::new(side(i), side(i >> 1), 0.1 * side(i >> 2)));
-    Traced::new(bvh(triangles(centers, 0.01)), 0.3)
+    let centers = (0..8).map(|i| DVec3::new(-9.0, -9.0, 0.1 * f64::from(i)));
+    Traced::new(bvh(triangles(centers, 12.0)), 0.3)
 }
 
-/// One leaf of eight large triangles, one behind the other, that every ray hits: the filter, and one decision in double
+/// Eight large triangles, one behind the other, that every ray hits: the filter, and one decision in double
 /// precision a ray.
 pub fn hit() -> Traced<Box<dyn Accelerator>> {
     let centers = (0..8).map(|i| DVec3::new(-3.0, -3.0, 0.1 * f64::from(i)));
