@@ -54,7 +54,7 @@ fn a_million_rays_over_mixed_shapes() {
 }
 
 #[test]
-#[ignore = "a minute: the same with ten times as many"]
+#[ignore = "minutes: the same with ten times as many"]
 fn ten_million_rays_over_mixed_shapes() {
     every_accelerator_agrees(10_000_000);
 }
