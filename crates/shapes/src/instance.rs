@@ -36,10 +36,16 @@ impl Plugin<Shapes> for Placed {
 #[cfg(all(test, feature = "all"))]
 mod tests {
     use super::*;
-    use crate::{cuboid::Cuboid, disk::Disk, plane::Plane, sphere::Sphere, triangle::Triangle};
+    use crate::{
+        cuboid::Cuboid, disk::Disk, heightfield::Heightfield, plane::Plane, sphere::Sphere,
+        triangle::Triangle,
+    };
     use std::sync::Arc;
-    use whitstone_core::{DAffine3, DMat3, DVec3, Geometry, Group};
-    use whitstone_testkit::{Naive, TestContext, build, build_in, placements, shape_laws};
+    use whitstone_core::{
+        Accelerator, DAffine3, DMat3, DVec3, Geometry, Group, Interval, Needs, RawHit, Ray, Skip,
+        SurfacePoint,
+    };
+    use whitstone_testkit::{Naive, Random, TestContext, build, build_in, placements, shape_laws};
 
     fn group(shapes: Vec<Shape>) -> Arc<Group> {
         let geometry = Arc::new(Geometry::new(shapes));
@@ -83,6 +89,91 @@ mod tests {
                     let inner = self::group(vec![place(&group, transform)]);
                     shape_laws(place(&inner, placements()[1].1), 500);
                 }
+            }
+        }
+    }
+
+    fn nearest(shape: Shape, rays: &[(Ray, Skip)]) -> Vec<Option<(RawHit, SurfacePoint)>> {
+        let geometry = Arc::new(Geometry::new(vec![shape]));
+        let all = Naive::new(geometry.clone());
+        let one = |(ray, skip): &(Ray, Skip)| {
+            let hit = all.closest(ray, Interval::FORWARD, *skip)?;
+            Some((hit, geometry.surface(ray, &hit, Needs::NOTHING)))
+        };
+        rays.iter().map(one).collect()
+    }
+
+    /// The faces of the box lie in those of its bounds: what is cut off too tightly is missed.
+    #[test]
+    fn a_copy_is_hit_where_the_shape_itself_would_be() {
+        let mut random = Random::new(5);
+        let cube = group(vec![build::<Shapes, Cuboid>("", Transform::IDENTITY).unwrap()]);
+        let askew = DMat3::from_cols(DVec3::X, DVec3::new(3e4, 1.0, 0.0), DVec3::Z);
+        let askew = Transform::new(DAffine3::from_mat3(askew)).unwrap();
+        for (name, transform) in placements().into_iter().chain([("askew", askew)]) {
+            let itself = build::<Shapes, Cuboid>("", transform).unwrap();
+            let rays: Vec<(Ray, Skip)> = (0..4000)
+                .map(|i| {
+                    let mut target = 0.99 * random.cube();
+                    target[i % 3] = 1f64.copysign(random.signed());
+                    let origin = [1.5, 4.0, 200.0][i % 3] * random.direction() + target;
+                    let [target, origin] = [target, origin].map(|p| transform.point_to_world(p));
+                    (Ray::new(origin, target - origin), Skip::NOTHING)
+                })
+                .collect();
+            let pairs = nearest(itself, &rays)
+                .into_iter()
+                .zip(nearest(place(&cube, transform), &rays));
+            for ((itself, copy), (ray, _)) in pairs.zip(&rays) {
+                let ((a, at), (b, bt)) = match (itself, copy) {
+                    (None, None) => continue,
+                    (Some(a), Some(b)) => ((a.0, a.1.position), (b.0, b.1.position)),
+                    _ => panic!("{name}: {ray:?}: {itself:?} and {copy:?}"),
+                };
+                let (size, far) = (ray.direction.length(), at.distance(bt));
+                assert!(
+                    (a.t - b.t).abs() < 1e-9 && far < 1e-9 * size,
+                    "{name}: {ray:?}: {a:?} and {b:?}"
+                );
+            }
+        }
+    }
+
+    /// Rays leave the one of two triangles in a plane at so flat an angle that they would meet the other if they started
+    /// below the plane by rounding.
+    #[test]
+    fn rays_that_leave_a_copy_clear_what_lies_beside() {
+        let mut random = Random::new(6);
+        let text = "columns = 1\nrows = 1\namplitude = 0";
+        let square = group(vec![
+            build::<Shapes, Heightfield>(text, Transform::IDENTITY).unwrap(),
+        ]);
+        for (name, transform) in placements() {
+            let shape = || place(&square, transform);
+            let rays: Vec<(Ray, Skip)> = (0..4000)
+                .map(|i| {
+                    let along = 0.9 * random.signed();
+                    let beside = random.signed() * 10f64.powi(-(7 + i % 8));
+                    let target = transform.point_to_world(DVec3::new(along + beside, along - beside, 0.0));
+                    let origin = transform.point_to_world(DVec3::new(random.signed(), random.signed(), 1.0));
+                    (Ray::new(origin, target - origin), Skip::NOTHING)
+                })
+                .collect();
+            let hits = nearest(shape(), &rays);
+            let leaving: Vec<(Ray, Skip)> = hits
+                .into_iter()
+                .flatten()
+                .flat_map(|(hit, point)| {
+                    let side = point.n_g.cross(random.direction()).normalize();
+                    [1e-2, 1e-4, 1e-6].map(|slope| {
+                        let d = side + slope * point.n_g;
+                        (Ray::new(point.leave(d), d), Skip::leaving(&hit))
+                    })
+                })
+                .collect();
+            assert!(leaving.len() > 6000, "{name}: {}", leaving.len());
+            for (found, (ray, _)) in nearest(shape(), &leaving).into_iter().zip(&leaving) {
+                assert!(found.is_none(), "{name}: {ray:?} meets {found:?}");
             }
         }
     }
