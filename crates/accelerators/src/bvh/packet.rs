@@ -1,7 +1,7 @@
 //! Sixteen rays of one octant through the hierarchy together, as long as enough of them want the same nodes.
 //!
 //! Wald, Slusallek, Benthin, Wagner, *Interactive rendering with coherent ray tracing*, 2001: here boxes are tested one
-//! by one with all rays; in leaves, and where few rays are left, each ray goes alone.
+//! by one with all rays, and so are the triangles of a leaf that enough rays want; where few rays are left, each goes alone.
 
 use super::Bvh;
 use super::filter::{Beam, NUMBERS, filter};
