@@ -9,7 +9,7 @@
 //! Lanes from `len` on hold whatever was there before: arithmetic on them is harmless and its result is
 //! never read.
 
-use crate::simd::select;
+use crate::simd::{prefetch, select};
 use crate::{InstancePath, Interval, LightSample, PrimitiveHit, RawHit, Ray, Rgb, Skip, SurfacePoint};
 use glam::{DVec2, DVec3};
 
@@ -193,6 +193,32 @@ impl RayStream {
     #[inline(always)]
     pub fn interval(&self, lane: usize) -> Interval {
         Interval::up_to(self.limit[lane])
+    }
+
+    /// Asks for the group that begins at `start`, which will be needed soon; if there is none, for nothing.
+    #[inline(always)]
+    pub fn prefetch(&self, start: usize) {
+        let Self {
+            origin,
+            direction,
+            limit,
+            skip,
+            ..
+        } = self;
+        for numbers in [
+            &origin.x,
+            &origin.y,
+            &origin.z,
+            &direction.x,
+            &direction.y,
+            &direction.z,
+            limit,
+        ] {
+            prefetch(numbers.get(start..start + GROUP).unwrap_or_default());
+        }
+        for numbers in [&skip.shape, &skip.instance, &skip.primitive] {
+            prefetch(numbers.get(start..start + GROUP).unwrap_or_default());
+        }
     }
 
     /// Replaces a lane.

@@ -11,7 +11,7 @@ mod dispatch;
 mod lanes;
 
 pub use dispatch::{Level, dispatch};
-pub use lanes::{Kernel, Lanes, Machine, Portable, with_lanes};
+pub use lanes::{Kernel, Lanes, Machine, Portable, prefetch, with_lanes};
 
 /// One of two values, both computed: unlike `if`, never a jump, which would keep a loop out of vector
 /// registers.

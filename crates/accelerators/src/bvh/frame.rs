@@ -218,11 +218,50 @@ impl LocalRay {
             clock,
         })
     }
+}
 
+/// What of a ray in own coordinates is needed to judge a hit; see [`LocalRay`].
+pub(super) trait Reach {
+    fn max(&self) -> f32;
+    fn inside(&self) -> [f32; 2];
     /// A number that is certainly above the own parameter of `t`.
+    fn above(&self, t: f64) -> f32;
+}
+
+impl Reach for LocalRay {
     #[inline(always)]
-    pub(super) fn above(&self, t: f64) -> f32 {
+    fn max(&self) -> f32 {
+        self.max
+    }
+    #[inline(always)]
+    fn inside(&self) -> [f32; 2] {
+        self.inside
+    }
+    #[inline(always)]
+    fn above(&self, t: f64) -> f32 {
         self.clock.above(t)
+    }
+}
+
+/// One of [`LocalRays`], where it is.
+pub(super) struct LocalLane<'a>(pub(super) &'a LocalRays, pub(super) usize);
+
+impl Reach for LocalLane<'_> {
+    #[inline(always)]
+    fn max(&self) -> f32 {
+        self.0.max[self.1]
+    }
+    #[inline(always)]
+    fn inside(&self) -> [f32; 2] {
+        [self.0.inside[0][self.1], self.0.inside[1][self.1]]
+    }
+    #[inline(always)]
+    fn above(&self, t: f64) -> f32 {
+        let clock = Clock {
+            scale: self.0.scale[self.1],
+            shift: self.0.shift[self.1],
+        };
+        clock.above(t)
     }
 }
 
@@ -355,5 +394,32 @@ impl LocalRays {
             }
         }
         same.then(|| [0, 1, 2].map(|axis| self.sides[axis][0] as usize & 1))
+    }
+}
+
+/// The rays of [`LocalRays`] one by one, for what looks at one only; each is copied when it is first asked for.
+#[derive(Default)]
+pub(super) struct Alone {
+    rays: [LocalRay; GROUP],
+    /// Which are here, as bits.
+    here: u32,
+}
+
+impl Alone {
+    /// Forgets all.
+    #[inline(always)]
+    pub(super) fn clear(&mut self) {
+        self.here = 0;
+    }
+
+    /// A ray.
+    #[inline(always)]
+    pub(super) fn get(&mut self, rays: &LocalRays, lane: usize) -> &LocalRay {
+        let lane = lane % GROUP;
+        if self.here & 1 << lane == 0 {
+            self.here |= 1 << lane;
+            rays.get(lane, &mut self.rays[lane]);
+        }
+        &self.rays[lane]
     }
 }

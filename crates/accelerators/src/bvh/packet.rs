@@ -5,10 +5,9 @@
 
 use super::Bvh;
 use super::filter::{Beam, NUMBERS, filter};
-use super::frame::{LocalRay, LocalRays};
+use super::frame::{Alone, LocalLane, LocalRays};
 use super::node::{Child, Kind, Node, WIDTH};
-use super::search::{Query, State, Sure, USUAL_DEPTH, stack_size};
-use whitstone_core::Ray;
+use super::search::{State, Streamed, Sure, USUAL_DEPTH, stack_size};
 use whitstone_core::stream::GROUP;
 use whitstone_simd::{Lanes, Machine};
 
@@ -22,8 +21,8 @@ pub(super) type Stack = [(f32, Child); stack_size(USUAL_DEPTH)];
 pub(super) struct Packet<'a, 's> {
     pub(super) bvh: &'a Bvh,
     pub(super) rays: &'s LocalRays,
-    pub(super) alone: &'s [LocalRay; GROUP],
-    pub(super) states: &'s mut [State<'a, Query<Ray>>; GROUP],
+    pub(super) alone: &'s mut Alone,
+    pub(super) states: &'s mut [State<'a, Streamed<'a>>; GROUP],
     /// Beyond these nothing counts; minus infinity for a ray that is done.
     pub(super) limits: [f32; GROUP],
     pub(super) octant: [usize; 3],
@@ -67,7 +66,7 @@ impl Packet<'_, '_> {
                     rays,
                     #[inline(always)]
                     |packet, lane| {
-                        let (state, local) = (&mut packet.states[lane], &packet.alone[lane]);
+                        let (state, local) = (&mut packet.states[lane], packet.alone.get(packet.rays, lane));
                         let limit = state.traverse::<ANY, _, M>(m, local, child, stack, packet.limits[lane]);
                         packet.limits[lane] = if ANY && state.best.is_some() {
                             f32::NEG_INFINITY
@@ -136,7 +135,7 @@ impl Packet<'_, '_> {
                 rays,
                 #[inline(always)]
                 |packet, lane| {
-                    let (state, local) = (&mut packet.states[lane], &packet.alone[lane]);
+                    let (state, local) = (&mut packet.states[lane], packet.alone.get(packet.rays, lane));
                     let limit = state.leaf::<ANY, M>(m, local, leaf, packet.limits[lane]);
                     packet.limits[lane] = limit.unwrap_or(f32::NEG_INFINITY);
                 },
@@ -159,7 +158,7 @@ impl Packet<'_, '_> {
                 let lane = sure.trailing_zeros() as usize % GROUP;
                 sure &= sure - 1;
                 let bounds = [filtered.low[lane], filtered.high[lane]];
-                let (state, local) = (&mut self.states[lane], &self.alone[lane]);
+                let (state, local) = (&mut self.states[lane], &LocalLane(self.rays, lane));
                 match state.sure::<ANY>(local, leaf, i, bounds, self.limits[lane]) {
                     Sure::Nearer(nearer) => self.limits[lane] = nearer,
                     Sure::Unsure => unsure |= 1 << lane,
@@ -169,7 +168,7 @@ impl Packet<'_, '_> {
             while unsure != 0 {
                 let lane = unsure.trailing_zeros() as usize % GROUP;
                 unsure &= unsure - 1;
-                let (state, local) = (&mut self.states[lane], &self.alone[lane]);
+                let (state, local) = (&mut self.states[lane], &LocalLane(self.rays, lane));
                 let limit = state.unsure::<ANY>(local, leaf, i, self.limits[lane]);
                 self.limits[lane] = limit.unwrap_or(f32::NEG_INFINITY);
             }

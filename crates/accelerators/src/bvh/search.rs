@@ -2,8 +2,9 @@
 
 use super::Bvh;
 use super::filter::{self, Filtered, Leaf, NUMBERS};
-use super::frame::LocalRay;
+use super::frame::{LocalRay, Reach};
 use super::node::{Child, Kind, WIDTH};
+use whitstone_core::stream::RayStream;
 use whitstone_core::triangle::{ShearedRay, TriangleHit};
 use whitstone_core::{DVec2, DVec3, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Shape, Skip};
 use whitstone_simd::{Kernel, Lanes, Machine};
@@ -17,34 +18,37 @@ pub(super) const fn stack_size(depth: usize) -> usize {
 pub(super) const USUAL_DEPTH: usize = 18;
 
 /// A search for the nearest hit, or with `ANY` for some hit, in which case only whether there is one counts.
-pub(super) struct Search<'a, const ANY: bool, const DEEP: bool>(
-    pub(super) &'a Bvh,
-    pub(super) &'a Query<&'a Ray>,
-);
+pub(super) struct Search<'a, const ANY: bool, const DEEP: bool>(pub(super) &'a Bvh, pub(super) &'a Query<'a>);
 
 /// What is searched for.
-#[derive(Clone, Copy)]
-pub(super) struct Query<R> {
-    pub(super) ray: R,
+pub(super) struct Query<'a> {
+    pub(super) ray: &'a Ray,
     pub(super) interval: Interval,
     pub(super) skip: Skip,
 }
 
-/// A [`Query`] that is elsewhere, for one ray, or held here, for many: copying it costs.
+/// The same for a ray of a stream, where it stays: few of its numbers are needed on its way.
+#[derive(Clone, Copy)]
+pub(super) struct Streamed<'a> {
+    pub(super) rays: &'a RayStream,
+    pub(super) lane: usize,
+}
+
+/// Where a search looks up what is searched for.
 pub(super) trait Asked {
-    fn ray(&self) -> &Ray;
-    fn interval(&self) -> &Interval;
+    fn ray(&self) -> Ray;
+    fn interval(&self) -> Interval;
     fn skip(&self) -> Skip;
 }
 
-impl Asked for &Query<&Ray> {
+impl Asked for &Query<'_> {
     #[inline(always)]
-    fn ray(&self) -> &Ray {
-        self.ray
+    fn ray(&self) -> Ray {
+        *self.ray
     }
     #[inline(always)]
-    fn interval(&self) -> &Interval {
-        &self.interval
+    fn interval(&self) -> Interval {
+        self.interval
     }
     #[inline(always)]
     fn skip(&self) -> Skip {
@@ -52,18 +56,18 @@ impl Asked for &Query<&Ray> {
     }
 }
 
-impl Asked for Query<Ray> {
+impl Asked for Streamed<'_> {
     #[inline(always)]
-    fn ray(&self) -> &Ray {
-        &self.ray
+    fn ray(&self) -> Ray {
+        self.rays.ray(self.lane)
     }
     #[inline(always)]
-    fn interval(&self) -> &Interval {
-        &self.interval
+    fn interval(&self) -> Interval {
+        self.rays.interval(self.lane)
     }
     #[inline(always)]
     fn skip(&self) -> Skip {
-        self.skip
+        self.rays.skip.skip(self.lane)
     }
 }
 
@@ -111,9 +115,12 @@ impl<'a, Q: Asked> State<'a, Q> {
     /// Whether a slot is the triangle that the ray leaves.
     #[inline(always)]
     fn skips(&self, slot: usize) -> bool {
-        self.query.skip() != Skip::NOTHING && {
-            let Slot { shape, triangle } = self.bvh.slots[slot];
-            self.query.skip().of_shape(InstancePath::WORLD, shape) == Some(triangle)
+        {
+            let skip = self.query.skip();
+            skip != Skip::NOTHING && {
+                let Slot { shape, triangle } = self.bvh.slots[slot];
+                skip.of_shape(InstancePath::WORLD, shape) == Some(triangle)
+            }
         }
     }
 
@@ -121,13 +128,13 @@ impl<'a, Q: Asked> State<'a, Q> {
     #[inline(never)]
     fn resolve(&mut self, element: Element) {
         let (ray, interval, skip) = (self.query.ray(), self.query.interval(), self.query.skip());
-        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
+        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(&ray));
         let geometry = &self.bvh.geometry;
         let open = Interval {
             min: interval.min,
             max: self.end,
         };
-        if let Some(hit) = geometry.intersect(element, ray, sheared, open, skip) {
+        if let Some(hit) = geometry.intersect(element, &ray, sheared, open, skip) {
             self.offer(&hit);
         }
     }
@@ -136,7 +143,7 @@ impl<'a, Q: Asked> State<'a, Q> {
     #[inline(never)]
     fn resolve_exact(&mut self, first: usize, count: usize, lane: usize) {
         let (ray, interval) = (self.query.ray(), self.query.interval());
-        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(ray));
+        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(&ray));
         let [a, b, c] = self.bvh.exact_corners(first, count, lane);
         let hit = sheared.intersect(a, b, c);
         if let Some(TriangleHit { t, u, v }) = hit
@@ -165,7 +172,7 @@ impl<'a, Q: Asked> State<'a, Q> {
 
     /// Decides about a place of a leaf; returns the new limit.
     #[inline(always)]
-    fn resolve_in(&mut self, leaf: Child, lane: usize, local: &LocalRay, limit: f32) -> f32 {
+    fn resolve_in(&mut self, leaf: Child, lane: usize, local: &impl Reach, limit: f32) -> f32 {
         match leaf.kind() {
             Kind::Triangles(first, count) if self.bvh.exact != 0.0 => self.resolve_exact(first, count, lane),
             Kind::Triangles(first, _) | Kind::Mixed(first, _) => {
@@ -181,7 +188,7 @@ impl<'a, Q: Asked> State<'a, Q> {
 
     /// Decides about what is pending and may still be nearest.
     #[inline(always)]
-    pub(super) fn resolve_pending(&mut self, local: &LocalRay, mut limit: f32) -> f32 {
+    pub(super) fn resolve_pending(&mut self, local: &impl Reach, mut limit: f32) -> f32 {
         for i in 0..std::mem::take(&mut self.count) {
             let (low, leaf, lane) = self.pending[i];
             if low <= limit {
@@ -198,7 +205,7 @@ impl<'a, Q: Asked> State<'a, Q> {
         [low, high]: [f32; 2],
         leaf: Child,
         lane: usize,
-        local: &LocalRay,
+        local: &impl Reach,
         mut limit: f32,
     ) -> f32 {
         if high < self.lowest {
@@ -219,18 +226,13 @@ impl<'a, Q: Asked> State<'a, Q> {
     }
 }
 
-impl State<'_, Query<Ray>> {
-    /// Begins another search.
+impl State<'_, Streamed<'_>> {
+    /// Begins another search, of the ray of another lane.
     #[inline(always)]
-    pub(super) fn restart(&mut self, ray: Ray, interval: Interval, skip: Skip) {
-        // One by one: what is written in pieces and then copied stalls the processor.
-        self.query.ray.origin = ray.origin;
-        self.query.ray.direction = ray.direction;
-        self.query.interval.min = interval.min;
-        self.query.interval.max = interval.max;
-        self.query.skip = skip;
+    pub(super) fn restart(&mut self, lane: usize) {
+        self.query.lane = lane;
         self.sheared = None;
-        self.end = interval.max;
+        self.end = self.query.interval().max;
         self.best = None;
         self.count = 0;
         self.lowest = 0.0;
@@ -279,10 +281,10 @@ impl<Q: Asked> State<'_, Q> {
 
     /// The limit to begin with.
     #[inline(always)]
-    pub(super) fn limit(&self, local: &LocalRay) -> f32 {
+    pub(super) fn limit(&self, local: &impl Reach) -> f32 {
         match &self.best {
-            Some(best) => local.max.min(local.above(best.t)),
-            None => local.max,
+            Some(best) => local.max().min(local.above(best.t)),
+            None => local.max(),
         }
     }
 
@@ -295,7 +297,7 @@ impl<Q: Asked> State<'_, Q> {
         let Some(root) = bvh.root else {
             return self.best;
         };
-        let Some(local) = &bvh.frame.ray(self.query.ray(), self.query.interval()) else {
+        let Some(local) = &bvh.frame.ray(&self.query.ray(), &self.query.interval()) else {
             // Nothing that single precision can tell about such a ray.
             self.resolve_all(bvh.slots.iter().map(|slot| slot.element()));
             return self.best;
@@ -399,13 +401,14 @@ impl<Q: Asked> State<'_, Q> {
     #[inline(always)]
     pub(super) fn sure<const ANY: bool>(
         &mut self,
-        local: &LocalRay,
+        local: &impl Reach,
         leaf: Child,
         lane: usize,
         bounds: [f32; 2],
         limit: f32,
     ) -> Sure {
-        if !(bounds[0] >= local.inside[0] && bounds[1] <= local.inside[1]) {
+        let inside = local.inside();
+        if !(bounds[0] >= inside[0] && bounds[1] <= inside[1]) {
             return Sure::Unsure;
         }
         if self.skips(leaf.index() + lane) {
@@ -429,7 +432,7 @@ impl<Q: Asked> State<'_, Q> {
     #[inline(always)]
     pub(super) fn unsure<const ANY: bool>(
         &mut self,
-        local: &LocalRay,
+        local: &impl Reach,
         leaf: Child,
         lane: usize,
         limit: f32,

@@ -2,13 +2,13 @@
 //! side in vector registers, and on their way rays of one octant go together (`packet`).
 
 use super::Bvh;
-use super::frame::{LocalRay, LocalRays};
+use super::frame::{Alone, LocalLane, LocalRays};
 use super::node::Child;
 use super::packet::{Packet, Wanted, WantedStack};
-use super::search::{Query, Slot, State, USUAL_DEPTH, stack_size};
+use super::search::{Slot, State, Streamed, USUAL_DEPTH, stack_size};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes as RayLanes, RayStream};
 use whitstone_core::triangle::{ShearedStream, TriangleHit};
-use whitstone_core::{DVec2, DVec3, InstancePath, PrimitiveHit, RawHit, Skip};
+use whitstone_core::{DVec2, DVec3, InstancePath, PrimitiveHit, RawHit};
 use whitstone_simd::{Kernel, Machine, with_lanes};
 
 /// The nearest hits of a stream, into hits that are clear.
@@ -95,29 +95,24 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
         let mut stack = [(0f32, Child::default()); stack_size(USUAL_DEPTH)];
         let mut wanted: WantedStack = [Wanted::default(); stack_size(USUAL_DEPTH)];
         let mut candidates = Candidates([None; LANES]);
-        let nothing = Query {
-            ray: rays.ray(0),
-            interval: rays.interval(0),
-            skip: Skip::NOTHING,
-        };
-        let mut states = [State::new(bvh, nothing); GROUP];
+        let mut states = [State::new(bvh, Streamed { rays, lane: 0 }); GROUP];
         let mut local = LocalRays::default();
-        let mut alone = [LocalRay::default(); GROUP];
+        let mut alone = Alone::default();
         for start in rays.groups() {
+            rays.prefetch(start + GROUP);
             bvh.frame.rays(rays, start, &mut local);
             let len = GROUP.min(rays.len - start);
             for k in 0..len {
-                let lane = start + k;
-                states[k].restart(rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
-                local.get(k, &mut alone[k]);
+                states[k].restart(start + k);
             }
+            alone.clear();
             let mut limits = [f32::NEG_INFINITY; GROUP];
             for k in 0..len {
                 let done = states[k].resolve_unbounded() && ANY;
                 if !local.sound[k] {
                     states[k].resolve_all(bvh.slots.iter().map(|slot| slot.element()));
                 } else if !done {
-                    limits[k] = states[k].limit(&alone[k]);
+                    limits[k] = states[k].limit(&LocalLane(&local, k));
                 }
             }
             let octant = if len == GROUP { local.octant() } else { None };
@@ -125,7 +120,7 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
                 let mut packet = Packet {
                     bvh,
                     rays: &local,
-                    alone: &alone,
+                    alone: &mut alone,
                     states: &mut states,
                     limits,
                     octant,
@@ -136,8 +131,13 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             } else {
                 for k in 0..len {
                     if limits[k] > f32::NEG_INFINITY {
-                        limits[k] =
-                            states[k].traverse::<ANY, _, M>(m, &alone[k], root, &mut stack, limits[k]);
+                        limits[k] = states[k].traverse::<ANY, _, M>(
+                            m,
+                            alone.get(&local, k),
+                            root,
+                            &mut stack,
+                            limits[k],
+                        );
                     }
                 }
             }
@@ -148,7 +148,7 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
                         candidates.0[lane] = Some((leaf, place as u8));
                         continue;
                     }
-                    states[k].resolve_pending(&alone[k], limits[k]);
+                    states[k].resolve_pending(&LocalLane(&local, k), limits[k]);
                 }
                 answers.set(lane, states[k].best);
             }
