@@ -79,19 +79,23 @@ impl Packet<'_, '_> {
                 let node = &self.bvh.nodes[node];
                 inner = true;
                 let bottom = height;
-                for i in 0..WIDTH {
-                    if node.planes[0][0][i] == f32::INFINITY {
-                        break;
-                    }
-                    let (near, wants) = self.enter(l, node, i, rays);
-                    if wants == 0 {
-                        continue;
-                    }
-                    let near = if ANY { f32::NEG_INFINITY } else { l.smallest(near) };
+                // All boxes first, without jumps that depend on what is hit.
+                let mut nears = [l.splat(0.0); WIDTH];
+                let mut wants = [0; WIDTH];
+                let mut hit = 0;
+                let there = m.at_most(m.load(&node.planes[0][0]), m.splat(f32::MAX));
+                for i in 0..there.count_ones() as usize % (WIDTH + 1) {
+                    (nears[i], wants[i]) = self.enter(l, node, i, rays);
+                    hit |= u32::from(wants[i] != 0) << i;
+                }
+                while hit != 0 {
+                    let i = hit.trailing_zeros() as usize % WIDTH;
+                    hit &= hit - 1;
+                    let near = if ANY { f32::NEG_INFINITY } else { l.smallest(nears[i]) };
                     let entry = Wanted {
                         near,
                         child: Child(node.children[i]),
-                        rays: wants,
+                        rays: wants[i],
                     };
                     let mut place = height;
                     while !ANY && place > bottom && wanted[(place - 1) % size].near < near {
