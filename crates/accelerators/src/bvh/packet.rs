@@ -2,6 +2,8 @@
 //!
 //! Wald, Slusallek, Benthin, Wagner, *Interactive rendering with coherent ray tracing*, 2001: here boxes are tested one
 //! by one with all rays, and so are the triangles of a leaf that enough rays want; where few rays are left, each goes alone.
+//! Boxes that bounds on all rays miss are left out first, eight at once (Boulos, Wald, Shirley, *Geometric and arithmetic
+//! culling methods for entire ray packets*, 2006, section 3).
 
 use super::Bvh;
 use super::filter::{Beam, NUMBERS, filter};
@@ -43,6 +45,15 @@ pub(super) struct Wanted {
 /// Room for what is put off.
 pub(super) type WantedStack = [Wanted; stack_size(USUAL_DEPTH)];
 
+/// Bounds on the numbers of all rays; see [`LocalRay`](super::frame::LocalRay).
+#[derive(Default)]
+struct Bounds {
+    reciprocal: [[f32; 2]; 3],
+    near: [f32; 3],
+    far: [f32; 3],
+    min: f32,
+}
+
 impl Packet<'_, '_> {
     /// Sends rays, as bits, through what is below a child.
     #[inline(always)]
@@ -57,6 +68,7 @@ impl Packet<'_, '_> {
         let l = m.wide();
         let size = wanted.len();
         let mut height = 0;
+        let bounds = self.bounds(l);
         // The largest of the limits.
         let mut farthest = l.largest(l.load(&self.limits));
         loop {
@@ -79,19 +91,25 @@ impl Packet<'_, '_> {
                 let node = &self.bvh.nodes[node];
                 inner = true;
                 let bottom = height;
-                // All boxes first, without jumps that depend on what is hit.
+                // All boxes before any is put off: fewer jumps depend on what is hit.
                 let mut nears = [l.splat(0.0); WIDTH];
                 let mut wants = [0; WIDTH];
                 let mut hit = 0;
-                let there = m.at_most(m.load(&node.planes[0][0]), m.splat(f32::MAX));
-                for i in 0..there.count_ones() as usize % (WIDTH + 1) {
+                let mut some = self.cull(m, node, farthest, &bounds);
+                while some != 0 {
+                    let i = some.trailing_zeros() as usize % WIDTH;
+                    some &= some - 1;
                     (nears[i], wants[i]) = self.enter(l, node, i, rays);
                     hit |= u32::from(wants[i] != 0) << i;
                 }
                 while hit != 0 {
                     let i = hit.trailing_zeros() as usize % WIDTH;
                     hit &= hit - 1;
-                    let near = if ANY { f32::NEG_INFINITY } else { l.smallest(nears[i]) };
+                    let near = if ANY {
+                        f32::NEG_INFINITY
+                    } else {
+                        l.smallest(nears[i])
+                    };
                     let entry = Wanted {
                         near,
                         child: Child(node.children[i]),
@@ -189,6 +207,38 @@ impl Packet<'_, '_> {
                 f(self, lane);
             }
         }
+    }
+
+    /// Bounds on all rays.
+    #[inline(always)]
+    fn bounds<L: Lanes<GROUP>>(&self, l: L) -> Bounds {
+        let mut b = Bounds::default();
+        for axis in 0..3 {
+            let r = l.load(&self.rays.reciprocal[axis]);
+            b.reciprocal[axis] = [l.smallest(r), l.largest(r)];
+            b.near[axis] = l.smallest(l.load(&self.rays.near[axis]));
+            b.far[axis] = l.largest(l.load(&self.rays.far[axis]));
+        }
+        b.min = l.smallest(l.load(&self.rays.min));
+        b
+    }
+
+    /// Which boxes some ray may meet, as bits, all eight at once: others need not be tried. Products and sums are monotonic
+    /// when rounded too, so what is computed from bounds bounds what [`Self::enter`] computes.
+    #[inline(always)]
+    fn cull<M: Machine>(&self, l: M, node: &Node, farthest: f32, b: &Bounds) -> u32 {
+        let mut near = l.splat(b.min);
+        let mut far = l.splat(farthest);
+        for axis in 0..3 {
+            let side = self.octant[axis] & 1;
+            let sides = &node.planes[axis];
+            let (enter, leave) = (l.load(&sides[side]), l.load(&sides[side ^ 1]));
+            let [r0, r1] = b.reciprocal[axis].map(|r| l.splat(r));
+            let (n, f) = (l.splat(b.near[axis]), l.splat(b.far[axis]));
+            near = l.max(l.min(l.mul_add(enter, r0, n), l.mul_add(enter, r1, n)), near);
+            far = l.min(l.max(l.mul_add(leave, r0, f), l.mul_add(leave, r1, f)), far);
+        }
+        l.at_most(near, far)
     }
 
     /// Which of these rays may meet a box, and where the first of them enters it at the earliest; the same
