@@ -26,7 +26,7 @@ mod wide;
 use crate::elements::{MOST_ELEMENTS, check_count};
 use binned::Binned;
 use frame::Frame;
-use items::Items;
+use items::{Item, Items};
 use node::{Child, Kind, Node};
 use schemars::JsonSchema;
 use search::{Query, Search, Slot};
@@ -34,6 +34,7 @@ use serde::Deserialize;
 use spatial::Spatial;
 use std::sync::Arc;
 use std::time::Instant;
+use tree::Tree;
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::{
     Aabb, Accelerator, Accelerators, Context, DVec3, Element, Geometry, Interval, Outline, Plugin, RawHit,
@@ -104,37 +105,41 @@ impl Plugin<Accelerators> for Bvh {
 impl Bvh {
     fn new(geometry: Arc<Geometry>, quality: Quality) -> Self {
         let start = Instant::now();
-        let mut items = Items::new(&geometry);
-        let bounded = std::mem::take(&mut items.items);
-        let tree = match quality {
-            Quality::Fast => morton::build(&bounded),
-            Quality::Balanced => Binned {
-                max_leaf: 3,
-                bins: 32,
+        let items = Items::new(&geometry);
+        let bounded = || items.each(|number| items.item(number));
+        let of_tree = |Tree { nodes, items: order }| (nodes, items.contents(&order, Item::number));
+        let (nodes, contents) = match quality {
+            Quality::Fast => morton::build(&items),
+            Quality::Balanced => {
+                let binned = Binned {
+                    max_leaf: 3,
+                    bins: 32,
+                };
+                of_tree(binned.build(bounded()))
             }
-            .build(bounded),
             Quality::Best => {
-                let corners = items.corners(&geometry);
-                Spatial { corners: &corners }.build(bounded)
+                let corners = items.corners();
+                of_tree(Spatial { corners: &corners }.build(bounded()))
             }
         };
-        let wide = Wide::new(&tree, &items, &geometry);
+        let wide = Wide::new(&nodes, contents);
+        let Items { frame, unbounded, .. } = items;
         let bytes = size_of_val(&*wide.nodes) + size_of_val(&*wide.slots) + size_of_val(&*wide.numbers);
         let statistics = Statistics::from([
-            ("elements", (wide.slots.len() + items.unbounded.len()) as f64),
-            ("unbounded", items.unbounded.len() as f64),
+            ("elements", (wide.slots.len() + unbounded.len()) as f64),
+            ("unbounded", unbounded.len() as f64),
             ("nodes", wide.nodes.len() as f64),
             ("leaves", wide.leaves as f64),
             ("depth", wide.depth as f64),
             ("sah_cost", wide.cost),
-            ("bytes", (bytes + size_of_val(&*items.unbounded)) as f64),
+            ("bytes", (bytes + size_of_val(&*unbounded)) as f64),
             ("build_seconds", start.elapsed().as_secs_f64()),
         ]);
         Self {
             geometry,
-            exact: items.frame.exact().unwrap_or(0.0),
-            frame: items.frame,
-            unbounded: items.unbounded,
+            exact: frame.exact().unwrap_or(0.0),
+            frame,
+            unbounded,
             nodes: wide.nodes,
             slots: wide.slots,
             numbers: wide.numbers,

@@ -4,15 +4,16 @@
 //! the items are put into bins along all three axes, and the best of the splits between bins is taken.
 
 use super::MAX_DEPTH;
-use super::items::{Box4, Item};
-use super::tree::{Binary, BinaryKind, Tree, append};
+use super::items::{Box4, Item, PARALLEL};
+use super::tree::{Binary, Parts, Tree};
 use glam::Vec4;
+use rayon::prelude::*;
 
 /// Most bins along an axis.
 pub(super) const MOST_BINS: usize = 32;
 
-/// From this number of items on both sides are built in parallel.
-const PARALLEL: usize = 4096;
+/// From this number of items on the items of a node are looked at in parallel.
+const MANY: usize = 1 << 16;
 
 /// How a build is done.
 #[derive(Clone, Copy, Debug)]
@@ -34,46 +35,45 @@ pub(super) struct Split {
 impl Binned {
     /// Builds over all items. The result depends on these and their order only.
     pub(super) fn build(self, mut items: Vec<Item>) -> Tree {
-        let mut nodes = Vec::new();
-        if !items.is_empty() {
-            let bounds = bounds(&items);
-            self.node(&mut items, &mut nodes, bounds, 0, 0);
+        if items.is_empty() {
+            return Tree::default();
         }
+        let bounds = bounds(&items);
+        let nodes = self.subtree(&mut items, bounds, 0).concat();
         Tree { nodes, items }
     }
 
-    /// Appends the subtree over `items`, which begin at `first`; gives their order.
-    fn node(
-        self,
-        items: &mut [Item],
-        nodes: &mut Vec<Binary>,
-        (aabb, centers): (Box4, Box4),
-        first: u32,
-        depth: usize,
-    ) {
+    /// The subtree over items; gives their order.
+    fn subtree(self, items: &mut [Item], bounds: (Box4, Box4), depth: usize) -> Parts {
+        let n = items.len();
+        if n < PARALLEL {
+            let mut nodes = Vec::with_capacity(n);
+            self.node(items, &mut nodes, bounds, depth);
+            return Parts::whole(nodes);
+        }
+        let (aabb, centers) = bounds;
+        let Sides { middle, bounds } = self.split(items, &centers, depth);
+        let (left, right) = items.split_at_mut(middle);
+        let (first, second) = rayon::join(
+            || self.subtree(left, bounds[0], depth + 1),
+            || self.subtree(right, bounds[1], depth + 1),
+        );
+        Parts::inner(aabb, n, first, second)
+    }
+
+    /// Appends the subtree over a few items.
+    fn node(self, items: &mut [Item], nodes: &mut Vec<Binary>, (aabb, centers): (Box4, Box4), depth: usize) {
         let n = items.len();
         let index = nodes.len();
-        let kind = BinaryKind::Leaf(first, n as u32);
-        nodes.push(Binary { aabb, kind });
+        nodes.push(Binary::leaf(aabb, n));
         if n <= self.max_leaf {
             return;
         }
         let Sides { middle, bounds } = self.split(items, &centers, depth);
         let (left, right) = items.split_at_mut(middle);
-        let second = first + middle as u32;
-        if n >= PARALLEL {
-            let mut behind = Vec::new();
-            rayon::join(
-                || self.node(left, nodes, bounds[0], first, depth + 1),
-                || self.node(right, &mut behind, bounds[1], second, depth + 1),
-            );
-            nodes[index].kind = BinaryKind::Inner(nodes.len() as u32);
-            append(nodes, behind, 0);
-        } else {
-            self.node(left, nodes, bounds[0], first, depth + 1);
-            nodes[index].kind = BinaryKind::Inner(nodes.len() as u32);
-            self.node(right, nodes, bounds[1], second, depth + 1);
-        }
+        self.node(left, nodes, bounds[0], depth + 1);
+        nodes[index] = Binary::inner(aabb, n, nodes.len() - index);
+        self.node(right, nodes, bounds[1], depth + 1);
     }
 
     /// Brings the items of one side to the front.
@@ -107,9 +107,21 @@ pub(super) struct Sides {
 /// The box around the items and that around their (doubled) centers.
 pub(super) fn bounds(items: &[Item]) -> (Box4, Box4) {
     let start = (Box4::EMPTY, Box4::EMPTY);
-    items.iter().fold(start, |(aabb, centers), item| {
-        (aabb.union(item.aabb()), centers.including(item.center()))
-    })
+    let of_few = |items: &[Item]| {
+        items.iter().fold(start, |(aabb, centers), item| {
+            (aabb.union(item.aabb()), centers.including(item.center()))
+        })
+    };
+    if items.len() < MANY {
+        return of_few(items);
+    }
+    let parts = items.par_chunks(MANY / 2).map(of_few);
+    parts.reduce(|| start, both)
+}
+
+/// The boxes around two boxes and around two other ones.
+fn both(a: (Box4, Box4), b: (Box4, Box4)) -> (Box4, Box4) {
+    (a.0.union(b.0), a.1.union(b.1))
 }
 
 /// Brings the items whose centers come first along the longest axis to the front: half of them.
@@ -124,7 +136,25 @@ pub(super) fn halve(items: &mut [Item], centers: &Box4) -> usize {
 }
 
 /// Brings what `goes_first` to the front. The order depends on the old one only.
-pub(super) fn partition(items: &mut [Item], goes_first: impl Fn(&Item) -> bool) -> Sides {
+pub(super) fn partition(items: &mut [Item], goes_first: impl Fn(&Item) -> bool + Copy + Sync) -> Sides {
+    if items.len() < MANY {
+        return partition_few(items, goes_first);
+    }
+    let half = items.len() / 2;
+    let (left, right) = items.split_at_mut(half);
+    let (left, right) = rayon::join(|| partition(left, goes_first), || partition(right, goes_first));
+    // Those behind the middle of the left half change places with those before the middle of the right.
+    let between = &mut items[left.middle..half + right.middle];
+    let moved = (half - left.middle).min(right.middle);
+    let (front, back) = between.split_at_mut(between.len() - moved);
+    front[..moved].swap_with_slice(back);
+    Sides {
+        middle: left.middle + right.middle,
+        bounds: [0, 1].map(|side: usize| both(left.bounds[side], right.bounds[side])),
+    }
+}
+
+fn partition_few(items: &mut [Item], goes_first: impl Fn(&Item) -> bool) -> Sides {
     let (mut low, mut high) = (0, items.len());
     let mut bounds = [(Box4::EMPTY, Box4::EMPTY); 2];
     let mut count = |item: &Item, side: usize| {
@@ -196,24 +226,33 @@ impl Bins {
         }
     }
 
-    fn best_of<const N: usize>(&self, items: &[Item]) -> Option<Split> {
-        let mut bins = [[Box4::EMPTY; N]; 3];
-        let mut counts = [[0u32; N]; 3];
+    fn fill<const N: usize>(&self, items: &[Item]) -> Filled<N> {
+        let mut filled = Filled::default();
         for item in items {
             let place = self.of(item);
             let aabb = item.aabb();
             for axis in 0..3 {
                 let bin = place[axis] % N;
-                bins[axis][bin] = bins[axis][bin].union(aabb);
-                counts[axis][bin] += 1;
+                filled.boxes[axis][bin] = filled.boxes[axis][bin].union(aabb);
+                filled.counts[axis][bin] += 1;
             }
         }
+        filled
+    }
+
+    fn best_of<const N: usize>(&self, items: &[Item]) -> Option<Split> {
+        let Filled { boxes, counts } = if items.len() < MANY {
+            self.fill::<N>(items)
+        } else {
+            let parts = items.par_chunks(MANY / 2).map(|items| self.fill::<N>(items));
+            parts.reduce(Filled::default, Filled::union)
+        };
         let mut best: Option<Split> = None;
         for axis in 0..3 {
             if self.scale[axis] == 0.0 {
                 continue;
             }
-            let (bins, counts) = (&bins[axis], &counts[axis]);
+            let (bins, counts) = (&boxes[axis], &counts[axis]);
             let mut after = [0f32; N];
             let (mut right, mut count) = (Box4::EMPTY, 0);
             for i in (1..self.count.min(N)).rev() {
@@ -237,5 +276,32 @@ impl Bins {
             }
         }
         best
+    }
+}
+
+/// What is in bins: by axis, by bin.
+struct Filled<const N: usize> {
+    boxes: [[Box4; N]; 3],
+    counts: [[u32; N]; 3],
+}
+
+impl<const N: usize> Default for Filled<N> {
+    fn default() -> Self {
+        Self {
+            boxes: [[Box4::EMPTY; N]; 3],
+            counts: [[0; N]; 3],
+        }
+    }
+}
+
+impl<const N: usize> Filled<N> {
+    fn union(mut self, other: Self) -> Self {
+        for axis in 0..3 {
+            for bin in 0..N {
+                self.boxes[axis][bin] = self.boxes[axis][bin].union(other.boxes[axis][bin]);
+                self.counts[axis][bin] += other.counts[axis][bin];
+            }
+        }
+        self
     }
 }

@@ -1,9 +1,14 @@
 //! What a hierarchy is built over: boxes in single precision, rounded outward.
 
+use super::filter::{NUMBERS, WINDOW};
 use super::frame::Frame;
-use glam::Vec4;
+use super::search::Slot;
+use glam::{Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
-use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape};
+use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape, TriangleMesh};
+
+/// So many elements are worth a task for another thread.
+pub(super) const PARALLEL: usize = 4096;
 
 /// Boxes that reach farther are treated as endless: squares of their sizes would overflow.
 const FARTHEST: f64 = 1e150;
@@ -114,70 +119,87 @@ impl Item {
 }
 
 /// The elements of a geometry.
-pub(super) struct Items {
+pub(super) struct Items<'a> {
+    geometry: &'a Geometry,
     pub(super) frame: Frame,
-    pub(super) items: Vec<Item>,
+    /// Twice the centers of the boxes, in the world, lie in here.
+    centers: Aabb,
     /// Elements without a box of reasonable size.
     pub(super) unbounded: Vec<Element>,
-    /// The number of the first element of each shape.
+    /// The number of the first element of each shape, and behind them the number of all.
     starts: Vec<u32>,
 }
 
-impl Items {
+/// More than the last leaf has can be read from its start.
+const BEHIND: usize = WINDOW / NUMBERS;
+
+/// So many elements are fetched together.
+const BLOCK: usize = 128;
+
+/// A vertex for what has none.
+const ORIGIN: &[DVec3] = &[DVec3::ZERO];
+
+/// What the leaves hold, leaf after leaf.
+pub(super) struct Contents {
+    pub(super) slots: Vec<Slot>,
+    /// The corners in own coordinates of what is a triangle, and zeros behind them.
+    pub(super) corners: Vec<[f32; NUMBERS]>,
+}
+
+impl<'a> Items<'a> {
     /// All elements of a geometry, of which there are fewer than 2^28.
-    pub(super) fn new(geometry: &Geometry) -> Self {
-        let mut starts = Vec::new();
-        let mut unbounded = Vec::new();
-        let mut total = 0u32;
-        let mut whole = Aabb::EMPTY;
+    pub(super) fn new(geometry: &'a Geometry) -> Self {
+        let mut starts = vec![0];
+        let mut extent = Extent::default();
         for (part, shape) in geometry.shapes().iter().zip(0..) {
-            starts.push(total);
-            match part {
-                Shape::Triangles(mesh) => {
-                    total += mesh.triangles.len() as u32;
-                    whole = whole.union(bounded_part(geometry, shape, mesh.triangles.len() as u32));
-                }
+            let (count, part) = match part {
+                Shape::Triangles(mesh) => (mesh.triangles.len() as u32, Extent::of_mesh(mesh)),
                 _ => {
-                    total += 1;
                     let aabb = geometry.bounds(Element::Opaque { shape });
-                    whole = if bounded(&aabb) { whole.union(aabb) } else { whole };
+                    (1, Extent::default().including(&aabb))
                 }
-            }
+            };
+            starts.push(starts[starts.len() - 1] + count);
+            extent = extent.union(part);
         }
-        if whole.is_empty() {
-            whole = Aabb::around([DVec3::ZERO]);
-        }
+        let whole = if extent.whole.is_empty() {
+            Aabb::around([DVec3::ZERO])
+        } else {
+            extent.whole
+        };
         let unmoved = Frame::unmoved(&whole).filter(|_| in_single_precision(geometry));
         let mut items = Self {
+            geometry,
             frame: unmoved.unwrap_or_else(|| Frame::around(&whole)),
-            items: Vec::new(),
+            centers: extent.centers,
             unbounded: Vec::new(),
             starts,
         };
-        let item = |number: u32| {
-            let element = items.element(geometry, number);
-            let aabb = geometry.bounds(element);
-            let padded = || aabb.padded(needle_pad(geometry, element, &items.frame));
-            bounded(&aabb).then(|| Item::new(items.local(&padded()), number))
-        };
-        let kept: Vec<Item> = (0..total)
-            .into_par_iter()
-            .with_min_len(4096)
-            .filter_map(item)
-            .collect();
-        if kept.len() < total as usize {
-            let all = (0..total).map(|number| items.element(geometry, number));
-            unbounded.extend(all.filter(|&element| !bounded(&geometry.bounds(element))));
+        if extent.unbounded {
+            let all = geometry.elements();
+            items.unbounded = all
+                .filter(|&element| !bounded(&geometry.bounds(element)))
+                .collect();
         }
-        items.items = kept;
-        items.unbounded = unbounded;
         items
     }
 
+    /// Something of each element with a box of reasonable size, by its number, in order.
+    pub(super) fn each<T: Send>(&self, of: impl Fn(u32) -> T + Sync + Send) -> Vec<T> {
+        let all = (0..self.starts[self.starts.len() - 1])
+            .into_par_iter()
+            .with_min_len(PARALLEL);
+        if self.unbounded.is_empty() {
+            return all.map(of).collect();
+        }
+        let is_bounded = |number: &u32| bounded(&self.geometry.bounds(self.element(*number)));
+        all.filter(is_bounded).map(of).collect()
+    }
+
     /// The element of a number.
-    pub(super) fn element(&self, geometry: &Geometry, number: u32) -> Element {
+    fn element(&self, number: u32) -> Element {
         let shape = self.starts.partition_point(|&start| start <= number) - 1;
-        match &geometry.shapes()[shape] {
+        match &self.geometry.shapes()[shape] {
             Shape::Triangles(_) => Element::Triangle {
                 shape: shape as u32,
                 triangle: number - self.starts[shape],
@@ -186,25 +208,125 @@ impl Items {
         }
     }
 
+    /// The corners of an element in the world, if it is a triangle.
+    #[inline(always)]
+    fn triangle(&self, element: Element) -> Option<[DVec3; 3]> {
+        match (element, &self.geometry.shapes()[element.shape() as usize]) {
+            (Element::Triangle { triangle, .. }, Shape::Triangles(mesh)) => Some(mesh.corners(triangle)),
+            _ => None,
+        }
+    }
+
+    /// The box around what `center` returns.
+    pub(super) fn centers(&self) -> &Aabb {
+        &self.centers
+    }
+
+    /// Twice the center of the box of an element, in the world.
+    #[inline(always)]
+    pub(super) fn center(&self, number: u32) -> DVec3 {
+        let element = self.element(number);
+        match self.triangle(element) {
+            Some([a, b, c]) => a.min(b).min(c) + a.max(b).max(c),
+            None => {
+                let aabb = self.geometry.bounds(element);
+                aabb.min + aabb.max
+            }
+        }
+    }
+
+    /// The item of an element.
+    pub(super) fn item(&self, number: u32) -> Item {
+        let element = self.element(number);
+        let aabb = match self.triangle(element) {
+            Some(corners) => {
+                let own = corners.map(|p| self.frame.point(p).as_vec3a());
+                if let Some(aabb) = self.quick_box(own) {
+                    return Item::new(aabb, number);
+                }
+                Aabb::around(corners).padded(needle_pad(corners, &self.frame))
+            }
+            None => self.geometry.bounds(element),
+        };
+        Item::new(self.local(&aabb), number)
+    }
+
+    /// The box of an element of this number and these corners, as in [`Contents`].
+    #[inline(always)]
+    pub(super) fn aabb(&self, number: u32, corners: &[f32; NUMBERS]) -> Box4 {
+        let four = |start: usize| Vec4::from_slice(&corners[start..start + 4]);
+        let own = [four(0), four(3), four(5).yzww()].map(Vec3A::from_vec4);
+        self.quick_box(own).unwrap_or_else(|| self.item(number).aabb())
+    }
+
+    /// The box of a triangle with these corners in own coordinates, if they are all that is needed to know it. All three are 0 for what is
+    /// no triangle.
+    #[inline(always)]
+    fn quick_box(&self, own: [Vec3A; 3]) -> Option<Box4> {
+        let [a, b, c] = own;
+        let aabb = Box4 {
+            min: a.min(b).min(c).extend(0.0),
+            max: a.max(b).max(c).extend(0.0),
+        };
+        // Half the last place of a coordinate is 2^-25 at most.
+        let exact = self.frame.exact().is_some();
+        let (error, aabb) = if exact {
+            (0.0, aabb)
+        } else {
+            (2f32.powi(-25), aabb.padded(2f32.powi(-23)))
+        };
+        is_no_needle(own, error).then_some(aabb)
+    }
+
+    /// What leaves hold that have the elements of these numbers, one after the other.
+    pub(super) fn contents<T: Sync>(&self, all: &[T], number: impl Fn(&T) -> u32 + Sync + Send) -> Contents {
+        let slots = all.par_iter().with_min_len(PARALLEL);
+        let slots = slots.map(|one| Slot::new(self.element(number(one)))).collect();
+        let length = all.len() + BEHIND;
+        let block = |i: usize| {
+            let block = all.chunks(BLOCK).nth(i).unwrap_or_default();
+            // Two short loops instead of a long one: then the processor has many loads under way, each of which takes
+            // longer than everything else here.
+            let mut sources = [(ORIGIN, [0; 3]); BLOCK];
+            for (source, one) in sources.iter_mut().zip(block) {
+                *source = self.source(self.element(number(one)));
+            }
+            let mut corners = [[0.0; NUMBERS]; BLOCK];
+            for ((corners, _), (positions, indices)) in corners.iter_mut().zip(block).zip(sources) {
+                let own = indices.map(|i| self.frame.point(positions[i as usize]).as_vec3());
+                let [[a, b, c], [d, e, f], [g, h, i]] = own.map(|p| p.to_array());
+                *corners = [a, b, c, d, e, f, g, h, i];
+            }
+            corners
+        };
+        let blocks = (0..length.div_ceil(BLOCK)).into_par_iter();
+        let blocks: Vec<_> = blocks.with_min_len(PARALLEL / BLOCK).map(block).collect();
+        let mut corners = blocks.into_flattened();
+        corners.truncate(length);
+        Contents { slots, corners }
+    }
+
+    /// Where the corners of an element are.
+    #[inline(always)]
+    fn source(&self, element: Element) -> (&[DVec3], [u32; 3]) {
+        match (element, &self.geometry.shapes()[element.shape() as usize]) {
+            (Element::Triangle { triangle, .. }, Shape::Triangles(mesh)) => {
+                (&mesh.positions, mesh.triangles[triangle as usize])
+            }
+            _ => (ORIGIN, [0; 3]),
+        }
+    }
+
     /// The corners of each element in own coordinates; not a number for what is no triangle, and for needles,
     /// whose hits may lie beside them.
-    pub(super) fn corners(&self, geometry: &Geometry) -> Vec<[Vec4; 3]> {
-        let total: usize = geometry.elements().count();
-        let all = (0..total as u32)
-            .into_par_iter()
-            .with_min_len(4096)
-            .map(|number| {
-                let element = self.element(geometry, number);
-                match (element, &geometry.shapes()[element.shape() as usize]) {
-                    (Element::Triangle { triangle, .. }, Shape::Triangles(mesh))
-                        if needle_pad(geometry, element, &self.frame) == 0.0 =>
-                    {
-                        let corner = |p| self.frame.point(p).as_vec3().extend(0.0);
-                        mesh.corners(triangle).map(corner)
-                    }
-                    _ => [Vec4::NAN; 3],
-                }
-            });
+    pub(super) fn corners(&self) -> Vec<[Vec4; 3]> {
+        let all = 0..self.starts[self.starts.len() - 1];
+        let all = all.into_par_iter().with_min_len(PARALLEL).map(|number| {
+            let corners = self.triangle(self.element(number));
+            let corners = corners.filter(|&corners| needle_pad(corners, &self.frame) == 0.0);
+            let corner = |p| self.frame.point(p).as_vec3().extend(0.0);
+            corners.map_or([Vec4::NAN; 3], |corners| corners.map(corner))
+        });
         all.collect()
     }
 
@@ -227,21 +349,68 @@ impl Items {
     }
 }
 
-/// The bounds of the triangles of a shape that have any.
-fn bounded_part(geometry: &Geometry, shape: u32, triangles: u32) -> Aabb {
-    let one = |triangle| {
-        let aabb = geometry.bounds(Element::Triangle { shape, triangle });
-        if bounded(&aabb) { aabb } else { Aabb::EMPTY }
-    };
-    let all = (0..triangles).into_par_iter().with_min_len(4096).map(one);
-    all.reduce(|| Aabb::EMPTY, Aabb::union)
+/// Where elements are.
+struct Extent {
+    /// The box around those that have a box of reasonable size.
+    whole: Aabb,
+    /// The box around twice the centers of theirs.
+    centers: Aabb,
+    /// Whether there are others.
+    unbounded: bool,
+}
+
+impl Default for Extent {
+    fn default() -> Self {
+        Self {
+            whole: Aabb::EMPTY,
+            centers: Aabb::EMPTY,
+            unbounded: false,
+        }
+    }
+}
+
+impl Extent {
+    fn of_mesh(mesh: &TriangleMesh) -> Self {
+        let corners = |triangle: &[u32; 3]| triangle.map(|i| mesh.positions[i as usize]);
+        let all = mesh.triangles.par_iter().with_min_len(PARALLEL);
+        let parts = all.fold(Self::default, |extent, triangle| {
+            extent.including(&Aabb::around(corners(triangle)))
+        });
+        parts.reduce(Self::default, Self::union)
+    }
+
+    #[inline(always)]
+    fn including(self, aabb: &Aabb) -> Self {
+        if !bounded(aabb) {
+            return Self {
+                unbounded: true,
+                ..self
+            };
+        }
+        Self {
+            whole: self.whole.union(*aabb),
+            centers: self.centers.including(aabb.min + aabb.max),
+            ..self
+        }
+    }
+
+    fn union(self, other: Self) -> Self {
+        Self {
+            whole: self.whole.union(other.whole),
+            centers: self.centers.union(other.centers),
+            unbounded: self.unbounded | other.unbounded,
+        }
+    }
 }
 
 /// Whether every vertex is a point in `f32`.
 fn in_single_precision(geometry: &Geometry) -> bool {
     let exact = |x: f64| f64::from(x as f32) == x && (x == 0.0 || x.abs() > 1e-18);
     geometry.shapes().iter().all(|shape| match shape {
-        Shape::Triangles(mesh) => mesh.positions.iter().all(|p| p.to_array().into_iter().all(exact)),
+        Shape::Triangles(mesh) => {
+            let all = mesh.positions.par_iter().with_min_len(PARALLEL);
+            all.all(|p| p.to_array().into_iter().all(exact))
+        }
         _ => true,
     })
 }
@@ -252,16 +421,20 @@ fn bounded(aabb: &Aabb) -> bool {
     !aabb.is_empty() && far <= FARTHEST
 }
 
+/// Whether a triangle certainly needs no [`needle_pad`] whose corners are these, with such an error in each coordinate. Asks for more
+/// height than is enough and leaves out what is so small that squares could underflow or errors count.
+#[inline(always)]
+fn is_no_needle([a, b, c]: [Vec3A; 3], error: f32) -> bool {
+    let edges = [b - a, c - b, a - c];
+    let longest = edges.map(Vec3A::length_squared).into_iter().fold(0.0, f32::max);
+    let twice_area = edges[0].cross(edges[2]).length_squared();
+    let enough = (2f32.powi(-15) * longest).max(256.0 * error * error);
+    longest > 1e-16 && enough * longest <= twice_area
+}
+
 /// What the box of a needle needs beyond the pad of every ray: the error of the triangle test, up to
 /// which a hit may seem to lie outside the box. It is never more than the longest edge.
-fn needle_pad(geometry: &Geometry, element: Element, frame: &Frame) -> f64 {
-    let (Element::Triangle { shape, triangle }, shapes) = (element, geometry.shapes()) else {
-        return 0.0;
-    };
-    let Shape::Triangles(mesh) = &shapes[shape as usize] else {
-        return 0.0;
-    };
-    let [a, b, c] = mesh.corners(triangle);
+fn needle_pad([a, b, c]: [DVec3; 3], frame: &Frame) -> f64 {
     let longest = (b - a)
         .length_squared()
         .max((c - b).length_squared())

@@ -4,15 +4,13 @@
 //! last code of a range differ divides it in space.
 
 use super::MAX_DEPTH;
-use super::items::{Box4, Item};
-use super::tree::{Binary, BinaryKind, Tree, append};
+use super::filter::NUMBERS;
+use super::items::{Box4, Contents, Items, PARALLEL};
+use super::tree::{Binary, Parts};
 use rayon::prelude::*;
 
 /// Nodes with no more items are not divided.
 const MAX_LEAF: usize = 4;
-
-/// From this number of items on both sides are built in parallel.
-const PARALLEL: usize = 4096;
 
 /// Bits of a code along an axis. With the number of an element, which is below 2^28, it fills 64.
 const BITS: u32 = 12;
@@ -20,93 +18,138 @@ const BITS: u32 = 12;
 /// Bits of an element's number.
 const NUMBER: u32 = 64 - 3 * BITS;
 
-/// Builds over all items. The result depends on these and their order only.
-pub(super) fn build(items: &[Item]) -> Tree {
-    let mut nodes = Vec::with_capacity(items.len());
-    let mut sorted = Vec::new();
-    if !items.is_empty() {
-        let keys = sorted_keys(items);
-        let place = |key: &u64| items[(key & ((1 << NUMBER) - 1)) as usize];
-        sorted = keys.par_iter().with_min_len(PARALLEL).map(place).collect();
-        node(&keys, &sorted, &mut nodes, 0, 0);
+/// Builds over all elements; returns the nodes and what is in the leaves. The result depends on these and their order only.
+pub(super) fn build(items: &Items) -> (Vec<Binary>, Contents) {
+    let keys = sorted(keys(items));
+    let contents = items.contents(&keys, |key| number(*key));
+    if keys.is_empty() {
+        return (Vec::new(), contents);
     }
-    Tree { nodes, items: sorted }
+    let builder = Builder { items };
+    let corners = &contents.corners;
+    let nodes = if rayon::current_num_threads() == 1 {
+        // The same without a copy, which is a tenth of the time.
+        let mut nodes = Vec::with_capacity(2 * keys.len());
+        builder.node(&keys, corners, &mut nodes, 0);
+        nodes
+    } else {
+        builder.subtree(&keys, corners, 0).1.concat()
+    };
+    (nodes, contents)
 }
 
-/// The codes of the items, each with the place of its item, in order.
-fn sorted_keys(items: &[Item]) -> Vec<u64> {
-    let all = items.par_iter().with_min_len(PARALLEL);
-    let centers = all.map(|item| Box4::EMPTY.including(item.center()));
-    let centers = centers.reduce(|| Box4::EMPTY, Box4::union);
-    let cells = ((1u32 << BITS) - 1) as f32;
-    // One scale for all axes, so that cells are cubes.
-    let extent = (centers.max - centers.min).truncate().max_element();
-    let scale = if extent > 1e-30 { cells / extent } else { 0.0 };
-    let key = |(place, item): (usize, &Item)| {
-        let cell = ((item.center() - centers.min) * scale).to_array();
-        // A float becomes an integer by saturation, so anything is a cell.
-        let code = |axis: usize| spread((cell[axis] as u32).min((1 << BITS) - 1));
-        (code(0) << 2 | code(1) << 1 | code(2)) << NUMBER | place as u64
-    };
-    let all = items.par_iter().enumerate().with_min_len(PARALLEL);
-    let mut keys: Vec<u64> = all.map(key).collect();
-    keys.par_sort_unstable();
-    keys
+/// The number of the element of a key.
+fn number(key: u64) -> u32 {
+    (key & ((1 << NUMBER) - 1)) as u32
 }
+
+/// The codes of the elements, each with its number.
+fn keys(items: &Items) -> Vec<u64> {
+    let cells = f64::from((1u32 << BITS) - 1);
+    let (start, extent) = (items.centers().min, items.centers().extent().max_element());
+    // One scale for all axes, so that cells are cubes.
+    let scale = if extent > 1e-300 { cells / extent } else { 0.0 };
+    items.each(|number| {
+        // A float becomes an integer by saturation, so anything is a cell.
+        let cell = ((items.center(number) - start) * scale).to_array();
+        let code = cell.map(|x| spread(x as u32));
+        (code[0] << 2 | code[1] << 1 | code[2]) << NUMBER | u64::from(number)
+    })
+}
+
+/// In ascending order: by the first bits in as many buckets, then each by itself.
+fn sorted(keys: Vec<u64>) -> Vec<u64> {
+    const BUCKETS: u32 = 12;
+    let bucket = |key: u64| (key >> (u64::BITS - BUCKETS)) as usize;
+    let mut ends = [0u32; 1 << BUCKETS];
+    for &key in &keys {
+        ends[bucket(key)] += 1;
+    }
+    let mut sorted = vec![0; keys.len()];
+    let mut start = 0;
+    for end in &mut ends {
+        (start, *end) = (start + *end, start);
+    }
+    for &key in &keys {
+        let end = &mut ends[bucket(key)];
+        sorted[*end as usize] = key;
+        *end += 1;
+    }
+    let mut rest = sorted.as_mut_slice();
+    let mut start = 0;
+    let mut buckets = Vec::new();
+    for end in ends {
+        buckets.extend(rest.split_off_mut(..(end - start) as usize));
+        start = end;
+    }
+    buckets.into_par_iter().for_each(|bucket| bucket.sort_unstable());
+    sorted
+}
+
+/// Three bits apart, each of 6 bits.
+const SPREAD: [u64; 64] = {
+    let mut table = [0; 64];
+    let mut x = 0;
+    while x < 64 {
+        let mut bit = 0;
+        while bit < 6 {
+            table[x] |= (x as u64 >> bit & 1) << (3 * bit);
+            bit += 1;
+        }
+        x += 1;
+    }
+    table
+};
 
 /// Puts two zeros before each of 12 bits.
+#[inline(always)]
 fn spread(x: u32) -> u64 {
-    let mut x = u64::from(x);
-    for (shift, mask) in [
-        (16, 0x0f00_00ff),
-        (8, 0x0f00_f00f),
-        (4, 0xc30c_30c3),
-        (2, 0x2_4924_9249),
-    ] {
-        x = (x | x << shift) & mask;
-    }
-    x
+    let part = |shift: u32| SPREAD[(x >> shift & 63) as usize];
+    part(6) << 18 | part(0)
 }
 
-/// Appends the subtree over items, which begin at `first`; returns its box.
-fn node(keys: &[u64], items: &[Item], nodes: &mut Vec<Binary>, first: u32, depth: usize) -> Box4 {
-    let n = items.len();
-    let index = nodes.len();
-    let kind = BinaryKind::Leaf(first, n as u32);
-    nodes.push(Binary {
-        aabb: Box4::EMPTY,
-        kind,
-    });
-    let aabb = if n <= MAX_LEAF {
-        items
-            .iter()
-            .fold(Box4::EMPTY, |aabb, item| aabb.union(item.aabb()))
-    } else {
-        let middle = divide(keys, depth);
-        let (keys, other_keys) = keys.split_at(middle);
-        let (items, other_items) = items.split_at(middle);
-        let second = first + middle as u32;
-        let left;
-        let right;
-        let place;
-        if n >= PARALLEL {
-            let mut behind = Vec::new();
-            (left, right) = rayon::join(
-                || node(keys, items, nodes, first, depth + 1),
-                || node(other_keys, other_items, &mut behind, second, depth + 1),
-            );
-            place = nodes.len();
-            append(nodes, behind, 0);
-        } else {
-            left = node(keys, items, nodes, first, depth + 1);
-            place = nodes.len();
-            right = node(other_keys, other_items, nodes, second, depth + 1);
+struct Builder<'a> {
+    items: &'a Items<'a>,
+}
+
+impl Builder<'_> {
+    /// The box of elements, whose keys and corners these are, and the subtree over them.
+    fn subtree(&self, keys: &[u64], corners: &[[f32; NUMBERS]], depth: usize) -> (Box4, Parts) {
+        let n = keys.len();
+        if n < PARALLEL {
+            let mut nodes = Vec::with_capacity(n);
+            let aabb = self.node(keys, corners, &mut nodes, depth);
+            return (aabb, Parts::whole(nodes));
         }
-        nodes[index].kind = BinaryKind::Inner(place as u32);
-        left.union(right)
-    };
-    nodes[index].aabb = aabb;
-    aabb
+        let middle = divide(keys, depth);
+        let ((left, first), (right, second)) = rayon::join(
+            || self.subtree(&keys[..middle], corners, depth + 1),
+            || self.subtree(&keys[middle..], &corners[middle..], depth + 1),
+        );
+        let aabb = left.union(right);
+        (aabb, Parts::inner(aabb, n, first, second))
+    }
+
+    /// Appends the subtree over a few elements; returns its box.
+    fn node(&self, keys: &[u64], corners: &[[f32; NUMBERS]], nodes: &mut Vec<Binary>, depth: usize) -> Box4 {
+        let n = keys.len();
+        if n <= MAX_LEAF {
+            let boxes = keys.iter().zip(corners);
+            let boxes = boxes.map(|(key, corners)| self.items.aabb(number(*key), corners));
+            let aabb = boxes.fold(Box4::EMPTY, Box4::union);
+            nodes.push(Binary::leaf(aabb, n));
+            return aabb;
+        }
+        let middle = divide(keys, depth);
+        let index = nodes.len();
+        nodes.push(Binary::leaf(Box4::EMPTY, n));
+        let left = self.node(&keys[..middle], corners, nodes, depth + 1);
+        let second = nodes.len() - index;
+        let right = self.node(&keys[middle..], &corners[middle..], nodes, depth + 1);
+        let aabb = left.union(right);
+        nodes[index] = Binary::inner(aabb, n, second);
+        aabb
+    }
 }
 
 /// Where the second part of a range of at least two begins.

@@ -72,6 +72,15 @@ impl Child {
         Self((tag as u32) << Self::BITS | index as u32)
     }
 
+    /// The same where the nodes counted from 0 begin behind others; slots stay what they are.
+    pub(super) fn behind(self, nodes: usize) -> Self {
+        Self(if self.is_inner() {
+            self.0 + nodes as u32
+        } else {
+            self.0
+        })
+    }
+
     #[inline(always)]
     pub(super) fn is_inner(self) -> bool {
         self.0 < 1 << Self::BITS

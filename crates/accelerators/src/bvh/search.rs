@@ -545,10 +545,14 @@ impl Slot {
         }
     }
 
+    pub(super) fn is_opaque(self) -> bool {
+        self.triangle == Self::OPAQUE
+    }
+
     #[inline]
     pub(super) fn element(self) -> Element {
         let Self { shape, triangle } = self;
-        if triangle == Self::OPAQUE {
+        if self.is_opaque() {
             Element::Opaque { shape }
         } else {
             Element::Triangle { shape, triangle }

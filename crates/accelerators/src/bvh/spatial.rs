@@ -9,7 +9,7 @@ use super::MAX_DEPTH;
 use super::binned::{Bins, MOST_BINS, Split, bounds, partition};
 use super::frame::ROUNDING;
 use super::items::{Box4, Item};
-use super::tree::{Binary, BinaryKind, Tree};
+use super::tree::{Binary, Tree};
 use glam::Vec4;
 
 /// Bins of space along an axis.
@@ -68,10 +68,7 @@ struct Cut {
 impl Spatial<'_> {
     /// Builds over all items. The result depends on these and their order only.
     pub(super) fn build(&self, items: Vec<Item>) -> Tree {
-        let mut tree = Tree {
-            nodes: Vec::new(),
-            items: Vec::new(),
-        };
+        let mut tree = Tree::default();
         if !items.is_empty() {
             let spare = (SPARE * items.len() as f32) as usize;
             self.node(&mut tree, Part::new(items, spare, 0));
@@ -81,36 +78,32 @@ impl Spatial<'_> {
 
     /// Appends a subtree.
     fn node(&self, tree: &mut Tree, part: Part) {
-        let index = tree.nodes.len();
-        let first = tree.items.len() as u32;
-        tree.nodes.push(Binary {
-            aabb: part.aabb,
-            kind: BinaryKind::Leaf(first, 1),
-        });
+        let (index, first) = (tree.nodes.len(), tree.items.len());
+        let aabb = part.aabb;
+        tree.nodes.push(Binary::leaf(aabb, 1));
         if part.items.len() == 1 {
             tree.items.extend(part.items);
             return;
         }
         let parallel = part.items.len() >= PARALLEL;
         let (left, right) = self.divide(part);
+        let second;
         if parallel {
             let build = |part: Part| {
-                let mut tree = Tree {
-                    nodes: Vec::new(),
-                    items: Vec::new(),
-                };
+                let mut tree = Tree::default();
                 self.node(&mut tree, part);
                 tree
             };
             let (left, right) = rayon::join(|| build(left), || build(right));
             tree.append(left);
-            tree.nodes[index].kind = BinaryKind::Inner(tree.nodes.len() as u32);
+            second = tree.nodes.len();
             tree.append(right);
         } else {
             self.node(tree, left);
-            tree.nodes[index].kind = BinaryKind::Inner(tree.nodes.len() as u32);
+            second = tree.nodes.len();
             self.node(tree, right);
         }
+        tree.nodes[index] = Binary::inner(aabb, tree.items.len() - first, second - index);
     }
 
     /// Two parts, each with an item at least.

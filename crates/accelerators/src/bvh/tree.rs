@@ -1,47 +1,143 @@
 //! The binary hierarchy that a build makes first.
 
 use super::items::{Box4, Item};
+use glam::Vec4;
+use rayon::prelude::*;
+
+/// So many nodes are copied at a time.
+const BLOCK: usize = 64;
 
 /// A binary hierarchy over items.
+#[derive(Default)]
 pub(super) struct Tree {
-    /// In depth-first order: the first child of a node follows it. The root is 0.
+    /// In depth-first order, the root first; of none for no items.
     pub(super) nodes: Vec<Binary>,
     /// In the order of the leaves. An element may be there more than once, in parts.
     pub(super) items: Vec<Item>,
 }
 
 impl Tree {
-    /// Puts another one behind this; its root is where this one's nodes end.
+    /// Puts another one behind this.
     pub(super) fn append(&mut self, other: Self) {
-        append(&mut self.nodes, other.nodes, self.items.len() as u32);
+        self.nodes.extend(other.nodes);
         self.items.extend(other.items);
     }
 }
 
-/// Puts nodes behind others, with their leaves moved on by `items`.
-pub(super) fn append(nodes: &mut Vec<Binary>, behind: Vec<Binary>, items: u32) {
-    let first = nodes.len() as u32;
-    nodes.extend(behind.into_iter().map(|node| Binary {
-        kind: match node.kind {
-            BinaryKind::Inner(second) => BinaryKind::Inner(second + first),
-            BinaryKind::Leaf(start, count) => BinaryKind::Leaf(start + items, count),
-        },
-        ..node
-    }));
-}
-
-/// A node.
+/// A node: its first child follows it. Where its items begin follows from those of the nodes before it, so that a subtree
+/// is the same wherever it stands.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Binary {
-    pub(super) aabb: Box4,
-    pub(super) kind: BinaryKind,
+    /// The fourth components hold `count` and `second`, as bits.
+    aabb: Box4,
 }
 
-/// What is in a node.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum BinaryKind {
-    /// The second child.
-    Inner(u32),
-    /// First item and their number.
-    Leaf(u32, u32),
+impl Binary {
+    /// Above all numbers; with it, they are the bits of normal floats. Others are slow to compute with.
+    const NORMAL: u32 = 1 << 30;
+
+    /// In place of a node.
+    const NONE: Self = Self { aabb: Box4::EMPTY };
+
+    fn new(aabb: Box4, count: usize, second: usize) -> Self {
+        let with = |v: Vec4, number: usize| v.truncate().extend(f32::from_bits(number as u32 | Self::NORMAL));
+        Self {
+            aabb: Box4 {
+                min: with(aabb.min, count),
+                max: with(aabb.max, second),
+            },
+        }
+    }
+
+    /// A node that is not divided.
+    pub(super) fn leaf(aabb: Box4, count: usize) -> Self {
+        Self::new(aabb, count, 0)
+    }
+
+    /// A node with a second child so many nodes behind it.
+    pub(super) fn inner(aabb: Box4, count: usize, second: usize) -> Self {
+        Self::new(aabb, count, second)
+    }
+
+    #[inline(always)]
+    pub(super) fn aabb(&self) -> Box4 {
+        self.aabb
+    }
+
+    /// The number of items below.
+    #[inline(always)]
+    pub(super) fn count(&self) -> usize {
+        (self.aabb.min.w.to_bits() ^ Self::NORMAL) as usize
+    }
+
+    /// How far behind the node its second child is, if it has children.
+    #[inline(always)]
+    pub(super) fn second(&self) -> Option<usize> {
+        match self.aabb.max.w.to_bits() ^ Self::NORMAL {
+            0 => None,
+            second => Some(second as usize),
+        }
+    }
+}
+
+/// The nodes of a subtree that was built in parts.
+pub(super) struct Parts {
+    /// One behind the other they are the subtree.
+    parts: Vec<Vec<Binary>>,
+    length: usize,
+}
+
+impl Parts {
+    /// A subtree in one part.
+    pub(super) fn whole(nodes: Vec<Binary>) -> Self {
+        Self {
+            length: nodes.len(),
+            parts: vec![nodes],
+        }
+    }
+
+    /// A node with two children.
+    pub(super) fn inner(aabb: Box4, count: usize, first: Self, second: Self) -> Self {
+        let mut parts = vec![vec![Binary::inner(aabb, count, 1 + first.length)]];
+        parts.extend(first.parts);
+        parts.extend(second.parts);
+        Self {
+            length: 1 + first.length + second.length,
+            parts,
+        }
+    }
+
+    /// All in one.
+    pub(super) fn concat(&self) -> Vec<Binary> {
+        let mut end = 0;
+        let ends: Vec<usize> = self
+            .parts
+            .iter()
+            .map(|part| {
+                end += part.len();
+                end
+            })
+            .collect();
+        // In blocks, so that several threads can fetch the memory.
+        let block = |i: usize| {
+            let part = ends.partition_point(|&end| end <= i * BLOCK);
+            let mut skipped = i * BLOCK + self.parts[part].len() - ends[part];
+            let (mut nodes, mut filled) = ([Binary::NONE; BLOCK], 0);
+            for part in &self.parts[part..] {
+                let count = (part.len() - skipped).min(BLOCK - filled);
+                nodes[filled..][..count].copy_from_slice(&part[skipped..][..count]);
+                filled += count;
+                skipped = 0;
+                if filled == BLOCK {
+                    break;
+                }
+            }
+            nodes
+        };
+        let blocks = (0..self.length.div_ceil(BLOCK)).into_par_iter();
+        let blocks: Vec<_> = blocks.with_min_len(64).map(block).collect();
+        let mut nodes = blocks.into_flattened();
+        nodes.truncate(self.length);
+        nodes
+    }
 }

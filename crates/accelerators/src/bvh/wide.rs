@@ -3,13 +3,19 @@
 //! Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide BVHs*, HPG 2017,
 //! section 3.1: of all ways to take inner nodes of the binary hierarchy out, the one of least cost by the
 //! surface area heuristic, found by dynamic programming from the leaves up.
+//!
+//! The nodes at the top are made first, then the subtrees below them, each by itself. Which these are depends on the
+//! hierarchy only, so the result does not depend on the number of threads.
 
-use super::filter::{NUMBERS, WINDOW};
-use super::items::{Box4, Items};
+use super::filter::NUMBERS;
+use super::items::Contents;
 use super::node::{Child, Kind, Node, WIDTH};
 use super::search::Slot;
-use super::tree::{BinaryKind, Tree};
-use whitstone_core::{Element, Geometry, Shape};
+use super::tree::Binary;
+use rayon::prelude::*;
+
+/// Subtrees of no more items are made by one thread.
+const PART: usize = 4096;
 
 /// The wide hierarchy.
 #[derive(Default)]
@@ -27,31 +33,41 @@ pub(super) struct Wide {
 }
 
 impl Wide {
-    pub(super) fn new(tree: &Tree, items: &Items, geometry: &Geometry) -> Self {
-        let mut wide = Self::default();
-        if tree.nodes.is_empty() {
-            return wide;
+    /// From the nodes of a binary hierarchy and what is in its leaves.
+    pub(super) fn new(binary: &[Binary], contents: Contents) -> Self {
+        if binary.is_empty() {
+            return Self::default();
         }
-        wide.slots.reserve(tree.items.len());
-        wide.numbers.reserve(tree.items.len() * NUMBERS + WINDOW);
-        let opaque = geometry
-            .shapes()
-            .iter()
-            .any(|shape| !matches!(shape, Shape::Triangles(_)));
-        let mut builder = Builder {
-            tree,
-            items,
-            geometry,
-            most: if opaque { WIDTH - 1 } else { WIDTH },
-            costs: vec![[0.0; WIDTH - 1]; tree.nodes.len()],
+        let Contents { slots, corners } = contents;
+        let mut numbers = corners.into_flattened();
+        let mixed = slots.par_iter().with_min_len(PART).any(|slot| slot.is_opaque());
+        let most = if mixed { WIDTH - 1 } else { WIDTH };
+        let mut costs = vec![[0.0; WIDTH - 1]; binary.len()];
+        prepare(binary, &mut costs, most);
+        let maker = Maker {
+            binary,
+            costs: &costs,
+            slots: &slots,
+            mixed,
+            most,
         };
-        builder.prepare(0);
-        let root = builder.child(&mut wide, 0, 0);
-        wide.root = Some(root);
-        wide.cost /= f64::from(tree.nodes[0].aabb.half_area().max(f32::MIN_POSITIVE));
-        wide.numbers.resize(wide.numbers.len() + WINDOW, 0.0);
-        wide.nodes.shrink_to_fit();
-        wide
+        let mut top = Top::default();
+        maker.top(&mut top, Place::default(), None);
+        let mut rest = numbers.as_mut_slice();
+        let mut parts = Vec::with_capacity(top.below.len());
+        for (place, _) in &top.below {
+            // They have all items among them, in order.
+            let length = NUMBERS * binary[place.node].count();
+            let numbers = rest.split_off_mut(..length).unwrap_or_default();
+            parts.push((*place, numbers));
+        }
+        let parts = parts.into_par_iter().map(|(place, numbers)| {
+            let mut part = Part::default();
+            part.root = maker.part(&mut part, place, numbers);
+            part
+        });
+        let parts: Vec<Part> = parts.collect();
+        top.join(&parts, &binary[0], slots, numbers)
     }
 }
 
@@ -61,158 +77,266 @@ const NODE: f32 = 1.0;
 /// Time of a step into a leaf, and of each triangle there.
 const LEAF: (f32, f32) = (0.9, 0.05);
 
-struct Builder<'a> {
-    tree: &'a Tree,
-    items: &'a Items,
-    geometry: &'a Geometry,
-    /// Most elements of a leaf.
-    most: usize,
-    /// By binary node, by i: the least cost of all below it as `i + 1` children of some wide node at most.
-    costs: Vec<[f32; WIDTH - 1]>,
+/// By `i`: the least cost of all below a binary node as `i + 1` children of some wide node at most.
+type Costs = [f32; WIDTH - 1];
+
+/// The cost of so many items as one leaf.
+fn leaf_cost(area: f32, count: usize, most: usize) -> f32 {
+    if count <= most {
+        area * (LEAF.0 + LEAF.1 * count as f32)
+    } else {
+        f32::INFINITY
+    }
 }
 
-impl Builder<'_> {
-    /// Fills `costs`, children before parents; returns the number of elements below a node.
-    fn prepare(&mut self, node: u32) -> usize {
-        let binary = &self.tree.nodes[node as usize];
-        let area = binary.aabb.half_area();
-        let most = self.most;
-        let leaf = |count: usize| {
-            if count <= most {
-                area * (LEAF.0 + LEAF.1 * count as f32)
-            } else {
-                f32::INFINITY
-            }
+/// Finds the costs of the nodes of a subtree, children before parents.
+fn prepare(nodes: &[Binary], costs: &mut [Costs], most: usize) {
+    let root = 0;
+    if let Some(second) = nodes[root].second()
+        && nodes.len() > PART
+    {
+        let (first_costs, second_costs) = costs[1..].split_at_mut(second - 1);
+        rayon::join(
+            || prepare(&nodes[1..second], first_costs, most),
+            || prepare(&nodes[second..], second_costs, most),
+        );
+        costs[root] = own_costs(nodes, costs, root, most);
+    } else {
+        for node in (0..nodes.len()).rev() {
+            costs[node] = own_costs(nodes, costs, node, most);
+        }
+    }
+}
+
+/// The costs of a node, from those of its children.
+fn own_costs(nodes: &[Binary], costs: &[Costs], node: usize, most: usize) -> Costs {
+    let binary = &nodes[node];
+    let area = binary.aabb().half_area();
+    let leaf = leaf_cost(area, binary.count(), most);
+    let Some(second) = binary.second() else {
+        return [leaf; WIDTH - 1];
+    };
+    let (first, second) = (&costs[node + 1], &costs[node + second]);
+    // By the number of places less two.
+    let mut both = [f32::INFINITY; WIDTH - 1];
+    for i in 0..WIDTH - 1 {
+        for j in 0..WIDTH - 1 - i {
+            both[i + j] = both[i + j].min(first[i] + second[j]);
+        }
+    }
+    let inner = NODE * area + both[WIDTH - 2];
+    let mut least = inner.min(leaf);
+    let mut own = [least; WIDTH - 1];
+    for i in 1..WIDTH - 1 {
+        least = least.min(both[i - 1]);
+        own[i] = least;
+    }
+    own
+}
+
+/// A subtree: its binary node, its first item, its depth in the wide hierarchy.
+#[derive(Clone, Copy, Default)]
+struct Place {
+    node: usize,
+    first: usize,
+    depth: usize,
+}
+
+/// The wide nodes over many items.
+#[derive(Default)]
+struct Top {
+    nodes: Vec<Node>,
+    /// The sum of the areas of their boxes.
+    cost: f64,
+    /// The subtrees below, in order, each with its place among the children of a node.
+    below: Vec<(Place, Option<(usize, usize)>)>,
+}
+
+impl Top {
+    /// Puts what was made of the subtrees below behind the nodes.
+    fn join(self, parts: &[Part], root: &Binary, slots: Vec<Slot>, numbers: Vec<f32>) -> Wide {
+        let count = |part: &Part| part.nodes.len();
+        let mut wide = Wide {
+            nodes: Vec::with_capacity(self.nodes.len() + parts.iter().map(count).sum::<usize>()),
+            root: Some(Child::new(Kind::Inner(0))),
+            slots,
+            numbers,
+            cost: self.cost,
+            ..Wide::default()
         };
-        match binary.kind {
-            BinaryKind::Leaf(_, count) => {
-                self.costs[node as usize] = [leaf(count as usize); WIDTH - 1];
-                count as usize
+        wide.nodes.extend(self.nodes);
+        for (part, (_, parent)) in parts.iter().zip(self.below) {
+            let start = wide.nodes.len();
+            let child = part.root.behind(start);
+            match parent {
+                Some((node, i)) => wide.nodes[node].children[i] = child.0,
+                None => wide.root = Some(child),
             }
-            BinaryKind::Inner(second) => {
-                let count = self.prepare(node + 1) + self.prepare(second);
-                let mut costs = [0.0; WIDTH - 1];
-                let inner = NODE * area + self.split(node + 1, second, WIDTH).0;
-                costs[0] = inner.min(leaf(count));
-                for i in 1..WIDTH - 1 {
-                    costs[i] = self.split(node + 1, second, i + 1).0.min(costs[i - 1]);
-                }
-                self.costs[node as usize] = costs;
-                count
-            }
+            wide.nodes.extend(part.nodes.iter().map(|node| Node {
+                children: node.children.map(|child| Child(child).behind(start).0),
+                ..*node
+            }));
+            wide.leaves += part.leaves;
+            wide.depth = wide.depth.max(part.depth);
+            wide.cost += part.cost;
         }
+        wide.cost /= f64::from(root.aabb().half_area().max(f32::MIN_POSITIVE));
+        wide
     }
+}
 
-    /// The least cost of two binary nodes as `places` children at most, and how many are the first's.
-    fn split(&self, first: u32, second: u32, places: usize) -> (f32, usize) {
-        let (a, b) = (&self.costs[first as usize], &self.costs[second as usize]);
-        let mut best = (f32::INFINITY, 1);
-        for of_first in 1..places {
-            let cost = a[of_first - 1] + b[places - of_first - 1];
-            if cost < best.0 {
-                best = (cost, of_first);
-            }
-        }
-        best
-    }
+/// What was made of a subtree; its nodes are counted from its first.
+#[derive(Default)]
+struct Part {
+    nodes: Vec<Node>,
+    root: Child,
+    leaves: usize,
+    depth: usize,
+    cost: f64,
+}
 
-    /// Adds the children that a binary node becomes in `places` places at most.
-    fn choose(&self, node: u32, places: usize, children: &mut [u32; WIDTH], count: &mut usize) {
-        let costs = &self.costs[node as usize];
-        let fewest = (1..places)
-            .find(|&i| costs[i - 1] <= costs[places - 1])
-            .unwrap_or(places);
-        match self.tree.nodes[node as usize].kind {
-            BinaryKind::Inner(second) if fewest > 1 => {
-                let (_, of_first) = self.split(node + 1, second, fewest);
-                self.choose(node + 1, of_first, children, count);
-                self.choose(second, fewest - of_first, children, count);
-            }
-            _ => {
-                children[*count] = node;
-                *count += 1;
-            }
-        }
-    }
+struct Maker<'a> {
+    binary: &'a [Binary],
+    costs: &'a [Costs],
+    slots: &'a [Slot],
+    /// Whether some slot holds no triangle.
+    mixed: bool,
+    /// Most items of a leaf.
+    most: usize,
+}
 
-    /// Appends what is below a binary node.
-    fn child(&self, wide: &mut Wide, node: u32, depth: usize) -> Child {
-        wide.depth = wide.depth.max(depth);
-        let aabb = self.aabb(node);
-        wide.cost += f64::from(aabb.half_area());
-        let (first, count) = self.range(node);
-        let BinaryKind::Inner(second) = self.tree.nodes[node as usize].kind else {
-            return self.leaf(wide, first, count);
+impl Maker<'_> {
+    /// Makes the nodes of many items; `parent` is where the first goes.
+    fn top(&self, top: &mut Top, place: Place, parent: Option<(usize, usize)>) {
+        let binary = &self.binary[place.node];
+        let Some(second) = binary.second().filter(|_| binary.count() > PART) else {
+            top.below.push((place, parent));
+            return;
         };
-        let (cost, of_first) = self.split(node + 1, second, WIDTH);
-        if count <= self.most && self.costs[node as usize][0] < NODE * aabb.half_area() + cost {
-            return self.leaf(wide, first, count);
+        top.cost += f64::from(binary.aabb().half_area());
+        let (children, node) = self.node(place.node + 1, place.node + second);
+        let index = top.nodes.len();
+        top.nodes.push(node);
+        if let Some((parent, i)) = parent {
+            top.nodes[parent].children[i] = Child::new(Kind::Inner(index)).0;
         }
-        let (mut children, mut count) = ([0u32; WIDTH], 0);
-        self.choose(node + 1, of_first, &mut children, &mut count);
-        self.choose(second, WIDTH - of_first, &mut children, &mut count);
-        let index = wide.nodes.len();
-        wide.nodes.push(Node::EMPTY);
-        for (i, &child) in children[..count].iter().enumerate() {
-            let aabb = self.aabb(child);
-            let child = self.child(wide, child, depth + 1);
-            let node = &mut wide.nodes[index];
-            for axis in 0..3 {
-                node.planes[axis][0][i] = aabb.min[axis];
-                node.planes[axis][1][i] = aabb.max[axis];
-            }
-            node.children[i] = child.0;
+        for (i, place) in self.places(&children, place).enumerate() {
+            self.top(top, place, Some((index, i)));
+        }
+    }
+
+    /// Appends what is below a binary node; `numbers` are those of its items.
+    fn part(&self, part: &mut Part, place: Place, numbers: &mut [f32]) -> Child {
+        let binary = &self.binary[place.node];
+        let area = binary.aabb().half_area();
+        part.depth = part.depth.max(place.depth);
+        part.cost += f64::from(area);
+        // A leaf costs that much only if dividing it costs more.
+        let leaf = leaf_cost(area, binary.count(), self.most);
+        let second = binary.second().filter(|_| self.costs[place.node][0] < leaf);
+        let Some(second) = second else {
+            part.leaves += 1;
+            return self.leaf(place.first, binary.count(), numbers);
+        };
+        let (children, node) = self.node(place.node + 1, place.node + second);
+        let index = part.nodes.len();
+        part.nodes.push(node);
+        let mut rest = numbers;
+        for (i, place) in self.places(&children, place).enumerate() {
+            let length = NUMBERS * self.binary[place.node].count();
+            let (numbers, behind) = rest.split_at_mut(length);
+            rest = behind;
+            part.nodes[index].children[i] = self.part(part, place, numbers).0;
         }
         Child::new(Kind::Inner(index))
     }
 
-    fn aabb(&self, node: u32) -> Box4 {
-        self.tree.nodes[node as usize].aabb
+    /// The children of the wide node over two binary ones, and the node but for what they are.
+    fn node(&self, first: usize, second: usize) -> (Children, Node) {
+        let mut children = Children::default();
+        self.divide(first, second, WIDTH, &mut children);
+        let mut node = Node::EMPTY;
+        for (i, &child) in children.nodes[..children.count].iter().enumerate() {
+            let aabb = self.binary[child].aabb();
+            let (min, max) = (aabb.min.to_array(), aabb.max.to_array());
+            for axis in 0..3 {
+                node.planes[axis][0][i] = min[axis];
+                node.planes[axis][1][i] = max[axis];
+            }
+        }
+        (children, node)
     }
 
-    /// The items below a node: first and number.
-    fn range(&self, node: u32) -> (usize, usize) {
-        let end = |mut node: u32| loop {
-            match self.tree.nodes[node as usize].kind {
-                BinaryKind::Inner(second) => node = second,
-                BinaryKind::Leaf(first, count) => return (first + count) as usize,
+    /// Adds the children that two binary nodes become in so many places at most.
+    fn divide(&self, first: usize, second: usize, places: usize, children: &mut Children) {
+        let (a, b) = (&self.costs[first], &self.costs[second]);
+        let (mut least, mut of_first) = (f32::INFINITY, 1);
+        for i in 1..places {
+            let cost = a[i - 1] + b[places - i - 1];
+            if cost < least {
+                (least, of_first) = (cost, i);
             }
-        };
-        let mut start = node;
-        loop {
-            match self.tree.nodes[start as usize].kind {
-                BinaryKind::Inner(_) => start += 1,
-                BinaryKind::Leaf(first, _) => return (first as usize, end(node) - first as usize),
+        }
+        self.choose(first, of_first, children);
+        self.choose(second, places - of_first, children);
+    }
+
+    /// Adds the children that a binary node becomes in so many places at most.
+    fn choose(&self, node: usize, places: usize, children: &mut Children) {
+        let costs = &self.costs[node];
+        let fewest = (1..places)
+            .find(|&i| costs[i - 1] <= costs[places - 1])
+            .unwrap_or(places);
+        match self.binary[node].second() {
+            Some(second) if fewest > 1 => self.divide(node + 1, node + second, fewest, children),
+            _ => {
+                children.nodes[children.count] = node;
+                children.count += 1;
             }
         }
     }
 
-    fn leaf(&self, wide: &mut Wide, first: usize, count: usize) -> Child {
-        let start = wide.slots.len();
-        let items = &self.tree.items[first..][..count];
-        wide.leaves += 1;
-        let elements = items
-            .iter()
-            .map(|item| self.items.element(self.geometry, item.number()));
-        wide.slots.extend(elements.map(Slot::new));
-        let numbers = wide.numbers.len();
-        wide.numbers.resize(numbers + count * NUMBERS, 0.0);
-        let mut kind = Kind::Triangles(start, count);
-        for i in 0..count {
-            let Element::Triangle { shape, triangle } = wide.slots[start + i].element() else {
-                kind = Kind::Mixed(start, count);
-                break;
-            };
-            let Shape::Triangles(mesh) = &self.geometry.shapes()[shape as usize] else {
-                continue;
-            };
-            for (corner, p) in mesh.corners(triangle).into_iter().enumerate() {
-                let p = self.items.frame.point(p).as_vec3();
-                for axis in 0..3 {
-                    wide.numbers[numbers + (3 * corner + axis) * count + i] = p[axis];
-                }
+    /// The subtrees of the children of the node over a subtree.
+    fn places(&self, children: &Children, Place { first, depth, .. }: Place) -> impl Iterator<Item = Place> {
+        let mut next = first;
+        children.nodes.into_iter().take(children.count).map(move |node| {
+            let first = next;
+            next += self.binary[node].count();
+            Place {
+                node,
+                first,
+                depth: depth + 1,
             }
+        })
+    }
+
+    /// A leaf of so many items; brings their numbers in its order.
+    fn leaf(&self, first: usize, count: usize, numbers: &mut [f32]) -> Child {
+        by_coordinate(numbers, count);
+        let slots = &self.slots[first..][..count];
+        Child::new(if self.mixed && slots.iter().any(|slot| slot.is_opaque()) {
+            Kind::Mixed(first, count)
+        } else {
+            Kind::Triangles(first, count)
+        })
+    }
+}
+
+/// The binary nodes that become the children of a wide one.
+#[derive(Default)]
+struct Children {
+    nodes: [usize; WIDTH],
+    count: usize,
+}
+
+/// From triangle after triangle to coordinate after coordinate.
+fn by_coordinate(numbers: &mut [f32], count: usize) {
+    let mut old = [0.0; NUMBERS * WIDTH];
+    let old = &mut old[..numbers.len()];
+    old.copy_from_slice(numbers);
+    for (i, triangle) in old.as_chunks::<NUMBERS>().0.iter().enumerate() {
+        for (k, &number) in triangle.iter().enumerate() {
+            numbers[k * count + i] = number;
         }
-        Child::new(kind)
     }
 }
