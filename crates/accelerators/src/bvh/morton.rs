@@ -28,7 +28,7 @@ pub(super) fn build(items: &Items) -> (Vec<Binary>, Contents) {
     let builder = Builder { items };
     let corners = &contents.corners;
     let nodes = if rayon::current_num_threads() == 1 {
-        // The same without a copy, which is a tenth of the time.
+        // The same without a copy.
         let mut nodes = Vec::with_capacity(2 * keys.len());
         builder.node(&keys, corners, &mut nodes, 0);
         nodes
