@@ -13,7 +13,7 @@ use whitstone::core::{
 };
 use whitstone::image::{Image, Limits, Raster, texels};
 use whitstone::validate::environment::Environment;
-use whitstone::validate::{CaseResult, Mode, Options, Status, Validator};
+use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator};
 use whitstone_accelerators::brute_force::{self, BruteForce};
 use whitstone_shapes::sphere::{self, Sphere};
 
@@ -277,6 +277,7 @@ fn run(fault: &Fault, mode: Mode) -> Result<(), Failed> {
         scenes: PathBuf::from("scenes"),
         references: PathBuf::from("references"),
         target: PathBuf::from("target/whitstone"),
+        renderer: Renderer::Mitsuba,
         mode,
         reuse: true,
         threads: 0,

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone::validate::driver::SceneText;
 use whitstone::validate::environment::Environment;
-use whitstone::validate::{CaseResult, Mode, Options, Status, Validator, flatten, tree};
+use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator, flatten, tree};
 use whitstone_tests::{load, root};
 
 const CAMERA: &str = "film = { width = 64, height = 64 }\n[camera]\ntype = \"perspective\"\n";
@@ -19,6 +19,7 @@ fn options() -> Options {
         scenes: PathBuf::from("scenes"),
         references: PathBuf::from("references"),
         target: PathBuf::from("target/whitstone"),
+        renderer: Renderer::Mitsuba,
         mode: Mode::Live,
         reuse: true,
         threads: 0,

@@ -10,7 +10,7 @@ use whitstone::image::error_map::{ErrorView, trio};
 use whitstone::image::{Raster, ToneMap, atomic};
 use whitstone::scene::{Description, Film, Pipeline, Plan, RenderOptions, Sources};
 use whitstone::validate::stored::Stored;
-use whitstone::validate::{CaseResult, Mode, Options, Status, Validator, find_scenes};
+use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator, find_scenes};
 use whitstone::{Exit, Failure, wireframe};
 
 const README: &str = "README.md";
@@ -105,6 +105,7 @@ fn validate(registry: &Registry) -> Result<Vec<CaseResult>, Failure> {
         scenes: PathBuf::from("scenes"),
         references: PathBuf::from("references"),
         target: PathBuf::from("target/whitstone"),
+        renderer: Renderer::Mitsuba,
         mode: Mode::Stored,
         reuse: true,
         threads: 0,
@@ -202,8 +203,12 @@ fn sheet(registry: &Registry) -> Result<Vec<u8>, Failure> {
 fn classic_trio(registry: &Registry) -> Result<Vec<u8>, Failure> {
     let (film, hash) = render(registry, Path::new("scenes/showcase/classic.toml"), &[])?;
     let ours = film.to_image(&hash).map_err(Failure::usage)?;
-    let stored =
-        Stored::read(Path::new("references/images/showcase/classic"), &hash).map_err(Failure::usage)?;
+    let stored = Stored::read(
+        Path::new("references/images/showcase/classic"),
+        Renderer::Mitsuba,
+        &hash,
+    )
+    .map_err(Failure::usage)?;
     let raster =
         trio(&ours, &stored.image, ToneMap::default(), ErrorView::default()).map_err(Failure::usage)?;
     raster.to_png().map_err(Failure::environment)

@@ -1,6 +1,7 @@
-//! The Mitsuba driver as a child process: requests and answers of `references/mitsuba/PROTOCOL.md`.
+//! The driver of a reference as a child process: requests and answers of `references/mitsuba/PROTOCOL.md`.
 
 use crate::environment::Environment;
+use crate::renderer::Renderer;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
@@ -24,10 +25,10 @@ const STDERR_LINES: usize = 40;
 #[derive(Debug, Error)]
 pub enum DriverError {
     /// The process could not be started or written to.
-    #[error("cannot run the Mitsuba driver: {0}")]
+    #[error("cannot run the driver of the reference: {0}")]
     Io(#[from] std::io::Error),
     /// The process ended instead of answering.
-    #[error("the Mitsuba driver ended ({status}){stderr}")]
+    #[error("the driver of the reference ended ({status}){stderr}")]
     Exited {
         /// How it ended.
         status: String,
@@ -35,7 +36,9 @@ pub enum DriverError {
         stderr: String,
     },
     /// No answer within the time limit; the process and its children were killed.
-    #[error("the Mitsuba driver gave no answer to `{op}` within {seconds} s and was stopped{stderr}")]
+    #[error(
+        "the driver of the reference gave no answer to `{op}` within {seconds} s and was stopped{stderr}"
+    )]
     TimedOut {
         /// What it was asked.
         op: String,
@@ -45,18 +48,18 @@ pub enum DriverError {
         stderr: String,
     },
     /// What it wrote is no answer.
-    #[error("the Mitsuba driver gave an answer to `{op}` that cannot be understood: {problem}")]
+    #[error("the driver of the reference gave an answer to `{op}` that cannot be understood: {problem}")]
     BadAnswer {
         /// What it was asked.
         op: String,
         /// What is wrong with it.
         problem: String,
     },
-    /// The scene has no twin in Mitsuba.
-    #[error("no twin in Mitsuba: {0}")]
+    /// The reference has no twin of something in the scene: a problem a line, each led by its place in the document.
+    #[error("no twin in the reference: {0}")]
     Unsupported(String),
     /// It answered that it cannot.
-    #[error("the Mitsuba driver says: {0}")]
+    #[error("the driver of the reference says: {0}")]
     Refused(String),
 }
 
@@ -72,7 +75,7 @@ pub struct Driver {
     limit: Duration,
 }
 
-/// How Mitsuba is to trace: see the protocol.
+/// How the reference is to trace: see the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Setting {
@@ -90,6 +93,17 @@ pub struct Setting {
     pub seed: u32,
     /// Whether the numbers of meshes are rounded to single precision at random, not to the nearest.
     pub vertices: bool,
+    /// Factor on all light, divided out of the image again. POV-Ray only: its images have half precision.
+    #[serde(skip_serializing_if = "is_one")]
+    pub exposure: f64,
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde calls it with a reference"
+)]
+fn is_one(number: &f64) -> bool {
+    *number == 1.0
 }
 
 impl Default for Setting {
@@ -102,6 +116,7 @@ impl Default for Setting {
             ulps: 0.0,
             seed: 0,
             vertices: false,
+            exposure: 1.0,
         }
     }
 }
@@ -125,6 +140,29 @@ pub struct Hello {
     pub cpu: String,
     /// Threads that it uses by default.
     pub threads: u32,
+}
+
+/// Who renders where the reference is POV-Ray.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct PovRay {
+    /// Its version.
+    pub povray: String,
+    /// Version of the Python that drives it.
+    pub python: String,
+    /// Of the machine.
+    pub cpu: String,
+    /// Of the machine.
+    pub threads: u32,
+}
+
+/// Who renders on the other side.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Versions {
+    /// Mitsuba.
+    Mitsuba(Hello),
+    /// POV-Ray.
+    PovRay(PovRay),
 }
 
 /// A scene as the driver gets it.
@@ -177,7 +215,7 @@ impl Driver {
     pub fn start(environment: &Environment, limit: Duration) -> Result<Self, DriverError> {
         let mut command = Command::new(&environment.python);
         command
-            .args(["-m", "whitstone_mitsuba", "serve"])
+            .args(["-m", environment.renderer.package(), "serve"])
             .env("PYTHONPATH", &environment.package)
             .env("PYTHONDONTWRITEBYTECODE", "1")
             .env("PYTHONUNBUFFERED", "1")
@@ -305,9 +343,17 @@ impl Driver {
         })
     }
 
-    /// Versions.
+    /// Versions, of a driver of Mitsuba.
     pub fn hello(&mut self) -> Result<Hello, DriverError> {
         self.ask(&json!({ "op": "hello" }))
+    }
+
+    /// Versions, of the driver of any renderer.
+    pub fn versions(&mut self, renderer: Renderer) -> Result<Versions, DriverError> {
+        match renderer {
+            Renderer::Mitsuba => self.hello().map(Versions::Mitsuba),
+            Renderer::PovRay => self.ask(&json!({ "op": "hello" })).map(Versions::PovRay),
+        }
     }
 
     /// Renders a scene into an EXR file.

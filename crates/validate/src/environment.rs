@@ -1,5 +1,6 @@
-//! The private Python environment that Mitsuba runs in.
+//! The Python that the driver of a reference runs in: a private environment for Mitsuba, the system's for POV-Ray.
 
+use crate::renderer::Renderer;
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -11,12 +12,19 @@ use thiserror::Error;
 /// How long installing may take: Mitsuba is some 100 MB to download.
 const INSTALL_LIMIT: Duration = Duration::from_secs(900);
 
-/// Where Mitsuba can be run.
+/// The oldest Python 3 that runs Mitsuba.
+const MINOR: u32 = 9;
+/// The oldest with a reader of TOML in its library.
+const MINOR_OF_POVRAY: u32 = 11;
+
+/// Where a driver can be run.
 #[derive(Clone, Debug)]
 pub struct Environment {
+    /// Whose driver.
+    pub renderer: Renderer,
     /// The interpreter of the environment.
     pub python: PathBuf,
-    /// Folder that holds the package `whitstone_mitsuba`.
+    /// Folder that holds the package of the driver.
     pub package: PathBuf,
 }
 
@@ -24,13 +32,17 @@ pub struct Environment {
 #[derive(Debug, Error)]
 pub enum EnvironmentError {
     /// No usable Python.
-    #[error("no Python 3.9 or newer was found (tried {tried}); install one, or name it in WHITSTONE_PYTHON")]
+    #[error(
+        "no Python 3.{minor} or newer was found (tried {tried}); install one, or name it in WHITSTONE_PYTHON"
+    )]
     NoPython {
+        /// The oldest that would do.
+        minor: u32,
         /// What was tried and what came of it.
         tried: String,
     },
     /// The driver's package is not where it should be.
-    #[error("the Mitsuba driver is not in {}; run this inside the repository or pass --references", .0.display())]
+    #[error("the driver of the reference is not in {}; run this inside the repository or pass --references", .0.display())]
     NoPackage(PathBuf),
     /// A step of making the environment failed.
     #[error("cannot {step}:\n{output}")]
@@ -110,6 +122,19 @@ impl Environment {
             .then_some(place.environment)
     }
 
+    /// The Python of the system with the driver of POV-Ray, which needs nothing else.
+    pub fn of_povray(references: &Path) -> Result<Self, EnvironmentError> {
+        let package = references.join(Renderer::PovRay.name());
+        if !package.join(Renderer::PovRay.package()).is_dir() {
+            return Err(EnvironmentError::NoPackage(package));
+        }
+        Ok(Self {
+            renderer: Renderer::PovRay,
+            python: find_python(MINOR_OF_POVRAY)?.0,
+            package,
+        })
+    }
+
     /// The folder of the environment: above that of its programs.
     pub fn folder(&self) -> &Path {
         let programs = self.python.parent();
@@ -137,7 +162,7 @@ impl Place {
         let Ok(pinned) = fs::read(package.join("requirements.txt")) else {
             return Err(EnvironmentError::NoPackage(package));
         };
-        let (python, version) = find_python()?;
+        let (python, version) = find_python(MINOR)?;
         let mut hasher = blake3::Hasher::new();
         hasher.update(&pinned).update(version.as_bytes());
         let key = hasher.finalize().to_hex()[..12].to_owned();
@@ -147,6 +172,7 @@ impl Place {
             version,
             key,
             environment: Environment {
+                renderer: Renderer::Mitsuba,
                 python: interpreter(&folder),
                 package,
             },
@@ -164,7 +190,7 @@ fn interpreter(folder: &Path) -> PathBuf {
 }
 
 /// The first Python that is new enough, and its version.
-fn find_python() -> Result<(PathBuf, String), EnvironmentError> {
+fn find_python(minor: u32) -> Result<(PathBuf, String), EnvironmentError> {
     let named = std::env::var_os("WHITSTONE_PYTHON").map(PathBuf::from);
     let candidates = match named {
         Some(python) => vec![python],
@@ -185,12 +211,13 @@ fn find_python() -> Result<(PathBuf, String), EnvironmentError> {
             Err(error) => error.to_string(),
         };
         let mut numbers = version.split('.').map(|part| part.parse::<u32>().unwrap_or(0));
-        if (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0)) >= (3, 9) {
+        if (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0)) >= (3, minor) {
             return Ok((python, version));
         }
         tried.push(format!("{}: {version}", python.display()));
     }
     Err(EnvironmentError::NoPython {
+        minor,
         tried: tried.join("; "),
     })
 }

@@ -116,6 +116,33 @@ pub fn trials() -> Vec<Trial> {
         .collect()
 }
 
+/// Those of POV-Ray, which computes in double precision, but for the vertices of meshes.
+pub(crate) fn trials_of_povray() -> Vec<Trial> {
+    let of_rays = |trial: &Trial| matches!(trial.reason, Reason::Shift { .. });
+    let shifts = trials().into_iter().filter(of_rays);
+    let guards = Trial {
+        reason: Reason::SpawnOffset,
+        settings: SPAWN_OFFSETS
+            .iter()
+            .map(|&k| Setting {
+                k,
+                ..Setting::default()
+            })
+            .collect(),
+    };
+    let vertices = Trial {
+        reason: Reason::Vertices { ulps: 0.0 },
+        settings: (1..=SEEDS)
+            .map(|seed| Setting {
+                seed,
+                vertices: true,
+                ..Setting::default()
+            })
+            .collect(),
+    };
+    shifts.chain([guards, vertices]).collect()
+}
+
 /// The smallest and largest value of each channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {

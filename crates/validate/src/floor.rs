@@ -6,6 +6,7 @@
 //! luck.
 
 use crate::driver::Setting;
+use crate::renderer::Renderer;
 use whitstone_image::{CompareError, CompareOptions, Image, Tolerance, compare, metrics};
 
 /// A few roundings of single precision, which every shading formula has (2^-21): no floor is taken to be below
@@ -13,6 +14,9 @@ use whitstone_image::{CompareError, CompareOptions, Image, Tolerance, compare, m
 pub(crate) const SMALLEST_FLOOR: f64 = 4.8e-7;
 /// Largest limit of a scene without textures.
 const LARGEST_LIMIT: f64 = 5e-5;
+/// The same of POV-Ray, whose images are half floats: the driver brackets what they round away, to
+/// an eighth of it: 2^-14 of the value, or 6e-5.
+const LARGEST_LIMIT_OF_HALVES: f64 = 1e-4;
 /// Largest limit of a scene with textures, whose coordinates the reference has in single precision.
 const LARGEST_LIMIT_TEXTURED: f64 = 2e-4;
 
@@ -44,6 +48,27 @@ fn perturbed(seed: u32) -> Setting {
     }
 }
 
+/// Those of POV-Ray: vertices rounded otherwise, longer guards against self-intersection, and other roundings to half
+/// precision. The first, where nothing is a mesh, are the images that its driver still has.
+pub(crate) fn settings_of_povray() -> [Setting; 3] {
+    let base = Setting::default();
+    [
+        Setting {
+            vertices: true,
+            seed: 1,
+            ..base
+        },
+        Setting {
+            k: 4.0 * base.k,
+            ..base
+        },
+        Setting {
+            exposure: 1.3,
+            ..base
+        },
+    ]
+}
+
 /// What two images by the same reference differ in.
 pub(crate) struct Difference {
     /// The relative error, without the pixels where an edge moved.
@@ -67,21 +92,21 @@ pub(crate) fn between(reference: &Image, varied: &Image) -> Result<Difference, C
 }
 
 /// The largest `rel_rmse_interior` that passes: twice the floor, and never above the cap.
-pub(crate) fn limit(floor: f64, textured: bool) -> f64 {
-    (2.0 * floor).min(cap(textured))
+pub(crate) fn limit(floor: f64, cap: f64) -> f64 {
+    (2.0 * floor).min(cap)
 }
 
 /// The largest bias of a block that passes: that of the whole image is at most its RMS error, and a few
 /// pixels may all err to the same side.
-pub(crate) fn bias_limit(floor: f64, textured: bool) -> f64 {
-    (4.0 * floor).min(cap(textured))
+pub(crate) fn bias_limit(floor: f64, cap: f64) -> f64 {
+    (4.0 * floor).min(cap)
 }
 
 /// What no limit exceeds, however inexact the reference.
-pub(crate) fn cap(textured: bool) -> f64 {
-    if textured {
-        LARGEST_LIMIT_TEXTURED
-    } else {
-        LARGEST_LIMIT
+pub(crate) fn cap(renderer: Renderer, textured: bool) -> f64 {
+    match (renderer, textured) {
+        (_, true) => LARGEST_LIMIT_TEXTURED,
+        (Renderer::Mitsuba, false) => LARGEST_LIMIT,
+        (Renderer::PovRay, false) => LARGEST_LIMIT_OF_HALVES,
     }
 }

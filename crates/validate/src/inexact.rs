@@ -1,11 +1,11 @@
 //! Where the reference is too inexact to be judged by.
 //!
-//! The reference computes in single precision. Far from the origin, in tiny shapes and after many reflections
+//! Mitsuba computes in single precision. Far from the origin, in tiny shapes and after many reflections
 //! at curved surfaces its own error outgrows what may differ, and pixels stay unexplained although ours is
 //! right. The verdict stays: what cannot be confirmed does not pass. But the numbers say whose fault it may be.
 
 use crate::driver::Setting;
-use crate::floor;
+use crate::renderer::Renderer;
 use crate::result::CaseResult;
 use whitstone_core::{Aabb, Geometry};
 
@@ -13,13 +13,14 @@ use whitstone_core::{Aabb, Geometry};
 const LARGE_OFFSET: f64 = 1e-4;
 
 /// What shows that the reference is inexact in this scene, a sentence each.
-pub(crate) fn notes(case: &CaseResult, geometry: &Geometry, textured: bool) -> Vec<String> {
+pub(crate) fn notes(case: &CaseResult, geometry: &Geometry, renderer: Renderer, cap: f64) -> Vec<String> {
     let mut notes = Vec::new();
     let k = case
         .reference
         .as_ref()
         .map_or(Setting::default().k, |reference| reference.k);
-    if let Some(worst) = worst_offset(geometry, k)
+    if renderer == Renderer::Mitsuba
+        && let Some(worst) = worst_offset(geometry, k)
         && worst.ratio() > LARGE_OFFSET
     {
         notes.push(format!(
@@ -32,12 +33,12 @@ pub(crate) fn notes(case: &CaseResult, geometry: &Geometry, textured: bool) -> V
             worst.far,
         ));
     }
-    let most = 0.5 * floor::cap(textured);
+    let most = 0.5 * cap;
     if case.floor > most {
         notes.push(format!(
             "its own error in this scene is {:.1e}, more than half of the largest limit that there is, {:.0e}",
             case.floor,
-            floor::cap(textured),
+            cap,
         ));
     }
     if let Some(moved) = case.moved
@@ -93,6 +94,7 @@ fn worst_offset(geometry: &Geometry, k: f64) -> Option<Offset> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::floor;
     use whitstone_core::{DVec3, Shape, TriangleMesh};
 
     fn triangle(at: f64, size: f64) -> Shape {
@@ -114,7 +116,12 @@ mod tests {
             ..CaseResult::default()
         };
         change(&mut case);
-        notes(&case, &Geometry::new(shapes), false)
+        notes(
+            &case,
+            &Geometry::new(shapes),
+            Renderer::Mitsuba,
+            floor::cap(Renderer::Mitsuba, false),
+        )
     }
 
     #[test]

@@ -8,6 +8,8 @@ pub mod floor;
 mod inexact;
 mod key;
 mod live;
+mod place;
+pub mod renderer;
 pub mod report;
 mod result;
 pub mod stored;
@@ -16,8 +18,9 @@ mod validator;
 
 pub use key::{find_scenes, scene_key};
 pub use live::{Live, LiveError};
+pub use renderer::Renderer;
 pub use result::{
-    CaseResult, Check, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel,
-    counted,
+    CaseResult, Check, LayerResult, LeftOut, Pictures, Provenance, Reference, Results, Status, Summary,
+    WorstPixel, counted,
 };
 pub use validator::{Mode, NoLive, Options, Validator, flatten, quoted};

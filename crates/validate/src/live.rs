@@ -1,9 +1,10 @@
-//! A live Mitsuba, and what it rendered before.
+//! A live reference, and what it rendered before.
 
-use crate::driver::{Driver, DriverError, Hello, SceneText, Setting};
+use crate::driver::{Driver, DriverError, SceneText, Setting, Versions};
 use crate::environment::Environment;
-use crate::explain::{Range, Trial, trials};
+use crate::explain::{Range, Trial};
 use crate::floor;
+use crate::renderer::Renderer;
 use crate::stored::{Meta, Stored, StoredError};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -16,7 +17,8 @@ use whitstone_image::{Image, Limits, Tolerance, atomic, exr_io, metrics};
 pub struct Live {
     environment: Environment,
     driver: Option<Driver>,
-    hello: Hello,
+    /// Who answers; known once it has said so.
+    versions: Option<Versions>,
     /// Of the driver's source and of the variations that the floor is measured with: answers of another driver,
     /// or to other questions, are not reused.
     driver_hash: String,
@@ -64,41 +66,55 @@ impl Live {
         reuse: bool,
         limit: Duration,
     ) -> Result<Self, LiveError> {
-        let driver_hash = hash_sources(&environment.package);
+        let driver_hash = hash_sources(&environment);
         let hello_path = cache.join(format!("hello-{driver_hash}.json"));
-        let known = std::fs::read(&hello_path).ok().filter(|_| reuse);
+        // What is installed on the system may be another one today.
+        let is_private = environment.renderer == Renderer::Mitsuba;
+        let known = std::fs::read(&hello_path).ok().filter(|_| reuse && is_private);
         let mut live = Self {
             environment,
             driver: None,
-            hello: Hello::default(),
+            versions: None,
             driver_hash,
             cache,
             reuse,
             limit,
         };
-        live.hello = match known.and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
-            Some(hello) => hello,
+        let versions = match known.and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
+            Some(versions) => versions,
             None => {
-                let hello = live.driver()?.hello()?;
-                let text = serde_json::to_vec(&hello).map_err(|error| LiveError::Image(error.to_string()))?;
+                let renderer = live.renderer();
+                let versions = live.driver()?.versions(renderer)?;
+                let text =
+                    serde_json::to_vec(&versions).map_err(|error| LiveError::Image(error.to_string()))?;
                 write(&hello_path, &text)?;
-                hello
+                versions
             }
         };
-        live.check_version()?;
+        live.check_version(&versions)?;
+        if let Versions::PovRay(found) = &versions {
+            // Its images are those of the version that is installed.
+            let version = blake3::hash(found.povray.as_bytes()).to_hex();
+            live.driver_hash = format!("{}-{}", live.driver_hash, &version[..6]);
+        }
+        live.versions = Some(versions);
         Ok(live)
     }
 
     /// Another version has other facts: its images would be compared under wrong assumptions.
-    fn check_version(&self) -> Result<(), LiveError> {
+    fn check_version(&self, versions: &Versions) -> Result<(), LiveError> {
+        let Versions::Mitsuba(hello) = versions else {
+            // Its driver does so itself.
+            return Ok(());
+        };
         let requirements = self.environment.package.join("requirements.txt");
         let text = std::fs::read_to_string(requirements).unwrap_or_default();
         let pinned = text
             .lines()
             .find_map(|line| line.trim().strip_prefix("mitsuba=="));
         match pinned.map(str::trim) {
-            Some(pinned) if pinned != self.hello.mitsuba => Err(LiveError::Version {
-                found: self.hello.mitsuba.clone(),
+            Some(pinned) if pinned != hello.mitsuba => Err(LiveError::Version {
+                found: hello.mitsuba.clone(),
                 pinned: pinned.to_owned(),
                 environment: self.environment.folder().to_owned(),
             }),
@@ -106,9 +122,14 @@ impl Live {
         }
     }
 
-    /// Versions.
-    pub fn hello(&self) -> &Hello {
-        &self.hello
+    /// Who renders.
+    pub fn renderer(&self) -> Renderer {
+        self.environment.renderer
+    }
+
+    /// Versions; `None` only before the driver has told.
+    pub fn versions(&self) -> Option<&Versions> {
+        self.versions.as_ref()
     }
 
     /// The driver, started now if it is not running.
@@ -150,31 +171,46 @@ impl Live {
     ) -> Result<Stored, LiveError> {
         let folder = self.folder(scene_hash);
         if self.reuse
-            && let Ok(stored) = Stored::read(&folder, scene_hash)
+            && let Ok(stored) = Stored::read(&folder, self.renderer(), scene_hash)
         {
             return Ok(stored);
         }
-        let variations = floor::settings();
+        let variations = self.renderer().variations();
         progress(0, 1 + variations.len());
         let (image, rendered) = self.render(scene, Setting::default())?;
         let mut worst = floor::SMALLEST_FLOOR;
         let mut moved = 0;
-        for (done, setting) in variations.into_iter().enumerate() {
+        for (done, &setting) in variations.iter().enumerate() {
             progress(1 + done, 1 + variations.len());
             let (varied, _) = self.render(scene, setting)?;
             let between = floor::between(&image, &varied).map_err(|e| LiveError::Image(e.to_string()))?;
             worst = worst.max(between.error);
             moved = moved.max(between.moved);
         }
+        let [version, variant, libllvm, cpu] = match &self.versions {
+            Some(Versions::Mitsuba(hello)) => [
+                hello.mitsuba.clone(),
+                hello.variant.clone(),
+                format!("{} ({})", hello.libllvm, hello.llvm_version),
+                hello.cpu.clone(),
+            ],
+            Some(Versions::PovRay(found)) => [
+                found.povray.clone(),
+                String::new(),
+                String::new(),
+                found.cpu.clone(),
+            ],
+            None => Default::default(),
+        };
         let stored = Stored {
             image,
             meta: Meta {
-                renderer: "mitsuba".to_owned(),
-                version: self.hello.mitsuba.clone(),
-                variant: self.hello.variant.clone(),
+                renderer: self.renderer().name().to_owned(),
+                version,
+                variant,
                 k: Setting::default().k,
-                libllvm: format!("{} ({})", self.hello.libllvm, self.hello.llvm_version),
-                cpu: self.hello.cpu.clone(),
+                libllvm,
+                cpu,
                 scene_hash: scene_hash.to_owned(),
                 twin: rendered.twin,
                 floor: worst,
@@ -184,7 +220,7 @@ impl Live {
                 rays: [rendered.rays.closest, rendered.rays.shadow],
             },
         };
-        stored.write(&folder)?;
+        stored.write(&folder, self.renderer())?;
         Ok(stored)
     }
 
@@ -217,7 +253,7 @@ impl Live {
             .and_then(|bytes| serde_json::from_slice(&bytes).ok())
             .unwrap_or_default();
         let key = |[x, y]: [usize; 2]| format!("{x},{y}");
-        let trials = trials();
+        let trials = self.renderer().trials();
         let missing: Vec<[usize; 2]> = pixels
             .iter()
             .copied()
@@ -280,7 +316,7 @@ impl Live {
         let mut ranges: Vec<Range> = (0..pixels)
             .map(|index| Range::of(at(&stored.image, index).unwrap_or([0.0; 3])))
             .collect();
-        let settings: Vec<Setting> = largest_of_each_kind(&trials())
+        let settings: Vec<Setting> = largest_of_each_kind(&self.renderer().trials())
             .into_iter()
             .flat_map(|trial| trial.settings)
             .collect();
@@ -341,17 +377,25 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
 }
 
 /// Hash of the driver's Python files and requirements, and of what it is asked for a floor.
-fn hash_sources(package: &Path) -> String {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(package.join("whitstone_mitsuba"))
-        .into_iter()
-        .flatten()
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| path.extension().is_some_and(|extension| extension == "py"))
-        .chain([package.join("requirements.txt")])
-        .collect();
+fn hash_sources(environment: &Environment) -> String {
+    let Environment {
+        renderer, package, ..
+    } = environment;
+    let mut files = vec![package.join("requirements.txt")];
+    let mut open = vec![package.join(renderer.package())];
+    while let Some(folder) = open.pop() {
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                open.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "py") {
+                files.push(path);
+            }
+        }
+    }
     files.sort();
     let mut hasher = blake3::Hasher::new();
-    hasher.update(format!("{:?}", floor::settings()).as_bytes());
+    hasher.update(format!("{:?}", renderer.variations()).as_bytes());
     for path in files {
         hasher.update(&std::fs::read(&path).unwrap_or_default());
     }

@@ -1,6 +1,6 @@
 //! What a validation found, as `results.json` has it.
 
-use crate::driver::Hello;
+use crate::driver::{Hello, PovRay};
 use crate::explain::Reason;
 use serde::Serialize;
 use whitstone_image::metrics::BlockBias;
@@ -14,6 +14,8 @@ pub struct Results {
     pub provenance: Provenance,
     /// One a (scene, configuration, reference).
     pub results: Vec<CaseResult>,
+    /// Scenes that were not compared, and why.
+    pub left_out: Vec<LeftOut>,
 }
 
 /// Over all cases.
@@ -31,12 +33,25 @@ pub struct Summary {
     pub explained: usize,
     /// Values that are not finite, in all.
     pub nonfinite: usize,
+    /// Scenes that were not compared, because this reference has no twin of them: another has.
+    pub left_out: usize,
     /// Median of `rel_rmse_interior` over the cases that have one.
     pub median_rel_rmse_interior: Option<f64>,
     /// "live" or "stored": where the references came from; with the reason if not live.
     pub references: String,
     /// Wall time in seconds.
     pub seconds: f64,
+}
+
+/// A scene that this reference has no twin of.
+#[derive(Clone, Debug, Serialize)]
+pub struct LeftOut {
+    /// Its name.
+    pub scene: String,
+    /// What has no twin.
+    pub reason: String,
+    /// Who has a stored reference of it.
+    pub other_reference: String,
 }
 
 /// Versions and the machine.
@@ -48,6 +63,8 @@ pub struct Provenance {
     pub threads: usize,
     /// The live Mitsuba, if there was one.
     pub mitsuba: Option<Hello>,
+    /// The live POV-Ray, if there was one.
+    pub povray: Option<PovRay>,
 }
 
 /// Whether a case is as it must be.
@@ -63,7 +80,7 @@ pub enum Status {
 /// What the image was compared with.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Reference {
-    /// "mitsuba".
+    /// "mitsuba" or "povray".
     pub name: String,
     /// Its version.
     pub version: String,
@@ -157,6 +174,10 @@ pub struct CaseResult {
     pub scene_error: bool,
     /// What our pipeline did without.
     pub left_out: Vec<String>,
+    /// What of the scene was changed on both sides, because the reference could not show it, and why.
+    pub adapted: Vec<String>,
+    /// For a scene without a twin: who else has a stored reference of it. It then counts as left out, not as failed.
+    pub other_reference: Option<String>,
     /// Of an accelerator that the image depends on: which, and how the image differs from the exact one.
     pub caveat: Option<String>,
     /// The command that runs this case alone.
@@ -367,6 +388,7 @@ impl Summary {
             unexplained: cases.iter().map(|case| case.unexplained).sum(),
             explained: cases.iter().map(|case| case.explained).sum(),
             nonfinite: cases.iter().map(|case| case.nonfinite).sum(),
+            left_out: 0,
             median_rel_rmse_interior: middle(&errors),
             references,
             seconds,

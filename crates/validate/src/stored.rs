@@ -1,10 +1,11 @@
-//! Stored references: `references/images/<scene>/{mitsuba.exr,meta.toml}`.
+//! Stored references: `references/images/<scene>/{mitsuba.exr,meta.toml}`, and `{povray.exr,povray.toml}`.
 //!
 //! Beside the image, the file holds for each pixel the range of values that the reference took under
 //! [`crate::explain::trials`], where that range is wider than the tolerance: so edges can be told from
 //! faults without a live Mitsuba.
 
 use crate::explain::Range;
+use crate::renderer::Renderer;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -17,15 +18,17 @@ const RANGE_CHANNELS: [&str; 6] = ["min.R", "min.G", "min.B", "max.R", "max.G", 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Meta {
-    /// "mitsuba".
+    /// "mitsuba" or "povray".
     pub renderer: String,
     /// Of the renderer.
     pub version: String,
-    /// Such as `llvm_ad_rgb`.
+    /// Such as `llvm_ad_rgb`; none of POV-Ray.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub variant: String,
     /// Spawn offset.
     pub k: f64,
-    /// LLVM library and version.
+    /// LLVM library and version; none of POV-Ray.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub libllvm: String,
     /// Of the machine.
     pub cpu: String,
@@ -58,8 +61,13 @@ pub struct Stored {
 #[derive(Debug, Error)]
 pub enum StoredError {
     /// It is not there.
-    #[error("no stored reference in {}", .0.display())]
-    Missing(PathBuf),
+    #[error("no stored reference of {renderer} in {}", folder.display())]
+    Missing {
+        /// Whose.
+        renderer: Renderer,
+        /// Where it would be.
+        folder: PathBuf,
+    },
     /// It is of another scene.
     #[error("the stored reference is of another version of this scene (hash {stored}, now {current})")]
     Stale {
@@ -87,8 +95,8 @@ fn broken(path: &Path, problem: impl ToString) -> StoredError {
 
 impl Stored {
     /// Reads the reference in a folder and checks that it belongs to the scene.
-    pub fn read(folder: &Path, scene_hash: &str) -> Result<Self, StoredError> {
-        let stored = Self::read_any(folder)?;
+    pub fn read(folder: &Path, renderer: Renderer, scene_hash: &str) -> Result<Self, StoredError> {
+        let stored = Self::read_any(folder, renderer)?;
         if stored.meta.scene_hash == scene_hash {
             Ok(stored)
         } else {
@@ -99,12 +107,23 @@ impl Stored {
         }
     }
 
+    /// Whether there is one, of whatever version of the scene.
+    pub fn is_in(folder: &Path, renderer: Renderer) -> bool {
+        folder.join(renderer.image_file()).is_file() && folder.join(renderer.meta_file()).is_file()
+    }
+
     /// Reads the reference in a folder, of whatever version of the scene.
-    pub fn read_any(folder: &Path) -> Result<Self, StoredError> {
-        let (exr, meta) = (folder.join("mitsuba.exr"), folder.join("meta.toml"));
-        if !exr.is_file() || !meta.is_file() {
-            return Err(StoredError::Missing(folder.to_owned()));
+    pub fn read_any(folder: &Path, renderer: Renderer) -> Result<Self, StoredError> {
+        if !Self::is_in(folder, renderer) {
+            return Err(StoredError::Missing {
+                renderer,
+                folder: folder.to_owned(),
+            });
         }
+        let (exr, meta) = (
+            folder.join(renderer.image_file()),
+            folder.join(renderer.meta_file()),
+        );
         let text = std::fs::read_to_string(&meta).map_err(|error| broken(&meta, error))?;
         let meta = toml::from_str(&text).map_err(|error| broken(&meta, error))?;
         let image = exr_io::read(&exr, Limits::IMAGE).map_err(|error| broken(&exr, error))?;
@@ -112,11 +131,11 @@ impl Stored {
     }
 
     /// Writes it to a folder.
-    pub fn write(&self, folder: &Path) -> Result<(), StoredError> {
+    pub fn write(&self, folder: &Path, renderer: Renderer) -> Result<(), StoredError> {
         std::fs::create_dir_all(folder).map_err(|error| broken(folder, error))?;
-        let exr = folder.join("mitsuba.exr");
+        let exr = folder.join(renderer.image_file());
         exr_io::write(&exr, &self.image).map_err(|error| broken(&exr, error))?;
-        let path = folder.join("meta.toml");
+        let path = folder.join(renderer.meta_file());
         let text = toml::to_string(&self.meta).map_err(|error| broken(&path, error))?;
         atomic::write_bytes(&path, text.as_bytes()).map_err(|error| broken(&path, error))
     }
@@ -132,7 +151,7 @@ impl Stored {
             let samples = ranges.iter().map(|range| value(range).unwrap_or(0.0)).collect();
             image
                 .add_channel(name, samples)
-                .map_err(|error| broken(Path::new("mitsuba.exr"), error))?;
+                .map_err(|error| broken(Path::new("the image"), error))?;
         }
         Ok(())
     }

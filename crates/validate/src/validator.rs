@@ -1,12 +1,13 @@
 use crate::driver::{DriverError, SceneText};
 use crate::environment::Environment;
-use crate::explain::{Range, Reason, explain, trials};
+use crate::explain::{Range, Reason, explain};
 use crate::key::{folder_of, scene_key};
 use crate::live::{Live, LiveError};
+use crate::renderer::{Adaptation, Renderer};
 use crate::report::ERROR_VIEW;
 use crate::result::{CaseResult, LayerResult, Pictures, Reference, Status, WorstPixel};
 use crate::stored::{Stored, StoredError};
-use crate::{floor, inexact, tree};
+use crate::{floor, inexact, place, tree};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::{Needs, Registry, SceneErrors};
@@ -44,8 +45,10 @@ pub enum Mode {
 pub struct Options {
     /// Folder that scene names are relative to.
     pub scenes: PathBuf,
-    /// Folder with `mitsuba/` and `images/`.
+    /// Folder with `mitsuba/`, `povray/` and `images/`.
     pub references: PathBuf,
+    /// Who renders the references.
+    pub renderer: Renderer,
     /// Folder for the environment, caches and the report.
     pub target: PathBuf,
     /// Where references come from.
@@ -71,18 +74,26 @@ pub struct Validator<'a> {
     registry: &'a Registry,
     options: Options,
     live: Option<Live>,
-    /// Why there is no live Mitsuba, if there is none.
+    /// Why there is no live reference, if there is none.
     not_live: Option<String>,
-    /// The first failure of a live Mitsuba that was there.
+    /// The first failure of a live reference that was there.
     broken: Option<String>,
     /// Is told what is being done.
     stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
 }
 
-/// A live Mitsuba was asked for and cannot be had: exit code 3.
+/// A live reference was asked for and cannot be had: exit code 3.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct NoLive(pub String);
+
+/// Why there is nothing to compare with.
+enum NoReference {
+    /// Something is missing or broken.
+    Problem(String),
+    /// This renderer has no twin of the scene, or none is stored.
+    NoTwin(String),
+}
 
 /// A reference with its provenance.
 struct Against {
@@ -116,7 +127,7 @@ impl Judged {
 }
 
 impl<'a> Validator<'a> {
-    /// Makes the Python environment if needed; `say` is told what takes long.
+    /// Makes the Python environment of Mitsuba if needed; `say` is told what takes long.
     pub fn new(registry: &'a Registry, options: Options, say: &dyn Fn(&str)) -> Result<Self, NoLive> {
         let (live, not_live) = match options.mode {
             Mode::Stored => (None, Some("stored references were asked for".to_owned())),
@@ -141,7 +152,7 @@ impl<'a> Validator<'a> {
         self.stage = Box::new(stage);
     }
 
-    /// The first failure of the live Mitsuba while it was used: a crash, no answer, half an image. In
+    /// The first failure of the live reference while it was used: a crash, no answer, half an image. In
     /// [`Mode::Live`] the run is then no verdict on the scenes.
     pub fn broken(&self) -> Option<&str> {
         self.broken.as_deref()
@@ -152,7 +163,7 @@ impl<'a> Validator<'a> {
         self.not_live.as_deref()
     }
 
-    /// The live Mitsuba.
+    /// The live reference.
     pub fn live(&mut self) -> Option<&mut Live> {
         self.live.as_mut()
     }
@@ -179,7 +190,11 @@ impl<'a> Validator<'a> {
             Ok(mut ours) => {
                 tamper(&mut ours.image);
                 match self.reference(path, &ours.flattened, &mut case) {
-                    Err(problem) => case.problems.push(problem),
+                    Err(NoReference::Problem(problem)) => case.problems.push(problem),
+                    Err(NoReference::NoTwin(problem)) => {
+                        case.other_reference = self.other_reference(path);
+                        case.problems.push(problem);
+                    }
                     Ok(against) => {
                         if let Err(error) = self.judge(&mut case, &ours, &against) {
                             case.problems.push(error.to_string());
@@ -203,8 +218,9 @@ impl<'a> Validator<'a> {
     }
 
     fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, String> {
-        let flattened = flatten(path, &self.options.overrides)?;
-        let all_overrides = [&self.options.overrides[..], &self.options.ours_overrides].concat();
+        let overrides = self.overrides(path, &mut case.adapted)?;
+        let flattened = flatten(path, &overrides)?;
+        let all_overrides = [&overrides[..], &self.options.ours_overrides].concat();
         let sources = Sources::load(path, &all_overrides)
             .map_err(|error| error.sources.report(&error.errors, false))?;
         let report = |_: SceneErrors| sources.report(&all_errors(&sources, self.registry), false);
@@ -262,7 +278,34 @@ impl<'a> Validator<'a> {
         })
     }
 
-    /// The folder of a scene's stored reference.
+    /// The changes of a scene on both sides: those asked for, and those without which the reference could not show it, which
+    /// are also told.
+    fn overrides(&self, path: &Path, told: &mut Vec<String>) -> Result<Vec<String>, String> {
+        let mut overrides = self.options.overrides.clone();
+        let flattened = flatten(path, &overrides)?;
+        for Adaptation { change, reason } in self.options.renderer.adaptations(&flattened.text) {
+            told.push(format!("{change}: {reason}"));
+            overrides.push(change);
+        }
+        Ok(overrides)
+    }
+
+    /// The scene as the reference gets it, and the changes that make it so.
+    pub fn adapted(&self, path: &Path) -> Result<(Flattened, Vec<String>), String> {
+        let overrides = self.overrides(path, &mut Vec::new())?;
+        Ok((flatten(path, &overrides)?, overrides))
+    }
+
+    /// Another renderer with a stored reference of the scene.
+    fn other_reference(&self, path: &Path) -> Option<String> {
+        let folder = self.stored_folder(path);
+        let others = Renderer::ALL.into_iter();
+        let mut others = others.filter(|&other| other != self.options.renderer);
+        let found = others.find(|&other| Stored::is_in(&folder, other));
+        found.map(|other| other.to_string())
+    }
+
+    /// The folder of a scene's stored references.
     pub fn stored_folder(&self, path: &Path) -> PathBuf {
         let key = scene_key(path, &self.options.scenes);
         self.options.references.join("images").join(folder_of(&key))
@@ -273,9 +316,10 @@ impl<'a> Validator<'a> {
         path: &Path,
         flattened: &Flattened,
         case: &mut CaseResult,
-    ) -> Result<Against, String> {
+    ) -> Result<Against, NoReference> {
         let hash = flattened.hash.clone();
-        let stored = Stored::read(&self.stored_folder(path), &hash);
+        let renderer = self.options.renderer;
+        let stored = Stored::read(&self.stored_folder(path), renderer, &hash);
         let text = SceneText {
             text: &flattened.text,
             base: &flattened.base,
@@ -295,11 +339,14 @@ impl<'a> Validator<'a> {
                     });
                 }
                 // Whether the scene has a twin does not depend on the run.
-                Err(error @ LiveError::Driver(DriverError::Unsupported(_))) => return Err(error.to_string()),
+                Err(LiveError::Driver(DriverError::Unsupported(problems))) => {
+                    let report = place::report(path, &self.options.overrides, &problems);
+                    return Err(NoReference::NoTwin(format!("no twin in {renderer}:\n{report}")));
+                }
                 Err(error) => {
                     self.broken.get_or_insert_with(|| error.to_string());
                     if self.options.mode == Mode::Live {
-                        return Err(error.to_string());
+                        return Err(NoReference::Problem(error.to_string()));
                     }
                     case.left_out.push(format!("live reference: {error}"));
                 }
@@ -308,18 +355,22 @@ impl<'a> Validator<'a> {
         match stored {
             Ok(stored) => Ok(Against { stored, live: false }),
             // One of the changed scene would take the place of the scene's own.
-            Err(error @ (StoredError::Missing(_) | StoredError::Stale { .. }))
+            Err(error @ (StoredError::Missing { .. } | StoredError::Stale { .. }))
                 if !self.options.overrides.is_empty() =>
             {
-                Err(format!(
+                Err(NoReference::Problem(format!(
                     "{error}; a scene that is changed by --set can be compared with a live reference only"
-                ))
+                )))
             }
-            Err(error @ (StoredError::Missing(_) | StoredError::Stale { .. })) => {
+            Err(error @ (StoredError::Missing { .. } | StoredError::Stale { .. })) => {
                 let accept = self.command("reference --accept", path);
-                Err(format!("{error}; render a new one by: {accept}"))
+                let told = format!("{error}; render a new one by: {accept}");
+                Err(match error {
+                    StoredError::Missing { .. } => NoReference::NoTwin(told),
+                    _ => NoReference::Problem(told),
+                })
             }
-            Err(error) => Err(error.to_string()),
+            Err(error) => Err(NoReference::Problem(error.to_string())),
         }
     }
 
@@ -340,10 +391,11 @@ impl<'a> Validator<'a> {
         case.moved = meta.moved;
         case.reference_s = Some(meta.seconds);
         let textured = ours.pipeline.world.needs().contains(Needs::UV);
+        let cap = floor::cap(self.options.renderer, textured);
         if case.limit == 0.0 {
-            case.limit = floor::limit(meta.floor, textured);
+            case.limit = floor::limit(meta.floor, cap);
         }
-        case.bias_limit = floor::bias_limit(meta.floor, textured);
+        case.bias_limit = floor::bias_limit(meta.floor, cap);
         case.pictures = pictures(&ours.image, reference);
 
         let not_finite = metrics::count_not_finite(&ours.image, reference)?;
@@ -384,7 +436,7 @@ impl<'a> Validator<'a> {
         case.compared = true;
         case.problems.extend(case.broken_limits());
         if !case.problems.is_empty() {
-            case.inexact = inexact::notes(case, &ours.pipeline.world.geometry, textured);
+            case.inexact = inexact::notes(case, &ours.pipeline.world.geometry, self.options.renderer, cap);
         }
         Ok(())
     }
@@ -438,7 +490,7 @@ impl<'a> Validator<'a> {
                 .map(|live| live.probe(text, &ours.flattened.hash, asked));
             match answer {
                 Some(Ok(values)) => {
-                    let trials = trials();
+                    let trials = self.options.renderer.trials();
                     for (&pixel, variants) in asked.iter().zip(&values) {
                         let nominal = value(reference, pixel);
                         let ours = value(&ours.image, pixel);
@@ -508,10 +560,10 @@ impl<'a> Validator<'a> {
         Ok(())
     }
 
-    /// Where our ray tree and the live reference's part, in words, or why that cannot be told. Only a stored
-    /// reference has no tree.
+    /// Where our ray tree and the live reference's part, in words, or why that cannot be told. Stored references and POV-Ray
+    /// have no trees.
     fn first_difference(&mut self, ours: &Ours, pixel: [usize; 2]) -> Option<String> {
-        let live = self.live.as_mut()?;
+        let live = self.live.as_mut().filter(|live| live.renderer().tells_trees())?;
         (self.stage)("comparing ray trees");
         let text = SceneText {
             text: &ours.flattened.text,
@@ -619,8 +671,11 @@ fn departure(ours: &[[f32; 3]], exact: &[[f32; 3]]) -> String {
 }
 
 fn start_live(options: &Options, say: &dyn Fn(&str)) -> Result<Live, String> {
-    let environment =
-        Environment::ensure(&options.target, &options.references, say).map_err(|error| error.to_string())?;
+    let environment = match options.renderer {
+        Renderer::Mitsuba => Environment::ensure(&options.target, &options.references, say),
+        Renderer::PovRay => Environment::of_povray(&options.references),
+    };
+    let environment = environment.map_err(|error| error.to_string())?;
     let cache = options.target.join("live");
     Live::start(environment, cache, options.reuse, options.time_limit).map_err(|error| error.to_string())
 }

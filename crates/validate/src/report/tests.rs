@@ -259,6 +259,7 @@ fn results(cases: Vec<CaseResult>, references: &str) -> Results {
         provenance: Provenance {
             whitstone: "0.1.0".to_owned(),
             threads: 0,
+            povray: None,
             mitsuba: (references == "live").then(|| Hello {
                 mitsuba: "3.9.1".to_owned(),
                 drjit: "1.4.0".to_owned(),
@@ -271,6 +272,7 @@ fn results(cases: Vec<CaseResult>, references: &str) -> Results {
             }),
         },
         results: cases,
+        left_out: Vec::new(),
     }
 }
 

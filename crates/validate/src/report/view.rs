@@ -3,7 +3,7 @@
 use super::ERROR_VIEW;
 use super::number::{Limited, Number, plain, precise, scientific};
 use crate::explain::Reason;
-use crate::{CaseResult, Pictures, Provenance, Results, Status, WorstPixel};
+use crate::{CaseResult, LeftOut, Pictures, Provenance, Results, Status, WorstPixel};
 use askama::Template;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -31,6 +31,7 @@ pub(super) struct Page<'a> {
     scale: ScaleView,
     columns: &'static [Column],
     cases: Vec<CaseView<'a>>,
+    left_out: &'a [LeftOut],
 }
 
 /// The first thing that a reader wants to know.
@@ -222,6 +223,7 @@ impl<'a> Page<'a> {
             },
             columns: &COLUMNS,
             cases,
+            left_out: &results.left_out,
         }
     }
 
@@ -260,6 +262,7 @@ fn tiles(results: &Results) -> Vec<Tile> {
         count("pixels explained", summary.explained, false),
         count("pixels unexplained", summary.unexplained, summary.unexplained > 0),
         count("values not finite", summary.nonfinite, summary.nonfinite > 0),
+        count("scenes left out", summary.left_out, false),
         Tile {
             label: "median interior error",
             value: Number::error(summary.median_rel_rmse_interior).or("no case has one"),
@@ -283,8 +286,16 @@ fn provenance(provenance: &Provenance, cases: &[CaseResult]) -> Vec<(&'static st
         "Whitstone",
         format!("{}, {}", provenance.whitstone, threads(provenance.threads)),
     )];
-    match &provenance.mitsuba {
-        Some(hello) => rows.extend([
+    match (&provenance.mitsuba, &provenance.povray) {
+        (_, Some(found)) => rows.extend([
+            (
+                "POV-Ray",
+                format!("{}, {}", found.povray, threads(found.threads as usize)),
+            ),
+            ("Python", found.python.clone()),
+            ("CPU", found.cpu.clone()),
+        ]),
+        (Some(hello), None) => rows.extend([
             (
                 "Mitsuba",
                 format!(
@@ -299,7 +310,7 @@ fn provenance(provenance: &Provenance, cases: &[CaseResult]) -> Vec<(&'static st
             ("LLVM", format!("{} ({})", hello.llvm_version, hello.libllvm)),
             ("CPU", hello.cpu.clone()),
         ]),
-        None => {
+        (None, None) => {
             let stored: BTreeSet<String> = cases.iter().filter_map(reference_name).collect();
             rows.extend(stored.into_iter().map(|name| ("stored reference", name)));
         }
@@ -529,9 +540,9 @@ fn reference(case: &CaseResult) -> String {
 
 fn twin_meaning(twin: &str) -> &'static str {
     match twin {
-        "native" => "Mitsuba's own plugins compute all of it",
+        "native" => "the reference's own plugins compute all of it",
         "hosted" => "some formulas are plugins of ours that run inside Mitsuba",
-        "formula" => "the driver adds some terms by itself, outside of Mitsuba",
+        "formula" => "the driver adds some terms by itself, or builds them of the reference's parts",
         "tessellated" => "Mitsuba sees a mesh in place of a shape that it does not have",
         _ => "",
     }

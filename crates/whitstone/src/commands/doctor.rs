@@ -8,16 +8,18 @@ use std::time::{Duration, Instant};
 use whitstone_core::Registry;
 use whitstone_core::simd::Level;
 use whitstone_scene::{Description, Pipeline, Plan, RenderOptions, Sources};
-use whitstone_validate::Live;
-use whitstone_validate::driver::Hello;
+use whitstone_validate::driver::{Hello, PovRay, Versions};
 use whitstone_validate::environment::Environment;
+use whitstone_validate::stored::Stored;
+use whitstone_validate::{Live, Renderer};
 
 /// Check that rendering and live validation work here, and say what to do where they do not
 ///
 /// Renders a small picture, looks for Python, makes the private Python environment if it is not there (a
-/// download of about 100 MB, once; see --no-install), and starts Mitsuba in it.
+/// download of about 100 MB, once; see --no-install), and starts Mitsuba in it. Asks POV-Ray for its version.
 ///
-/// Exit code 0 if rendering and live validation work, 3 if not.
+/// Exit code 0 if rendering and live validation by Mitsuba work, 3 if not. POV-Ray is a second reference, which
+/// `validate --reference povray` uses.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone doctor --json doctor.json")]
 pub struct Arguments {
@@ -30,7 +32,7 @@ pub struct Arguments {
     /// Folder of the environment
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
-    /// Folder with the Mitsuba driver and the stored references
+    /// Folder with the drivers and the stored references
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
     /// How long Mitsuba may take to start, in seconds
@@ -44,7 +46,9 @@ struct Findings {
     rendering: Result<f64, String>,
     environments: usize,
     live: Result<Hello, String>,
+    povray: Result<PovRay, String>,
     stored: usize,
+    stored_of_povray: usize,
 }
 
 /// Runs the command.
@@ -58,12 +62,15 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     } else {
         start(arguments)
     };
+    let images = arguments.references.join("images");
     let findings = Findings {
         threads: std::thread::available_parallelism().map_or(1, usize::from),
         rendering,
         environments,
         live,
-        stored: stored_references(&arguments.references.join("images")),
+        povray: start_povray(arguments),
+        stored: stored_references(&images, Renderer::Mitsuba),
+        stored_of_povray: stored_references(&images, Renderer::PovRay),
     };
     print(&findings);
     if let Some(path) = &arguments.json {
@@ -125,17 +132,31 @@ fn start(arguments: &Arguments) -> Result<Hello, String> {
     .map_err(|error| error.to_string())?;
     // An answer of an earlier run says nothing about today.
     let (reuse, limit) = (false, Duration::from_secs(arguments.time_limit));
-    let live = Live::start(environment, arguments.target.join("live"), reuse, limit);
-    live.map(|live| live.hello().clone())
-        .map_err(|error| error.to_string())
+    let live = Live::start(environment, arguments.target.join("live"), reuse, limit)
+        .map_err(|error| error.to_string())?;
+    match live.versions() {
+        Some(Versions::Mitsuba(hello)) => Ok(hello.clone()),
+        _ => Err("the driver does not tell its version".to_owned()),
+    }
 }
 
-/// Folders at or below `folder` with a reference in them.
-fn stored_references(folder: &Path) -> usize {
+fn start_povray(arguments: &Arguments) -> Result<PovRay, String> {
+    let environment = Environment::of_povray(&arguments.references).map_err(|error| error.to_string())?;
+    let limit = Duration::from_secs(arguments.time_limit);
+    let live = Live::start(environment, arguments.target.join("live"), false, limit)
+        .map_err(|error| error.to_string())?;
+    match live.versions() {
+        Some(Versions::PovRay(found)) => Ok(found.clone()),
+        _ => Err("the driver does not tell its version".to_owned()),
+    }
+}
+
+/// Folders at or below `folder` with a reference of a renderer in them.
+fn stored_references(folder: &Path, renderer: Renderer) -> usize {
     let mut open = vec![folder.to_owned()];
     let mut count = 0;
     while let Some(folder) = open.pop() {
-        count += usize::from(folder.join("meta.toml").is_file() && folder.join("mitsuba.exr").is_file());
+        count += usize::from(Stored::is_in(&folder, renderer));
         let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
         // Links could lead back up.
         open.extend(
@@ -188,7 +209,17 @@ fn print(findings: &Findings) {
             row("what to do", advice(problem));
         }
     }
-    row("stored references", &findings.stored.to_string());
+    match &findings.povray {
+        Ok(found) => row("live POV-Ray", &format!("works: {}", found.povray)),
+        Err(problem) => row("live POV-Ray", &format!("not available: {problem}")),
+    }
+    row(
+        "stored references",
+        &format!(
+            "{} of Mitsuba, {} of POV-Ray",
+            findings.stored, findings.stored_of_povray
+        ),
+    );
 }
 
 /// What to do about the commonest reasons, beyond what the reason itself says.
@@ -218,6 +249,12 @@ fn report(findings: &Findings) -> Value {
             "mitsuba": findings.live.as_ref().ok(),
             "problem": findings.live.as_ref().err(),
         },
+        "povray": {
+            "works": findings.povray.is_ok(),
+            "versions": findings.povray.as_ref().ok(),
+            "problem": findings.povray.as_ref().err(),
+        },
         "stored_references": findings.stored,
+        "stored_references_of_povray": findings.stored_of_povray,
     })
 }

@@ -1,6 +1,5 @@
 //! `reference`: stored references, rendered, shown, and accepted.
 
-use crate::commands::validate::ReferenceMode;
 use crate::terminal::{Exit, Failure, progress};
 use clap::Args;
 use std::path::PathBuf;
@@ -10,12 +9,12 @@ use whitstone_image::{ToneMap, exr_io};
 use whitstone_scene::RenderOptions;
 use whitstone_validate::driver::SceneText;
 use whitstone_validate::stored::Stored;
-use whitstone_validate::{Validator, flatten, quoted, scene_key};
+use whitstone_validate::{Mode, Validator, quoted, scene_key};
 
 /// Largest image that is stored, in pixels: the references of a repository are to stay small.
 const MAX_PIXELS: u64 = 192 * 192;
 
-/// Render references to be stored with a live Mitsuba, show them, and with --accept keep them
+/// Render references to be stored with a live Mitsuba or POV-Ray, show them, and with --accept keep them
 ///
 /// For each scene whose stored reference is missing or of another version of the scene, a picture of
 /// ours, the reference and the error is written. Nothing is stored without --accept.
@@ -36,20 +35,21 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     let mut options = arguments.scenes.options(program);
-    if arguments.scenes.reference == ReferenceMode::Stored {
-        return Err(Failure::usage(
-            "references can only be rendered by a live Mitsuba",
-        ));
+    let renderer = options.renderer;
+    if options.mode == Mode::Stored {
+        return Err(Failure::usage(format!(
+            "references can only be rendered by a live {renderer}"
+        )));
     }
-    options.mode = whitstone_validate::Mode::Live;
+    options.mode = Mode::Live;
     let scenes = arguments.scenes.find()?;
     let mut validator = Validator::new(registry, options.clone(), &|text| eprintln!("{text}"))
         .map_err(Failure::environment)?;
     let mut waiting = 0;
     for path in &scenes {
-        let flattened = flatten(path, &options.overrides).map_err(Failure::usage)?;
+        let (flattened, overrides) = validator.adapted(path).map_err(Failure::usage)?;
         let folder = validator.stored_folder(path);
-        let state = match Stored::read(&folder, &flattened.hash) {
+        let state = match Stored::read(&folder, renderer, &flattened.hash) {
             Ok(_) if !arguments.all => continue,
             Ok(_) => "up to date".to_owned(),
             Err(error) => error.to_string(),
@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         let key = scene_key(path, &options.scenes);
         let scene = super::SceneArguments {
             scene: path.clone(),
-            overrides: options.overrides.clone(),
+            overrides,
             max_memory: None,
         };
         let pipeline = super::build(&scene, registry)?;
@@ -87,7 +87,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         let ours = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
         let picture = show(&options.target, &key, &ours, &stored)?;
         if arguments.accept {
-            stored.write(&folder).map_err(Failure::environment)?;
+            stored.write(&folder, renderer).map_err(Failure::environment)?;
             println!("stored  {key} (before: {state}); see {}", picture.display());
         } else {
             waiting += 1;

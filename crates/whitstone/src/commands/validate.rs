@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use whitstone_core::Registry;
 use whitstone_image::atomic;
+use whitstone_validate::driver::Versions;
 use whitstone_validate::{
-    CaseResult, Mode, Options, Provenance, Results, Status, Summary, Validator, counted, find_scenes, quoted,
-    report,
+    CaseResult, LeftOut, Mode, Options, Provenance, Renderer, Results, Status, Summary, Validator, counted,
+    find_scenes, quoted, report,
 };
 
 const SCENES: &str = "scenes";
@@ -17,10 +18,12 @@ const REFERENCES: &str = "references";
 /// In seconds.
 const TIME_LIMIT: u64 = 300;
 
-/// Render scenes with Whitstone and with Mitsuba, compare them, and explain every differing pixel
+/// Render scenes with Whitstone and with a reference, compare them, and explain every differing pixel
 ///
-/// The reference is a live Mitsuba in a private Python environment that is made on first use. Where that
-/// cannot be had, the stored references of the repository serve, and the report says so.
+/// The reference is a live Mitsuba in a private Python environment that is made on first use, or with
+/// --reference povray the POV-Ray that is installed. Where that cannot be had, the stored references of the
+/// repository serve, and the report says so. Scenes that the reference has no twin of are left out and told
+/// where the other one has a stored reference of them.
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// Scene files, or folders of them
@@ -38,7 +41,7 @@ pub struct Arguments {
     /// Folder for the environment, live references and the report
     #[arg(long, default_value = TARGET, value_name = "DIR")]
     pub target: PathBuf,
-    /// Folder with the Mitsuba driver and the stored references
+    /// Folder with the drivers and the stored references
     #[arg(long, default_value = REFERENCES, value_name = "DIR")]
     pub references: PathBuf,
     /// Threads; 0 for one a core
@@ -52,29 +55,53 @@ pub struct Arguments {
     pub json: Option<PathBuf>,
 }
 
-/// See [`Mode`].
+/// See [`Mode`] and [`Renderer`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ReferenceMode {
-    /// Live if possible, else stored
+    /// Mitsuba, live if possible, else stored
     Auto,
-    /// Live, or exit code 3
+    /// Live Mitsuba, or exit code 3
     Live,
-    /// Stored only
+    /// Stored references of Mitsuba only
     Stored,
+    /// POV-Ray, live if possible, else stored
+    Povray,
+    /// Live POV-Ray, or exit code 3
+    PovrayLive,
+    /// Stored references of POV-Ray only
+    PovrayStored,
+}
+
+impl ReferenceMode {
+    /// Who renders, and whether now.
+    pub fn parts(self) -> (Renderer, Mode) {
+        match self {
+            Self::Auto => (Renderer::Mitsuba, Mode::Auto),
+            Self::Live => (Renderer::Mitsuba, Mode::Live),
+            Self::Stored => (Renderer::Mitsuba, Mode::Stored),
+            Self::Povray => (Renderer::PovRay, Mode::Auto),
+            Self::PovrayLive => (Renderer::PovRay, Mode::Live),
+            Self::PovrayStored => (Renderer::PovRay, Mode::Stored),
+        }
+    }
+
+    /// As the command line has it.
+    fn name(self) -> String {
+        let value = self.to_possible_value();
+        value.map_or_else(String::new, |value| value.get_name().to_owned())
+    }
 }
 
 impl Arguments {
     /// As the library has them. `program` is how messages call this command line.
     pub fn options(&self, program: &str) -> Options {
+        let (renderer, mode) = self.reference.parts();
         Options {
             scenes: PathBuf::from(SCENES),
             references: self.references.clone(),
             target: self.target.clone(),
-            mode: match self.reference {
-                ReferenceMode::Auto => Mode::Auto,
-                ReferenceMode::Live => Mode::Live,
-                ReferenceMode::Stored => Mode::Stored,
-            },
+            renderer,
+            mode,
             reuse: !self.fresh,
             threads: self.threads,
             overrides: self.overrides.clone(),
@@ -89,10 +116,8 @@ impl Arguments {
     pub fn flags(&self) -> String {
         let mut flags: Vec<(&str, String)> = Vec::new();
         flags.extend(self.overrides.iter().map(|change| ("--set", change.clone())));
-        match self.reference {
-            ReferenceMode::Auto => {}
-            ReferenceMode::Live => flags.push(("--reference", "live".to_owned())),
-            ReferenceMode::Stored => flags.push(("--reference", "stored".to_owned())),
+        if self.reference != ReferenceMode::Auto {
+            flags.push(("--reference", self.reference.name()));
         }
         for (flag, path, default) in [
             ("--references", &self.references, REFERENCES),
@@ -135,29 +160,49 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let mut validator = Validator::new(registry, arguments.options(program), &|text| eprintln!("{text}"))
         .map_err(Failure::environment)?;
     if let Some(why) = validator.not_live() {
-        eprintln!("warning: no live Mitsuba: {why}\nwarning: comparing with the stored references");
+        let (renderer, _) = arguments.reference.parts();
+        eprintln!("warning: no live {renderer}: {why}\nwarning: comparing with the stored references");
     }
     let bar = progress(scenes.len() as u64, "validating");
     // The clock runs also while the driver takes its time.
     bar.enable_steady_tick(Duration::from_millis(200));
     let mut cases = Vec::new();
+    let mut left_out = Vec::new();
     print_header();
     for path in &scenes {
         let (name, teller) = (path.display().to_string(), bar.clone());
         validator.tell(move |stage| teller.set_message(format!("{name}: {stage}")));
-        let case = validator.validate(path);
-        bar.suspend(|| print_case(&case));
-        cases.push(case);
+        let mut case = validator.validate(path);
+        if let Some(other_reference) = case.other_reference.take() {
+            let left = LeftOut {
+                reason: case.problems.join("\n"),
+                scene: case.scene,
+                other_reference,
+            };
+            bar.suspend(|| print_left_out(&left));
+            left_out.push(left);
+        } else {
+            bar.suspend(|| print_case(&case));
+            cases.push(case);
+        }
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let mitsuba = validator.live().map(|live| live.hello().clone());
+    let versions = validator.live().and_then(|live| live.versions().cloned());
+    let (mitsuba, povray) = match versions {
+        Some(Versions::Mitsuba(found)) => (Some(found), None),
+        Some(Versions::PovRay(found)) => (None, Some(found)),
+        None => (None, None),
+    };
     let references = match validator.not_live() {
         None => "live".to_owned(),
         Some(why) => format!("stored ({why})"),
     };
     let results = Results {
-        summary: Summary::of(&cases, references, start.elapsed().as_secs_f64()),
+        summary: Summary {
+            left_out: left_out.len(),
+            ..Summary::of(&cases, references, start.elapsed().as_secs_f64())
+        },
         provenance: Provenance {
             whitstone: env!("CARGO_PKG_VERSION").to_owned(),
             threads: match arguments.threads {
@@ -165,18 +210,21 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
                 threads => threads,
             },
             mitsuba,
+            povray,
         },
         results: cases,
+        left_out,
     };
     let folder = arguments.target.join("validate");
     write_results(&results, &folder, arguments.json.as_deref())?;
     print_summary(&results.summary, &folder);
     if let Some(problem) = validator.broken() {
-        if arguments.reference == ReferenceMode::Live {
+        let (renderer, mode) = arguments.reference.parts();
+        if mode == Mode::Live {
             return Err(Failure::environment(problem));
         }
         eprintln!(
-            "warning: the live Mitsuba failed, stored references served instead: {problem}\n\
+            "warning: the live {renderer} failed, stored references served instead: {problem}\n\
              warning: `{program} doctor` tells more"
         );
     }
@@ -185,6 +233,11 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         return Err(Failure::usage(format!(
             "scenes that cannot be rendered: {wrong}; see above"
         )));
+    }
+    if results.results.is_empty() {
+        return Err(Failure::environment(
+            "nothing was compared: this reference has no twin of any of the scenes; see above",
+        ));
     }
     verdict(&results.results)
 }
@@ -265,6 +318,9 @@ fn print_case(case: &CaseResult) {
     if let Some(caveat) = &case.caveat {
         println!("      {caveat}");
     }
+    for change in &case.adapted {
+        println!("      on both sides {change}");
+    }
     for problem in &case.problems {
         println!("      {}", problem.replace('\n', "\n      "));
     }
@@ -295,12 +351,22 @@ fn print_case(case: &CaseResult) {
     }
 }
 
+fn print_left_out(left: &LeftOut) {
+    println!(
+        "left  {:<30} {}; {} has a reference of it",
+        left.scene,
+        left.reason.replace('\n', "\n      "),
+        left.other_reference
+    );
+}
+
 fn print_summary(summary: &Summary, folder: &Path) {
     println!(
-        "\n{}: {} passed, {} failed; {} explained, {} unexplained, {} not finite; median interior error {}; references {}; {:.1} s",
+        "\n{}: {} passed, {} failed, {} left out; {} explained, {} unexplained, {} not finite; median interior error {}; references {}; {:.1} s",
         counted(summary.cases, "case"),
         summary.passed,
         summary.failed,
+        counted(summary.left_out, "scene"),
         counted(summary.explained, "pixel"),
         summary.unexplained,
         counted(summary.nonfinite, "value"),

@@ -1,0 +1,146 @@
+"""Cameras, shapes, textures and groups: what is seen where (model §4, §5, §9, §10)."""
+
+import os
+import tempfile
+import unittest
+
+from support import DOWN, Case, film, with_povray
+from whitstone_povray import meshes
+from whitstone_povray.settings import Setting
+
+WHITE = '[[light]]\ntype = "ambient"\nradiance = 1\n'
+SEEN = 'material = { type = "matte", reflectance = 1 }\n'
+# Texture coordinates as colours: red where the cell of u is odd, and so on.
+CELLS = 'material = { type = "matte", reflectance = { type = "checker", a = 1, b = 0.25, scale = %s } }\n'
+
+
+@with_povray
+class Cameras(Case):
+    def spot(self, camera, x, y, width=8, height=4, **setting):
+        """Whether each pixel sees a ball of a tenth at a point of the plane z = 0."""
+        ball = f'[[shape]]\ntype = "sphere"\ncenter = [{x}, {y}, 0]\nradius = 0.1\n' + SEEN
+        pixels = [(i, j) for j in range(height) for i in range(width)]
+        found = self.values(film(width, height) + camera + WHITE + ball, pixels, **setting)
+        return [pixel for pixel, value in zip(pixels, found) if value[0] > 0.5]
+
+    def test_pixel_centres_right_and_up(self):
+        # Eight pixels to four metres: their centres are at -1.75, -1.25, ...
+        ortho = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\nwidth = 4\n'
+        self.assertEqual(self.spot(ortho, 1.25, 0.75), [(6, 0)])
+        self.assertEqual(self.spot(ortho, 1.0, 0.5), [])
+        persp = '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 0, 2], target = [0, 0, 0] }\nfov = 90\n'
+        self.assertEqual(self.spot(persp, -1.75, -0.75), [(0, 3)])
+
+    def test_windows(self):
+        persp = '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 0, 2], target = [0, 0, 0] }\n'
+        window = "window = { l = 0, r = 2, b = -1, t = 0, d = 2 }\n"
+        self.assertEqual(self.spot(persp + window, 0.375, -0.125), [(1, 0)])
+        ortho = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 2], target = [0, 0, 0] }\n'
+        self.assertEqual(self.spot(ortho + "window = { l = 0, r = 4, b = 0, t = 4 }\n", 0.75, 3.5), [(1, 0)])
+
+    def test_shifts_are_in_pixels_to_the_right_and_down(self):
+        ortho = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\nwidth = 4\n'
+        self.assertEqual(self.spot(ortho, 1.25, 0.75, dx=1.0), [(5, 0)])
+        self.assertEqual(self.spot(ortho, 1.25, 0.25, dy=1.0), [(6, 0)])
+
+    def test_guards_and_exposure_change_nothing_that_is_seen(self):
+        scene = film() + DOWN + WHITE + '[[shape]]\ntype = "sphere"\nmaterial = { type = "matte", reflectance = 0.3 }\n'
+        nominal = self.values(scene)[0][0]
+        for setting in ({"k": 64}, {"exposure": 1.3}):
+            self.near(self.values(scene, **setting)[0], nominal, rel=2.0**-10)
+        answer = self.ask("probe", scene, pixels=[[0, 0]], settings=[{"robust": True, "ulps": 0}])
+        self.near(answer["values"][0][0], nominal)
+
+
+@with_povray
+class Shapes(Case):
+    def seen(self, shape, points, more=""):
+        """What is at points of the plane, seen from above: the image is two metres wide and high."""
+        camera = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 9], target = [0, 0, 0] }\nwidth = 2\n'
+        size = 200
+        pixels = [(int((x + 1) / 2 * size), int((1 - y) / 2 * size)) for x, y in points]
+        found = self.values(film(size, size) + camera + WHITE + shape + more, pixels)
+        return [round(value[0], 2) for value in found]
+
+    def check(self, shape, points, expected, scale):
+        self.assertEqual(self.seen(f"[[shape]]\n{shape}" + CELLS % scale, points), expected)
+
+    def test_texture_coordinates(self):
+        quarters = [(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)]
+        self.check('type = "rectangle"\n', quarters, [1, 0.25, 1, 0.25], "[2, 2]")
+        self.check('type = "rectangle"\n', quarters, [0.25, 1, 1, 0.25], "[2, 1]")
+        self.check('type = "plane"\n', quarters, [1, 0.25, 1, 0.25], "[1, 1]")
+        # phi in quarters, r in halves.
+        self.check('type = "disk"\n', quarters, [0.25, 1, 0.25, 1], "[2, 4]")
+        self.check('type = "disk"\n', [(0.2, 0.2), (-0.2, 0.2)], [1, 0.25], "[2, 4]")
+        # The upper half: v from 1/2 up, u in quarters.
+        self.check('type = "sphere"\n', quarters, [1, 0.25, 1, 0.25], "[4, 1]")
+        # The face +z has u along x, v along y.
+        self.check('type = "box"\n', quarters, [0.25, 1, 1, 0.25], "[2, 1]")
+        self.check('type = "box"\n', quarters, [0.25, 0.25, 1, 1], "[1, 2]")
+        triangle = 'type = "triangle"\nvertices = [[-1, -1, 0], [1, -1, 0], [-1, 1, 0]]\n'
+        self.check(triangle, [(-0.75, -0.75), (0.5, -0.75), (0.5, 0.5)], [1, 0.25, 0], "[2, 1]")
+        uvs = "uvs = [[0, 0], [0, 1], [1, 0]]\n"
+        self.check(triangle + uvs, [(-0.75, -0.75), (0.5, -0.75), (-0.75, 0.5)], [1, 0.25, 1], "[1, 2]")
+
+    def test_transforms_and_groups(self):
+        group = '[[group.g.shape]]\ntype = "box"\ntransform = [{ scale = 0.1 }, { translate = [0.5, 0, 0] }]\n' + SEEN
+        places = ['{ rotate = { axis = [0, 0, 1], degrees = 90 } }', '[{ scale = [-1, 2, 1] }, { translate = [0, -0.5, 0] }]']
+        copies = "".join(f'[[shape]]\ntype = "instance"\ngroup = "g"\ntransform = {place}\n' for place in places)
+        points = [(0, 0.5), (0.5, 0), (-0.5, -0.5), (-0.5, -0.65), (-0.5, -0.75), (0, 0)]
+        self.assertEqual(self.seen(group + copies, points), [1, 0, 1, 1, 0, 0])
+
+    def test_meshes(self):
+        quad = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 -1/-1\n"
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "quad.obj")
+            with open(path, "w", encoding="utf-8") as file:
+                file.write(quad)
+            shape = f'[[shape]]\ntype = "mesh"\nfile = "{path}"\ntransform = {{ scale = 0.5 }}\n' + CELLS % "[2, 1]"
+            points = [(0.25, 0.25), (-0.25, 0.25), (0.25, -0.25), (0.75, 0)]
+            self.assertEqual(self.seen(shape, points), [0.25, 1, 0.25, 0])
+
+
+class Meshes(unittest.TestCase):
+    def tetrahedron(self, *flipped):
+        faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+        faces = [face[::-1] if number in flipped else face for number, face in enumerate(faces)]
+        none = [None] * len(faces)
+        return meshes.Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [], [], faces, none, none)
+
+    def test_what_is_open_or_inside_out_is_not_closed(self):
+        self.assertTrue(meshes.closed(self.tetrahedron()))
+        self.assertFalse(meshes.closed(self.tetrahedron(2)))
+        self.assertFalse(meshes.closed(self.tetrahedron(0, 1, 2, 3)))
+        whole = self.tetrahedron()
+        part = meshes.Mesh(whole.positions, [], [], whole.faces[:3], whole.normal_faces[:3], whole.uv_faces[:3])
+        self.assertFalse(meshes.closed(part))
+
+    def test_vertices_are_rounded_to_a_neighbour_equal_ones_alike(self):
+        values = [k / 10 for k in range(-50, 50)]
+        changed = 0
+        for seed in range(4):
+            rounded = meshes.rounding(Setting(vertices=True, seed=seed))
+            for value in values:
+                found = rounded(value)
+                self.assertEqual(found, rounded(value))
+                self.assertLessEqual(abs(found - value), 2.0**-23 * abs(value))
+                changed += found != meshes.rounding(Setting(vertices=True, seed=seed + 1))(value)
+        self.assertGreater(changed, 50)
+
+
+@with_povray
+class Faults(Case):
+    """The reference is no judge if it does not see a change."""
+
+    def test_a_small_change_is_seen(self):
+        light = '[[light]]\ntype = "point"\nposition = [3, 4, 0]\nintensity = 25\n'
+        ball = '[[shape]]\ntype = "sphere"\nradius = 1\ncenter = [%s, 0, 0]\nmaterial = { type = "matte", reflectance = %s }\n'
+        scene = film() + DOWN + light
+        nominal = self.values(scene + ball % (0, 0.5))[0][0]
+        self.assertGreater(abs(self.values(scene + ball % (0, 0.501))[0][0] / nominal - 1), 1e-3)
+        self.assertGreater(abs(self.values(scene + ball % (0.01, 0.5))[0][0] / nominal - 1), 1e-3)
+
+
+if __name__ == "__main__":
+    unittest.main()

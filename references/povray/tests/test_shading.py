@@ -1,0 +1,100 @@
+"""Local terms, lights and branches against closed forms (model §6-§8)."""
+
+import math
+import unittest
+
+from support import BLACK_LIMIT, DOWN, FLOOR, Case, film, with_povray
+
+HEAD = film() + DOWN
+POINT = '[[light]]\ntype = "point"\nposition = [3, 4, 0]\nintensity = [25, 50, 75]\n'
+SKY = '[[light]]\ntype = "background"\nradiance = [1, 2, 3]\n'
+
+
+def material(text):
+    return FLOOR + f"material = {{ {text} }}\n"
+
+
+@with_povray
+class Lights(Case):
+    def floor(self, lights, more=""):
+        return self.values(HEAD + lights + (more or FLOOR))[0]
+
+    def test_point(self):
+        # d = 5, cos = 4/5: rho/pi * cos * I/d2
+        self.near(self.floor(POINT), [0.5 / math.pi * 0.8 * number for number in (1, 2, 3)])
+        self.near(self.floor(POINT + 'falloff = "none"\n'), [0.5 / math.pi * 0.8 * number for number in (25, 50, 75)])
+
+    def test_directional(self):
+        sun = '[[light]]\ntype = "directional"\ndirection = [0, %d, 2]\nirradiance = 3\n'
+        self.near(self.floor(sun % -2), 0.5 / math.pi * 3 * math.sqrt(0.5))
+        self.assertEqual(self.floor(sun % 2), [0, 0, 0])
+
+    def test_spot(self):
+        def spot(angle, more=""):
+            x = math.tan(math.radians(angle))
+            light = f'[[light]]\ntype = "spot"\nposition = [0, 1, 0]\ntarget = [{x}, 0, 0]\nintensity = 1\n' + more
+            return self.floor(light)[0] * math.pi / 0.5
+
+        self.near([spot(14.9)], [1.0])
+        self.near([spot(17.5)], [0.5])
+        self.assertEqual(spot(20.5), 0)
+        self.near([spot(30, "cutoff_angle = 60\nbeam_width = 10\n")], [0.6])
+
+    def test_ambient_and_background(self):
+        ambient = '[[light]]\ntype = "ambient"\nradiance = [1, 2, 3]\n' * 2
+        self.near(self.floor(ambient, material('type = "matte", reflectance = [0.1, 0.2, 0.3]')), [0.2, 0.8, 1.8])
+        self.near(self.floor(ambient, material('type = "phong", k_d = 0.25')), [0.5, 1.0, 1.5])
+        self.near(self.floor(ambient, material('type = "phong", k_a = 1')), [2, 4, 6])
+        self.assertEqual(self.floor(ambient, material('type = "mirror"')), [0, 0, 0])
+        self.assertEqual(self.floor(SKY), [0, 0, 0])
+        self.assertEqual(self.values(HEAD + SKY + SKY)[0], [2, 4, 6])
+
+
+@with_povray
+class Materials(Case):
+    def test_highlights(self):
+        # The view is along the normal, so r.v = n.l = 0.8 and n.h = cos(half the angle).
+        k = 'k_d = 0.3, k_s = [0.1, 0.2, 0.4], exponent = 12'
+        half = math.cos(math.acos(0.8) / 2)
+        for kind, lobe in (("phong", 0.8), ("blinn_phong", half)):
+            found = self.values(HEAD + POINT + material(f'type = "{kind}", {k}'))[0]
+            self.near(found, [(0.3 * 0.8 + s * lobe**12) * e for s, e in zip((0.1, 0.2, 0.4), (1, 2, 3))])
+
+    def test_mirror(self):
+        found = self.values(HEAD + BLACK_LIMIT + SKY + material('type = "mirror", reflectance = [0.5, 0.25, 0.1]'))[0]
+        self.near(found, [0.5, 0.5, 0.3])
+        # No reflection at depth 0.
+        limited = BLACK_LIMIT + "max_depth = 0\n"
+        self.assertEqual(self.values(HEAD + limited + SKY + material('type = "mirror"'))[0], [0, 0, 0])
+
+    def glass(self, keys, inner="", depth=1):
+        box = f'[[shape]]\ntype = "box"\nmaterial = {{ {keys} }}\n'
+        ambient = '[[light]]\ntype = "ambient"\nradiance = 1\n'
+        return self.values(HEAD + BLACK_LIMIT + f"max_depth = {depth}\n" + ambient + box + inner)[0]
+
+    def test_dielectric(self):
+        # A white box inside a box of glass: what enters is (1 - R)/n^2 of it.
+        inner = '[[shape]]\ntype = "box"\ntransform = { scale = 0.5 }\nmaterial = { type = "matte", reflectance = 1 }\n'
+        self.near(self.glass('type = "dielectric", interior_ior = 1.5', inner), 0.96 / 1.5**2)
+        # The way is half a metre. Indices count by their ratio.
+        keys = 'type = "dielectric", interior_ior = 3, exterior_ior = 2, absorption = [0, 1, 2]'
+        self.near(self.glass(keys, inner), [0.96 / 1.5**2 * math.exp(-0.5 * a) for a in (0, 1, 2)])
+        # Reflected inside and absorbed on both ways: three branches to come back to the white box.
+        more = 0.96 / 1.5**2 * math.exp(-0.5)
+        self.near(self.glass('type = "dielectric", absorption = 1', inner, 3), more)
+
+    def test_whitted(self):
+        inner = '[[shape]]\ntype = "box"\ntransform = { scale = 0.5 }\nmaterial = { type = "matte", reflectance = 1 }\n'
+        keys = 'type = "whitted", k_d = 0.2, k_refr = [0.8, 0.6, 0.4]'
+        # The ambient term k_d and what is behind, which is not scaled by the index.
+        self.near(self.glass(keys, inner), [1.0, 0.8, 0.6])
+
+    def test_glass_casts_an_opaque_shadow(self):
+        ball = '[[shape]]\ntype = "sphere"\ncenter = [1.5, 2, 0]\nradius = 0.5\nmaterial = { type = "dielectric" }\n'
+        self.assertEqual(self.values(HEAD + BLACK_LIMIT + POINT + FLOOR + ball)[0], [0, 0, 0])
+        unshadowed = BLACK_LIMIT + 'shadows = "none"\n'
+        self.near(self.values(HEAD + unshadowed + POINT + FLOOR + ball)[0], [0.5 / math.pi * 0.8 * n for n in (1, 2, 3)])
+
+
+if __name__ == "__main__":
+    unittest.main()

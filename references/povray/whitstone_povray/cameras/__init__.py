@@ -1,0 +1,91 @@
+"""Cameras (model §4): `twin(fields, width, height)` gives a `Camera`.
+
+POV-Ray shows the point `location + direction + x right + y up` at x, y from -1/2 to 1/2 across the image. Given outright, without
+`look_at` and `angle`, these vectors are taken as they are, so a right-handed world needs no mirroring.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Optional, Tuple
+
+from .. import registry, sdl
+from ..fields import REQUIRED, Context, Fields, Vector
+from ..settings import Setting
+from ..transforms import cross, sub, unit
+
+Window = Tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where it stands, its axes (right, up, backwards), and the window l, r, b, t at distance d; lengths in metres."""
+
+    kind: str
+    origin: Vector
+    axes: Tuple[Vector, Vector, Vector]
+    window: Window
+    distance: float
+    width: int
+    height: int
+
+    def write(self, setting: Setting, dx: float, dy: float) -> str:
+        """Moved by so many pixels, to the right and downwards."""
+        left, right, bottom, top = self.window
+        u, v, w = self.axes
+        a = (left + right) / 2 + dx * (right - left) / self.width
+        c = (bottom + top) / 2 - dy * (top - bottom) / self.height
+        if self.kind == "perspective":
+            location = self.origin
+            direction = tuple(a * p + c * q - self.distance * r for p, q, r in zip(u, v, w))
+            size = 1.0
+        else:
+            location = tuple(e + a * p + c * q for e, p, q in zip(self.origin, u, v))
+            direction = tuple(-component for component in w)
+            size = setting.scale
+        vectors = {
+            "location": [setting.scale * component for component in location],
+            "direction": direction,
+            "right": [size * (right - left) * component for component in u],
+            "up": [size * (top - bottom) * component for component in v],
+        }
+        return f"camera {{ {self.kind} " + " ".join(f"{name} {sdl.vector(value)}" for name, value in vectors.items()) + " }"
+
+
+def window_of(fields: Fields, other: str) -> Optional[Tuple[Window, float]]:
+    """What the key `window` says, which excludes `other`; None where it is absent."""
+    if not fields.has("window"):
+        return None
+    inner = Fields(fields.take("window"), fields.where + ".window", fields.context)
+    left, right, bottom, top = (inner.number(key, REQUIRED) for key in "lrbt")
+    distance = inner.number("d", 1.0, lambda d: d > 0, "a distance > 0")
+    inner.close()
+    if not (left < right and bottom < top) and not fields.context.errors:
+        inner.error("", "expected l < r and b < t")
+    if fields.has(other):
+        fields.error(other, "cannot be given together with window")
+    return (left, right, bottom, top), distance
+
+
+def placed(fields: Fields, kind: str, window: Window, distance: float, width: int, height: int) -> Camera:
+    """The camera that `look_at` puts up."""
+    look = Fields(fields.take("look_at", REQUIRED), fields.where + ".look_at", fields.context)
+    origin, target = look.vector("origin", REQUIRED), look.vector("target", REQUIRED)
+    up = look.vector("up", (0.0, 1.0, 0.0))
+    look.close()
+    w = unit(sub(origin, target))
+    u = unit(cross(up, w))
+    if not any(u) and not fields.context.errors:
+        look.error("", "the view has no direction, or up is parallel to it")
+    return Camera(kind, origin, (u, cross(w, u), w), window, distance, width, height)
+
+
+def read(table: Any, width: int, height: int, context: Context) -> Optional[Camera]:
+    """The `[camera]` table."""
+    fields = Fields(table, "camera", context)
+    twin = registry.find("cameras", fields)
+    if twin is None:
+        return None
+    camera = twin(fields, width, height)
+    fields.close()
+    return camera

@@ -1,0 +1,238 @@
+"""The scene document (flattened TOML) as a scene of POV-Ray, following `docs/whitted-model.md` and nothing else."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field
+from typing import Any, Dict, List, Optional, Tuple
+
+from . import cameras, lights, registry, sdl, transforms
+from .errors import SceneError, Unsupported
+from .fields import REQUIRED, Context, Fields, nearest
+from .materials import Material, Materials
+from .settings import Setting
+from .shapes import Place, Solid
+from .textures import Library
+
+TABLES = ("film", "camera", "sampler", "integrator", "accelerator", "light", "texture", "material", "group", "shape", "expect")
+# POV-Ray's own limit on `max_trace_level`.
+MAX_LEVEL = 256
+# Groups may be nested so deep (model §9).
+MAX_NESTING = 16
+# More copies than this are no work for one scene file.
+MAX_COPIES = 20000
+
+
+@dataclass
+class Document:
+    """A scene that is ready to be written, for all channels or one."""
+
+    width: int
+    height: int
+    # Positions inside the pixel, x to the right, y down.
+    samples: List[Tuple[float, float]]
+    camera: cameras.Camera
+    setting: Setting
+    head: str
+    body: str
+    # What POV-Ray's own model lacks, by plugin: (type, reason).
+    formulas: List[Tuple[str, str]]
+
+    def write(self, sample: Tuple[float, float]) -> str:
+        """In POV-Ray's scene language, through one position in every pixel. POV-Ray looks through the middle by itself."""
+        dx, dy = sample[0] - 0.5 + self.setting.dx, sample[1] - 0.5 + self.setting.dy
+        return "\n".join([self.head, self.camera.write(self.setting, dx, dy), self.body, ""])
+
+
+@dataclass
+class _Scene:
+    """Gathers objects while the shapes are walked through."""
+
+    context: Context
+    materials: Materials
+    groups: Dict[str, Any]
+    shadows: bool
+    declarations: List[str] = field(default_factory=list)
+    objects: List[str] = field(default_factory=list)
+    used: List[Material] = field(default_factory=list)
+    # By the place of a shape's table: its name, its twin, its material. Copies share them.
+    known: Dict[str, Optional[Tuple[str, Solid, Material]]] = field(default_factory=dict)
+    open: List[str] = field(default_factory=list)
+
+    def walk(self, tables: Any, where: str, around: transforms.Matrix) -> None:
+        """The shapes of one list."""
+        if not isinstance(tables, list):
+            self.context.errors.append(f"{where}shape: expected an array of tables")
+            return
+        for index, table in enumerate(tables):
+            place = f"{where}shape[{index}]"
+            if isinstance(table, dict) and table.get("type") == "instance":
+                self.instance(Fields(table, place, self.context), around)
+                continue
+            if place not in self.known:
+                self.known[place] = self.shape(Fields(table, place, self.context))
+            entry = self.known[place]
+            if entry is not None:
+                self.put(*entry, around)
+
+    def shape(self, fields: Fields) -> Optional[Tuple[str, Solid, Material]]:
+        """Reads a shape and declares its geometry."""
+        twin = registry.find("shapes", fields)
+        if twin is None:
+            return None
+        fields.text("id")
+        own = transforms.read(fields.take("transform"), f"{fields.where}.transform", self.context)
+        material = self.materials.of(fields)
+        solid = twin(fields, Place(self.context.setting, own))
+        fields.close()
+        if material is None:
+            return None
+        if material.transparent and not solid.closed:
+            fields.unsupported("POV-Ray has no twin of what light enters and leaves through a shape that is not closed, or inside out")
+        if material.branches and solid.smooth:
+            # The model drops a branch that leaves for the wrong side of the surface (rule G).
+            fields.unsupported("POV-Ray bends reflections back that interpolated normals send into the surface; the model drops them")
+        if solid.matrix is None:
+            solid = Solid(solid.body, solid.surface, solid.closed, own, solid.smooth)
+        name = f"S{len(self.known)}"
+        self.declarations.append(f"#declare {name} = {solid.body} }}")
+        self.used.append(material)
+        return name, solid, material
+
+    def put(self, name: str, solid: Solid, material: Material, around: transforms.Matrix) -> None:
+        """A copy of a shape."""
+        scale = self.context.setting.scale
+        moves = " ".join(transforms.write(matrix, scale) for matrix in (solid.matrix or transforms.IDENTITY, around))
+        dark = not self.shadows or material.transparent
+        flag = (" no_shadow" if dark else "") + (" hollow" if material.transparent else "")
+        self.objects.append(f"object {{ {name} {material.texture(solid.surface)} {material.interior} {moves}{flag} }}")
+        if material.transparent and self.shadows:
+            black = "texture { pigment { rgb 0 } finish { ambient 0 diffuse 0 } }"
+            self.objects.append(f"object {{ {name} {black} {moves} no_image no_reflection }}")
+        if len(self.objects) > MAX_COPIES:
+            raise Unsupported(f"shape: POV-Ray has no twin of more than {MAX_COPIES} copies of shapes")
+
+    def instance(self, fields: Fields, around: transforms.Matrix) -> None:
+        """The shapes of a group, placed."""
+        fields.take("type")
+        fields.text("id")
+        own = transforms.read(fields.take("transform"), f"{fields.where}.transform", self.context)
+        name = fields.text("group", REQUIRED)
+        fields.close()
+        if name not in self.groups:
+            fields.error("group", f"no group is called {name!r}")
+        elif name in self.open or len(self.open) == MAX_NESTING:
+            fields.error("group", f"{name!r} contains itself, or groups are nested too deep")
+        else:
+            group = Fields(self.groups[name], f"group.{name}", self.context)
+            group.take("accelerator")
+            tables = group.take("shape", REQUIRED)
+            group.close()
+            self.open.append(name)
+            self.walk(tables, f"group.{name}.", transforms.product(around, own))
+            self.open.pop()
+
+
+def _film(table: Any, context: Context) -> Tuple[int, int]:
+    fields = Fields(table, "film", context)
+    width, height = fields.integer("width", 512, 1, 65536), fields.integer("height", 512, 1, 65536)
+    if fields.take("aovs", []):
+        fields.unsupported("POV-Ray has no layers beside the radiance", "aovs")
+    fields.close()
+    return width, height
+
+
+def _sampler(table: Any, context: Context) -> List[Tuple[float, float]]:
+    fields = Fields(table, "sampler", context)
+    kind = fields.take("type", REQUIRED)
+    n = 1
+    if kind == "grid":
+        n = fields.integer("n", 2, 1, 64)
+    elif kind != "center":
+        fields.unsupported(f"POV-Ray has no twin of the sampler type {kind!r}; {nearest(str(kind), ['center', 'grid'])}")
+        return []
+    fields.close()
+    return [((a + 0.5) / n, (b + 0.5) / n) for b in range(n) for a in range(n)]
+
+
+@dataclass(frozen=True)
+class _Integrator:
+    level: int
+    shadows: bool
+    # Whether what lies beyond the depth limit shows the background.
+    limit_shown: bool
+
+
+def _integrator(table: Any, context: Context) -> _Integrator:
+    fields = Fields(table, "integrator", context)
+    kind = fields.take("type", REQUIRED)
+    level, shown = 1, False
+    shadows = fields.choice("shadows", "opaque", ("opaque", "none")) == "opaque"
+    if kind == "whitted":
+        level = 1 + fields.integer("max_depth", 6, 0, 100000)
+        if level > MAX_LEVEL:
+            fields.unsupported(f"POV-Ray follows at most {MAX_LEVEL - 1} reflections", "max_depth")
+        if fields.number("min_contribution", 0.0, lambda value: value >= 0, "a number >= 0") > 0:
+            fields.unsupported("POV-Ray cuts off faint branches by another rule", "min_contribution")
+        shown = fields.choice("at_max_depth", "background", ("background", "black")) == "background"
+    elif kind != "appel":
+        fields.unsupported(f"POV-Ray has no twin of the integrator type {kind!r}; {nearest(str(kind), ['appel', 'whitted'])}")
+        return _Integrator(1, True, False)
+    fields.close()
+    return _Integrator(level, shadows, shown)
+
+
+def _check_media(used: List[Material], context: Context) -> None:
+    """In a ray that leaves one object for another around it, POV-Ray 3.7 takes their relative index for 1 in Fresnel's formula."""
+    outsides = sorted({material.outside for material in used if material.outside is not None})
+    if len(outsides) > 1:
+        context.unsupported.append(
+            f"material: POV-Ray's Fresnel reflection is wrong where one medium is inside another (here with indices outside of {outsides})"
+        )
+
+
+def _formulas(root: Dict[str, Any]) -> List[Tuple[str, str]]:
+    """What is built of POV-Ray's parts by formula, because its own differs."""
+    found = []
+    kinds = [light.get("type") for light in root.get("light", []) if isinstance(light, dict)]
+    if "spot" in kinds:
+        found.append(("spot", "POV-Ray's own spot falls off by a cubic of the cosine: a shell lets through what the model says"))
+    if '"dielectric"' in repr(root).replace("'", '"'):
+        found.append(("dielectric", "POV-Ray does not scale by the squared relative index: its filter does"))
+    return found
+
+
+def parse(text: str, base: str, setting: Setting, channel: Optional[int] = None) -> Document:
+    """Reads a document. Raises `SceneError` with every problem, `Unsupported` where only twins are missing."""
+    try:
+        root = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"not valid TOML: {error}") from error
+    context = Context(base, setting, channel)
+    for key in root:
+        if key not in TABLES:
+            context.errors.append(f"{key}: unknown table; {nearest(key, TABLES)}")
+    width, height = _film(root.get("film", {}), context)
+    camera = cameras.read(root.get("camera"), width, height, context)
+    samples = _sampler(root.get("sampler", {"type": "center"}), context)
+    integrator = _integrator(root.get("integrator", {"type": "whitted"}), context)
+    lit = lights.read(root.get("light", []), context)
+    library = Library(root.get("texture", {}), context)
+    materials = Materials(root.get("material", {}), library, lit.ambient, context)
+    scene = _Scene(context, materials, root.get("group", {}), integrator.shadows)
+    scene.walk(root.get("shape", []), "", transforms.IDENTITY)
+    _check_media(scene.used, context)
+    if integrator.limit_shown and any(lit.background) and any(material.branches for material in scene.used):
+        context.unsupported.append("integrator.at_max_depth: POV-Ray shows black where it goes no deeper, not the background")
+    if context.errors:
+        raise SceneError("\n".join(dict.fromkeys(context.errors)))
+    if context.unsupported:
+        raise Unsupported("\n".join(dict.fromkeys(context.unsupported)))
+    assert camera is not None
+    head = (
+        "#version 3.7;\n"
+        f"global_settings {{ assumed_gamma 1.0 max_trace_level {integrator.level} adc_bailout 0 ambient_light rgb 1 }}\n"
+        f"background {{ {sdl.rgb(lit.background)} }}"
+    )
+    body = "\n".join([*lit.objects, *scene.declarations, *scene.objects])
+    return Document(width, height, samples, camera, setting, head, body, _formulas(root))

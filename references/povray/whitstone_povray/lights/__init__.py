@@ -1,0 +1,67 @@
+"""Lights (model §7): `twin(fields)` gives a `Light`.
+
+A point light in POV-Ray falls off by `2 / (1 + (r / fade_distance)^2)`. With a fade distance that is small beside r that is the
+inverse square, to a relative (fade_distance / r)^2: below 1e-6 beyond 10 cm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, List, Tuple
+
+from .. import registry, sdl
+from ..fields import Context, Fields, Vector
+
+# In metres.
+FADE_DISTANCE = 1e-4
+BLACK: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Light:
+    """What it adds to the scene: objects of POV-Ray, an ambient radiance, a background."""
+
+    objects: str = ""
+    ambient: Vector = BLACK
+    background: Vector = BLACK
+
+
+@dataclass(frozen=True)
+class Lights:
+    """All lights together."""
+
+    objects: Tuple[str, ...]
+    ambient: Vector
+    background: Vector
+
+
+def exposed(fields: Fields, color: Vector) -> Vector:
+    """As bright as it is rendered."""
+    return tuple(fields.context.setting.exposure * component for component in color)
+
+
+def point_source(fields: Fields, position: Vector, intensity: Vector) -> str:
+    """A `light_source` without its end: intensity in W/sr, by the table's `falloff`."""
+    scale = fields.context.setting.scale
+    falls = fields.choice("falloff", "inverse_square", ("inverse_square", "none")) == "inverse_square"
+    gain = 0.5 / FADE_DISTANCE**2 if falls else 1.0
+    fading = f" fade_distance {sdl.number(FADE_DISTANCE * scale)} fade_power 2" if falls else ""
+    color = [gain * component for component in exposed(fields, intensity)]
+    return f"light_source {{ {sdl.vector([scale * c for c in position])} {sdl.rgb(color)}{fading}"
+
+
+def read(tables: Any, context: Context) -> Lights:
+    """The `[[light]]` tables."""
+    lights: List[Light] = []
+    for index, table in enumerate(tables):
+        fields = Fields(table, f"light[{index}]", context)
+        twin = registry.find("lights", fields)
+        if twin is not None:
+            lights.append(twin(fields))
+            fields.close()
+
+    def total(colors: List[Vector]) -> Vector:
+        return tuple(sum(components) for components in zip(*colors, BLACK))
+
+    objects = tuple(light.objects for light in lights if light.objects)
+    return Lights(objects, total([light.ambient for light in lights]), total([light.background for light in lights]))

@@ -1,0 +1,37 @@
+"""Twin of the material `whitted`: `phong`, `reflection` and a filter, which is POV-Ray's own model."""
+
+from __future__ import annotations
+
+from .. import sdl
+from . import FILTER, Fields, Library, Material, Surface, Vector, finish, grey, medium
+from ._phong import Lobes
+
+
+def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
+    """Those of `phong`, and `k_refl`, `k_refr`, the indices and absorptions."""
+    lobes = Lobes(fields, textures, ambient, 0.0)
+    k_refl = textures.value(fields, "k_refl", 0.0).constant
+    k_refr = textures.value(fields, "k_refr", 0.0).constant
+    if k_refl is None or k_refr is None:
+        fields.unsupported("POV-Ray has one colour of reflection and of refraction for a whole object, no texture")
+        k_refl = k_refr = (0.0, 0.0, 0.0)
+    media = medium(fields)
+    reflection = f"{lobes.highlight(False)} reflection {{ {sdl.rgb(k_refl)} }}"
+    if not any(k_refr):
+        look = finish(lobes.diffuse, lobes.emission, reflection)
+        return Material(lambda surface: f"texture {{ {lobes.pigment.pigment(surface)} {look} }}", branches=any(k_refl))
+    if lobes.pigment.constant is None:
+        fields.unsupported("POV-Ray has one pigment for k_d and k_refr: k_d must be a colour", "k_d")
+        return Material(lambda surface: "")
+    # The pigment is what passes; what stays is the same pigment times (1 - FILTER), and k_d must come of it.
+    passes = tuple(component / FILTER for component in k_refr)
+    stays = grey(fields, passes) * (1 - FILTER)
+    diffuse = grey(fields, lobes.pigment.constant) * lobes.diffuse / stays
+    own = lobes.pigment.constant if lobes.diffuse == 1.0 else (1.0, 1.0, 1.0)
+    emission = tuple(light * color / stays for light, color in zip(lobes.emission, own))
+    look = finish(diffuse, emission, reflection)
+
+    def texture(surface: Surface) -> str:
+        return f"texture {{ pigment {{ rgbf {sdl.vector([*passes, FILTER])} }} {look} }}"
+
+    return Material(texture, media.interior, True, True, media.outside)

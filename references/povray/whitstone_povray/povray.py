@@ -1,0 +1,71 @@
+"""The program `povray` as a child process."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from typing import List
+
+from . import halves
+from .errors import DriverError
+
+# One rendering may take so long, in seconds. The harness has a limit of its own.
+_LIMIT = 3600
+
+
+def program() -> str:
+    """Where it is: `WHITSTONE_POVRAY`, else on the path."""
+    named = os.environ.get("WHITSTONE_POVRAY")
+    found = shutil.which(named or "povray")
+    if found is None:
+        raise DriverError(f"{named or 'povray'} is not installed (Debian: apt-get install povray), or named wrongly by WHITSTONE_POVRAY")
+    return found
+
+
+def version() -> str:
+    """Such as 3.7.0.10."""
+    said = subprocess.run([program(), "--version"], capture_output=True, text=True, timeout=60, check=False)
+    match = re.search(r"POV-Ray (\d+\.\d+[\w.]*)", said.stdout + said.stderr)
+    if match is None:
+        raise DriverError(f"povray does not tell its version: {(said.stdout + said.stderr).strip()[-500:]}")
+    found = match.group(1)
+    if not found.startswith("3.7"):
+        raise DriverError(f"POV-Ray 3.7 is needed, {found} is installed")
+    return found
+
+
+def render(scene: str, width: int, height: int, window: halves.Window) -> List[List[halves.Color]]:
+    """Rows of colours inside a window of the image, top row first."""
+    with tempfile.TemporaryDirectory(prefix="whitstone-povray-") as folder:
+        with open(os.path.join(folder, "scene.pov"), "w", encoding="utf-8") as file:
+            file.write(scene)
+        left, top, right, bottom = window
+        command = [program(), "+Iscene.pov", "+Oimage.exr", "+FE", f"+W{width}", f"+H{height}", "-D", "-A", "-V", "-P", "+WT1", "-GA"]
+        command += ["File_Gamma=1.0", "Output_Alpha=off", "Quality=9"]
+        if window != (0, 0, width, height):
+            # Counted from 1, both ends included.
+            command += [f"+SC{left + 1}", f"+SR{top + 1}", f"+EC{right}", f"+ER{bottom}"]
+        # The user's own settings must not count.
+        environment = {key: value for key, value in os.environ.items() if key != "POVINI"}
+        environment.update(HOME=folder, LC_ALL="C")
+        try:
+            done = subprocess.run(
+                command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, timeout=_LIMIT, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise DriverError(f"povray: {error}") from error
+        said = done.stderr.decode("utf-8", "replace")
+        path = os.path.join(folder, "image.exr")
+        if done.returncode != 0 or not os.path.isfile(path):
+            raise DriverError(f"povray ended with {done.returncode}: {_problem(said)}")
+        return halves.read(path, window)
+
+
+def _problem(said: str) -> str:
+    """The part of POV-Ray's long talk that tells what is wrong."""
+    at = said.find("Parse Error")
+    start = said.rfind("File '", 0, at) if at >= 0 else -1
+    return said[max(start, 0) :].strip()[-1500:] if at >= 0 else said.strip()[-1500:]

@@ -1,0 +1,55 @@
+"""Twin of the shape `mesh`: POV-Ray's `mesh2`, whose numbers have single precision."""
+
+from __future__ import annotations
+
+from typing import List
+
+from .. import meshes, transforms
+from ..errors import SceneError
+from . import Fields, Place, Solid, Surface, baked, sdl
+
+
+def _list(name: str, entries: List[str]) -> str:
+    return f"{name} {{ {len(entries)}, {','.join(entries)} }}"
+
+
+def twin(fields: Fields, place: Place) -> Solid:
+    """`file`, `shading`."""
+    path = fields.path("file")
+    smooth = fields.choice("shading", "smooth", ("smooth", "flat")) == "smooth"
+    surface = Surface("x", "y", mapped=True)
+    try:
+        mesh = meshes.load(path)
+    except SceneError as error:
+        fields.error("file", str(error))
+        return Solid("union {", surface, True)
+    # The model normalises normals at the vertices, after the shape's own transform.
+    rounded = meshes.rounding(place.setting)
+    scale = place.setting.scale
+    moved = [transforms.point(place.own, vertex) for vertex in mesh.positions]
+    parts = [_list("vertex_vectors", [sdl.vector(rounded(scale * c) for c in vertex) for vertex in moved])]
+    faces = mesh.faces
+    indices = [sdl.vector_of_integers(face) for face in faces]
+    if smooth and mesh.normals:
+        turned = [transforms.normal(place.own, normal) for normal in mesh.normals]
+        corners = mesh.normal_faces
+        if any(corner is None for corner in corners):
+            # Faces without normals of their own have the geometric one.
+            corners = list(corners)
+            for number, face in enumerate(faces):
+                if corners[number] is None:
+                    a, b, c = (moved[corner] for corner in face)
+                    turned.append(transforms.unit(transforms.cross(transforms.sub(b, a), transforms.sub(c, a))))
+                    corners[number] = (len(turned) - 1,) * 3
+        parts.append(_list("normal_vectors", [sdl.vector(rounded(c) for c in normal) for normal in turned]))
+        normal_indices = [sdl.vector_of_integers(face) for face in corners]
+    else:
+        normal_indices = []
+    uvs = list(mesh.uvs) + [(0.0, 0.0)]
+    parts.append(_list("uv_vectors", [sdl.vector(uv) for uv in uvs]))
+    uv_indices = [sdl.vector_of_integers(face or (len(uvs) - 1,) * 3) for face in mesh.uv_faces]
+    parts.append(_list("face_indices", indices))
+    if normal_indices:
+        parts.append(_list("normal_indices", normal_indices))
+    parts.append(_list("uv_indices", uv_indices))
+    return Solid("mesh2 { " + "\n".join(parts), surface, meshes.closed(mesh), baked(), smooth=bool(normal_indices))

@@ -1,0 +1,107 @@
+"""Images of a scene by POV-Ray: all channels, all samples, and exposures that bracket what half floats round away.
+
+POV-Ray writes half floats, whose rounding is up to 2^-11 of the value. All of it is linear in the brightness of the lights, so the same
+scene with brighter lights is the same image with other roundings: each rendering gives a range in which the value lies. EXPOSURES of
+them, each brighter by that part of a unit in the last place, leave that part of the range.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Dict, List, Optional, Sequence, Tuple
+
+from . import halves, povray
+from .document import Document, parse
+from .errors import NeedsChannels
+from .settings import Setting
+
+# Of a sample. The mean of many samples needs fewer: their roundings are their own.
+EXPOSURES = 8
+
+Image = List[List[halves.Color]]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is to be rendered."""
+
+    text: str
+    base: str
+
+
+def documents(scene: Scene, setting: Setting) -> List[Document]:
+    """One for all channels, or one for each of the three."""
+    try:
+        return [parse(scene.text, scene.base, setting)]
+    except NeedsChannels:
+        return [parse(scene.text, scene.base, setting, channel) for channel in range(3)]
+
+
+def _workers() -> int:
+    # POV-Ray spends most of a small picture waiting for itself.
+    return 4 * (os.cpu_count() or 1)
+
+
+def brightness(exposures: int) -> List[float]:
+    """Factors on the light: a unit in the last place is between 2^-11 and 2^-10 of the value."""
+    return [1.0 + step * 2.0**-10 / exposures for step in range(exposures)]
+
+
+def images(scene: Scene, settings: Sequence[Setting], exposures: int = 1, window: Optional[halves.Window] = None) -> List[Image]:
+    """The mean over the samples of every pixel of a window, one image a setting. Equal scenes are rendered once."""
+    factors = brightness(exposures)
+    found = [[documents(scene, replace(setting, exposure=setting.exposure * f)) for f in factors] for setting in settings]
+    jobs: Dict[str, Tuple[str, int, int, halves.Window]] = {}
+    for document in (document for brackets in found for channels in brackets for document in channels):
+        whole = (0, 0, document.width, document.height)
+        for sample in document.samples:
+            text = document.write(sample)
+            jobs[text] = (text, document.width, document.height, window or whole)
+    with ThreadPoolExecutor(_workers()) as pool:
+        rendered = dict(zip(jobs, pool.map(lambda job: povray.render(*job), jobs.values())))
+    return [_image(brackets, rendered) for brackets in found]
+
+
+def _image(brackets: List[List[Document]], rendered: Dict[str, Image]) -> Image:
+    """All exposures, channels and samples of one setting."""
+    exposures = [channels[0].setting.exposure for channels in brackets]
+    samples = brackets[0][0].samples
+    total: Image = []
+    for sample in samples:
+        planes = [[rendered[document.write(sample)] for document in channels] for channels in brackets]
+        # The channel c of colour images is in the only one, of grey ones in the one of its own.
+        sources = [[images[c if len(images) > 1 else 0] for images in planes] for c in range(3)]
+        values = [[[_bracketed(colors, exposures, c) for colors in zip(*rows)] for rows in zip(*sources[c])] for c in range(3)]
+        image = [list(zip(*rows)) for rows in zip(*values)]
+        total = image if not total else [[_sum(a, b) for a, b in zip(*rows)] for rows in zip(total, image)]
+    share = 1.0 / len(samples)
+    return [[tuple(share * component for component in color) for color in row] for row in total]
+
+
+def _sum(a: halves.Color, b: halves.Color) -> halves.Color:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def _bracketed(colors: Sequence[halves.Color], exposures: Sequence[float], channel: int) -> float:
+    """The middle of what all exposures allow."""
+    if len(colors) == 1:
+        return colors[0][channel] / exposures[0]
+    low, high = -math.inf, math.inf
+    for color, exposure in zip(colors, exposures):
+        half = color[channel]
+        if half == 0.0:
+            return 0.0
+        bottom, top = halves.bracket(half)
+        low, high = max(low, bottom / exposure), min(high, top / exposure)
+    # POV-Ray's colours have single precision, so the ranges may just miss each other.
+    return 0.5 * (low + high)
+
+
+def render(scene: Scene, setting: Setting) -> Tuple[Image, Document]:
+    """The image as exactly as POV-Ray tells it."""
+    document = documents(scene, setting)[0]
+    count = max(2, min(EXPOSURES, 4 * EXPOSURES // len(document.samples)))
+    return images(scene, [setting], count)[0], document
