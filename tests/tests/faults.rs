@@ -1,10 +1,12 @@
 //! Faults that are put in on purpose: each must be found.
 //!
 //! Every fault is tried against the stored references, and against a live Mitsuba where its environment
-//! is there (`cargo xtask validate` makes it); otherwise the live tests are listed as ignored.
+//! is there (`cargo xtask validate` makes it) or a live POV-Ray where that is installed; otherwise the live tests are listed
+//! as ignored.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 use whitstone::core::{
@@ -22,6 +24,7 @@ type Tamper = fn(&mut Image);
 
 struct Fault {
     name: &'static str,
+    reference: Renderer,
     scene: &'static str,
     /// `--set` of our side only.
     overrides: fn() -> Vec<String>,
@@ -44,8 +47,9 @@ fn set(text: &str) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-const FAULTS: [Fault; 11] = [
+const FAULTS: [Fault; 16] = [
     Fault {
+        reference: Renderer::Mitsuba,
         name: "light 1% brighter",
         scene: CLASSIC,
         overrides: || set("light[0].intensity=60.6"),
@@ -53,6 +57,7 @@ const FAULTS: [Fault; 11] = [
         found: unexplained,
     },
     Fault {
+        reference: Renderer::Mitsuba,
         name: "normal of the glass flipped",
         scene: CLASSIC,
         overrides: || set("shape.glass.type=flipped_sphere"),
@@ -60,6 +65,7 @@ const FAULTS: [Fault; 11] = [
         found: unexplained,
     },
     Fault {
+        reference: Renderer::Mitsuba,
         name: "image shifted by one pixel",
         scene: CLASSIC,
         overrides: none,
@@ -67,6 +73,7 @@ const FAULTS: [Fault; 11] = [
         found: unexplained,
     },
     Fault {
+        reference: Renderer::Mitsuba,
         name: "index of refraction 1.501 for 1.5",
         scene: CLASSIC,
         overrides: || set("shape.glass.material.interior_ior=1.501"),
@@ -74,6 +81,7 @@ const FAULTS: [Fault; 11] = [
         found: unexplained,
     },
     Fault {
+        reference: Renderer::Mitsuba,
         name: "spawn offset a thousand times that of the reference",
         scene: CLASSIC,
         overrides: || set("accelerator.type=far_spawn"),
@@ -81,6 +89,7 @@ const FAULTS: [Fault; 11] = [
         found: |case| case.unexplained().is_over() || case.interior().is_over(),
     },
     Fault {
+        reference: Renderer::Mitsuba,
         name: "one NaN",
         scene: CLASSIC,
         overrides: none,
@@ -88,6 +97,7 @@ const FAULTS: [Fault; 11] = [
         found: |case| case.nonfinite == 1,
     },
     Fault {
+        reference: Renderer::Mitsuba,
         name: "one infinity",
         scene: CLASSIC,
         overrides: none,
@@ -95,6 +105,7 @@ const FAULTS: [Fault; 11] = [
         found: |case| case.nonfinite == 1,
     },
     Fault {
+        reference: Renderer::Mitsuba,
         name: "one wrong texel",
         scene: "scenes/showcase/textured_mesh.toml",
         overrides: || vec![format!("texture.picture.file='{}'", wrong_picture().display())],
@@ -102,6 +113,7 @@ const FAULTS: [Fault; 11] = [
         found: unexplained,
     },
     Fault {
+        reference: Renderer::Mitsuba,
         name: "one shape casts no shadow",
         scene: CLASSIC,
         overrides: || set("accelerator.type=no_shadow"),
@@ -109,6 +121,7 @@ const FAULTS: [Fault; 11] = [
         found: unexplained,
     },
     Fault {
+        reference: Renderer::Mitsuba,
         name: "one wrong pixel",
         scene: CLASSIC,
         overrides: none,
@@ -116,6 +129,7 @@ const FAULTS: [Fault; 11] = [
         found: |case| case.unexplained == 1,
     },
     Fault {
+        reference: Renderer::Mitsuba,
         name: "a bias below the tolerance in one block",
         scene: CLASSIC,
         overrides: none,
@@ -126,6 +140,46 @@ const FAULTS: [Fault; 11] = [
                     .signed_block_bias
                     .is_some_and(|block| block.bias.abs() > case.bias_limit)
         },
+    },
+    Fault {
+        reference: Renderer::PovRay,
+        name: "a colour wrong by 1%",
+        scene: "scenes/showcase/lecture_phong.toml",
+        overrides: || set("shape.dull.material.k_d=[0.707, 0.2, 0.15]"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::PovRay,
+        name: "a sphere shifted by a millimetre",
+        scene: "scenes/showcase/lecture_phong.toml",
+        overrides: || set("shape.shiny.center=[0.151, 0.6, -0.6]"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::PovRay,
+        name: "an exponent of 201 for 200",
+        scene: "scenes/showcase/lecture_phong.toml",
+        overrides: || set("shape.shiny.material.exponent=201"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::PovRay,
+        name: "an index of refraction of 1.501 for 1.5",
+        scene: "scenes/materials/dielectric.toml",
+        overrides: || set("shape.clear.material.interior_ior=1.501"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::PovRay,
+        name: "one wrong pixel",
+        scene: "scenes/materials/dielectric.toml",
+        overrides: none,
+        tamper: |image| poke(image, 50 * 128 + 64, 0.123),
+        found: |case| case.unexplained == 1,
     },
 ];
 
@@ -277,7 +331,7 @@ fn run(fault: &Fault, mode: Mode) -> Result<(), Failed> {
         scenes: PathBuf::from("scenes"),
         references: PathBuf::from("references"),
         target: PathBuf::from("target/whitstone"),
-        renderer: Renderer::Mitsuba,
+        renderer: fault.reference,
         mode,
         reuse: true,
         threads: 0,
@@ -303,6 +357,17 @@ fn run(fault: &Fault, mode: Mode) -> Result<(), Failed> {
     }
 }
 
+/// Whether POV-Ray is installed, and a Python that drives it.
+fn has_povray() -> bool {
+    let program = std::env::var_os("WHITSTONE_POVRAY").unwrap_or_else(|| "povray".into());
+    let mut version = Command::new(program);
+    version
+        .arg("--version")
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    version.status().is_ok() && Environment::of_povray(Path::new("references")).is_ok()
+}
+
 fn main() {
     let arguments = Arguments::from_args();
     // Cargo runs tests in the folder of their package; scenes are named from the repository.
@@ -310,16 +375,21 @@ fn main() {
         .parent()
         .expect("the package is in the repository");
     std::env::set_current_dir(root).expect("the repository is there");
-    let live = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
+    let mitsuba = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
     let trials = FAULTS
         .iter()
         .flat_map(|fault| {
             [
-                Trial::test(format!("stored: {}", fault.name), move || {
+                Trial::test(format!("stored {}: {}", fault.reference, fault.name), move || {
                     run(fault, Mode::Stored)
                 }),
-                Trial::test(format!("live: {}", fault.name), move || run(fault, Mode::Live))
-                    .with_ignored_flag(!live),
+                Trial::test(format!("live {}: {}", fault.reference, fault.name), move || {
+                    run(fault, Mode::Live)
+                })
+                .with_ignored_flag(match fault.reference {
+                    Renderer::Mitsuba => !mitsuba,
+                    Renderer::PovRay => !has_povray(),
+                }),
             ]
         })
         .collect();

@@ -123,6 +123,51 @@ fn a_missing_python_is_told_with_advice() {
     assert_eq!(report["live"]["works"], false);
 }
 
+/// Without POV-Ray its stored references serve, and a warning says so.
+#[test]
+fn a_missing_povray_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let validate = |reference: &str, scene: &str| {
+        let output = program!()
+            .current_dir(root())
+            .env("WHITSTONE_POVRAY", "/nonexistent/povray")
+            .args(["validate", scene, "--reference", reference, "--target"])
+            .arg(folder.path().join("target"))
+            .output()
+            .unwrap();
+        let text = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned();
+        (output.status.code(), text)
+    };
+    let (code, text) = validate("povray-live", "scenes/materials/phong.toml");
+    assert_eq!(code, Some(3), "{text}");
+    let (code, text) = validate("povray", "scenes/materials/phong.toml");
+    assert_eq!(code, Some(0), "{text}");
+    assert!(
+        text.contains("warning: no live POV-Ray") && text.contains("stored"),
+        "{text}"
+    );
+    // What was changed on both sides is told.
+    let (code, text) = validate("povray-stored", "scenes/materials/whitted.toml");
+    assert_eq!(code, Some(0), "{text}");
+    assert!(
+        text.contains("on both sides") && text.contains("at_max_depth"),
+        "{text}"
+    );
+    // Where it has no stored reference and Mitsuba has one, nothing is compared: no pass.
+    let (code, text) = validate("povray-stored", "scenes/shapes/heightfield.toml");
+    assert_eq!(code, Some(3), "{text}");
+    assert!(
+        text.contains("left  shapes/heightfield") && text.contains("nothing was compared"),
+        "{text}"
+    );
+    let (code, text) = validate("povray-stored", "scenes/materials");
+    assert_eq!(code, Some(0), "{text}");
+    assert!(
+        text.contains("left out") && !text.contains("0 scenes left out"),
+        "{text}"
+    );
+}
+
 #[test]
 fn outside_of_the_repository_it_is_told_that_there_are_no_scenes() {
     let folder = tempfile::tempdir().unwrap();

@@ -4,10 +4,14 @@ use crate::{assets, dependencies, peers, verdict};
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::{Entry, FamilyName, Registry};
+use whitstone::validate::Renderer;
+use whitstone::validate::stored::Stored;
 use whitstone::{Exit, Failure};
 
 /// What each plugin is, exactly.
 const MODEL: &str = "docs/whitted-model.md";
+/// A folder for each family, a file for each plugin that has a twin in POV-Ray.
+const POVRAY_TWINS: &str = "references/povray/whitstone_povray";
 /// Longest source file, in lines.
 const MAX_LINES: usize = 700;
 
@@ -112,10 +116,10 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
                 entry.family.singular()
             ));
         }
-        let known = driver_sources().contains(&format!("\"{name}\""));
+        let known = driver_sources().contains(&format!("\"{name}\"")) || povray_twin(family, name).is_file();
         if !known {
             problems.push(format!(
-                "references/mitsuba: no twin of the {} type \"{name}\"",
+                "references/mitsuba, references/povray: no twin of the {} type \"{name}\"",
                 entry.family.singular()
             ));
         }
@@ -164,6 +168,14 @@ pub(crate) fn undocumented_parameters(entry: &Entry) -> impl Iterator<Item = Str
         .map(|(key, _)| key)
 }
 
+/// The twin of a plugin in POV-Ray, if it has one.
+fn povray_twin(family: &str, name: &str) -> PathBuf {
+    Path::new(POVRAY_TWINS)
+        .join(family)
+        .join(name)
+        .with_extension("py")
+}
+
 fn driver_sources() -> String {
     let folder = Path::new("references/mitsuba/whitstone_mitsuba");
     files(folder, "py").iter().map(|path| read(path)).collect()
@@ -184,7 +196,7 @@ fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
     found
 }
 
-/// Example scenes and features without a plugin.
+/// Example scenes, features and twins without a plugin.
 fn check_strays(registry: &Registry) -> Vec<String> {
     let mut problems = Vec::new();
     for family in FamilyName::ALL {
@@ -199,6 +211,16 @@ fn check_strays(registry: &Registry) -> Vec<String> {
                 problems.push(format!(
                     "{}: there is no {} type \"{stem}\"",
                     scene.display(),
+                    family.singular()
+                ));
+            }
+        }
+        for twin in files(&Path::new(POVRAY_TWINS).join(family.plural()), "py") {
+            let stem = twin.file_stem().unwrap_or_default().to_string_lossy();
+            if !stem.starts_with('_') && !known(&stem) {
+                problems.push(format!(
+                    "{}: it is the twin of no {} type",
+                    twin.display(),
                     family.singular()
                 ));
             }
@@ -228,7 +250,7 @@ fn check_strays(registry: &Registry) -> Vec<String> {
     problems
 }
 
-/// Stored references: one for every scene, none without a scene, not too much in all.
+/// Stored references: at least one for every scene, none without a scene, not too much in all.
 fn check_stored() -> Vec<String> {
     let root = Path::new("references/images");
     let mut problems = Vec::new();
@@ -254,9 +276,14 @@ fn check_stored() -> Vec<String> {
     let scenes = whitstone::validate::find_scenes(&[PathBuf::from("scenes")]).unwrap_or_default();
     for scene in scenes {
         let key = whitstone::validate::scene_key(&scene, Path::new("scenes"));
-        if !root.join(&key).join("mitsuba.exr").is_file() {
+        let folder = root.join(&key);
+        if !Renderer::ALL
+            .into_iter()
+            .any(|renderer| Stored::is_in(&folder, renderer))
+        {
             problems.push(format!(
-                "{}: no stored reference; run `cargo xtask reference --accept`",
+                "{}: no stored reference; run `cargo xtask reference --accept`, for what Mitsuba has no twin of with \
+                 `--reference povray`",
                 scene.display()
             ));
         }

@@ -46,8 +46,11 @@ def _workers() -> int:
 
 
 def brightness(exposures: int) -> List[float]:
-    """Factors on the light: a unit in the last place is between 2^-11 and 2^-10 of the value."""
-    return [1.0 + step * 2.0**-10 / exposures for step in range(exposures)]
+    """Factors on the light: a unit in the last place is between 2^-11 and 2^-10 of the value.
+
+    Values that are halves themselves, as those of backgrounds often are, come to lie in the middle of their range.
+    """
+    return [1.0] if exposures == 1 else [1.0 + (step + 0.5) * 2.0**-10 / exposures for step in range(exposures)]
 
 
 def images(scene: Scene, settings: Sequence[Setting], exposures: int = 1, window: Optional[halves.Window] = None) -> List[Image]:
@@ -103,5 +106,5 @@ def _bracketed(colors: Sequence[halves.Color], exposures: Sequence[float], chann
 def render(scene: Scene, setting: Setting) -> Tuple[Image, Document]:
     """The image as exactly as POV-Ray tells it."""
     document = documents(scene, setting)[0]
-    count = max(2, min(EXPOSURES, 4 * EXPOSURES // len(document.samples)))
+    count = max(4, min(EXPOSURES, 4 * EXPOSURES // len(document.samples)))
     return images(scene, [setting], count)[0], document
