@@ -159,9 +159,9 @@ const FAULTS: [Fault; 16] = [
     },
     Fault {
         reference: Renderer::PovRay,
-        name: "an exponent of 201 for 200",
+        name: "an exponent of 204 for 200",
         scene: "scenes/showcase/lecture_phong.toml",
-        overrides: || set("shape.shiny.material.exponent=201"),
+        overrides: || set("shape.shiny.material.exponent=204"),
         tamper: |_| {},
         found: unexplained,
     },

@@ -20,6 +20,8 @@ from .settings import Setting
 
 # Of a sample. The mean of many samples needs fewer: their roundings are their own.
 EXPOSURES = 8
+# Binary digits of an image: two more than the exposures tell.
+DIGITS = 16
 
 Image = List[List[halves.Color]]
 
@@ -107,4 +109,11 @@ def render(scene: Scene, setting: Setting) -> Tuple[Image, Document]:
     """The image as exactly as POV-Ray tells it."""
     document = documents(scene, setting)[0]
     count = max(4, min(EXPOSURES, 4 * EXPOSURES // len(document.samples)))
-    return images(scene, [setting], count)[0], document
+    rows = images(scene, [setting], count)[0]
+    return [[tuple(map(_short, color)) for color in row] for row in rows], document
+
+
+def _short(value: float) -> float:
+    """Without digits that mean nothing: stored images are smaller without them."""
+    mantissa, exponent = math.frexp(value)
+    return math.ldexp(round(math.ldexp(mantissa, DIGITS)), exponent - DIGITS)
