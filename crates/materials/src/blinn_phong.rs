@@ -3,7 +3,7 @@
 //! Blinn 1977, *Models of light reflection for computer synthesized pictures*, in the form of the lecture notes: no
 //! 1/pi, and the highlight is not multiplied by n·l.
 //!
-//! - Twin: through the driver, by the formula.
+//! - Twin: through the driver, by the formula; POV-Ray `specular` (native).
 //! - Example: `scenes/materials/blinn_phong.toml`.
 
 use crate::gloss::{Gloss, Highlight};

@@ -4,7 +4,7 @@
 //! Whitted 1980, *An improved illumination model for shaded display*: `k_refl` and `k_refr` do not depend on
 //! the angle, and the refracted ray is not scaled by the squared index.
 //!
-//! - Twin: through the driver, by the formula.
+//! - Twin: through the driver, by the formula; POV-Ray `phong`, `reflection` and a filter (native).
 //! - Example: `scenes/materials/whitted.toml`.
 
 use crate::body::Body;

@@ -353,10 +353,10 @@ fn print_case(case: &CaseResult) {
 
 fn print_left_out(left: &LeftOut) {
     println!(
-        "left  {:<30} {}; {} has a reference of it",
+        "left  {:<30} {} has a reference of it; {}",
         left.scene,
+        left.other_reference,
         left.reason.replace('\n', "\n      "),
-        left.other_reference
     );
 }
 
