@@ -5,9 +5,9 @@
 //!   elements are left. Triangles are cut into polygons at each plane (Fuchs, Kedem, Naylor, *On visible surface
 //!   generation by a priori tree structures*, 1980). `split = "midpoint"` and `"median"` cut across the principal axis
 //!   of what is in the cell; see `build`.
-//! - Traversal: that of a kd-tree, with two products of vectors for each plane; see `partition`.
-//! - Cost model: that of `kdtree`, with the areas of the polyhedra; a step takes longer by a third. What it buys are
-//!   cells that fit: a triangle that lies askew fills a corner of every axis-parallel box, and a plane along
+//! - Traversal: that of a kd-tree, with two products of vectors for each plane; see `tree`.
+//! - Cost model: that of `kdtree`, with the areas of the polyhedra; but a leaf costs a test for each element, and a step
+//!   1.6 tests. What it buys are cells that fit: a triangle that lies askew fills a corner of every axis-parallel box, and a plane along
 //!   it leaves empty space on one side at once. With the few candidates that are tried here that saves no tests (figures
 //!   in `docs/accelerators.md`), and the build is by far the slowest. Memory: 40 bytes a node, at most 8 references to an
 //!   element on average, after which cells stay as they are. Build: O(n log n) with a large factor.
@@ -16,9 +16,10 @@
 //! - Example: `scenes/accelerators/bsp.toml`.
 
 mod build;
+mod tree;
 
-use crate::elements::{Searched, WideRay};
-use crate::partition::{Cut, MAX_DEPTH, Partition, Passage};
+use crate::elements::Searched;
+use crate::partition::{Cut, MAX_DEPTH};
 use crate::polyhedron::{Plane, Polyhedron};
 use crate::split::Split;
 use schemars::JsonSchema;
@@ -26,7 +27,7 @@ use serde::Deserialize;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use whitstone_core::config::IntegerIn;
-use whitstone_core::{Aabb, Accelerator, Accelerators, Context, Geometry, Outline, Plugin, SceneErrors};
+use whitstone_core::{Accelerator, Accelerators, Context, Geometry, Plugin, SceneErrors};
 
 /// Space cut by planes in any direction: cells that fit, and a slow build.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -65,42 +66,15 @@ impl Plugin<Accelerators> for Bsp {
     }
 }
 
-const _: () = assert!(Partition::<Plane>::NODE_BYTES == 40);
-
 impl Cut for Plane {
     type Cell = Polyhedron;
-
-    fn cell(aabb: &Aabb) -> Polyhedron {
-        Polyhedron::of_box(aabb)
-    }
 
     fn half_area(cell: &Polyhedron) -> f64 {
         cell.half_area()
     }
 
-    fn outline(depth: usize, cell: &Polyhedron) -> Outline {
-        Outline {
-            depth,
-            segments: cell.edges(),
-        }
-    }
-
     fn halves(&self, cell: &Polyhedron) -> [Polyhedron; 2] {
         cell.cut(self)
-    }
-
-    #[inline]
-    fn passage(&self, ray: &WideRay) -> Passage {
-        let along = ray.along(self.normal);
-        Passage {
-            side: u32::from(along.backwards),
-            leaves: along.leaves(self.at),
-            arrives: along.arrives(self.at),
-        }
-    }
-
-    fn is_askew(&self) -> bool {
-        self.normal.abs().max_element() < 1.0
     }
 }
 

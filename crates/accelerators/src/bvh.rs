@@ -11,9 +11,6 @@
 //! - Example: `scenes/accelerators/bvh.toml`.
 
 mod binned;
-mod filter;
-mod frame;
-mod items;
 mod morton;
 mod node;
 mod packet;
@@ -24,12 +21,14 @@ mod tree;
 mod wide;
 
 use crate::elements::{MOST_ELEMENTS, check_count};
+use crate::leaves::Leaves;
+use crate::leaves::child::{Child, Kind};
+use crate::leaves::items::{Item, Items};
+use crate::leaves::state::{Query, Search};
 use binned::Binned;
-use frame::Frame;
-use items::{Item, Items};
-use node::{Child, Kind, Node};
+use node::Node;
 use schemars::JsonSchema;
-use search::{Query, Search, Slot};
+use search::{USUAL_DEPTH, WithStack, stack_size};
 use serde::Deserialize;
 use spatial::Spatial;
 use std::sync::Arc;
@@ -37,8 +36,8 @@ use std::time::Instant;
 use tree::Tree;
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::{
-    Aabb, Accelerator, Accelerators, Context, DVec3, Element, Geometry, Interval, Outline, Plugin, RawHit,
-    Ray, SceneErrors, Skip, Statistics,
+    Aabb, Accelerator, Accelerators, Context, DVec3, Geometry, Interval, Outline, Plugin, RawHit, Ray,
+    SceneErrors, Skip, Statistics,
 };
 use whitstone_simd::{Level, with_lanes};
 use wide::Wide;
@@ -67,16 +66,9 @@ pub enum Quality {
 
 /// The hierarchy.
 pub struct Bvh {
-    geometry: Arc<Geometry>,
-    frame: Frame,
-    /// Elements without a box of reasonable size, tried for every ray.
-    unbounded: Vec<Element>,
+    leaves: Leaves,
     nodes: Vec<Node>,
-    slots: Vec<Slot>,
-    numbers: Vec<f32>,
     root: Option<Child>,
-    /// What gives back the very corners of triangles from `numbers` as a factor, or 0 if nothing does.
-    exact: f64,
     /// Whether the smaller stack does not do.
     deep: bool,
     level: Level,
@@ -124,27 +116,23 @@ impl Bvh {
         };
         let wide = Wide::new(&nodes, contents);
         let Items { frame, unbounded, .. } = items;
-        let bytes = size_of_val(&*wide.nodes) + size_of_val(&*wide.slots) + size_of_val(&*wide.numbers);
+        let leaves = Leaves::new(geometry, frame, unbounded, wide.slots, wide.numbers);
+        let bytes = size_of_val(&*wide.nodes) + leaves.bytes();
         let statistics = Statistics::from([
-            ("elements", (wide.slots.len() + unbounded.len()) as f64),
-            ("unbounded", unbounded.len() as f64),
+            ("elements", (leaves.slots.len() + leaves.unbounded.len()) as f64),
+            ("unbounded", leaves.unbounded.len() as f64),
             ("nodes", wide.nodes.len() as f64),
             ("leaves", wide.leaves as f64),
             ("depth", wide.depth as f64),
             ("sah_cost", wide.cost),
-            ("bytes", (bytes + size_of_val(&*unbounded)) as f64),
+            ("bytes", bytes as f64),
             ("build_seconds", start.elapsed().as_secs_f64()),
         ]);
         Self {
-            geometry,
-            exact: frame.exact().unwrap_or(0.0),
-            frame,
-            unbounded,
+            leaves,
             nodes: wide.nodes,
-            slots: wide.slots,
-            numbers: wide.numbers,
             root: wide.root,
-            deep: wide.depth > search::USUAL_DEPTH,
+            deep: wide.depth > USUAL_DEPTH,
             level: Level::Avx512,
             statistics,
         }
@@ -155,15 +143,13 @@ impl Bvh {
         if let Kind::Inner(node) = child.kind()
             && depth < deepest
         {
-            let (zero, scale) = (self.frame.point(DVec3::ZERO), self.frame.length(1.0));
-            let world = |p: DVec3| (p - zero) / scale;
             let node = &self.nodes[node];
             for (i, child) in node.children.map(Child).into_iter().enumerate() {
                 let corner = |side: usize| node.planes.map(|sides| f64::from(sides[side][i])).into();
                 let (min, max): (DVec3, DVec3) = (corner(0), corner(1));
                 // Where there is no child, the box is inside out.
                 if min.cmple(max).all() {
-                    let [min, max] = [min, max].map(world);
+                    let [min, max] = [min, max].map(|p| self.leaves.frame.world(p));
                     self.outline(child, &Aabb { min, max }, depth + 1, deepest, found);
                 }
             }
@@ -175,9 +161,11 @@ impl Bvh {
     fn find<const ANY: bool>(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
         let query = Query { ray, interval, skip };
         if self.deep {
-            with_lanes(self.level, Search::<ANY, true>(self, &query))
+            let walk = WithStack::<{ stack_size(MAX_DEPTH) }>(self);
+            with_lanes(self.level, Search::<ANY, _>(&walk, &query))
         } else {
-            with_lanes(self.level, Search::<ANY, false>(self, &query))
+            let walk = WithStack::<{ stack_size(USUAL_DEPTH) }>(self);
+            with_lanes(self.level, Search::<ANY, _>(&walk, &query))
         }
     }
 }
@@ -205,10 +193,7 @@ impl Accelerator for Bvh {
     }
 
     fn outlines(&self, deepest: usize) -> Option<Vec<Outline>> {
-        let elements = self.slots.iter().map(|slot| slot.element());
-        let whole = elements.fold(Aabb::EMPTY, |whole, element| {
-            whole.union(self.geometry.bounds(element))
-        });
+        let whole = self.leaves.bounds();
         let mut found = Vec::new();
         if let Some(root) = self.root {
             self.outline(root, &whole, 0, deepest, &mut found);

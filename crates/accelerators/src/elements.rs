@@ -505,7 +505,7 @@ mod tests {
     #[cfg(feature = "all")]
     #[test]
     fn rays_without_width_break_the_law_in_every_structure() {
-        use crate::{bsp::Bsp, bvh2::Bvh2, grid::Grid, kdtree::KdTree, obb_bvh::ObbBvh};
+        use crate::{bsp::Bsp, bvh2::Bvh2, grid::Grid, obb_bvh::ObbBvh};
         use crate::{octree::Octree, slab_bvh::SlabBvh};
         use whitstone_testkit::accelerator_laws;
 
@@ -514,7 +514,6 @@ mod tests {
             ("bsp", accelerator_laws::<Bsp> as fn(&str)),
             ("bvh2", accelerator_laws::<Bvh2>),
             ("grid", accelerator_laws::<Grid>),
-            ("kdtree", accelerator_laws::<KdTree>),
             ("obb_bvh", accelerator_laws::<ObbBvh>),
             ("octree", accelerator_laws::<Octree>),
             ("slab_bvh", accelerator_laws::<SlabBvh>),

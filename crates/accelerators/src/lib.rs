@@ -26,6 +26,8 @@ pub mod grid;
 mod hierarchy;
 #[cfg(feature = "kdtree")]
 pub mod kdtree;
+#[cfg(any(feature = "bvh", feature = "kdtree"))]
+mod leaves;
 #[cfg(feature = "obb_bvh")]
 pub mod obb_bvh;
 #[cfg(feature = "octree")]

@@ -1,13 +1,8 @@
-//! What the trees share that cut space in two, and again, by planes of whatever kind: build, traversal, statistics.
+//! The build of the trees that cut space in two, and again, by planes of whatever kind.
 //!
-//! - Build: top down. What lies on both sides of a plane is referred to from both, at most `MOST_REFERENCES` times on
-//!   average: then cells stay as they are, so that memory is linear in the number of elements.
-//! - Traversal: in order, with an interval of the ray for each cell (the notes' t_min, t*, t_max; Havran,
-//!   *Heuristic ray shooting algorithms*, 2000, appendix C). The ray is as wide as rounding may need (see
-//!   `elements`), so it arrives at a plane before it leaves the side before, and the intervals overlap a little.
-
-use crate::elements::{Item, Mailbox, Structure, Visitor, WideRay, bounds};
-use whitstone_core::{Aabb, Element, Outline, Statistics};
+//! Top down: what lies on both sides of a plane is referred to from both, at most `MOST_REFERENCES` times on average;
+//! then cells stay as they are, so that memory is linear in the number of elements. Where the estimated costs decide, a
+//! subtree becomes one leaf again if that costs less, which is known only when the subtree is there.
 
 /// No path from the root is longer.
 pub(crate) const MAX_DEPTH: usize = 64;
@@ -15,41 +10,19 @@ pub(crate) const MAX_DEPTH: usize = 64;
 /// What a cut counts if one side is empty.
 const EMPTY_BONUS: f64 = 0.8;
 
-/// Most references to an element, on average.
-const MOST_REFERENCES: usize = 8;
+/// Most references of all: they are numbered in fewer bits than there are in 32.
+const MOST_IN_ALL: usize = 1 << 28;
 
 /// A plane of a certain kind.
 pub(crate) trait Cut: Copy + Send + Sync {
     /// What it divides.
     type Cell: Send;
 
-    /// The cell that is a box.
-    fn cell(aabb: &Aabb) -> Self::Cell;
-
     /// Half the area of the surface of a cell.
     fn half_area(cell: &Self::Cell) -> f64;
 
-    /// The edges of a cell.
-    fn outline(depth: usize, cell: &Self::Cell) -> Outline;
-
     /// The parts of a cell below and above.
     fn halves(&self, cell: &Self::Cell) -> [Self::Cell; 2];
-
-    /// How a ray passes.
-    fn passage(&self, ray: &WideRay) -> Passage;
-
-    /// Whether it follows no coordinate axis.
-    fn is_askew(&self) -> bool;
-}
-
-/// How a ray passes a plane; a number that is NaN says nothing.
-pub(crate) struct Passage {
-    /// 0 if it comes from below, 1 from above.
-    pub(crate) side: u32,
-    /// Up to where it touches the side that it comes from.
-    pub(crate) leaves: f64,
-    /// From where it touches the other side.
-    pub(crate) arrives: f64,
 }
 
 /// What decides how cells are cut.
@@ -60,6 +33,9 @@ pub(crate) trait Cutter: Sync {
 
     /// Time of a step down, in units of the time of one test of an element.
     const STEP_COST: f64;
+
+    /// Most references to an element, on average.
+    const MOST_REFERENCES: usize;
 
     /// From this number of parts on both sides are built in parallel.
     const PARALLEL: usize;
@@ -72,6 +48,12 @@ pub(crate) trait Cutter: Sync {
 
     /// Whether a cell is cut only where that costs less than to leave it.
     fn asks_cost(&self) -> bool;
+
+    /// Time of a leaf of so many parts.
+    fn leaf_cost(count: usize) -> f64;
+
+    /// Whether it is not worth while to try what becomes of a cell of so many parts if it is cut.
+    fn is_hopeless(&self, count: usize, half_area: f64, choice: &Choice<Self::Cut>) -> bool;
 
     /// The best plane; `None` if there is none.
     fn choose(&self, parts: &[Self::Part], cell: &<Self::Cut as Cut>::Cell) -> Option<Choice<Self::Cut>>;
@@ -105,112 +87,55 @@ pub(crate) fn bonus(counts: [usize; 2]) -> f64 {
     if counts.contains(&0) { EMPTY_BONUS } else { 1.0 }
 }
 
-/// The tree.
-pub(crate) struct Partition<C> {
-    /// Around all elements.
-    bounds: Aabb,
-    /// The root is 0.
-    nodes: Vec<Node<C>>,
-    /// What the leaves hold: indices of elements.
-    references: Vec<u32>,
-    elements: Vec<Element>,
-    depth: usize,
-    sah_cost: f64,
+/// What becomes of a cell.
+pub(crate) struct Tree<C> {
+    pub(crate) half_area: f64,
+    /// Expected time in it, times the area.
+    pub(crate) cost: f64,
+    pub(crate) content: Content<C>,
 }
 
-#[derive(Clone, Copy, Debug)]
-enum Node<C> {
-    /// Two children side by side, the first below the plane.
-    Inner { cut: C, children: u32 },
-    /// A range of references.
-    Leaf { first: u32, count: u32 },
+/// What is in a cell.
+pub(crate) enum Content<C> {
+    /// The numbers of the elements.
+    Leaf(Vec<u32>),
+    /// A plane, and what is below and above it.
+    Inner(C, Box<[Tree<C>; 2]>),
 }
 
-enum Tree<C> {
-    Leaf {
-        held: Vec<u32>,
-        half_area: f64,
-    },
-    Inner {
-        cut: C,
-        half_area: f64,
-        children: Box<[Tree<C>; 2]>,
-    },
-}
-
-impl<C: Cut> Partition<C> {
-    /// Size of a node.
-    pub(crate) const NODE_BYTES: usize = size_of::<Node<C>>();
-
-    /// Builds over the parts that are all of the items. The result depends on these only, not on the number of threads.
+impl<C: Cut> Tree<C> {
+    /// Builds over the parts of all elements in a cell. The result depends on these only, not on the number of threads.
     pub(crate) fn new<K: Cutter<Cut = C>>(
         cutter: &K,
-        items: &[Item],
         parts: Vec<K::Part>,
+        cell: C::Cell,
         max_depth: Option<u32>,
     ) -> Self {
-        let usual = 8.0 + 1.3 * (items.len().max(1) as f64).log2();
+        let usual = 8.0 + 1.3 * (parts.len().max(1) as f64).log2();
         let levels = max_depth.map_or(usual as usize, |depth| depth as usize);
-        let spare = (MOST_REFERENCES - 1) * items.len();
-        let bounds = bounds(items);
-        let tree = grow(cutter, parts, C::cell(&bounds), levels.min(MAX_DEPTH), spare);
-        let mut built = Self {
-            bounds,
-            nodes: vec![Node::Leaf { first: 0, count: 0 }],
-            references: Vec::new(),
-            elements: items.iter().map(|item| item.element).collect(),
-            depth: 0,
-            sah_cost: 0.0,
-        };
-        built.flatten(&tree, 0, 0, K::STEP_COST);
-        // Relative to the chance of hitting the whole; a flat point has none.
-        built.sah_cost /= bounds.half_area().max(f64::MIN_POSITIVE);
-        built
+        let spare = ((K::MOST_REFERENCES - 1) * parts.len()).min(MOST_IN_ALL.saturating_sub(parts.len()));
+        grow(cutter, parts, cell, levels.min(MAX_DEPTH), spare)
     }
 
-    /// Puts a subtree at a place among the nodes, and what is below it behind all others.
-    fn flatten(&mut self, tree: &Tree<C>, place: usize, depth: usize, step_cost: f64) {
-        self.depth = self.depth.max(depth);
-        self.nodes[place] = match tree {
-            Tree::Leaf { held, half_area } => {
-                self.sah_cost += half_area * held.len() as f64;
-                let first = self.references.len() as u32;
-                self.references.extend(held);
-                Node::Leaf {
-                    first,
-                    count: held.len() as u32,
-                }
-            }
-            Tree::Inner {
-                cut,
-                half_area,
-                children,
-            } => {
-                self.sah_cost += half_area * step_cost;
-                let next = self.nodes.len();
-                self.nodes.extend([Node::Leaf { first: 0, count: 0 }; 2]);
-                for (side, child) in children.iter().enumerate() {
-                    self.flatten(child, next + side, depth + 1, step_cost);
-                }
-                Node::Inner {
-                    cut: *cut,
-                    children: next as u32,
-                }
-            }
-        };
+    /// Longest path from here.
+    pub(crate) fn depth(&self) -> usize {
+        match &self.content {
+            Content::Leaf(_) => 0,
+            Content::Inner(_, children) => 1 + children[0].depth().max(children[1].depth()),
+        }
     }
 
-    fn outline(&self, node: u32, cell: &C::Cell, depth: usize, deepest: usize, found: &mut Vec<Outline>) {
-        found.push(C::outline(depth, cell));
-        if let Node::Inner { cut, children } = &self.nodes[node as usize]
-            && depth < deepest
-        {
-            for (child, cell) in (*children..).zip(&cut.halves(cell)) {
-                self.outline(child, cell, depth + 1, deepest, found);
-            }
+    fn leaf<K: Cutter<Cut = C>>(held: Vec<u32>, half_area: f64) -> Self {
+        Self {
+            half_area,
+            cost: half_area * K::leaf_cost(held.len()),
+            content: Content::Leaf(held),
         }
     }
 }
+
+/// Cells of more elements than this do not become one leaf again.
+const MOST_HELD: usize = 64;
 
 /// Builds over a cell, at most so many levels and with so many references more than it has now.
 fn grow<K: Cutter>(
@@ -221,17 +146,15 @@ fn grow<K: Cutter>(
     spare: usize,
 ) -> Tree<K::Cut> {
     let (n, half_area) = (parts.len(), K::Cut::half_area(&cell));
-    let leaf = |parts: &[K::Part]| Tree::Leaf {
-        held: parts.iter().map(K::item).collect(),
-        half_area,
-    };
+    let held = |parts: &[K::Part]| parts.iter().map(K::item).collect();
+    let leaf = |parts: &[K::Part]| Tree::leaf::<K>(held(parts), half_area);
     if levels == 0 || n == 0 || cutter.is_leaf(n) {
         return leaf(&parts);
     }
     let Some(choice) = cutter.choose(&parts, &cell) else {
         return leaf(&parts);
     };
-    if cutter.asks_cost() && K::STEP_COST * half_area + choice.cost >= n as f64 * half_area {
+    if cutter.asks_cost() && cutter.is_hopeless(n, half_area, &choice) {
         return leaf(&parts);
     }
     let Some([below, above]) = cutter.sides(&parts, &choice) else {
@@ -242,6 +165,11 @@ fn grow<K: Cutter>(
     if more > spare {
         return leaf(&parts);
     }
+    let held = if cutter.asks_cost() && n <= MOST_HELD {
+        held(&parts)
+    } else {
+        Vec::new()
+    };
     drop(parts);
     let cut = choice.cut;
     // What may still be added is shared out by size.
@@ -256,102 +184,13 @@ fn grow<K: Cutter>(
     } else {
         (grow_below(), grow_above())
     };
-    Tree::Inner {
-        cut,
+    let cost = K::STEP_COST * half_area + below.cost + above.cost;
+    if !held.is_empty() && K::leaf_cost(n) * half_area <= cost {
+        return Tree::leaf::<K>(held, half_area);
+    }
+    Tree {
         half_area,
-        children: Box::new([below, above]),
-    }
-}
-
-/// A cell that is visited later: its node and the part of the ray in it.
-type Later = (u32, f64, f64);
-
-impl<C: Cut> Structure for Partition<C> {
-    #[inline]
-    fn visit(&self, ray: &WideRay, min: f64, mut limit: f64, visitor: &mut impl Visitor) -> Option<f64> {
-        let Some((mut near, mut far)) = ray.inside(&self.bounds, min, limit) else {
-            return Some(limit);
-        };
-        let mut mailbox = Mailbox::new();
-        let mut stack: [Later; MAX_DEPTH] = [(0, 0.0, 0.0); MAX_DEPTH];
-        let (mut height, mut node) = (0, 0);
-        loop {
-            match self.nodes[node as usize] {
-                Node::Inner { cut, children } => {
-                    visitor.step();
-                    let Passage {
-                        side,
-                        leaves,
-                        arrives,
-                    } = cut.passage(ray);
-                    let (before, beyond) = (children + side, children + 1 - side);
-                    // t* of the notes, which is two for a wide ray. A NaN changes nothing; the methods `min` and `max`
-                    // would say so too, in four instructions each instead of one.
-                    let leaves = if leaves < far { leaves } else { far };
-                    let arrives = if arrives > near { arrives } else { near };
-                    match (near <= leaves, arrives <= far) {
-                        (true, true) => {
-                            stack[height] = (beyond, arrives, far);
-                            height += 1;
-                            (node, far) = (before, leaves);
-                            continue;
-                        }
-                        (true, false) => {
-                            (node, far) = (before, leaves);
-                            continue;
-                        }
-                        (false, true) => {
-                            (node, near) = (beyond, arrives);
-                            continue;
-                        }
-                        (false, false) => {}
-                    }
-                }
-                Node::Leaf { first, count } => {
-                    for &element in &self.references[first as usize..(first + count) as usize] {
-                        if mailbox.is_new(element) {
-                            limit = visitor.test(self.elements[element as usize])?;
-                        }
-                    }
-                }
-            }
-            loop {
-                if height == 0 {
-                    return Some(limit);
-                }
-                height -= 1;
-                (node, near, far) = stack[height];
-                // At equal distance an element of lower number may be in there.
-                if near <= limit {
-                    break;
-                }
-            }
-        }
-    }
-
-    fn statistics(&self) -> Statistics {
-        let askew = |node: &&Node<C>| matches!(node, Node::Inner { cut, .. } if cut.is_askew());
-        let empty = |node: &&Node<C>| matches!(node, Node::Leaf { count: 0, .. });
-        let leaf = |node: &&Node<C>| matches!(node, Node::Leaf { .. });
-        let count = |which: &dyn Fn(&&Node<C>) -> bool| self.nodes.iter().filter(which).count() as f64;
-        let bytes = size_of_val(&*self.nodes) + size_of_val(&*self.references) + size_of_val(&*self.elements);
-        Statistics::from([
-            ("nodes", self.nodes.len() as f64 - count(&leaf)),
-            ("askew", count(&askew)),
-            ("leaves", count(&leaf)),
-            ("empty_leaves", count(&empty)),
-            ("references", self.references.len() as f64),
-            ("depth", self.depth as f64),
-            ("sah_cost", self.sah_cost),
-            ("bytes", bytes as f64),
-        ])
-    }
-
-    fn outlines(&self, deepest: usize) -> Vec<Outline> {
-        let mut found = Vec::new();
-        if !self.elements.is_empty() {
-            self.outline(0, &C::cell(&self.bounds), 0, deepest, &mut found);
-        }
-        found
+        cost,
+        content: Content::Inner(cut, Box::new([below, above])),
     }
 }

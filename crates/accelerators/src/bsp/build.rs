@@ -1,8 +1,9 @@
 //! The build of the tree.
 
 use super::Config;
-use crate::elements::{Elements, Item, MARGIN};
-use crate::partition::{Choice, Cutter, Partition, bonus, cost};
+use super::tree::Partition;
+use crate::elements::{Elements, Item, MARGIN, bounds};
+use crate::partition::{Choice, Cutter, Tree, bonus, cost};
 use crate::polyhedron::{Plane, Polyhedron, cut_polygon};
 use crate::principal::{COORDINATE_AXES, principal_axes};
 use crate::split::Split;
@@ -46,7 +47,7 @@ struct Builder {
 }
 
 /// Builds over all elements.
-pub(super) fn build(geometry: &Geometry, elements: &Elements, config: &Config) -> Partition<Plane> {
+pub(super) fn build(geometry: &Geometry, elements: &Elements, config: &Config) -> Partition {
     let items = &elements.items;
     let builder = Builder {
         // Below the margin of a cut by a box, as what is lost here is not added there.
@@ -61,7 +62,8 @@ pub(super) fn build(geometry: &Geometry, elements: &Elements, config: &Config) -
     };
     let fragments = items.iter().zip(0..).map(fragment).collect();
     let max_depth = config.max_depth.map(|depth| depth.get());
-    Partition::new(&builder, items, fragments, max_depth)
+    let cell = Polyhedron::of_box(&bounds(items));
+    Partition::new(items, &Tree::new(&builder, fragments, cell, max_depth))
 }
 
 impl Cutter for Builder {
@@ -69,6 +71,7 @@ impl Cutter for Builder {
     type Part = Fragment;
 
     const STEP_COST: f64 = STEP_COST;
+    const MOST_REFERENCES: usize = 8;
     const PARALLEL: usize = 1024;
 
     fn item(fragment: &Fragment) -> u32 {
@@ -81,6 +84,14 @@ impl Cutter for Builder {
 
     fn asks_cost(&self) -> bool {
         self.split == Split::Sah
+    }
+
+    fn leaf_cost(count: usize) -> f64 {
+        count as f64
+    }
+
+    fn is_hopeless(&self, count: usize, half_area: f64, choice: &Choice<Plane>) -> bool {
+        STEP_COST * half_area + choice.cost >= Self::leaf_cost(count) * half_area
     }
 
     fn choose(&self, fragments: &[Fragment], cell: &Polyhedron) -> Option<Choice<Plane>> {

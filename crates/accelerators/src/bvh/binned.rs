@@ -4,8 +4,8 @@
 //! the items are put into bins along all three axes, and the best of the splits between bins is taken.
 
 use super::MAX_DEPTH;
-use super::items::{Box4, Item, PARALLEL};
 use super::tree::{Binary, Parts, Tree};
+use crate::leaves::items::{Box4, Item, PARALLEL};
 use glam::Vec4;
 use rayon::prelude::*;
 

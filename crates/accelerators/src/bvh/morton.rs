@@ -4,9 +4,9 @@
 //! last code of a range differ divides it in space.
 
 use super::MAX_DEPTH;
-use super::filter::NUMBERS;
-use super::items::{Box4, Contents, Items, PARALLEL};
 use super::tree::{Binary, Parts};
+use crate::leaves::filter::NUMBERS;
+use crate::leaves::items::{Box4, Contents, Items, PARALLEL};
 use rayon::prelude::*;
 
 /// Nodes with no more items are not divided.

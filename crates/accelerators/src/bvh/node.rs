@@ -1,10 +1,8 @@
 //! The nodes, and the test of a ray against the eight boxes of one.
 
-use super::frame::LocalRay;
+use crate::leaves::child::WIDTH;
+use crate::leaves::frame::LocalRay;
 use whitstone_simd::Lanes;
-
-/// Children of a node, and the most triangles of a leaf.
-pub(super) const WIDTH: usize = 8;
 
 /// An inner node: the boxes of its children in own coordinates, and what is in them.
 #[derive(Clone, Copy, Debug)]
@@ -40,86 +38,5 @@ impl Node {
             far = l.min(leave, far);
         }
         (l.at_most(near, far), near)
-    }
-}
-
-/// An inner node, a leaf of triangles, or a leaf of anything.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Child(pub(super) u32);
-
-/// What a [`Child`] is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
-    Inner(usize),
-    /// First slot and number of triangles, at most 8.
-    Triangles(usize, usize),
-    /// First slot and number of elements, at most 7.
-    Mixed(usize, usize),
-}
-
-impl Child {
-    const BITS: u32 = 28;
-
-    /// Slots and nodes are numbered below this.
-    pub(super) const LIMIT: usize = 1 << Self::BITS;
-
-    pub(super) fn new(kind: Kind) -> Self {
-        let (tag, index) = match kind {
-            Kind::Inner(node) => (0, node),
-            Kind::Triangles(first, count) => (count, first),
-            Kind::Mixed(first, count) => (count + WIDTH, first),
-        };
-        Self((tag as u32) << Self::BITS | index as u32)
-    }
-
-    /// The same where the nodes counted from 0 begin behind others; slots stay what they are.
-    pub(super) fn behind(self, nodes: usize) -> Self {
-        Self(if self.is_inner() {
-            self.0 + nodes as u32
-        } else {
-            self.0
-        })
-    }
-
-    #[inline(always)]
-    pub(super) fn is_inner(self) -> bool {
-        self.0 < 1 << Self::BITS
-    }
-
-    /// The node or first slot.
-    #[inline(always)]
-    pub(super) fn index(self) -> usize {
-        (self.0 & (Self::LIMIT as u32 - 1)) as usize
-    }
-
-    #[inline(always)]
-    pub(super) fn kind(self) -> Kind {
-        let index = self.index();
-        match (self.0 >> Self::BITS) as usize {
-            0 => Kind::Inner(index),
-            count if count <= WIDTH => Kind::Triangles(index, count),
-            count => Kind::Mixed(index, count - WIDTH),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_child_is_what_it_was_made_of() {
-        for kind in [
-            Kind::Inner(0),
-            Kind::Inner(Child::LIMIT - 1),
-            Kind::Triangles(5, 1),
-            Kind::Triangles(Child::LIMIT - 1, 8),
-            Kind::Mixed(0, 1),
-            Kind::Mixed(Child::LIMIT - 1, 7),
-        ] {
-            let child = Child::new(kind);
-            assert_eq!(child.kind(), kind);
-            assert_eq!(child.is_inner(), matches!(kind, Kind::Inner(_)));
-        }
     }
 }

@@ -6,10 +6,12 @@
 //! culling methods for entire ray packets*, 2006, section 3).
 
 use super::Bvh;
-use super::filter::{Beam, NUMBERS, filter};
-use super::frame::{Alone, LocalLane, LocalRays};
-use super::node::{Child, Kind, Node, WIDTH};
-use super::search::{State, Streamed, Sure, USUAL_DEPTH, stack_size};
+use super::node::Node;
+use super::search::{USUAL_DEPTH, stack_size};
+use crate::leaves::child::{Child, Kind, WIDTH};
+use crate::leaves::filter::{Beam, NUMBERS, filter};
+use crate::leaves::frame::{Alone, LocalLane, LocalRays};
+use crate::leaves::state::{State, Streamed, Sure};
 use whitstone_core::stream::GROUP;
 use whitstone_simd::{Lanes, Machine};
 
@@ -79,7 +81,14 @@ impl Packet<'_, '_> {
                     #[inline(always)]
                     |packet, lane| {
                         let (state, local) = (&mut packet.states[lane], packet.alone.get(packet.rays, lane));
-                        let limit = state.traverse::<ANY, _, M>(m, local, child, stack, packet.limits[lane]);
+                        let limit = packet.bvh.traverse::<ANY, _, M>(
+                            m,
+                            state,
+                            local,
+                            child,
+                            stack,
+                            packet.limits[lane],
+                        );
                         packet.limits[lane] = if ANY && state.best.is_some() {
                             f32::NEG_INFINITY
                         } else {
@@ -163,7 +172,7 @@ impl Packet<'_, '_> {
                 },
             );
         };
-        let numbers = &self.bvh.numbers[NUMBERS * first..][..NUMBERS * count];
+        let numbers = &self.bvh.leaves.numbers[NUMBERS * first..][..NUMBERS * count];
         for i in 0..count {
             let pairs = Beam {
                 rays: self.rays,

@@ -7,10 +7,8 @@
 
 use super::MAX_DEPTH;
 use super::binned::{Bins, MOST_BINS, Split, bounds, partition};
-use super::frame::ROUNDING;
-use super::items::{Box4, Item};
 use super::tree::{Binary, Tree};
-use glam::Vec4;
+use crate::leaves::items::{Box4, Corners, Item};
 
 /// Bins of space along an axis.
 const BINS: usize = 16;
@@ -27,13 +25,9 @@ const SMALL: usize = 12;
 /// As many more items than elements there may be, as a part of these.
 const SPARE: f32 = 0.3;
 
-/// The bound on the rounding of a part of a triangle, in own coordinates.
-const PART: f32 = 16.0 * ROUNDING;
-
 /// A build with spatial splits.
 pub(super) struct Spatial<'a> {
-    /// The corners of each element by its number; not a number for what can be cut by its box only.
-    pub(super) corners: &'a [[Vec4; 3]],
+    pub(super) corners: &'a Corners,
 }
 
 /// The items of a node.
@@ -152,7 +146,7 @@ impl Spatial<'_> {
         for axis in 0..3 {
             let start = part.aabb.min[axis];
             let width = (part.aabb.max[axis] - start) / BINS as f32;
-            if width < 64.0 * PART {
+            if width < 64.0 * Corners::ROUNDING {
                 continue;
             }
             let plane = |i: usize| start + width * i as f32;
@@ -179,7 +173,7 @@ impl Spatial<'_> {
                     } else {
                         plane(bin + 1)
                     };
-                    *whole = whole.union(self.between(item, axis, low, high));
+                    *whole = whole.union(self.corners.between(item, axis, low, high));
                 }
             }
             let mut after = [(0f32, 0usize); BINS];
@@ -228,8 +222,8 @@ impl Spatial<'_> {
         counts = [counts[0] + cuts, counts[1] + cuts];
         for item in both {
             let pieces = [
-                self.between(&item, cut.axis, f32::NEG_INFINITY, cut.at),
-                self.between(&item, cut.axis, cut.at, f32::INFINITY),
+                self.corners.between(&item, cut.axis, f32::NEG_INFINITY, cut.at),
+                self.corners.between(&item, cut.axis, cut.at, f32::INFINITY),
             ];
             let [to_left, to_right] = pieces.map(|piece| !piece.is_empty());
             // Costs of both sides with the item cut, or whole on one side.
@@ -260,34 +254,6 @@ impl Spatial<'_> {
             return None;
         }
         Some(sides(left, right, part.spare - doubled, part.depth))
-    }
-
-    /// The box of what of an item lies between two planes.
-    fn between(&self, item: &Item, axis: usize, low: f32, high: f32) -> Box4 {
-        let corners = &self.corners[item.number() as usize];
-        let mut slab = item.aabb();
-        slab.min[axis] = slab.min[axis].max(low);
-        slab.max[axis] = slab.max[axis].min(high);
-        if corners[0].x.is_nan() {
-            return slab;
-        }
-        let mut found = Box4::EMPTY;
-        for i in 0..3 {
-            let (a, b) = (corners[i], corners[(i + 1) % 3]);
-            if a[axis] >= low && a[axis] <= high {
-                found = found.including(a);
-            }
-            for plane in [low, high] {
-                if (a[axis] < plane) != (b[axis] < plane) && plane.is_finite() {
-                    let along = (plane - a[axis]) / (b[axis] - a[axis]);
-                    found = found.including(a + along.clamp(0.0, 1.0) * (b - a));
-                }
-            }
-        }
-        if found.is_empty() {
-            return Box4::EMPTY;
-        }
-        found.padded(PART).intersection(slab)
     }
 }
 

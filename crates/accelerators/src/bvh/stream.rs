@@ -2,10 +2,12 @@
 //! side in vector registers, and on their way rays of one octant go together (`packet`).
 
 use super::Bvh;
-use super::frame::{Alone, LocalLane, LocalRays};
-use super::node::Child;
 use super::packet::{Packet, Wanted, WantedStack};
-use super::search::{Slot, State, Streamed, USUAL_DEPTH, stack_size};
+use super::search::{USUAL_DEPTH, stack_size};
+use crate::leaves::Slot;
+use crate::leaves::child::Child;
+use crate::leaves::frame::{Alone, LocalLane, LocalRays};
+use crate::leaves::state::{State, Streamed};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes as RayLanes, RayStream};
 use whitstone_core::triangle::{ShearedStream, TriangleHit};
 use whitstone_core::{DVec2, DVec3, InstancePath, PrimitiveHit, RawHit};
@@ -95,12 +97,12 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
         let mut stack = [(0f32, Child::default()); stack_size(USUAL_DEPTH)];
         let mut wanted: WantedStack = [Wanted::default(); stack_size(USUAL_DEPTH)];
         let mut candidates = Candidates([None; LANES]);
-        let mut states = [State::new(bvh, Streamed { rays, lane: 0 }); GROUP];
+        let mut states = [State::new(&bvh.leaves, Streamed { rays, lane: 0 }); GROUP];
         let mut local = LocalRays::default();
         let mut alone = Alone::default();
         for start in rays.groups() {
             rays.prefetch(start + GROUP);
-            bvh.frame.rays(rays, start, &mut local);
+            bvh.leaves.frame.rays(rays, start, &mut local);
             let len = GROUP.min(rays.len - start);
             for k in 0..len {
                 states[k].restart(start + k);
@@ -110,7 +112,7 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             for k in 0..len {
                 let done = states[k].resolve_unbounded() && ANY;
                 if !local.sound[k] {
-                    states[k].resolve_all(bvh.slots.iter().map(|slot| slot.element()));
+                    states[k].resolve_all(bvh.leaves.slots.iter().map(|slot| slot.element()));
                 } else if !done {
                     limits[k] = states[k].limit(&LocalLane(&local, k));
                 }
@@ -131,8 +133,9 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             } else {
                 for k in 0..len {
                     if limits[k] > f32::NEG_INFINITY {
-                        limits[k] = states[k].traverse::<ANY, _, M>(
+                        limits[k] = bvh.traverse::<ANY, _, M>(
                             m,
+                            &mut states[k],
                             alone.get(&local, k),
                             root,
                             &mut stack,
@@ -173,7 +176,7 @@ impl Candidates {
             let mut any = false;
             for k in 0..GROUP {
                 if let Some((leaf, place)) = self.0[start + k] {
-                    (slots[k], corners[k]) = bvh.triangle(leaf, usize::from(place));
+                    (slots[k], corners[k]) = bvh.leaves.triangle(leaf, usize::from(place));
                     any = true;
                 }
             }

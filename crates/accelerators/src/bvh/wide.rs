@@ -7,11 +7,12 @@
 //! The nodes at the top are made first, then the subtrees below them, each by itself. Which these are depends on the
 //! hierarchy only, so the result does not depend on the number of threads.
 
-use super::filter::NUMBERS;
-use super::items::Contents;
-use super::node::{Child, Kind, Node, WIDTH};
-use super::search::Slot;
+use super::node::Node;
 use super::tree::Binary;
+use crate::leaves::child::{Child, Kind, WIDTH};
+use crate::leaves::filter::NUMBERS;
+use crate::leaves::items::Contents;
+use crate::leaves::{Slot, by_coordinate};
 use rayon::prelude::*;
 
 /// Subtrees of no more items are made by one thread.
@@ -327,16 +328,4 @@ impl Maker<'_> {
 struct Children {
     nodes: [usize; WIDTH],
     count: usize,
-}
-
-/// From triangle after triangle to coordinate after coordinate.
-fn by_coordinate(numbers: &mut [f32], count: usize) {
-    let mut old = [0.0; NUMBERS * WIDTH];
-    let old = &mut old[..numbers.len()];
-    old.copy_from_slice(numbers);
-    for (i, triangle) in old.as_chunks::<NUMBERS>().0.iter().enumerate() {
-        for (k, &number) in triangle.iter().enumerate() {
-            numbers[k * count + i] = number;
-        }
-    }
 }

@@ -1,14 +1,17 @@
 //! The build of the tree.
 
-use super::{AxisCut, Config};
-use crate::elements::{Elements, Item, MARGIN};
-use crate::partition::{Choice, Cut, Cutter, Partition, cheaper, cost};
+use super::Config;
+use crate::leaves::child::WIDTH;
+use crate::leaves::items::{Box4, Corners, Item};
+use crate::partition::{Choice, Cut, Cutter, Tree, cheaper, cost};
 use crate::split::{Axes, Split};
-use whitstone_core::{Aabb, Geometry};
 
-/// Time of a step down, in units of the time of one test of an element. Measured on triangle meshes: from 0.4 to 1.2
-/// rays take the same time, and the tree has half the size.
-const STEP_COST: f64 = 1.2;
+/// Time of a step down, in units of the time of a leaf of up to eight elements. Measured on triangle meshes: from 1 to 1.6
+/// rays take the same time; below, the tree grows and they take more.
+const STEP_COST: f64 = 1.4;
+
+/// Time for an element of a cell that will be cut further.
+const ELEMENT_COST: f64 = 0.2;
 
 /// Up to this number of references every end of a box is tried.
 const SWEEP: usize = 1024;
@@ -16,52 +19,56 @@ const SWEEP: usize = 1024;
 /// Bins for each axis, where there are more.
 const BINS: usize = 64;
 
-/// An element in a cell.
-#[derive(Clone, Copy)]
-struct Reference {
-    /// Around the part of the element in the cell.
-    aabb: Aabb,
-    item: u32,
+/// A plane across an axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct AxisCut {
+    pub(super) axis: usize,
+    pub(super) plane: f32,
 }
 
-struct Builder<'a> {
-    geometry: &'a Geometry,
-    items: &'a [Item],
-    margin: f64,
+impl Cut for AxisCut {
+    type Cell = Box4;
+
+    fn half_area(cell: &Box4) -> f64 {
+        f64::from(cell.half_area())
+    }
+
+    fn halves(&self, cell: &Box4) -> [Box4; 2] {
+        let mut halves = [*cell; 2];
+        halves[0].max[self.axis] = self.plane;
+        halves[1].min[self.axis] = self.plane;
+        halves
+    }
+}
+
+struct Builder {
+    corners: Corners,
     max_leaf: usize,
     split: Split,
     axes: Axes,
 }
 
-/// Builds over all elements.
-pub(super) fn build(geometry: &Geometry, elements: &Elements, config: &Config) -> Partition<AxisCut> {
-    let items = &elements.items;
+/// Builds over all items in a cell.
+pub(super) fn build(items: Vec<Item>, corners: Corners, cell: Box4, config: &Config) -> Tree<AxisCut> {
     let builder = Builder {
-        geometry,
-        items,
-        margin: MARGIN * elements.reach,
+        corners,
         max_leaf: config.max_leaf.get() as usize,
         split: config.split,
         axes: config.axes,
     };
-    let reference = |(item, number): (&Item, u32)| Reference {
-        aabb: item.aabb,
-        item: number,
-    };
-    let references = items.iter().zip(0..).map(reference).collect();
-    let max_depth = config.max_depth.map(|depth| depth.get());
-    Partition::new(&builder, items, references, max_depth)
+    Tree::new(&builder, items, cell, config.max_depth.map(|depth| depth.get()))
 }
 
-impl Cutter for Builder<'_> {
+impl Cutter for Builder {
     type Cut = AxisCut;
-    type Part = Reference;
+    type Part = Item;
 
     const STEP_COST: f64 = STEP_COST;
+    const MOST_REFERENCES: usize = 4;
     const PARALLEL: usize = 4096;
 
-    fn item(reference: &Reference) -> u32 {
-        reference.item
+    fn item(item: &Item) -> u32 {
+        item.number()
     }
 
     fn is_leaf(&self, count: usize) -> bool {
@@ -72,32 +79,40 @@ impl Cutter for Builder<'_> {
         self.split == Split::Sah
     }
 
-    fn choose(&self, references: &[Reference], cell: &Aabb) -> Option<Choice<AxisCut>> {
-        let axes = self.axes.of(cell.extent().to_array());
+    fn leaf_cost(count: usize) -> f64 {
+        count.div_ceil(WIDTH) as f64
+    }
+
+    fn is_hopeless(&self, count: usize, half_area: f64, choice: &Choice<AxisCut>) -> bool {
+        STEP_COST * half_area + ELEMENT_COST * choice.cost >= ELEMENT_COST * count as f64 * half_area
+    }
+
+    fn choose(&self, items: &[Item], cell: &Box4) -> Option<Choice<AxisCut>> {
+        let extent = (cell.max - cell.min).truncate();
+        let axes = self.axes.of(extent.as_dvec3().to_array());
         let cuts = axes.filter_map(|axis| match self.split {
-            Split::Sah if references.len() <= SWEEP => sweep(references, cell, axis),
-            Split::Sah => binned(references, cell, axis, 1..BINS),
-            Split::Midpoint => binned(references, cell, axis, BINS / 2..BINS / 2 + 1),
-            Split::Median => median(references, cell, axis),
+            Split::Sah if items.len() <= SWEEP => sweep(items, cell, axis),
+            Split::Sah => binned(items, cell, axis, 1..BINS),
+            Split::Midpoint => binned(items, cell, axis, BINS / 2..BINS / 2 + 1),
+            Split::Median => median(items, cell, axis),
         });
         cuts.reduce(cheaper)
     }
 
-    fn sides(&self, references: &[Reference], choice: &Choice<AxisCut>) -> Option<[Vec<Reference>; 2]> {
-        let (axis, plane) = (choice.cut.axis(), choice.cut.plane);
+    fn sides(&self, items: &[Item], choice: &Choice<AxisCut>) -> Option<[Vec<Item>; 2]> {
+        let AxisCut { axis, plane } = choice.cut;
         let mut sides = [const { Vec::new() }; 2];
-        for reference in references {
-            let (min, max) = (reference.aabb.min[axis], reference.aabb.max[axis]);
+        for item in items {
+            let (min, max) = (item.aabb().min[axis], item.aabb().max[axis]);
             match (min < plane, max > plane) {
-                (true, false) => sides[0].push(*reference),
-                (false, true) => sides[1].push(*reference),
-                (false, false) => sides[choice.flat_side].push(*reference),
+                (true, false) => sides[0].push(*item),
+                (false, true) => sides[1].push(*item),
+                (false, false) => sides[choice.flat_side].push(*item),
                 (true, true) => {
-                    for (side, part) in sides.iter_mut().zip(self.parts(reference, &choice.cut)) {
-                        side.extend((!part.is_empty()).then_some(Reference {
-                            aabb: part,
-                            item: reference.item,
-                        }));
+                    let below = self.corners.between(item, axis, f32::NEG_INFINITY, plane);
+                    let above = self.corners.between(item, axis, plane, f32::INFINITY);
+                    for (side, part) in sides.iter_mut().zip([below, above]) {
+                        side.extend((!part.is_empty()).then(|| item.part(part)));
                     }
                 }
             }
@@ -106,53 +121,22 @@ impl Cutter for Builder<'_> {
     }
 }
 
-impl Builder<'_> {
-    /// Boxes around the parts of an element on both sides of a plane; empty if it is cut off already.
-    fn parts(&self, reference: &Reference, cut: &AxisCut) -> [Aabb; 2] {
-        let (axis, plane) = (cut.axis(), cut.plane);
-        let mut parts = cut.halves(&reference.aabb);
-        let Some(corners) = self.items[reference.item as usize].corners(self.geometry) else {
-            return parts;
-        };
-        let mut tight = [Aabb::EMPTY; 2];
-        for i in 0..3 {
-            let (a, b) = (corners[i], corners[(i + 1) % 3]);
-            if a[axis] <= plane {
-                tight[0] = tight[0].including(a);
-            }
-            if a[axis] >= plane {
-                tight[1] = tight[1].including(a);
-            }
-            if (a[axis] < plane) != (b[axis] < plane) {
-                let point = a.lerp(b, (plane - a[axis]) / (b[axis] - a[axis]));
-                tight = tight.map(|aabb| aabb.including(point));
-            }
-        }
-        for (part, tight) in parts.iter_mut().zip(tight) {
-            let tight = tight.padded(self.margin);
-            part.min = part.min.max(tight.min);
-            part.max = part.max.min(tight.max);
-        }
-        parts
-    }
-}
-
 /// Costs of cuts of one cell along one axis.
 struct Costs {
-    cell: Aabb,
+    cell: Box4,
     axis: usize,
 }
 
 impl Costs {
     /// A cut with so many elements that are partly below, in the plane, and partly above; `None` if the plane
     /// is not inside.
-    fn cut(&self, plane: f64, below: usize, flat: usize, above: usize) -> Option<Choice<AxisCut>> {
+    fn cut(&self, plane: f32, below: usize, flat: usize, above: usize) -> Option<Choice<AxisCut>> {
         let axis = self.axis;
         if !(self.cell.min[axis] < plane && plane < self.cell.max[axis]) {
             return None;
         }
-        let cut = AxisCut::new(axis, plane);
-        let areas = cut.halves(&self.cell).map(|half| half.half_area());
+        let cut = AxisCut { axis, plane };
+        let areas = cut.halves(&self.cell).map(|half| AxisCut::half_area(&half));
         let costs = [[below + flat, above], [below, above + flat]].map(|counts| cost(areas, counts));
         let flat_side = usize::from(costs[1] < costs[0]);
         Some(Choice {
@@ -169,7 +153,7 @@ fn keep(best: &mut Option<Choice<AxisCut>>, cut: Option<Choice<AxisCut>>) {
 }
 
 /// The best cut at an end of any box: the ends pass by in order, and the numbers on both sides are counted.
-fn sweep(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Choice<AxisCut>> {
+fn sweep(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
     /// In the order in which they count at the same place.
     #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
     enum Kind {
@@ -177,8 +161,9 @@ fn sweep(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Choice<Ax
         Flat,
         Begins,
     }
-    let mut events = Vec::with_capacity(2 * references.len());
-    for Reference { aabb, .. } in references {
+    let mut events = Vec::with_capacity(2 * items.len());
+    for item in items {
+        let aabb = item.aabb();
         let (min, max) = (aabb.min[axis], aabb.max[axis]);
         if min == max {
             events.push((min, Kind::Flat));
@@ -188,7 +173,7 @@ fn sweep(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Choice<Ax
     }
     events.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let costs = Costs { cell: *cell, axis };
-    let (mut below, mut above) = (0, references.len());
+    let (mut below, mut above) = (0, items.len());
     let mut best = None;
     for at_place in events.chunk_by(|a, b| a.0 == b.0) {
         let count = |kind| at_place.iter().filter(|event| event.1 == kind).count();
@@ -203,31 +188,32 @@ fn sweep(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Choice<Ax
 /// The best cut at a border before some of the bins, which divide the cell evenly: for each bin, how many
 /// boxes begin and how many end in it.
 fn binned(
-    references: &[Reference],
-    cell: &Aabb,
+    items: &[Item],
+    cell: &Box4,
     axis: usize,
     before: std::ops::Range<usize>,
 ) -> Option<Choice<AxisCut>> {
     let (start, extent) = (cell.min[axis], cell.max[axis] - cell.min[axis]);
-    let scale = BINS as f64 / extent;
+    let scale = BINS as f32 / extent;
     if !scale.is_finite() {
         return None;
     }
     // The conversion saturates, so that whatever rounding does the bin is one of them.
-    let bin = |x: f64| (((x - start) * scale) as usize).min(BINS - 1);
+    let bin = |x: f32| (((x - start) * scale) as usize).min(BINS - 1);
     let (mut begin, mut end) = ([0; BINS], [0; BINS]);
-    for Reference { aabb, .. } in references {
+    for item in items {
+        let aabb = item.aabb();
         begin[bin(aabb.min[axis])] += 1;
         end[bin(aabb.max[axis])] += 1;
     }
     let costs = Costs { cell: *cell, axis };
-    let (mut below, mut above) = (0, references.len());
+    let (mut below, mut above) = (0, items.len());
     let mut best = None;
     for i in 1..BINS {
         below += begin[i - 1];
         above -= end[i - 1];
         if before.contains(&i) {
-            let plane = start + extent * (i as f64 / BINS as f64);
+            let plane = start + extent * (i as f32 / BINS as f32);
             // What lies in the border is in the bin above it.
             let cut = costs.cut(plane, below, 0, above);
             keep(&mut best, cut.map(|cut| Choice { flat_side: 1, ..cut }));
@@ -237,13 +223,13 @@ fn binned(
 }
 
 /// The cut that has as many centers below as above.
-fn median(references: &[Reference], cell: &Aabb, axis: usize) -> Option<Choice<AxisCut>> {
-    let mut centers: Vec<f64> = references.iter().map(|r| r.aabb.center()[axis]).collect();
+fn median(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
+    let mut centers: Vec<f32> = items.iter().map(|r| 0.5 * r.center()[axis]).collect();
     let middle = centers.len() / 2;
-    let (_, &mut plane, _) = centers.select_nth_unstable_by(middle, f64::total_cmp);
-    let below = references.iter().filter(|r| r.aabb.min[axis] < plane).count();
-    let above = references.iter().filter(|r| r.aabb.max[axis] > plane).count();
-    let flat = |r: &&Reference| r.aabb.min[axis] == plane && r.aabb.max[axis] == plane;
-    let flat = references.iter().filter(flat).count();
+    let (_, &mut plane, _) = centers.select_nth_unstable_by(middle, f32::total_cmp);
+    let below = items.iter().filter(|r| r.aabb().min[axis] < plane).count();
+    let above = items.iter().filter(|r| r.aabb().max[axis] > plane).count();
+    let flat = |r: &&Item| r.aabb().min[axis] == plane && r.aabb().max[axis] == plane;
+    let flat = items.iter().filter(flat).count();
     Costs { cell: *cell, axis }.cut(plane, below, flat, above)
 }

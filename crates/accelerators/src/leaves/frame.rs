@@ -6,7 +6,7 @@ use whitstone_simd::select;
 
 /// Where the structure's own coordinates are: all of it lies in the cube from -1 to 1.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Frame {
+pub(crate) struct Frame {
     center: DVec3,
     /// A power of two, so that scaling rounds nothing.
     scale: f64,
@@ -16,7 +16,7 @@ pub(super) struct Frame {
 
 impl Frame {
     /// Around a box of finite size.
-    pub(super) fn around(aabb: &Aabb) -> Self {
+    pub(crate) fn around(aabb: &Aabb) -> Self {
         let center = aabb.center();
         // Of the corners as they will be computed, so that rounding puts none outside.
         let half = (aabb.max - center).max(center - aabb.min).max_element();
@@ -32,7 +32,7 @@ impl Frame {
 
     /// Around a box of finite size that holds points whose coordinates are `f32`: the same coordinates but for a
     /// factor, so that these are exact in own coordinates too; `None` where that would be too coarse.
-    pub(super) fn unmoved(aabb: &Aabb) -> Option<Self> {
+    pub(crate) fn unmoved(aabb: &Aabb) -> Option<Self> {
         let around_zero = aabb.union(Aabb {
             min: -aabb.max,
             max: -aabb.min,
@@ -48,30 +48,35 @@ impl Frame {
     }
 
     /// The factor that turns own coordinates into those of the world, exactly, if there is one.
-    pub(super) fn exact(&self) -> Option<f64> {
+    pub(crate) fn exact(&self) -> Option<f64> {
         self.exact.then_some(1.0 / self.scale)
     }
 
     /// A point of the world in own coordinates.
     #[inline]
-    pub(super) fn point(&self, p: DVec3) -> DVec3 {
+    pub(crate) fn point(&self, p: DVec3) -> DVec3 {
         (p - self.center) * self.scale
     }
 
+    /// A point in own coordinates in the world.
+    pub(crate) fn world(&self, p: DVec3) -> DVec3 {
+        p / self.scale + self.center
+    }
+
     /// A length of the world in own coordinates.
-    pub(super) fn length(&self, length: f64) -> f64 {
+    pub(crate) fn length(&self, length: f64) -> f64 {
         length * self.scale
     }
 
     /// A ray in single precision; `None` for one that does not fit or is no ray at all.
     #[inline(always)]
-    pub(super) fn ray(&self, ray: &Ray, interval: &Interval) -> Option<LocalRay> {
+    pub(crate) fn ray(&self, ray: &Ray, interval: &Interval) -> Option<LocalRay> {
         LocalRay::new::<false>(self, ray, interval, &mut false)
     }
 
     /// The same for some rays of a stream, from `start` on.
     #[inline(always)]
-    pub(super) fn rays(&self, rays: &RayStream, start: usize, local: &mut LocalRays) {
+    pub(crate) fn rays(&self, rays: &RayStream, start: usize, local: &mut LocalRays) {
         for k in 0..GROUP {
             let lane = start + k;
             let (ray, interval) = (rays.ray(lane), rays.interval(lane));
@@ -84,7 +89,7 @@ impl Frame {
 }
 
 /// The relative error of a product or sum rounded to `f32`.
-pub(super) const ROUNDING: f32 = f32::EPSILON / 2.0;
+pub(crate) const ROUNDING: f32 = f32::EPSILON / 2.0;
 
 /// By axis: those that follow it, and it.
 const AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
@@ -92,33 +97,33 @@ const AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
 /// A ray in own coordinates, for the tests in single precision. Its parameter is scaled so that the
 /// largest component of the direction is 1 or -1, and counted from `shift`.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct LocalRay {
+pub(crate) struct LocalRay {
     /// 1 over the direction, finite.
-    pub(super) reciprocal: [f32; 3],
+    pub(crate) reciprocal: [f32; 3],
     /// What to add to a near plane times `reciprocal` to get a lower bound of the parameter there.
-    pub(super) near: [f32; 3],
+    pub(crate) near: [f32; 3],
     /// What to add to a far plane times `reciprocal` to get an upper bound.
-    pub(super) far: [f32; 3],
+    pub(crate) far: [f32; 3],
     /// Whether the near plane of an axis is that of the smallest (0) or largest (1) coordinates.
-    pub(super) side: [usize; 3],
+    pub(crate) side: [usize; 3],
     /// The axes; along the last the direction is largest.
-    pub(super) axes: [usize; 3],
+    pub(crate) axes: [usize; 3],
     /// The origin along `axes`.
-    pub(super) origin: [f32; 3],
+    pub(crate) origin: [f32; 3],
     /// The direction along the first two of `axes`, divided by the last component.
-    pub(super) shear: [f32; 2],
+    pub(crate) shear: [f32; 2],
     /// The sign of the direction along the last axis.
-    pub(super) sign: f32,
+    pub(crate) sign: f32,
     /// Bound on the error of the sheared coordinates of a point of the structure.
-    pub(super) error: f32,
+    pub(crate) error: f32,
     /// Bound on the error of a coordinate of the origin or of a point of the structure.
-    pub(super) conversion: f32,
+    pub(crate) conversion: f32,
     /// Lower bound of the interval.
-    pub(super) min: f32,
+    pub(crate) min: f32,
     /// Upper bound of the interval.
-    pub(super) max: f32,
+    pub(crate) max: f32,
     /// What is between these is certainly inside the interval.
-    pub(super) inside: [f32; 2],
+    pub(crate) inside: [f32; 2],
     clock: Clock,
 }
 
@@ -221,7 +226,7 @@ impl LocalRay {
 }
 
 /// What of a ray in own coordinates is needed to judge a hit; see [`LocalRay`].
-pub(super) trait Reach {
+pub(crate) trait Reach {
     fn max(&self) -> f32;
     fn inside(&self) -> [f32; 2];
     /// A number that is certainly above the own parameter of `t`.
@@ -244,7 +249,7 @@ impl Reach for LocalRay {
 }
 
 /// One of [`LocalRays`], where it is.
-pub(super) struct LocalLane<'a>(pub(super) &'a LocalRays, pub(super) usize);
+pub(crate) struct LocalLane<'a>(pub(crate) &'a LocalRays, pub(crate) usize);
 
 impl Reach for LocalLane<'_> {
     #[inline(always)]
@@ -301,24 +306,24 @@ impl Clock {
 /// [`LocalRay`]s side by side.
 #[derive(Default)]
 #[repr(align(64))]
-pub(super) struct LocalRays {
-    pub(super) reciprocal: [[f32; GROUP]; 3],
-    pub(super) near: [[f32; GROUP]; 3],
-    pub(super) far: [[f32; GROUP]; 3],
-    pub(super) origin: [[f32; GROUP]; 3],
-    pub(super) shear: [[f32; GROUP]; 2],
-    pub(super) inside: [[f32; GROUP]; 2],
-    pub(super) sign: [f32; GROUP],
-    pub(super) error: [f32; GROUP],
-    pub(super) conversion: [f32; GROUP],
-    pub(super) min: [f32; GROUP],
+pub(crate) struct LocalRays {
+    pub(crate) reciprocal: [[f32; GROUP]; 3],
+    pub(crate) near: [[f32; GROUP]; 3],
+    pub(crate) far: [[f32; GROUP]; 3],
+    pub(crate) origin: [[f32; GROUP]; 3],
+    pub(crate) shear: [[f32; GROUP]; 2],
+    pub(crate) inside: [[f32; GROUP]; 2],
+    pub(crate) sign: [f32; GROUP],
+    pub(crate) error: [f32; GROUP],
+    pub(crate) conversion: [f32; GROUP],
+    pub(crate) min: [f32; GROUP],
     max: [f32; GROUP],
     sides: [[u32; GROUP]; 3],
     axis: [u32; GROUP],
     scale: [f64; GROUP],
     shift: [f64; GROUP],
     /// Whether a ray fits; else its numbers mean nothing.
-    pub(super) sound: [bool; GROUP],
+    pub(crate) sound: [bool; GROUP],
 }
 
 impl LocalRays {
@@ -348,7 +353,7 @@ impl LocalRays {
 
     /// Copies the ray of a lane. Not inlined: for AVX-512 the compiler makes gathers of it, which take longer.
     #[inline(never)]
-    pub(super) fn get(&self, lane: usize, to: &mut LocalRay) {
+    pub(crate) fn get(&self, lane: usize, to: &mut LocalRay) {
         let lane = lane % GROUP;
         let three = |rows: &[[f32; GROUP]; 3]| [rows[0][lane], rows[1][lane], rows[2][lane]];
         let two = |rows: &[[f32; GROUP]; 2]| [rows[0][lane], rows[1][lane]];
@@ -375,7 +380,7 @@ impl LocalRays {
 
     /// The axes of all rays, if they are the same.
     #[inline(always)]
-    pub(super) fn axes(&self) -> Option<[usize; 3]> {
+    pub(crate) fn axes(&self) -> Option<[usize; 3]> {
         let mut same = true;
         for k in 0..GROUP {
             same &= self.axis[k] == self.axis[0];
@@ -385,7 +390,7 @@ impl LocalRays {
 
     /// For each axis the side that all rays enter boxes by, if they do so by the same ones and all fit.
     #[inline(always)]
-    pub(super) fn octant(&self) -> Option<[usize; 3]> {
+    pub(crate) fn octant(&self) -> Option<[usize; 3]> {
         let mut same = true;
         for k in 0..GROUP {
             same &= self.sound[k];
@@ -399,7 +404,7 @@ impl LocalRays {
 
 /// The rays of [`LocalRays`] one by one, for what looks at one only; each is copied when it is first asked for.
 #[derive(Default)]
-pub(super) struct Alone {
+pub(crate) struct Alone {
     rays: [LocalRay; GROUP],
     /// Which are here, as bits.
     here: u32,
@@ -408,13 +413,13 @@ pub(super) struct Alone {
 impl Alone {
     /// Forgets all.
     #[inline(always)]
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.here = 0;
     }
 
     /// A ray.
     #[inline(always)]
-    pub(super) fn get(&mut self, rays: &LocalRays, lane: usize) -> &LocalRay {
+    pub(crate) fn get(&mut self, rays: &LocalRays, lane: usize) -> &LocalRay {
         let lane = lane % GROUP;
         if self.here & 1 << lane == 0 {
             self.here |= 1 << lane;

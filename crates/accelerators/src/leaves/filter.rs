@@ -5,22 +5,22 @@
 //! with a bound on the error of the edge functions; proof in `docs/accelerators.md`. The same for one triangle and the rays of
 //! a packet.
 
+use super::child::WIDTH;
 use super::frame::{LocalRay, LocalRays, ROUNDING};
-use super::node::WIDTH;
 use whitstone_core::stream::GROUP;
 use whitstone_simd::Lanes;
 
 /// Numbers of a triangle: three corners of three coordinates.
-pub(super) const NUMBERS: usize = 9;
+pub(crate) const NUMBERS: usize = 9;
 
 /// From the start of a leaf so many numbers can be read, of whatever.
-pub(super) const WINDOW: usize = NUMBERS * WIDTH;
+pub(crate) const WINDOW: usize = NUMBERS * WIDTH;
 
 /// Rays and triangles lane by lane: one ray and the triangles of a leaf, or one triangle and the rays of a packet. The
 /// numbers of a ray are those of [`LocalRay`].
 ///
 /// Methods instead of fields: a number that is the same everywhere is loaded where it is used; kept, it would be spilled.
-pub(super) trait Pairs<const N: usize, L: Lanes<N>> {
+pub(crate) trait Pairs<const N: usize, L: Lanes<N>> {
     /// A coordinate of a corner, from the origin of the ray, along one of the axes of the ray.
     fn coordinate(&self, l: L, corner: usize, i: usize) -> L::Floats;
     fn shear(&self, l: L, i: usize) -> L::Floats;
@@ -33,19 +33,19 @@ pub(super) trait Pairs<const N: usize, L: Lanes<N>> {
 }
 
 /// What the filter says, lane by lane.
-pub(super) struct Filtered<const N: usize> {
+pub(crate) struct Filtered<const N: usize> {
     /// Certainly hit; bits.
-    pub(super) sure: u32,
+    pub(crate) sure: u32,
     /// Perhaps hit; bits.
-    pub(super) unsure: u32,
+    pub(crate) unsure: u32,
     /// Bounds of the ray parameter where `sure`.
-    pub(super) low: [f32; N],
-    pub(super) high: [f32; N],
+    pub(crate) low: [f32; N],
+    pub(crate) high: [f32; N],
 }
 
 /// Says what is hit, of the lanes named by `valid`.
 #[inline(always)]
-pub(super) fn filter<const N: usize, L: Lanes<N>>(
+pub(crate) fn filter<const N: usize, L: Lanes<N>>(
     l: L,
     pairs: &impl Pairs<N, L>,
     valid: u32,
@@ -135,11 +135,11 @@ fn size<const N: usize, L: Lanes<N>>(l: L, p: [L::Floats; 3]) -> L::Floats {
 
 /// One ray and the triangles of a leaf: `numbers` holds, for each coordinate of each corner, that of all `count`
 /// triangles, and then something else.
-pub(super) struct Leaf<'a> {
-    pub(super) ray: &'a LocalRay,
-    pub(super) numbers: &'a [f32; WINDOW],
-    pub(super) count: usize,
-    pub(super) limit: f32,
+pub(crate) struct Leaf<'a> {
+    pub(crate) ray: &'a LocalRay,
+    pub(crate) numbers: &'a [f32; WINDOW],
+    pub(crate) count: usize,
+    pub(crate) limit: f32,
 }
 
 impl<L: Lanes<WIDTH>> Pairs<WIDTH, L> for Leaf<'_> {
@@ -179,12 +179,12 @@ impl<L: Lanes<WIDTH>> Pairs<WIDTH, L> for Leaf<'_> {
 }
 
 /// One triangle and rays of the same axes. `numbers` holds its coordinates, each `stride` from the one before.
-pub(super) struct Beam<'a> {
-    pub(super) rays: &'a LocalRays,
-    pub(super) axes: [usize; 3],
-    pub(super) numbers: &'a [f32],
-    pub(super) stride: usize,
-    pub(super) limits: &'a [f32; GROUP],
+pub(crate) struct Beam<'a> {
+    pub(crate) rays: &'a LocalRays,
+    pub(crate) axes: [usize; 3],
+    pub(crate) numbers: &'a [f32],
+    pub(crate) stride: usize,
+    pub(crate) limits: &'a [f32; GROUP],
 }
 
 impl<L: Lanes<GROUP>> Pairs<GROUP, L> for Beam<'_> {

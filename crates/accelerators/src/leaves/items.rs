@@ -1,33 +1,33 @@
 //! What a hierarchy is built over: boxes in single precision, rounded outward.
 
+use super::Slot;
 use super::filter::{NUMBERS, WINDOW};
-use super::frame::Frame;
-use super::search::Slot;
+use super::frame::{Frame, ROUNDING};
 use glam::{Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape, TriangleMesh};
 
 /// So many elements are worth a task for another thread.
-pub(super) const PARALLEL: usize = 4096;
+pub(crate) const PARALLEL: usize = 4096;
 
 /// Boxes that reach farther are treated as endless: squares of their sizes would overflow.
 const FARTHEST: f64 = 1e150;
 
 /// A box in own coordinates; the fourth components say nothing.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Box4 {
-    pub(super) min: Vec4,
-    pub(super) max: Vec4,
+pub(crate) struct Box4 {
+    pub(crate) min: Vec4,
+    pub(crate) max: Vec4,
 }
 
 impl Box4 {
-    pub(super) const EMPTY: Self = Self {
+    pub(crate) const EMPTY: Self = Self {
         min: Vec4::INFINITY,
         max: Vec4::NEG_INFINITY,
     };
 
     #[inline(always)]
-    pub(super) fn union(self, other: Self) -> Self {
+    pub(crate) fn union(self, other: Self) -> Self {
         Self {
             min: self.min.min(other.min),
             max: self.max.max(other.max),
@@ -35,7 +35,7 @@ impl Box4 {
     }
 
     #[inline(always)]
-    pub(super) fn including(self, point: Vec4) -> Self {
+    pub(crate) fn including(self, point: Vec4) -> Self {
         Self {
             min: self.min.min(point),
             max: self.max.max(point),
@@ -43,12 +43,12 @@ impl Box4 {
     }
 
     #[inline(always)]
-    pub(super) fn half_area(&self) -> f32 {
+    pub(crate) fn half_area(&self) -> f32 {
         let e = (self.max - self.min).max(Vec4::ZERO);
         e.x * e.y + e.y * e.z + e.z * e.x
     }
 
-    pub(super) fn intersection(self, other: Self) -> Self {
+    pub(crate) fn intersection(self, other: Self) -> Self {
         Self {
             min: self.min.max(other.min),
             max: self.max.min(other.max),
@@ -56,7 +56,7 @@ impl Box4 {
     }
 
     /// Moved outward on every side.
-    pub(super) fn padded(self, distance: f32) -> Self {
+    pub(crate) fn padded(self, distance: f32) -> Self {
         Self {
             min: self.min - distance,
             max: self.max + distance,
@@ -64,13 +64,13 @@ impl Box4 {
     }
 
     /// Whether the box holds nothing.
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         let less = self.min.cmple(self.max);
         !(less.test(0) && less.test(1) && less.test(2))
     }
 
     /// The axis along which the box is longest.
-    pub(super) fn longest_axis(&self) -> usize {
+    pub(crate) fn longest_axis(&self) -> usize {
         let e = self.max - self.min;
         (0..3).fold(0, |best, axis| if e[axis] > e[best] { axis } else { best })
     }
@@ -78,7 +78,7 @@ impl Box4 {
 
 /// The box of an element, or of a part of one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Item {
+pub(crate) struct Item {
     /// The fourth component of `min` holds the number of the element, as bits.
     aabb: Box4,
 }
@@ -88,7 +88,7 @@ impl Item {
     /// where nobody looks at the result.
     const NORMAL: u32 = 1 << 28;
 
-    pub(super) fn new(aabb: Box4, number: u32) -> Self {
+    pub(crate) fn new(aabb: Box4, number: u32) -> Self {
         let min = aabb.min.truncate().extend(f32::from_bits(number | Self::NORMAL));
         Self {
             aabb: Box4 { min, ..aabb },
@@ -96,36 +96,36 @@ impl Item {
     }
 
     /// What is in another box of the same element.
-    pub(super) fn part(&self, aabb: Box4) -> Self {
+    pub(crate) fn part(&self, aabb: Box4) -> Self {
         Self::new(aabb, self.number())
     }
 
     #[inline(always)]
-    pub(super) fn aabb(&self) -> Box4 {
+    pub(crate) fn aabb(&self) -> Box4 {
         self.aabb
     }
 
     /// Place of the element in the order of the geometry.
     #[inline(always)]
-    pub(super) fn number(&self) -> u32 {
+    pub(crate) fn number(&self) -> u32 {
         self.aabb.min.w.to_bits() ^ Self::NORMAL
     }
 
     /// Twice the center.
     #[inline(always)]
-    pub(super) fn center(&self) -> Vec4 {
+    pub(crate) fn center(&self) -> Vec4 {
         self.aabb.min + self.aabb.max
     }
 }
 
 /// The elements of a geometry.
-pub(super) struct Items<'a> {
+pub(crate) struct Items<'a> {
     geometry: &'a Geometry,
-    pub(super) frame: Frame,
+    pub(crate) frame: Frame,
     /// Twice the centers of the boxes, in the world, lie in here.
     centers: Aabb,
     /// Elements without a box of reasonable size.
-    pub(super) unbounded: Vec<Element>,
+    pub(crate) unbounded: Vec<Element>,
     /// The number of the first element of each shape, and behind them the number of all.
     starts: Vec<u32>,
 }
@@ -140,15 +140,15 @@ const BLOCK: usize = 128;
 const ORIGIN: &[DVec3] = &[DVec3::ZERO];
 
 /// What the leaves hold, leaf after leaf.
-pub(super) struct Contents {
-    pub(super) slots: Vec<Slot>,
+pub(crate) struct Contents {
+    pub(crate) slots: Vec<Slot>,
     /// The corners in own coordinates of what is a triangle, and zeros behind them.
-    pub(super) corners: Vec<[f32; NUMBERS]>,
+    pub(crate) corners: Vec<[f32; NUMBERS]>,
 }
 
 impl<'a> Items<'a> {
     /// All elements of a geometry, of which there are fewer than 2^28.
-    pub(super) fn new(geometry: &'a Geometry) -> Self {
+    pub(crate) fn new(geometry: &'a Geometry) -> Self {
         let mut starts = vec![0];
         let mut extent = Extent::default();
         for (part, shape) in geometry.shapes().iter().zip(0..) {
@@ -185,7 +185,7 @@ impl<'a> Items<'a> {
     }
 
     /// Something of each element with a box of reasonable size, by its number, in order.
-    pub(super) fn each<T: Send>(&self, of: impl Fn(u32) -> T + Sync + Send) -> Vec<T> {
+    pub(crate) fn each<T: Send>(&self, of: impl Fn(u32) -> T + Sync + Send) -> Vec<T> {
         let all = (0..self.starts[self.starts.len() - 1])
             .into_par_iter()
             .with_min_len(PARALLEL);
@@ -218,13 +218,13 @@ impl<'a> Items<'a> {
     }
 
     /// The box around what `center` returns.
-    pub(super) fn centers(&self) -> &Aabb {
+    pub(crate) fn centers(&self) -> &Aabb {
         &self.centers
     }
 
     /// Twice the center of the box of an element, in the world.
     #[inline(always)]
-    pub(super) fn center(&self, number: u32) -> DVec3 {
+    pub(crate) fn center(&self, number: u32) -> DVec3 {
         let element = self.element(number);
         match self.triangle(element) {
             Some([a, b, c]) => a.min(b).min(c) + a.max(b).max(c),
@@ -236,7 +236,7 @@ impl<'a> Items<'a> {
     }
 
     /// The item of an element.
-    pub(super) fn item(&self, number: u32) -> Item {
+    pub(crate) fn item(&self, number: u32) -> Item {
         let element = self.element(number);
         let aabb = match self.triangle(element) {
             Some(corners) => {
@@ -253,7 +253,7 @@ impl<'a> Items<'a> {
 
     /// The box of an element of this number and these corners, as in [`Contents`].
     #[inline(always)]
-    pub(super) fn aabb(&self, number: u32, corners: &[f32; NUMBERS]) -> Box4 {
+    pub(crate) fn aabb(&self, number: u32, corners: &[f32; NUMBERS]) -> Box4 {
         let four = |start: usize| Vec4::from_slice(&corners[start..start + 4]);
         let own = [four(0), four(3), four(5).yzww()].map(Vec3A::from_vec4);
         self.quick_box(own).unwrap_or_else(|| self.item(number).aabb())
@@ -279,7 +279,7 @@ impl<'a> Items<'a> {
     }
 
     /// What leaves hold that have the elements of these numbers, one after the other.
-    pub(super) fn contents<T: Sync>(&self, all: &[T], number: impl Fn(&T) -> u32 + Sync + Send) -> Contents {
+    pub(crate) fn contents<T: Sync>(&self, all: &[T], number: impl Fn(&T) -> u32 + Sync + Send) -> Contents {
         let slots = all.par_iter().with_min_len(PARALLEL);
         let slots = slots.map(|one| Slot::new(self.element(number(one)))).collect();
         let length = all.len() + BEHIND;
@@ -317,9 +317,8 @@ impl<'a> Items<'a> {
         }
     }
 
-    /// The corners of each element in own coordinates; not a number for what is no triangle, and for needles,
-    /// whose hits may lie beside them.
-    pub(super) fn corners(&self) -> Vec<[Vec4; 3]> {
+    /// The corners of each element.
+    pub(crate) fn corners(&self) -> Corners {
         let all = 0..self.starts[self.starts.len() - 1];
         let all = all.into_par_iter().with_min_len(PARALLEL).map(|number| {
             let corners = self.triangle(self.element(number));
@@ -327,7 +326,7 @@ impl<'a> Items<'a> {
             let corner = |p| self.frame.point(p).as_vec3().extend(0.0);
             corners.map_or([Vec4::NAN; 3], |corners| corners.map(corner))
         });
-        all.collect()
+        Corners(all.collect())
     }
 
     /// A box in own coordinates, rounded outward.
@@ -346,6 +345,43 @@ impl<'a> Items<'a> {
             min: Vec4::new(min[0], min[1], min[2], 0.0),
             max: Vec4::new(max[0], max[1], max[2], 0.0),
         }
+    }
+}
+
+/// The corners of each element by its number, in own coordinates; not a number for what can be cut by its box only: what
+/// is no triangle, and needles, whose hits may lie beside them.
+pub(crate) struct Corners(Vec<[Vec4; 3]>);
+
+impl Corners {
+    /// The bound on the rounding of a part of a triangle, in own coordinates.
+    pub(crate) const ROUNDING: f32 = 16.0 * ROUNDING;
+
+    /// The box of what of an item lies between two planes.
+    pub(crate) fn between(&self, item: &Item, axis: usize, low: f32, high: f32) -> Box4 {
+        let corners = &self.0[item.number() as usize];
+        let mut slab = item.aabb();
+        slab.min[axis] = slab.min[axis].max(low);
+        slab.max[axis] = slab.max[axis].min(high);
+        if corners[0].x.is_nan() {
+            return slab;
+        }
+        let mut found = Box4::EMPTY;
+        for i in 0..3 {
+            let (a, b) = (corners[i], corners[(i + 1) % 3]);
+            if a[axis] >= low && a[axis] <= high {
+                found = found.including(a);
+            }
+            for plane in [low, high] {
+                if (a[axis] < plane) != (b[axis] < plane) && plane.is_finite() {
+                    let along = (plane - a[axis]) / (b[axis] - a[axis]);
+                    found = found.including(a + along.clamp(0.0, 1.0) * (b - a));
+                }
+            }
+        }
+        if found.is_empty() {
+            return Box4::EMPTY;
+        }
+        found.padded(Self::ROUNDING).intersection(slab)
     }
 }
 

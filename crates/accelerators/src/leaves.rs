@@ -1,0 +1,135 @@
+//! Leaves of triangles in single precision behind a test that is never wrong, and the elements in them.
+//!
+//! A hierarchy refers to leaves of up to eight elements. Triangles are there with their corners in own coordinates
+//! (`frame`), and eight are tested at once (`filter`); what this test cannot decide for certain, and every hit that is
+//! returned, is decided by the tests in `f64` (`state`). Proof that nothing is missed: `docs/accelerators.md`.
+
+pub(crate) mod child;
+pub(crate) mod filter;
+pub(crate) mod frame;
+pub(crate) mod items;
+pub(crate) mod state;
+
+use child::{Child, Kind, WIDTH};
+use filter::NUMBERS;
+use frame::Frame;
+use std::sync::Arc;
+use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape};
+
+/// All leaves of a structure.
+pub(crate) struct Leaves {
+    pub(crate) geometry: Arc<Geometry>,
+    pub(crate) frame: Frame,
+    /// Elements without a box of reasonable size, tried for every ray.
+    pub(crate) unbounded: Vec<Element>,
+    /// What the leaves hold, leaf after leaf.
+    pub(crate) slots: Vec<Slot>,
+    /// The corners of the triangles of `slots` in own coordinates; see `filter`.
+    pub(crate) numbers: Vec<f32>,
+    /// What gives back the very corners of triangles from `numbers` as a factor, or 0 if nothing does.
+    pub(crate) exact: f64,
+}
+
+impl Leaves {
+    /// The leaves of these slots, with the corners in the order of coordinates in each.
+    pub(crate) fn new(
+        geometry: Arc<Geometry>,
+        frame: Frame,
+        unbounded: Vec<Element>,
+        slots: Vec<Slot>,
+        numbers: Vec<f32>,
+    ) -> Self {
+        Self {
+            geometry,
+            frame,
+            unbounded,
+            slots,
+            numbers,
+            exact: frame.exact().unwrap_or(0.0),
+        }
+    }
+
+    /// Size in memory.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&*self.slots) + size_of_val(&*self.numbers) + size_of_val(&*self.unbounded)
+    }
+
+    /// Around all elements that have a box.
+    pub(crate) fn bounds(&self) -> Aabb {
+        let elements = self.slots.iter().map(|slot| slot.element());
+        elements.fold(Aabb::EMPTY, |whole, element| {
+            whole.union(self.geometry.bounds(element))
+        })
+    }
+
+    /// The corners of a triangle of a leaf where these are exact.
+    #[inline(always)]
+    fn exact_corners(&self, first: usize, count: usize, lane: usize) -> [DVec3; 3] {
+        let numbers = &self.numbers[NUMBERS * first..][..NUMBERS * count];
+        let number = |i: usize| f64::from(numbers[i * count + lane]) * self.exact;
+        let corner = |i: usize| DVec3::new(number(3 * i), number(3 * i + 1), number(3 * i + 2));
+        [corner(0), corner(1), corner(2)]
+    }
+
+    /// What is in a place of a leaf of triangles, and its corners in the world.
+    #[inline(always)]
+    pub(crate) fn triangle(&self, leaf: Child, lane: usize) -> (Slot, [DVec3; 3]) {
+        let slot = self.slots[leaf.index() + lane];
+        let corners = match leaf.kind() {
+            Kind::Triangles(first, count) if self.exact != 0.0 => self.exact_corners(first, count, lane),
+            _ => match &self.geometry.shapes()[slot.shape as usize] {
+                Shape::Triangles(mesh) => mesh.corners(slot.triangle),
+                _ => [DVec3::ZERO; 3],
+            },
+        };
+        (slot, corners)
+    }
+}
+
+/// From triangle after triangle to coordinate after coordinate.
+pub(crate) fn by_coordinate(numbers: &mut [f32], count: usize) {
+    let mut old = [0.0; NUMBERS * WIDTH];
+    let old = &mut old[..numbers.len()];
+    old.copy_from_slice(numbers);
+    for (i, triangle) in old.as_chunks::<NUMBERS>().0.iter().enumerate() {
+        for (k, &number) in triangle.iter().enumerate() {
+            numbers[k * count + i] = number;
+        }
+    }
+}
+
+/// An element in a leaf.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Slot {
+    pub(crate) shape: u32,
+    /// The triangle, or [`Slot::OPAQUE`].
+    pub(crate) triangle: u32,
+}
+
+impl Slot {
+    const OPAQUE: u32 = u32::MAX;
+
+    pub(crate) fn new(element: Element) -> Self {
+        match element {
+            Element::Triangle { shape, triangle } => Self { shape, triangle },
+            Element::Opaque { shape } => Self {
+                shape,
+                triangle: Self::OPAQUE,
+            },
+        }
+    }
+
+    pub(crate) fn is_opaque(self) -> bool {
+        self.triangle == Self::OPAQUE
+    }
+
+    #[inline]
+    pub(crate) fn element(self) -> Element {
+        let Self { shape, triangle } = self;
+        if self.is_opaque() {
+            Element::Opaque { shape }
+        } else {
+            Element::Triangle { shape, triangle }
+        }
+    }
+}

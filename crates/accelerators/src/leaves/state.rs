@@ -1,0 +1,406 @@
+//! What a search knows, and what it makes of the triangles of a leaf.
+
+use super::child::{Child, Kind, WIDTH};
+use super::filter::{self, Filtered, Leaf, NUMBERS};
+use super::frame::{LocalRay, Reach};
+use super::{Leaves, Slot};
+use whitstone_core::stream::RayStream;
+use whitstone_core::triangle::{ShearedRay, TriangleHit};
+use whitstone_core::{DVec2, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Skip};
+use whitstone_simd::{Kernel, Lanes, Machine};
+
+/// A structure over leaves, and the way of a ray through it.
+pub(crate) trait Walk {
+    fn leaves(&self) -> &Leaves;
+
+    /// Goes through everything that the ray may hit, nearer things roughly first; what is pending then may be nearest up
+    /// to the limit that is returned.
+    fn walk<const ANY: bool, L: Lanes<WIDTH>>(
+        &self,
+        l: L,
+        state: &mut State<'_, impl Asked>,
+        local: &LocalRay,
+        limit: f32,
+    ) -> f32;
+}
+
+/// A search for the nearest hit, or with `ANY` for some hit, in which case only whether there is one counts.
+pub(crate) struct Search<'a, const ANY: bool, W>(pub(crate) &'a W, pub(crate) &'a Query<'a>);
+
+impl<const ANY: bool, W: Walk> Kernel for Search<'_, ANY, W> {
+    type Output = Option<RawHit>;
+
+    #[inline(always)]
+    fn run<M: Machine>(self, l: M) -> Option<RawHit> {
+        let Self(walk, query) = self;
+        let leaves = walk.leaves();
+        let mut state = State::new(leaves, query);
+        if state.resolve_unbounded() && ANY || leaves.slots.is_empty() {
+            return state.best;
+        }
+        let Some(local) = &leaves.frame.ray(query.ray, &query.interval) else {
+            // Nothing that single precision can tell about such a ray.
+            state.resolve_all(leaves.slots.iter().map(|slot| slot.element()));
+            return state.best;
+        };
+        let limit = state.limit(local);
+        let limit = walk.walk::<ANY, M>(l, &mut state, local, limit);
+        state.resolve_pending(local, limit);
+        state.best
+    }
+}
+
+/// What is searched for.
+pub(crate) struct Query<'a> {
+    pub(crate) ray: &'a Ray,
+    pub(crate) interval: Interval,
+    pub(crate) skip: Skip,
+}
+
+/// The same for a ray of a stream, where it stays: few of its numbers are needed on its way.
+#[derive(Clone, Copy)]
+pub(crate) struct Streamed<'a> {
+    pub(crate) rays: &'a RayStream,
+    pub(crate) lane: usize,
+}
+
+/// Where a search looks up what is searched for.
+pub(crate) trait Asked {
+    fn ray(&self) -> Ray;
+    fn interval(&self) -> Interval;
+    fn skip(&self) -> Skip;
+}
+
+impl Asked for &Query<'_> {
+    #[inline(always)]
+    fn ray(&self) -> Ray {
+        *self.ray
+    }
+    #[inline(always)]
+    fn interval(&self) -> Interval {
+        self.interval
+    }
+    #[inline(always)]
+    fn skip(&self) -> Skip {
+        self.skip
+    }
+}
+
+impl Asked for Streamed<'_> {
+    #[inline(always)]
+    fn ray(&self) -> Ray {
+        self.rays.ray(self.lane)
+    }
+    #[inline(always)]
+    fn interval(&self) -> Interval {
+        self.rays.interval(self.lane)
+    }
+    #[inline(always)]
+    fn skip(&self) -> Skip {
+        self.rays.skip.skip(self.lane)
+    }
+}
+
+/// What becomes of a triangle that is certainly hit.
+pub(crate) enum Sure {
+    /// The new limit.
+    Nearer(f32),
+    /// It is not certain that the hit is inside the interval.
+    Unsure,
+    /// The search is over.
+    Found,
+}
+
+/// What a search knows.
+#[derive(Clone, Copy)]
+pub(crate) struct State<'a, Q> {
+    leaves: &'a Leaves,
+    query: Q,
+    sheared: Option<ShearedRay>,
+    /// Before this hits still count.
+    end: f64,
+    pub(crate) best: Option<RawHit>,
+    /// Sure hits that are not yet known in double precision: lower bound, leaf, place in it.
+    pending: [(f32, Child, u32); 8],
+    count: usize,
+    /// The smallest of the lower bounds.
+    lowest: f32,
+}
+
+impl<'a, Q: Asked> State<'a, Q> {
+    #[inline(always)]
+    pub(crate) fn new(leaves: &'a Leaves, query: Q) -> Self {
+        Self {
+            leaves,
+            end: query.interval().max,
+            query,
+            sheared: None,
+            best: None,
+            pending: [(0.0, Child::default(), 0); 8],
+            count: 0,
+            lowest: 0.0,
+        }
+    }
+
+    /// Whether a slot is the triangle that the ray leaves.
+    #[inline(always)]
+    fn skips(&self, slot: usize) -> bool {
+        let skip = self.query.skip();
+        skip != Skip::NOTHING && {
+            let Slot { shape, triangle } = self.leaves.slots[slot];
+            skip.of_shape(InstancePath::WORLD, shape) == Some(triangle)
+        }
+    }
+
+    /// Decides about an element in double precision.
+    #[inline(never)]
+    fn resolve(&mut self, element: Element) {
+        let (ray, interval, skip) = (self.query.ray(), self.query.interval(), self.query.skip());
+        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(&ray));
+        let geometry = &self.leaves.geometry;
+        let open = Interval {
+            min: interval.min,
+            max: self.end,
+        };
+        if let Some(hit) = geometry.intersect(element, &ray, sheared, open, skip) {
+            self.offer(&hit);
+        }
+    }
+
+    /// The same for a triangle that is not skipped and whose corners are exact in the leaf.
+    #[inline(never)]
+    fn resolve_exact(&mut self, first: usize, count: usize, lane: usize) {
+        let (ray, interval) = (self.query.ray(), self.query.interval());
+        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(&ray));
+        let [a, b, c] = self.leaves.exact_corners(first, count, lane);
+        let hit = sheared.intersect(a, b, c);
+        if let Some(TriangleHit { t, u, v }) = hit
+            && t > interval.min
+            && t < self.end
+        {
+            let Slot { shape, triangle } = self.leaves.slots[first + lane];
+            let hit = PrimitiveHit {
+                t,
+                primitive: triangle,
+                params: DVec2::new(u, v),
+            };
+            self.offer(&hit.of_shape(InstancePath::WORLD, shape));
+        }
+    }
+
+    /// A hit that is there.
+    #[inline(always)]
+    fn offer(&mut self, hit: &RawHit) {
+        if self.best.is_none_or(|best| hit.beats(&best)) {
+            self.best = Some(*hit);
+            // Hits at the same distance still count: they may be lower in number.
+            self.end = hit.t.next_up();
+        }
+    }
+
+    /// Decides about a place of a leaf; returns the new limit.
+    #[inline(always)]
+    fn resolve_in(&mut self, leaf: Child, lane: usize, local: &impl Reach, limit: f32) -> f32 {
+        match leaf.kind() {
+            Kind::Triangles(first, count) if self.leaves.exact != 0.0 => {
+                self.resolve_exact(first, count, lane)
+            }
+            Kind::Triangles(first, _) | Kind::Mixed(first, _) => {
+                self.resolve(self.leaves.slots[first + lane].element());
+            }
+            Kind::Inner(_) => {}
+        }
+        match &self.best {
+            Some(best) => limit.min(local.above(best.t)),
+            None => limit,
+        }
+    }
+
+    /// Decides about what is pending and may still be nearest.
+    #[inline(always)]
+    pub(crate) fn resolve_pending(&mut self, local: &impl Reach, mut limit: f32) -> f32 {
+        for i in 0..std::mem::take(&mut self.count) {
+            let (low, leaf, lane) = self.pending[i];
+            if low <= limit {
+                limit = self.resolve_in(leaf, lane as usize, local, limit);
+            }
+        }
+        limit
+    }
+
+    /// Remembers a sure hit; returns the new limit.
+    #[inline(always)]
+    fn put_off(
+        &mut self,
+        [low, high]: [f32; 2],
+        leaf: Child,
+        lane: usize,
+        local: &impl Reach,
+        mut limit: f32,
+    ) -> f32 {
+        if high < self.lowest {
+            // Nothing that was put off is as near as this.
+            self.count = 0;
+        }
+        if self.count == self.pending.len() {
+            limit = self.resolve_pending(local, limit);
+        }
+        self.lowest = if self.count == 0 {
+            low
+        } else {
+            self.lowest.min(low)
+        };
+        self.pending[self.count] = (low, leaf, lane as u32);
+        self.count += 1;
+        limit.min(high)
+    }
+}
+
+impl State<'_, Streamed<'_>> {
+    /// Begins another search, of the ray of another lane.
+    #[inline(always)]
+    pub(crate) fn restart(&mut self, lane: usize) {
+        self.query.lane = lane;
+        self.sheared = None;
+        self.end = self.query.interval().max;
+        self.best = None;
+        self.count = 0;
+        self.lowest = 0.0;
+    }
+}
+
+impl<Q: Asked> State<'_, Q> {
+    /// Tries some elements.
+    #[cold]
+    pub(crate) fn resolve_all(&mut self, elements: impl Iterator<Item = Element>) {
+        for element in elements {
+            self.resolve(element);
+        }
+    }
+
+    /// Tries what has no box; returns whether something was hit.
+    #[inline(always)]
+    pub(crate) fn resolve_unbounded(&mut self) -> bool {
+        if !self.leaves.unbounded.is_empty() {
+            self.resolve_all(self.leaves.unbounded.iter().copied());
+        }
+        self.best.is_some()
+    }
+
+    /// The only thing that may be hit, not yet known in double precision: a triangle in the leaf.
+    #[inline(always)]
+    pub(crate) fn candidate(&self) -> Option<(Child, usize)> {
+        let (_, leaf, lane) = self.pending[0];
+        (self.count == 1 && self.best.is_none()).then_some((leaf, lane as usize))
+    }
+
+    /// The limit to begin with.
+    #[inline(always)]
+    pub(crate) fn limit(&self, local: &impl Reach) -> f32 {
+        match &self.best {
+            Some(best) => local.max().min(local.above(best.t)),
+            None => local.max(),
+        }
+    }
+
+    /// Takes a triangle that is certainly hit between two distances.
+    #[inline(always)]
+    pub(crate) fn sure<const ANY: bool>(
+        &mut self,
+        local: &impl Reach,
+        leaf: Child,
+        lane: usize,
+        bounds: [f32; 2],
+        limit: f32,
+    ) -> Sure {
+        let inside = local.inside();
+        if !(bounds[0] >= inside[0] && bounds[1] <= inside[1]) {
+            return Sure::Unsure;
+        }
+        if self.skips(leaf.index() + lane) {
+            return Sure::Nearer(limit);
+        }
+        if ANY {
+            // Any hit will do: this one is not known in double precision, but it is there.
+            self.best = Some(RawHit {
+                t: 0.0,
+                params: Default::default(),
+                instance: InstancePath::WORLD,
+                shape: 0,
+                primitive: 0,
+            });
+            return Sure::Found;
+        }
+        Sure::Nearer(self.put_off(bounds, leaf, lane, local, limit))
+    }
+
+    /// Decides at once about a triangle that may be hit; returns the new limit, or `None` if the search is over.
+    #[inline(always)]
+    pub(crate) fn unsure<const ANY: bool>(
+        &mut self,
+        local: &impl Reach,
+        leaf: Child,
+        lane: usize,
+        limit: f32,
+    ) -> Option<f32> {
+        if self.skips(leaf.index() + lane) {
+            return Some(limit);
+        }
+        let limit = self.resolve_in(leaf, lane, local, limit);
+        (!ANY || self.best.is_none()).then_some(limit)
+    }
+
+    /// Tests what is in a leaf; returns the new limit, or `None` if the search is over.
+    #[inline(always)]
+    pub(crate) fn leaf<const ANY: bool, L: Lanes<WIDTH>>(
+        &mut self,
+        l: L,
+        local: &LocalRay,
+        child: Child,
+        mut limit: f32,
+    ) -> Option<f32> {
+        let leaves = self.leaves;
+        let filtered = match child.kind() {
+            Kind::Triangles(first, count) => {
+                let Some(numbers) = leaves.numbers[NUMBERS * first..].first_chunk() else {
+                    return Some(limit);
+                };
+                let pairs = Leaf {
+                    ray: local,
+                    numbers,
+                    count,
+                    limit,
+                };
+                match filter::filter(l, &pairs, (1 << count) - 1) {
+                    Some(filtered) => filtered,
+                    None => return Some(limit),
+                }
+            }
+            Kind::Mixed(_, count) => Filtered {
+                sure: 0,
+                unsure: (1 << count) - 1,
+                low: [0.0; WIDTH],
+                high: [0.0; WIDTH],
+            },
+            Kind::Inner(_) => return Some(limit),
+        };
+        let mut unsure = filtered.unsure;
+        let mut sure = filtered.sure;
+        while sure != 0 {
+            let i = sure.trailing_zeros() as usize % WIDTH;
+            sure &= sure - 1;
+            let bounds = [filtered.low[i], filtered.high[i]];
+            match self.sure::<ANY>(local, child, i, bounds, limit) {
+                Sure::Nearer(nearer) => limit = nearer,
+                Sure::Unsure => unsure |= 1 << i,
+                Sure::Found => return None,
+            }
+        }
+        while unsure != 0 {
+            let i = unsure.trailing_zeros() as usize;
+            unsure &= unsure - 1;
+            limit = self.unsure::<ANY>(local, child, i, limit)?;
+        }
+        Some(limit)
+    }
+}
