@@ -188,9 +188,15 @@ fn list_has_every_plugin_with_its_summary() {
     for entry in registry.entries() {
         assert!(!entry.summary().is_empty(), "{} has no summary", entry.name);
         assert!(text.contains(&entry.summary()), "{}", entry.name);
+        let item = list
+            .iter()
+            .find(|item| item["type"] == entry.name && item["crate"] == entry.crate_name)
+            .unwrap_or_else(|| panic!("{} is not listed", entry.name));
+        let example = item["example"].as_str().unwrap_or_default();
+        let laws = item["laws"].as_array().map_or(0, Vec::len);
         assert!(
-            list.iter()
-                .any(|item| item["type"] == entry.name && item["crate"] == entry.crate_name)
+            item["twin"].is_string() && laws > 0 && root().join(example).is_file(),
+            "{item:#}: run `cargo xtask readme`"
         );
     }
     for name in ["shapes", "shape", "SHAPES"] {

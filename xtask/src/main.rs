@@ -5,6 +5,7 @@ mod bench;
 mod dependencies;
 mod features;
 mod peers;
+mod plugins;
 mod readme;
 mod tidy;
 

@@ -1,6 +1,6 @@
 //! `readme`: the pictures and the table of numbers in README.md, made from the stored references.
 
-use crate::verdict;
+use crate::{plugins, verdict};
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,8 @@ const BOUNDS: [(&str, &str, usize); 9] = [
     ("bsp", "type = \"bsp\"", 6),
 ];
 
-/// Write the pictures and the numbers of README.md from the stored references, and the pictures of docs/accelerators.md
+/// Write the pictures and the numbers of README.md from the stored references, the pictures of docs/accelerators.md, and what `list --json` says of
+/// plugins
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Write nothing; exit 1 if something would change
@@ -71,6 +72,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             PathBuf::from("docs/images/classic-trio.png"),
             classic_trio(registry)?,
         ),
+        (PathBuf::from(plugins::FILE), plugins::json(registry).into_bytes()),
     ];
     for (name, accelerator, deepest) in BOUNDS {
         let path = PathBuf::from(format!("docs/images/bounds-{name}.png"));

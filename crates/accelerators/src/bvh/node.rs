@@ -26,17 +26,17 @@ impl Node {
     /// ray pays for every rounding (`docs/accelerators.md`).
     #[inline(always)]
     pub(super) fn enter<L: Lanes<WIDTH>>(&self, l: L, ray: &LocalRay, limit: f32) -> (u32, L::Floats) {
-        let mut near = l.splat(ray.min);
-        let mut far = l.splat(limit);
-        for axis in 0..3 {
-            let sides = &self.planes[axis];
-            let side = ray.side[axis] & 1;
-            let reciprocal = l.splat(ray.reciprocal[axis]);
-            let enter = l.mul_add(l.load(&sides[side]), reciprocal, l.splat(ray.near[axis]));
-            let leave = l.mul_add(l.load(&sides[side ^ 1]), reciprocal, l.splat(ray.far[axis]));
-            near = l.max(enter, near);
-            far = l.min(leave, far);
-        }
+        // Functions of the axis instead of a loop: the three planes are independent, and two maxima wait for one another, not three.
+        let enter = |axis: usize| {
+            let plane = l.load(&self.planes[axis][ray.side[axis] & 1]);
+            l.mul_add(plane, l.splat(ray.reciprocal[axis]), l.splat(ray.near[axis]))
+        };
+        let leave = |axis: usize| {
+            let plane = l.load(&self.planes[axis][ray.side[axis] & 1 ^ 1]);
+            l.mul_add(plane, l.splat(ray.reciprocal[axis]), l.splat(ray.far[axis]))
+        };
+        let near = l.max(l.max(enter(0), enter(1)), l.max(enter(2), l.splat(ray.min)));
+        let far = l.min(l.min(leave(0), leave(1)), l.min(leave(2), l.splat(limit)));
         (l.at_most(near, far), near)
     }
 }

@@ -7,7 +7,7 @@
 
 use super::Bvh;
 use super::node::Node;
-use super::search::{USUAL_DEPTH, stack_size};
+use super::search::Stack;
 use crate::leaves::child::{Child, Kind, WIDTH};
 use crate::leaves::filter::{Beam, NUMBERS, filter};
 use crate::leaves::frame::{Alone, LocalLane, LocalRays};
@@ -18,8 +18,8 @@ use whitstone_simd::{Lanes, Machine};
 /// So many rays or fewer go alone.
 const FEW: u32 = 3;
 
-/// The stack of a ray that goes alone.
-pub(super) type Stack = [(f32, Child); stack_size(USUAL_DEPTH)];
+/// In deeper hierarchies rays go alone.
+pub(super) const USUAL_DEPTH: usize = 18;
 
 /// Rays that go together.
 pub(super) struct Packet<'a, 's> {
@@ -44,8 +44,8 @@ pub(super) struct Wanted {
     rays: u32,
 }
 
-/// Room for what is put off.
-pub(super) type WantedStack = [Wanted; stack_size(USUAL_DEPTH)];
+/// Room for what is put off: each level of nodes puts off seven children at most.
+pub(super) type WantedStack = [Wanted; (USUAL_DEPTH * (WIDTH - 1) + 1).next_power_of_two()];
 
 /// Bounds on the numbers of all rays; see [`LocalRay`](super::frame::LocalRay).
 #[derive(Default)]
@@ -81,14 +81,10 @@ impl Packet<'_, '_> {
                     #[inline(always)]
                     |packet, lane| {
                         let (state, local) = (&mut packet.states[lane], packet.alone.get(packet.rays, lane));
-                        let limit = packet.bvh.traverse::<ANY, _, M>(
-                            m,
-                            state,
-                            local,
-                            child,
-                            stack,
-                            packet.limits[lane],
-                        );
+                        let limit =
+                            packet
+                                .bvh
+                                .traverse::<ANY, M>(m, state, local, child, stack, packet.limits[lane]);
                         packet.limits[lane] = if ANY && state.best.is_some() {
                             f32::NEG_INFINITY
                         } else {

@@ -7,20 +7,64 @@ use crate::leaves::frame::LocalRay;
 use crate::leaves::state::{Asked, State, Walk};
 use whitstone_simd::Lanes;
 
-/// The stack of a search: each level of nodes puts off seven children at most.
-pub(super) const fn stack_size(depth: usize) -> usize {
-    (depth * (WIDTH - 1) + 1).next_power_of_two()
+/// What a search has put off, the latest on top. A ray seldom puts off more than a few, and room that it does not use must be
+/// cleared all the same: a tenth of its time for the room that the deepest hierarchy may need. So the rest is put away.
+pub(super) struct Stack {
+    top: [Later; Self::ROOM],
+    below: Vec<Later>,
 }
 
-/// Hierarchies up to this depth are searched with a smaller stack, which is cheaper to set up.
-pub(super) const USUAL_DEPTH: usize = 18;
+/// Where a box is entered, and what is in it.
+type Later = (f32, Child);
 
-/// The hierarchy, and a stack of the size that it needs.
-pub(super) struct WithStack<'a, const STACK: usize>(pub(super) &'a Bvh);
+impl Stack {
+    const ROOM: usize = 32;
 
-impl<const STACK: usize> Walk for WithStack<'_, STACK> {
+    #[inline(always)]
+    pub(super) fn new() -> Self {
+        Self {
+            top: [(0.0, Child::default()); Self::ROOM],
+            below: Vec::new(),
+        }
+    }
+
+    /// Makes room for the children of a node; returns the new height.
+    #[inline(always)]
+    fn make_room(&mut self, height: usize) -> usize {
+        if height + WIDTH > Self::ROOM {
+            self.put_away(height)
+        } else {
+            height
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn put_away(&mut self, height: usize) -> usize {
+        self.below.extend_from_slice(&self.top[..height]);
+        0
+    }
+
+    /// Takes back what was put away last; returns the new height, 0 if there is nothing.
+    #[inline(always)]
+    fn take_back(&mut self) -> usize {
+        if self.below.is_empty() { 0 } else { self.refill() }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn refill(&mut self) -> usize {
+        let rest = self.below.len().saturating_sub(Self::ROOM / 2);
+        let height = self.below.len() - rest;
+        self.top[..height].copy_from_slice(&self.below[rest..]);
+        self.below.truncate(rest);
+        height
+    }
+}
+
+impl Walk for Bvh {
     fn leaves(&self) -> &Leaves {
-        &self.0.leaves
+        &self.leaves
     }
 
     #[inline(always)]
@@ -31,29 +75,29 @@ impl<const STACK: usize> Walk for WithStack<'_, STACK> {
         local: &LocalRay,
         limit: f32,
     ) -> f32 {
-        let Some(root) = self.0.root else {
+        let Some(root) = self.root else {
             return limit;
         };
-        let mut stack = [(0f32, Child::default()); STACK];
-        self.0
-            .traverse::<ANY, STACK, L>(l, state, local, root, &mut stack, limit)
+        self.traverse::<ANY, L>(l, state, local, root, &mut Stack::new(), limit)
     }
 }
 
 impl Bvh {
     /// Goes through what is below a child; what is pending then may be nearest up to the limit that is returned.
     #[inline(always)]
-    pub(super) fn traverse<const ANY: bool, const STACK: usize, L: Lanes<WIDTH>>(
+    pub(super) fn traverse<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
         l: L,
         state: &mut State<'_, impl Asked>,
         local: &LocalRay,
         mut child: Child,
-        stack: &mut [(f32, Child); STACK],
+        stack: &mut Stack,
         mut limit: f32,
     ) -> f32 {
         // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded into them.
         let local = std::hint::black_box(local);
+        // A search that ended early may have left something.
+        stack.below.clear();
         let mut height = 0;
         loop {
             if child.is_inner()
@@ -73,6 +117,8 @@ impl Bvh {
                         child = first.1;
                         continue;
                     }
+                    height = stack.make_room(height);
+                    let stack = &mut stack.top;
                     let (second, rest) = next();
                     if rest == 0 {
                         let (nearer, farther) = if second.0 < first.0 {
@@ -80,7 +126,7 @@ impl Bvh {
                         } else {
                             (first, second)
                         };
-                        stack[height % STACK] = farther;
+                        stack[height % Stack::ROOM] = farther;
                         height += 1;
                         child = nearer.1;
                         continue;
@@ -89,11 +135,11 @@ impl Bvh {
                     let bottom = height;
                     let mut insert = |entry: (f32, Child)| {
                         let mut place = height;
-                        while !ANY && place > bottom && stack[(place - 1) % STACK].0 < entry.0 {
-                            stack[place % STACK] = stack[(place - 1) % STACK];
+                        while !ANY && place > bottom && stack[(place - 1) % Stack::ROOM].0 < entry.0 {
+                            stack[place % Stack::ROOM] = stack[(place - 1) % Stack::ROOM];
                             place -= 1;
                         }
-                        stack[place % STACK] = entry;
+                        stack[place % Stack::ROOM] = entry;
                         height += 1;
                     };
                     insert(first);
@@ -106,7 +152,7 @@ impl Bvh {
                         }
                     }
                     height -= 1;
-                    child = stack[height % STACK].1;
+                    child = stack[height % Stack::ROOM].1;
                     continue;
                 }
             } else {
@@ -117,15 +163,54 @@ impl Bvh {
             }
             child = loop {
                 if height == 0 {
-                    return limit;
+                    height = stack.take_back();
+                    if height == 0 {
+                        return limit;
+                    }
                 }
                 height -= 1;
-                let (near, child) = stack[height % STACK];
+                let (near, child) = stack.top[height % Stack::ROOM];
                 // At equal distance an element of lower number may be in there.
                 if near <= limit {
                     break child;
                 }
             };
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_put_off_comes_back_the_latest_first() {
+        let mut stack = Stack::new();
+        let mut height = 0;
+        let mut expected = Vec::new();
+        let mut put_away = 0;
+        for round in 0..400 {
+            // More goes in than comes out at first, and less later.
+            let [more, fewer] = if round < 200 { [WIDTH, 3] } else { [1, 6] };
+            height = stack.make_room(height);
+            for i in 0..more - round % 2 {
+                let later = ((WIDTH * round + i) as f32, Child(i as u32));
+                expected.push(later);
+                stack.top[height] = later;
+                height += 1;
+            }
+            put_away = put_away.max(stack.below.len());
+            for _ in 0..fewer {
+                if height == 0 {
+                    height = stack.take_back();
+                }
+                let top = (height > 0).then(|| {
+                    height -= 1;
+                    stack.top[height]
+                });
+                assert_eq!(top, expected.pop());
+            }
+        }
+        assert!(put_away > 500 && expected.is_empty(), "{put_away}, {}", expected.len());
     }
 }

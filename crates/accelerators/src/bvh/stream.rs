@@ -3,7 +3,7 @@
 
 use super::Bvh;
 use super::packet::{Packet, Wanted, WantedStack};
-use super::search::{USUAL_DEPTH, stack_size};
+use super::search::Stack;
 use crate::leaves::Slot;
 use crate::leaves::child::Child;
 use crate::leaves::frame::{Alone, LocalLane, LocalRays};
@@ -11,7 +11,7 @@ use crate::leaves::state::{State, Streamed};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes as RayLanes, RayStream};
 use whitstone_core::triangle::{ShearedStream, TriangleHit};
 use whitstone_core::{DVec2, DVec3, InstancePath, PrimitiveHit, RawHit};
-use whitstone_simd::{Kernel, Machine, with_lanes};
+use whitstone_simd::{Kernel, Level, Machine, with_lanes};
 
 /// The nearest hits of a stream, into hits that are clear.
 pub(super) fn closest(bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
@@ -58,7 +58,7 @@ fn search<const ANY: bool>(bvh: &Bvh, rays: &RayStream, answers: &mut impl Answe
     match bvh.root {
         Some(root) if !bvh.deep => {
             with_lanes(
-                bvh.level,
+                Level::Avx512,
                 Stream::<ANY, _> {
                     bvh,
                     root,
@@ -94,8 +94,8 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             rays,
             answers,
         } = self;
-        let mut stack = [(0f32, Child::default()); stack_size(USUAL_DEPTH)];
-        let mut wanted: WantedStack = [Wanted::default(); stack_size(USUAL_DEPTH)];
+        let mut stack = Stack::new();
+        let mut wanted: WantedStack = [Wanted::default(); _];
         let mut candidates = Candidates([None; LANES]);
         let mut states = [State::new(&bvh.leaves, Streamed { rays, lane: 0 }); GROUP];
         let mut local = LocalRays::default();
@@ -133,7 +133,7 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             } else {
                 for k in 0..len {
                     if limits[k] > f32::NEG_INFINITY {
-                        limits[k] = bvh.traverse::<ANY, _, M>(
+                        limits[k] = bvh.traverse::<ANY, M>(
                             m,
                             &mut states[k],
                             alone.get(&local, k),

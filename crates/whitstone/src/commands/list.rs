@@ -11,7 +11,7 @@ use whitstone_core::{Entry, FamilyName, Registry, nearest};
 pub struct Arguments {
     /// Only this family: cameras, shapes, accelerators, materials, textures, lights, samplers, integrators
     family: Option<String>,
-    /// As JSON, on standard output
+    /// As JSON, on standard output, with the twin of each in a reference renderer, its example scene and the laws that its tests call
     #[arg(long)]
     json: bool,
 }
@@ -24,6 +24,8 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         .filter(|name| only.is_none_or(|only| only == *name));
     let entries = |name: FamilyName| registry.entries().filter(move |entry| entry.family == name);
     if arguments.json {
+        let notes = notes();
+        let describe = |entry| describe(entry, &notes);
         let list: Vec<Value> = families
             .flat_map(|name| entries(name).map(describe).chain(choice(name)))
             .collect();
@@ -69,12 +71,26 @@ fn choice(family: FamilyName) -> Option<Value> {
     })
 }
 
-fn describe(entry: &Entry) -> Value {
+/// What the headers of the plugins' files say; `cargo xtask readme` writes it.
+const NOTES: &str = include_str!("../plugins.json");
+
+/// All of it; null where nothing is known, as of plugins of other crates.
+fn notes() -> Value {
+    serde_json::from_str(NOTES).unwrap_or_default()
+}
+
+fn describe(entry: &Entry, notes: &Value) -> Value {
+    let family = entry.family.plural();
+    let own = entry.crate_name == format!("whitstone-{family}");
+    let note = |key: &str| if own { &notes[family][entry.name][key] } else { &Value::Null };
     json!({
         "family": entry.family.singular(),
         "type": entry.name,
         "crate": entry.crate_name,
         "summary": entry.summary(),
+        "twin": note("twin"),
+        "example": note("example"),
+        "laws": note("laws"),
     })
 }
 

@@ -1,0 +1,65 @@
+//! What the files of plugins say about them in their headers: their twin, example and laws, for `whitstone list --json`.
+
+use crate::peers;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
+use std::fs;
+use whitstone::core::Registry;
+
+/// Written by `cargo xtask readme`; a part of the command line.
+pub(crate) const FILE: &str = "crates/whitstone/src/plugins.json";
+
+/// The content of the file.
+pub(crate) fn json(registry: &Registry) -> String {
+    let mut families = Map::new();
+    for entry in registry.entries().filter(|entry| entry.crate_name != peers::CRATE) {
+        let family = entry.family.plural();
+        let path = format!("crates/{family}/src/{}.rs", entry.name);
+        let source = fs::read_to_string(path).unwrap_or_default();
+        let all = families.entry(family).or_insert_with(|| json!({}));
+        all[entry.name] = json!({
+            "twin": note(&source, "Twin").map(|text| text.trim_end_matches('.').to_owned()),
+            "example": note(&source, "Example").map(|text| text.trim_matches(['`', '.']).to_owned()),
+            "laws": laws(&source),
+        });
+    }
+    format!("{:#}\n", Value::from(families))
+}
+
+/// What follows a name in the list of a header, up to the next item.
+fn note(source: &str, name: &str) -> Option<String> {
+    let header = source.lines().map_while(|line| line.strip_prefix("//!"));
+    let start = format!("- {name}: ");
+    let mut lines = header.map(str::trim).skip_while(|line| !line.starts_with(&start));
+    let first = lines.next()?.strip_prefix(&start)?.to_owned();
+    let rest = lines.take_while(|line| !line.is_empty() && !line.starts_with("- "));
+    Some(rest.fold(first, |text, line| format!("{text} {line}")))
+}
+
+/// The functions called from tests whose names say that they are laws.
+fn laws(source: &str) -> Vec<&str> {
+    let words = source.split(|c: char| !c.is_alphanumeric() && c != '_');
+    let laws: BTreeSet<&str> = words.filter(|word| is_law(word)).collect();
+    laws.into_iter().collect()
+}
+
+fn is_law(word: &str) -> bool {
+    (word.ends_with("_laws") || word.contains("_laws_")) && !word.starts_with("obeys")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn notes_and_laws_are_found() {
+        let source = "//! A thing.\n//!\n//! - Twin: Mitsuba `thing`,\n//!   by hand.\n//! - Example: `scenes/shapes/thing.toml`.\n\nuse x::{thing_laws};\n#[test]\nfn obeys_the_laws_of_things() { thing_laws::<Thing>(\"\"); thing_laws_everywhere() }\n//! - Twin: no\n";
+        assert_eq!(note(source, "Twin").as_deref(), Some("Mitsuba `thing`, by hand."));
+        assert_eq!(
+            note(source, "Example").as_deref(),
+            Some("`scenes/shapes/thing.toml`.")
+        );
+        assert_eq!(note(source, "Source"), None);
+        assert_eq!(laws(source), ["thing_laws", "thing_laws_everywhere"]);
+    }
+}
