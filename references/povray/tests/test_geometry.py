@@ -134,6 +134,12 @@ class Shapes(Case):
         self.assertEqual(self.seen(tube % 90 + SEEN, [(0.45, 0.9), (0.55, 0.9), (0.0, -0.98)]), [1, 0, 1])
         self.assertEqual(self.seen(tube % 0 + "caps = false\n" + SEEN, [(0.45, 0.0)]), [0])
 
+    def test_the_rim_of_a_hyperboloid_is_inside_its_bounds(self):
+        # From the side. POV-Ray's own box ends at 0.72 here unless the constant is -1.
+        turn = "transform = { rotate = { axis = [1, 0, 0], degrees = 90 } }\n"
+        tower = '[[shape]]\ntype = "hyperboloid"\nradius = 0.2\nslope = 0.8\nz = [-0.9, 0.3]\ncaps = false\n' + turn + SEEN
+        self.assertEqual(self.seen(tower, [(0.735, 0.895), (-0.735, 0.895), (0.75, 0.895), (0.19, 0.0)]), [1, 1, 0, 1])
+
     def test_csg(self):
         ball = '{ type = "sphere", radius = %s, transform = { translate = [%s, 0, 0] } }'
         joined = '[[shape]]\ntype = "csg"\noperation = "%s"\noperands = [%s, %s]\n' + SEEN

@@ -40,9 +40,12 @@ def around(place: Place, z: Tuple[float, float], radii: Tuple[float, float], cap
 def quadric(place: Place, coefficients: Sequence[float]) -> str:
     """POV-Ray's `quadric` for ten coefficients in metres, without its end: those of squares and products, of x, y, z, and the constant."""
     scale = place.setting.scale
-    squares, products, linear = coefficients[:3], coefficients[3:6], [scale * c for c in coefficients[6:9]]
-    constant = sdl.number(scale * scale * coefficients[9])
-    return f"quadric {{ {sdl.vector(squares)}, {sdl.vector(products)}, {sdl.vector(linear)}, {constant}"
+    linear, constant = [scale * c for c in coefficients[6:9]], scale * scale * coefficients[9]
+    # The box that POV-Ray 3.7 puts around a hyperboloid is right only if the constant is 1 or -1 once squares are completed.
+    at_center = constant - sum(b * b / (4 * a) for a, b in zip(coefficients[:3], linear) if a != 0)
+    size = abs(at_center) or 1.0
+    squares, products, linear = ([c / size for c in part] for part in (coefficients[:3], coefficients[3:6], linear))
+    return f"quadric {{ {sdl.vector(squares)}, {sdl.vector(products)}, {sdl.vector(linear)}, {sdl.number(constant / size)}"
 
 
 def cut(place: Place, body: str, low: Sequence[float], high: Sequence[float], caps: bool) -> str:
