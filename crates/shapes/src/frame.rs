@@ -1,10 +1,10 @@
-//! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common.
+//! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common; also that of quadrics.
 
 use whitstone_core::simd::select;
 use whitstone_core::{Aabb, DMat3, DVec2, DVec3, LEAVES_NOTHING, PrimitiveHit, Ray, Transform};
 
 /// Half the distance from 1 to the next number: the relative error of one rounding.
-const UNIT: f64 = 0.5 * f64::EPSILON;
+pub(crate) const UNIT: f64 = 0.5 * f64::EPSILON;
 
 /// The object space of a shape whose faces lie in planes across the object axes.
 #[derive(Clone)]
@@ -15,6 +15,9 @@ pub(crate) struct Frame {
     /// For each plane: how far, in metres along its normal, a unit step along each object axis can lead
     /// away from where rays meet it.
     tilt: [DVec3; 3],
+    /// How far each object coordinate can change, by rounding, on the way into the world and back: row for row, for a
+    /// unit step along each object axis.
+    slant: DMat3,
 }
 
 impl Frame {
@@ -26,13 +29,12 @@ impl Frame {
         // sums, and the one subtracted) is added.
         let residual = inverse * forward - DMat3::IDENTITY;
         let terms = inverse.abs() * forward.abs();
-        let tilt = [0, 1, 2].map(|axis| {
-            let bound = residual.row(axis).abs() + 4.0 * UNIT * terms.row(axis);
-            bound / inverse.row(axis).length()
-        });
+        let slant = residual.abs() + 4.0 * UNIT * terms;
+        let tilt = [0, 1, 2].map(|axis| slant.row(axis) / inverse.row(axis).length());
         Self {
             normals: DVec3::AXES.map(|axis| transform.normal_to_world(axis)),
             tilt,
+            slant,
             transform,
         }
     }
@@ -40,6 +42,12 @@ impl Frame {
     #[inline(always)]
     pub(crate) fn ray_to_object(&self, ray: &Ray) -> Ray {
         self.transform.ray_to_object(ray)
+    }
+
+    /// A point of world space in object space.
+    #[inline(always)]
+    pub(crate) fn point_to_object(&self, p: DVec3) -> DVec3 {
+        self.transform.object_from_world().matrix3 * (p - self.transform.world_from_object().translation)
     }
 
     /// Where a ray meets the plane z = 0 of object space: the ray parameter and x, y there. A ray that runs
@@ -84,6 +92,72 @@ impl Frame {
         (origin + (x + y + z), error)
     }
 
+    /// The point `p` of object space on a surface with this gradient there, in world space, with a bound on its
+    /// distance from the surface and the unit normal. `slack` bounds how far the function whose gradient it is may be
+    /// off zero at `p`.
+    ///
+    /// What a function is off by, over the length of its gradient in world space, is how far away its zero is. The
+    /// gradient goes into the world by the inverse transpose. The other roundings are those of [`Self::point`].
+    #[inline(always)]
+    pub(crate) fn point_with_gradient(&self, p: DVec3, gradient: DVec3, slack: f64) -> (DVec3, f64, DVec3) {
+        let origin = self.transform.world_from_object().translation;
+        let [x, y, z] = self.columns(p);
+        let across = self.transform.object_from_world().matrix3.transpose() * gradient;
+        let length = across.length();
+        let n = across / length;
+        let terms = origin.abs() + x.abs() + y.abs() + z.abs();
+        let met = (gradient.abs().dot(self.slant * p.abs()) + slack) / length;
+        (origin + (x + y + z), 5.0 * UNIT * n.abs().dot(terms) + met, n)
+    }
+
+    /// How far the ellipsoid with these half axes, about the origin of object space, reaches along each world axis:
+    /// a little more, for rounding.
+    pub(crate) fn reach_of_ellipsoid(&self, half: DVec3) -> [f64; 3] {
+        let [x, y, z] = self.columns(half);
+        // Exact where all but one are zero.
+        [0, 1, 2].map(|i| match (x[i], y[i], z[i]) {
+            (other, 0.0, 0.0) | (0.0, other, 0.0) | (0.0, 0.0, other) => other.abs(),
+            (x, y, z) => x.hypot(y).hypot(z) * (1.0 + 4.0 * f64::EPSILON),
+        })
+    }
+
+    /// World-space box of an ellipse about `center` in the plane z = center.z of object space.
+    pub(crate) fn around_disk(&self, center: DVec3, radius: f64) -> Aabb {
+        let reach = self.reach_of_ellipsoid(DVec3::new(radius, radius, 0.0));
+        let [x, y, z] = self.columns(center);
+        let origin = self.transform.world_from_object().translation;
+        let low = |i: usize| {
+            add_down(
+                origin[i],
+                add_down(add_down(x[i], y[i]), add_down(z[i], -reach[i])),
+            )
+        };
+        let high = |i: usize| add_up(origin[i], add_up(add_up(x[i], y[i]), add_up(z[i], reach[i])));
+        Aabb {
+            min: DVec3::from_array([0, 1, 2].map(low)),
+            max: DVec3::from_array([0, 1, 2].map(high)),
+        }
+    }
+
+    /// World-space box around a box of object space.
+    pub(crate) fn around_box(&self, min: DVec3, max: DVec3) -> Aabb {
+        let matrix = self.transform.world_from_object().matrix3;
+        let origin = self.transform.world_from_object().translation;
+        let mut aabb = Aabb {
+            min: origin,
+            max: origin,
+        };
+        for axis in 0..3 {
+            let column = matrix.col(axis);
+            let (a, b) = (min[axis] * column, max[axis] * column);
+            for i in 0..3 {
+                aabb.min[i] = add_down(aabb.min[i], a[i].min(b[i]));
+                aabb.max[i] = add_up(aabb.max[i], a[i].max(b[i]));
+            }
+        }
+        aabb
+    }
+
     /// World-space box of the points whose object coordinates are at most `half` in absolute value.
     pub(crate) fn bounds(&self, half: DVec3) -> Aabb {
         let [x, y, z] = self.columns(half).map(DVec3::abs);
@@ -118,8 +192,13 @@ pub(crate) fn flat_hit(t: f64, params: DVec2, inside: bool, min: f64, leaves: u3
     }
 }
 
+/// The sum, rounded down where it is not exact.
+pub(crate) fn add_down(a: f64, b: f64) -> f64 {
+    -add_up(-a, -b)
+}
+
 /// The sum, rounded up where it is not exact: bounds of what stands straight stay exact.
-fn add_up(a: f64, b: f64) -> f64 {
+pub(crate) fn add_up(a: f64, b: f64) -> f64 {
     let sum = a + b;
     // The rounding error, exactly (Knuth's TwoSum).
     let b_seen = sum - a;

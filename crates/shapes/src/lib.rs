@@ -9,23 +9,39 @@
 
 use whitstone_core::{DuplicateType, Registry, Shapes};
 
+mod conic;
 mod frame;
 mod lower;
 mod near;
+mod revolution;
 
+#[cfg(feature = "cone")]
+pub mod cone;
+#[cfg(feature = "csg")]
+pub mod csg;
 #[cfg(feature = "box")]
 #[path = "box.rs"]
 pub mod cuboid;
+#[cfg(feature = "cylinder")]
+pub mod cylinder;
 #[cfg(feature = "disk")]
 pub mod disk;
+#[cfg(feature = "ellipsoid")]
+pub mod ellipsoid;
 #[cfg(feature = "heightfield")]
 pub mod heightfield;
+#[cfg(feature = "hyperboloid")]
+pub mod hyperboloid;
 #[cfg(feature = "instance")]
 pub mod instance;
 #[cfg(feature = "mesh")]
 pub mod mesh;
+#[cfg(feature = "paraboloid")]
+pub mod paraboloid;
 #[cfg(feature = "plane")]
 pub mod plane;
+#[cfg(feature = "quadric")]
+pub mod quadric;
 #[cfg(feature = "rectangle")]
 pub mod rectangle;
 #[cfg(feature = "sphere")]
@@ -38,16 +54,30 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "box")]
     registry.add::<Shapes, cuboid::Cuboid>(from)?;
+    #[cfg(feature = "cone")]
+    registry.add::<Shapes, cone::Cone>(from)?;
+    #[cfg(feature = "csg")]
+    registry.add::<Shapes, csg::Csg>(from)?;
+    #[cfg(feature = "cylinder")]
+    registry.add::<Shapes, cylinder::Cylinder>(from)?;
     #[cfg(feature = "disk")]
     registry.add::<Shapes, disk::Disk>(from)?;
+    #[cfg(feature = "ellipsoid")]
+    registry.add::<Shapes, ellipsoid::Ellipsoid>(from)?;
     #[cfg(feature = "heightfield")]
     registry.add::<Shapes, heightfield::Heightfield>(from)?;
+    #[cfg(feature = "hyperboloid")]
+    registry.add::<Shapes, hyperboloid::Hyperboloid>(from)?;
     #[cfg(feature = "instance")]
     registry.add::<Shapes, instance::Placed>(from)?;
     #[cfg(feature = "mesh")]
     registry.add::<Shapes, mesh::Mesh>(from)?;
+    #[cfg(feature = "paraboloid")]
+    registry.add::<Shapes, paraboloid::Paraboloid>(from)?;
     #[cfg(feature = "plane")]
     registry.add::<Shapes, plane::Plane>(from)?;
+    #[cfg(feature = "quadric")]
+    registry.add::<Shapes, quadric::Quadric>(from)?;
     #[cfg(feature = "rectangle")]
     registry.add::<Shapes, rectangle::Rectangle>(from)?;
     #[cfg(feature = "sphere")]

@@ -100,6 +100,70 @@ class Shapes(Case):
             points = [(0.25, 0.25), (-0.25, 0.25), (0.25, -0.25), (0.75, 0)]
             self.assertEqual(self.seen(shape, points), [0.25, 1, 0.25, 0])
 
+    def test_texture_coordinates_of_round_shapes(self):
+        quarters = [(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)]
+        for shape in (
+            'type = "ellipsoid"\nradii = [1, 2, 0.1]\n',
+            'type = "cone"\n',
+            'type = "paraboloid"\ncaps = false\n',
+            'type = "hyperboloid"\nz = [-1, -0.1]\ncaps = false\n',
+        ):
+            self.check(shape, quarters, [1, 0.25, 1, 0.25], "[4, 1]")
+        # Caps have r and phi, the upper one of radius 1.
+        for shape in ('type = "cylinder"\n', 'type = "paraboloid"\n', 'type = "hyperboloid"\nradius = 0.6\nslope = 0.8\n'):
+            self.check(shape, quarters, [0.25, 1, 0.25, 1], "[2, 4]")
+            self.check(shape, [(0.2, 0.2), (-0.2, 0.2)], [1, 0.25], "[2, 4]")
+        # The height: half of the cone's is at half of its radius.
+        self.check('type = "cone"\n', [(0.2, 0.2), (0.6, 0.2)], [0.25, 1], "[1, 2]")
+        self.check('type = "ellipsoid"\nradii = [1, 1, 0.01]\n', [(0.2, 0.2), (0.9, 0.2)], [1, 0.25], "[1, 3]")
+        # In the box of the quadric.
+        sphere = 'type = "quadric"\ncoefficients = [1, 1, 1, 0, 0, 0, 0, 0, 0, -0.81]\nbox = [[-1, -1, -1], [1, 1, 0.1]]\n'
+        self.check(sphere, quarters + [(0.8, 0.8)], [1, 0.25, 1, 0.25, 0], "[2, 2]")
+
+    def test_where_quadrics_are(self):
+        # x^2 - y^2 >= 0.25, seen along z.
+        points = [(0.7, 0.1), (0.4, 0.1), (-0.7, 0.1), (0.7, 0.6), (0.1, 0.7)]
+        walls = '[[shape]]\ntype = "quadric"\ncoefficients = [-1, 1, 0, 0, 0, 0, 0, 0, 0, 0.25]\n'
+        self.assertEqual(self.seen(walls + SEEN, points), [1, 0, 1, 0, 0])
+        self.assertEqual(self.seen(walls + "caps = false\n" + SEEN, points), [0, 0, 0, 0, 0])
+        matrix = '[[shape]]\ntype = "quadric"\nmatrix = [[1, 0, 0, -0.3], [0, 1, 0, 0], [0, 0, 1, 0], [-0.3, 0, 0, 0]]\n'
+        self.assertEqual(self.seen(matrix + SEEN, [(0.59, 0.0), (0.61, 0.0), (0.0, 0.1)]), [1, 0, 0])
+        mixed = '[[shape]]\ntype = "quadric"\ncoefficients = [0, 0, 0, 1, 0, 0, 0, 0, 0, -0.25]\n'
+        self.assertEqual(self.seen(mixed + SEEN, [(0.45, 0.45), (0.55, 0.55), (-0.55, -0.55), (-0.45, 0.9)]), [1, 0, 0, 1])
+        tube = '[[shape]]\ntype = "cylinder"\nradius = 0.5\ntransform = { rotate = { axis = [1, 0, 0], degrees = %s } }\n'
+        self.assertEqual(self.seen(tube % 90 + SEEN, [(0.45, 0.9), (0.55, 0.9), (0.0, -0.98)]), [1, 0, 1])
+        self.assertEqual(self.seen(tube % 0 + "caps = false\n" + SEEN, [(0.45, 0.0)]), [0])
+
+    def test_the_rim_of_a_hyperboloid_is_inside_its_bounds(self):
+        # From the side. POV-Ray's own box ends at 0.72 here unless the constant is -1.
+        turn = "transform = { rotate = { axis = [1, 0, 0], degrees = 90 } }\n"
+        tower = '[[shape]]\ntype = "hyperboloid"\nradius = 0.2\nslope = 0.8\nz = [-0.9, 0.3]\ncaps = false\n' + turn + SEEN
+        self.assertEqual(self.seen(tower, [(0.735, 0.895), (-0.735, 0.895), (0.75, 0.895), (0.19, 0.0)]), [1, 1, 0, 1])
+
+    def test_csg(self):
+        ball = '{ type = "sphere", radius = %s, transform = { translate = [%s, 0, 0] } }'
+        joined = '[[shape]]\ntype = "csg"\noperation = "%s"\noperands = [%s, %s]\n' + SEEN
+        points = [(-0.7, 0.0), (0.0, 0.0), (0.7, 0.0), (0.0, 0.5)]
+        found = [self.seen(joined % (name, ball % (0.6, -0.3), ball % (0.6, 0.3)), points) for name in ("union", "intersection")]
+        self.assertEqual(found, [[1, 1, 1, 1], [0, 1, 0, 1]])
+        plane = '{ type = "plane", transform = [{ rotate = { axis = [0, 1, 0], degrees = 70 } }, { translate = [0.1, 0, 0] }] }'
+        bored = [joined % ("difference", ball % (0.9, 0), cut) for cut in (ball % (0.6, 0.3), plane)]
+        # The bore is lit like the outside. The plane leaves what is on its positive side.
+        self.assertEqual(self.seen(bored[0], [(-0.5, 0.0), (0.3, 0.0), (0.85, 0.4)]), [1, 1, 0])
+        self.assertEqual(self.seen(bored[1], [(-0.5, 0.0), (-0.25, 0.0), (-0.2, 0.0), (0.3, 0.0)]), [0, 0, 1, 1])
+        pipe = '{ type = "cylinder", radius = 0.3 }'
+        self.assertEqual(self.seen(joined % ("difference", ball % (0.9, 0), pipe), [(0.25, 0.0), (0.35, 0.0)]), [0, 1])
+        inner = '{ type = "csg", operation = "difference", operands = [%s, %s], transform = { translate = [0.2, 0, 0] } }'
+        nested = joined % ("intersection", ball % (0.9, 0), inner % (ball % (0.9, 0), pipe))
+        self.assertEqual(self.seen(nested, [(0.2, 0.0), (0.6, 0.0), (-0.8, 0.0), (-0.6, 0.0)]), [0, 1, 0, 1])
+
+    def test_what_csg_refuses(self):
+        joined = film() + DOWN + '[[shape]]\ntype = "csg"\noperation = "union"\noperands = [%s, { type = "sphere" }]\n'
+        for operand in ('{ type = "disk" }', '{ type = "cylinder", caps = false }', '{ type = "sphere", material = "m" }'):
+            self.refuse(joined % operand, "scene", "operands[0]")
+        textured = joined % '{ type = "box" }' + CELLS % 2
+        self.refuse(textured, "unsupported", "textures on a csg")
+
 
 class Meshes(unittest.TestCase):
     def tetrahedron(self, *flipped):

@@ -99,6 +99,10 @@ class Fields:
 
         return self._checked(key, default, good, f"an integer from {low} to {high}", low)
 
+    def flag(self, key: str, default: bool) -> bool:
+        """True or false."""
+        return self._checked(key, default, lambda value: isinstance(value, bool), "true or false", default)
+
     def choice(self, key: str, default: str, words: Sequence[str]) -> str:
         """One of some words."""
         return self._checked(key, default, lambda value: value in words, f"one of {', '.join(words)}", words[0])

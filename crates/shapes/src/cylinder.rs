@@ -1,0 +1,163 @@
+//! A cylinder about the z axis.
+//!
+//! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2, 5.2 and
+//! Cychosz and Waggenspack, *Intersecting a ray with a cylinder*, Graphics Gems IV (1994), V.2; arithmetic in `conic.rs`.
+//!
+//! - Twin: POV-Ray `cylinder` (native).
+//! - Example: `scenes/shapes/cylinder.toml`.
+
+use crate::revolution::{Heights, Revolution};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use whitstone_core::config::{Positive, Vector2};
+use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transform};
+
+/// A cylinder about the z axis of its object space; the outside is away from the axis.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// In metres.
+    #[serde(default = "one")]
+    radius: Positive,
+    /// From which height to which, in metres.
+    #[serde(default = "heights")]
+    #[schemars(with = "Vector2")]
+    z: Heights,
+    /// Whether disks close it at both ends.
+    #[serde(default = "yes")]
+    caps: bool,
+}
+
+fn one() -> Positive {
+    Positive::new(1.0).expect("1 is positive")
+}
+
+fn heights() -> Heights {
+    Heights([-1.0, 1.0])
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// Becomes a surface of revolution.
+pub struct Cylinder;
+
+impl Plugin<Shapes> for Cylinder {
+    const TYPE: &'static str = "cylinder";
+    type Config = Config;
+
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        let radius = config.radius.get();
+        let cylinder = Revolution {
+            square: 0.0,
+            linear: 0.0,
+            constant: radius * radius,
+            origin: 0.0,
+            heights: config.z,
+            radii: [radius; 2],
+            caps: config.caps,
+            tip: DVec3::X,
+        };
+        cylinder.build(transform, |_| Vec::new())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::{Interval, Primitive, Ray};
+    use whitstone_testkit::{build, placements, shape_laws, shape_laws_everywhere};
+
+    fn cylinder(text: &str) -> Box<dyn Primitive> {
+        match build::<Shapes, Cylinder>(text, Transform::IDENTITY).unwrap() {
+            Shape::Opaque(primitive) => primitive,
+            _ => unreachable!("a cylinder is opaque"),
+        }
+    }
+
+    fn closest(text: &str, origin: [f64; 3], direction: [f64; 3], leaves: Option<u32>) -> Option<(f64, u32)> {
+        let ray = Ray::new(origin.into(), direction.into());
+        let hit = cylinder(text).closest(&ray, Interval::FORWARD, leaves)?;
+        Some((hit.t, hit.primitive))
+    }
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        shape_laws_everywhere::<Cylinder>("", 2_000);
+        // A tube that is thin is met by no ray that is aimed at its box.
+        for (name, transform) in placements().into_iter().filter(|(name, _)| *name != "thin") {
+            eprintln!("open, {name}");
+            shape_laws(
+                build::<Shapes, Cylinder>("caps = false", transform).unwrap(),
+                2_000,
+            );
+        }
+        shape_laws_everywhere::<Cylinder>("radius = 0.2\nz = [-0.1, 1]", 2_000);
+        shape_laws_everywhere::<Cylinder>("radius = 3\nz = [5, 5.001]", 2_000);
+    }
+
+    #[test]
+    fn sides_and_caps_are_numbered() {
+        assert_eq!(
+            closest("", [3.0, 0.0, 0.0], [-1.0, 0.0, 0.0], None),
+            Some((2.0, 0))
+        );
+        for zero in [0.0, -0.0] {
+            assert_eq!(
+                closest("", [0.5, 0.0, 3.0], [zero, zero, -1.0], None),
+                Some((2.0, 2))
+            );
+            assert_eq!(
+                closest("", [0.5, 0.0, -3.0], [zero, zero, 1.0], None),
+                Some((2.0, 1))
+            );
+            assert_eq!(
+                closest("caps = false", [0.5, 0.0, 3.0], [zero, zero, -1.0], None),
+                None
+            );
+            assert_eq!(closest("", [1.5, 0.0, 3.0], [zero, zero, -1.0], None), None);
+            assert_eq!(closest("", [3.0, 0.0, 2.0], [-1.0, zero, zero], None), None);
+        }
+        // Through the open end on to the inside.
+        assert_eq!(
+            closest("caps = false", [0.0, 0.0, 2.0], [0.5, 0.0, -1.0], None),
+            Some((2.0, 0))
+        );
+    }
+
+    #[test]
+    fn a_ray_that_leaves_meets_the_far_side_only() {
+        assert_eq!(
+            closest("", [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], Some(0)),
+            Some((2.0, 0))
+        );
+        assert_eq!(closest("", [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], Some(0)), None);
+        // At the rim, beyond the cap by an ulp.
+        let beyond = 1f64.next_up();
+        assert_eq!(
+            closest("", [1.0, 0.0, beyond], [-1.0, 0.0, -1.0], Some(0)),
+            Some((2.0, 0))
+        );
+        assert_eq!(
+            closest("", [beyond, 0.0, 1.0], [-1.0, 0.0, -1.0], Some(2)),
+            Some((2.0, 0))
+        );
+    }
+
+    #[test]
+    fn a_needle_is_hit_from_afar_and_bounds_are_tight() {
+        let found = closest(
+            "radius = 1e-8\nz = [0, 1]",
+            [1e3, 0.6e-8, 0.5],
+            [-1.0, 0.0, 0.0],
+            None,
+        );
+        assert!((found.unwrap().0 - (1e3 - 0.8e-8)).abs() < 2e-13, "{found:?}");
+        let bounds = cylinder("radius = 2\nz = [3, 4]").bounds();
+        assert_eq!(
+            (bounds.min, bounds.max),
+            (DVec3::new(-2.0, -2.0, 3.0), DVec3::new(2.0, 2.0, 4.0))
+        );
+    }
+}

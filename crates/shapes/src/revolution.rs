@@ -1,0 +1,92 @@
+//! What cylinder, cone, paraboloid and hyperboloid have in common: quadrics about the z axis, from one height to another.
+
+use crate::conic::{Clipped, Conic, Mapping, angle};
+use crate::frame::Frame;
+use serde::{Deserialize, Deserializer};
+use whitstone_core::config::Vector2;
+use whitstone_core::{Aabb, DMat3, DVec2, DVec3, SceneErrors, Shape, Transform};
+
+/// Two heights, the lower one first.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Heights(pub(crate) [f64; 2]);
+
+impl<'de> Deserialize<'de> for Heights {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let [low, high] = Vector2::deserialize(deserializer)?.get().to_array();
+        if low < high {
+            return Ok(Self([low, high]));
+        }
+        let message = format!("expected two heights in ascending order, found [{low}, {high}]");
+        Err(serde::de::Error::custom(message))
+    }
+}
+
+/// x² + y² = square z² + 2 linear z + constant, with z counted from `origin`.
+pub(crate) struct Revolution {
+    pub(crate) square: f64,
+    pub(crate) linear: f64,
+    pub(crate) constant: f64,
+    pub(crate) origin: f64,
+    pub(crate) heights: Heights,
+    /// At the two heights.
+    pub(crate) radii: [f64; 2],
+    pub(crate) caps: bool,
+    /// The outward direction where the radius is 0.
+    pub(crate) tip: DVec3,
+}
+
+/// On the side the angle and how far up, on a cap the radius and the angle.
+#[derive(Clone)]
+struct Around {
+    heights: [f64; 2],
+    radii: [f64; 2],
+}
+
+impl Mapping for Around {
+    fn uv(&self, p: DVec3, primitive: u32) -> DVec2 {
+        let [low, high] = self.heights;
+        match primitive {
+            0 => DVec2::new(angle(p.x, p.y), (p.z - low) / (high - low)),
+            _ => DVec2::new(
+                p.truncate().length() / self.radii[usize::from(primitive == 2)],
+                angle(p.x, p.y),
+            ),
+        }
+    }
+}
+
+impl Revolution {
+    /// The shape under a transform. `widest` are disks (height and radius) that hold it together with those at its ends: none
+    /// where its outline is straight or bends inward.
+    pub(crate) fn build(
+        self,
+        transform: Transform,
+        widest: impl FnOnce(&Transform) -> Vec<[f64; 2]>,
+    ) -> Result<Shape, SceneErrors> {
+        let Heights([low, high]) = self.heights;
+        let conic = Conic {
+            turn: DMat3::IDENTITY,
+            center: DVec3::new(0.0, 0.0, self.origin),
+            square: DVec3::new(1.0, 1.0, -self.square),
+            linear: DVec3::new(0.0, 0.0, -self.linear),
+            constant: -self.constant,
+            min: DVec3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, low),
+            max: DVec3::new(f64::INFINITY, f64::INFINITY, high),
+            caps: self.caps,
+            first_face: 4,
+            tip: self.tip,
+        };
+        let mapping = Around {
+            heights: [low, high],
+            radii: self.radii,
+        };
+        let mut disks = widest(&transform);
+        disks.extend([[low, self.radii[0]], [high, self.radii[1]]]);
+        let bounds = |frame: &Frame| {
+            let around = |[z, radius]: [f64; 2]| frame.around_disk(DVec3::new(0.0, 0.0, z), radius);
+            disks.into_iter().map(around).fold(Aabb::EMPTY, Aabb::union)
+        };
+        let clipped = Clipped::new(transform, conic, mapping, bounds)?;
+        Ok(Shape::Opaque(Box::new(clipped)))
+    }
+}

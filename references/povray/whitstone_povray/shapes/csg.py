@@ -1,0 +1,68 @@
+"""Twin of the shape `csg`: POV-Ray's `merge`, `intersection` and `difference`."""
+
+from __future__ import annotations
+
+from typing import Optional
+
+from .. import registry, transforms
+from ..errors import Unsupported
+from . import Fields, Place, Solid
+
+# POV-Ray sees nothing much farther away.
+_FAR = 1e4
+_NAMES = {"union": "merge", "intersection": "intersection", "difference": "difference"}
+# Operands may be nested so deep, and there may be so many (model §9).
+_MAX_NESTING = 16
+_MAX_OPERANDS = 256
+
+
+class _OfOperands:
+    """Texture coordinates that are those of the operand that is seen: asked for, they have no twin."""
+
+    mapped = False
+
+    @property
+    def u(self) -> str:
+        """Of no single expression."""
+        raise Unsupported("shape: POV-Ray has no twin of textures on a csg, which are those of its operands")
+
+    v = u
+
+
+def _operand(table: object, where: str, fields: Fields, place: Place, depth: int) -> Optional[str]:
+    inner = Fields(table, where, fields.context)
+    plane = isinstance(table, dict) and table.get("type") == "plane"
+    nested = isinstance(table, dict) and table.get("type") == "csg"
+    if nested and depth == _MAX_NESTING:
+        inner.error("", f"operands are nested more than {_MAX_NESTING} deep")
+        return None
+    found = registry.find("shapes", inner)
+    if found is None:
+        return None
+    own = transforms.read(inner.take("transform"), f"{where}.transform", fields.context)
+    stands = Place(place.setting, transforms.product(place.own, own))
+    solid = _twin(inner, stands, depth + 1) if nested else found(inner, stands)
+    inner.close()
+    # POV-Ray 3.7 cuts the bounding box of a difference by a plane that it has turned, and loses parts.
+    body = f"box {{ {place.point((-_FAR, -_FAR, -_FAR))}, {place.point((_FAR, _FAR, 0))}" if plane else solid.body
+    if not (plane or solid.closed) or solid.matrix is not None:
+        inner.error("", "bounds no volume, so it cannot be an operand")
+    return f"{body} {transforms.write(own, place.setting.scale)} }}"
+
+
+def _twin(fields: Fields, place: Place, depth: int) -> Solid:
+    operation = fields.choice("operation", "", tuple(_NAMES))
+    tables = fields.take("operands")
+    if not isinstance(tables, list) or not 2 <= len(tables) <= _MAX_OPERANDS:
+        fields.error("operands", f"expected 2 to {_MAX_OPERANDS} tables of shapes")
+        tables = []
+    operands = [
+        _operand(table, f"{fields.where}.operands[{number}]", fields, place, depth) for number, table in enumerate(tables)
+    ]
+    inside = "\n  ".join(operand for operand in operands if operand is not None)
+    return Solid(f"{_NAMES[operation]} {{\n  {inside}", _OfOperands(), True)
+
+
+def twin(fields: Fields, place: Place) -> Solid:
+    """`operation`, `operands`."""
+    return _twin(fields, place, 1)
