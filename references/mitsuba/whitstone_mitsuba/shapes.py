@@ -1,4 +1,4 @@
-"""Shapes: sphere, plane, rectangle, disk, box, triangle, mesh, heightfield, instance (model §9), on Mitsuba's geometry.
+"""Shapes: sphere, plane, rectangle, disk, box, triangle, mesh, heightfield, patch, instance (model §9), on Mitsuba's geometry.
 
 Transforms are composed in float64 and handed over once. What Mitsuba's surface differs in from the model (normals of mirrored
 shapes, v of the sphere, uv of the plane, numbers of primitives) stands in each shape's `Rules`, which the driver applies.
@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from . import meshes, rounding, transforms
+from . import meshes, patches, rounding, transforms
 from .errors import SceneError
 from .fields import REQUIRED, Fields, nearest
 from .files import Folder
@@ -21,6 +21,7 @@ from .runtime import mi
 PLANE_RADIUS = 1e7
 
 UV_NATIVE, UV_SPHERE, UV_PLANE = 0, 1, 2
+# How many of Mitsuba's triangles are one of the model's primitives; 0 where all are.
 PRIMITIVE_ZERO, PRIMITIVE_NATIVE, PRIMITIVE_HALF = 0, 1, 2
 
 
@@ -248,6 +249,15 @@ def _heightfield(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any
     return Rules(primitive=PRIMITIVE_NATIVE), _triangles(triangles, place, False)
 
 
+def _patch(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+    points, level = patches.read(fields), patches.LEVEL
+    if 2 * level * level * len(points) > patches.MOST_TRIANGLES:
+        place.unsupported.append(f"{fields.where}: no twin for more than {patches.MOST_TRIANGLES} triangles of patches")
+        points = points[:1]
+    triangles = patches.tessellate(points, level)
+    return Rules(smooth=True, primitive=2 * level * level), _triangles(triangles, place, True)
+
+
 READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Rules, Any]]] = {
     "sphere": _sphere,
     "plane": _plane,
@@ -257,6 +267,7 @@ READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Rules, Any]]] = {
     "triangle": _triangle,
     "mesh": _mesh,
     "heightfield": _heightfield,
+    "patch": _patch,
 }
 
 
