@@ -250,10 +250,11 @@ def _heightfield(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any
 
 
 def _patch(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
-    points, level = patches.read(fields), patches.LEVEL
-    if 2 * level * level * len(points) > patches.MOST_TRIANGLES:
-        place.unsupported.append(f"{fields.where}: no twin for more than {patches.MOST_TRIANGLES} triangles of patches")
-        points = points[:1]
+    points = patches.read(fields)
+    level = patches.level(len(points))
+    if level < patches.LEAST_LEVEL:
+        place.unsupported.append(f"{fields.where}: no twin for {len(points)} patches: their triangles would be too few or too many")
+        points, level = points[:1], 1
     triangles = patches.tessellate(points, level)
     return Rules(smooth=True, primitive=2 * level * level), _triangles(triangles, place, True)
 
