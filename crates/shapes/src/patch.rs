@@ -353,3 +353,16 @@ impl Patch {
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod laws {
+    use super::{Patch, tests};
+    use whitstone_testkit::shape_laws_everywhere;
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        for patch in tests::examples() {
+            shape_laws_everywhere::<Patch>(&patch, 2_000);
+        }
+    }
+}

@@ -69,6 +69,18 @@ class Patches(Case):
             self.assertGreater(slope, 1.8)
             self.assertLess(slope, 2.2)
 
+    def test_the_setting_of_vertices_moves_the_error(self):
+        """The harness learns from it how inexact the reference is: about as much as it is."""
+        channels, _ = self.render(above(self.size, [shape(wave())]))
+        centres = (np.arange(self.size) + 0.5) / self.size * 2 - 1
+        exactly = np.array([[3 - exact(x, y)[0] for x in centres] for y in -centres])
+        error = np.sqrt(np.mean((channels["depth.Z"] - exactly) ** 2))
+        for seed in (1, 2, 3):
+            other, _ = self.render(above(self.size, [shape(wave())]), setting={"vertices": True, "seed": seed})
+            moved = np.sqrt(np.mean((other["depth.Z"] - channels["depth.Z"]) ** 2))
+            self.assertGreater(moved, error / 3)
+            self.assertLess(moved, error * 3)
+
     def test_parameters_and_numbers(self):
         lower = [[x, y, z - 1] for x, y, z in wave()]
         both = f'[[shape]]\ntype = "patch"\nvertices = {lower + wave()}\npatches = {[list(range(16)), list(range(16, 32))]}\n'

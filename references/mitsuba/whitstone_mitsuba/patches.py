@@ -11,6 +11,7 @@ from typing import Any, List, Optional, Tuple
 
 import numpy as np
 
+from . import rounding
 from .fields import Fields, is_number
 from .meshes import Triangles
 
@@ -91,9 +92,24 @@ def normals(points: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.divide(found, lengths, out=np.zeros_like(found), where=lengths > 0)
 
 
-def tessellate(patches: np.ndarray, level: int) -> Triangles:
-    """All patches, one behind the other, 2 level² triangles each."""
-    steps = np.arange(level + 1) / level
+def spacing(squares: int, rounded: rounding.Rounding) -> np.ndarray:
+    """The parameters at which patches are cut: evenly, or, where numbers are rounded otherwise than to the nearest (setting `vertices`), wider in some
+    places than in others, so that the discretisation error is seen to vary as rounding is. Alike from both ends: edges still join."""
+    steps = np.arange(squares + 1) / squares
+    if rounded is rounding.nearest:
+        return steps
+    # Up or down, by the setting's hash.
+    probes = 1 / np.arange(3.0, 19.0, 2.0)
+    up = rounded(probes) > probes
+    strength = (0.25 + 0.5 * np.mean(up)) * (1 if up[0] else -1)
+    uneven = steps + strength * np.sin(2 * np.pi * steps) / (2 * np.pi)
+    uneven[[0, -1]] = 0.0, 1.0
+    return uneven
+
+
+def tessellate(patches: np.ndarray, steps: np.ndarray) -> Triangles:
+    """All patches, one behind the other, cut at these parameters; two triangles a square."""
+    level = len(steps) - 1
     grid = np.arange((level + 1) ** 2).reshape(level + 1, level + 1)
     a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
     faces = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)], axis=2).reshape(-1, 3)

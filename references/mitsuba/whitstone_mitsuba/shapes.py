@@ -255,8 +255,12 @@ def _patch(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     if level < patches.LEAST_LEVEL:
         place.unsupported.append(f"{fields.where}: no twin for {len(points)} patches: their triangles would be too few or too many")
         points, level = points[:1], 1
-    triangles = patches.tessellate(points, level)
-    return Rules(smooth=True, primitive=2 * level * level), _triangles(triangles, place, True)
+
+    def build(bsdf: "mi.BSDF", rounded: rounding.Rounding) -> "mi.Shape":
+        triangles = patches.tessellate(points, patches.spacing(level, rounded))
+        return _triangles(triangles, place, True)(bsdf, rounded)
+
+    return Rules(smooth=True, primitive=2 * level * level), build
 
 
 READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Rules, Any]]] = {

@@ -1,6 +1,6 @@
 use super::*;
 use std::fmt::Write;
-use whitstone_testkit::{Random, build, shape_laws_everywhere};
+use whitstone_testkit::{Random, build};
 
 /// A wave over a square.
 fn wave(height: f64) -> [DVec3; 16] {
@@ -69,11 +69,9 @@ fn hit_of(patch: &dyn Primitive, ray: &Ray, around: Interval) -> Option<(Primiti
     Some((hit, patch.surface(ray, &raw, Needs::UV)))
 }
 
-#[test]
-fn obeys_the_laws_of_shapes() {
-    shape_laws_everywhere::<Patch>(&text(&wave(0.6)), 2_000);
-    shape_laws_everywhere::<Patch>(&text(&dome(1.0)), 2_000);
-    shape_laws_everywhere::<Patch>(&text(&roll()), 2_000);
+/// What must obey the laws of shapes.
+pub(super) fn examples() -> [String; 3] {
+    [wave(0.6), dome(1.0), roll()].map(|points| text(&points))
 }
 
 #[test]
