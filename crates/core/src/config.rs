@@ -4,6 +4,7 @@
 //! knows the place of the one value that is wrong.
 
 pub use crate::instance::GroupRef;
+pub use crate::solid::SolidRef;
 use crate::{Rgb, SceneError, SceneErrors, SourceSpan, nearest};
 use glam::{DVec2, DVec3};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};

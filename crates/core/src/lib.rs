@@ -18,6 +18,7 @@ mod ray;
 mod registry;
 mod sampler;
 mod shape;
+pub mod solid;
 mod straight;
 pub mod stream;
 mod texture;
@@ -43,6 +44,7 @@ pub use registry::{
 };
 pub use sampler::Sampler;
 pub use shape::{InstancePath, Needs, Primitive, PrimitiveHit, RawHit, Shape, Skip, SurfacePoint};
+pub use solid::{SolidRef, Span, Spans};
 pub use straight::{LEAVES_NOTHING, Straight};
 pub use texture::{ColorSource, Texture};
 pub use transform::Transform;

@@ -1,7 +1,7 @@
-use crate::config::{self, FilePath, GroupRef, Table, TextureRef};
+use crate::config::{self, FilePath, GroupRef, SolidRef, Table, TextureRef};
 use crate::{
     Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Group, Integrator, Light, Material,
-    Sampler, SceneError, SceneErrors, Shape, Texture, Transform, nearest,
+    Primitive, Sampler, SceneError, SceneErrors, Shape, Texture, Transform, nearest,
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::de::DeserializeOwned;
@@ -141,6 +141,13 @@ pub trait Context {
     /// The group of shapes that a parameter names. Built once, however often it is placed.
     fn group(&self, group: &GroupRef) -> Result<Arc<Group>, SceneErrors> {
         Err(group.no_groups().into())
+    }
+
+    /// The solid that is an operand of a shape which stands at `around`: the operand's own transform comes before it.
+    /// What bounds no volume is an error at the operand.
+    fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Primitive>, SceneErrors> {
+        let _ = around;
+        Err(SceneError::at(operand.span.clone(), "no operands here").into())
     }
 
     /// Says before so many bytes are allocated that they will be: an error where the scene may not have them. What

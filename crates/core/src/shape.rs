@@ -1,5 +1,5 @@
 use crate::stream::{HitStream, Lanes, PointStream, RayStream};
-use crate::{Aabb, Instance, Interval, Ray, TriangleMesh};
+use crate::{Aabb, Instance, Interval, Ray, Spans, TriangleMesh};
 use glam::{DVec2, DVec3};
 use std::ops::{BitOr, BitOrAssign};
 
@@ -32,6 +32,34 @@ pub trait Primitive: Send + Sync {
     /// The surface at a hit that `closest` returned for this ray. Only what `needs` names must be
     /// right in the result.
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
+
+    /// Whether it bounds a volume, so that it may be an operand of constructive solid geometry.
+    fn solid(&self) -> bool {
+        false
+    }
+
+    /// Adds the parts of the *whole line* of the ray that lie inside, if this is a solid. What lies in front of the ray's
+    /// start are the hits of [`Self::closest`], bit for bit, but for those that touch at a single point.
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        let _ = (ray, spans);
+    }
+
+    /// How many sub-primitives a solid has: their numbers are below.
+    fn primitives(&self) -> u32 {
+        1
+    }
+
+    /// Whether a ray that starts on this sub-primitive of a solid goes inside. By default what the normal at the start
+    /// says, for solids whose normal follows from point and number.
+    fn goes_inside(&self, ray: &Ray, primitive: u32) -> bool {
+        let start = PrimitiveHit {
+            t: 0.0,
+            primitive,
+            params: DVec2::ZERO,
+        };
+        let point = self.surface(ray, &start.of_shape(InstancePath::WORLD, 0), Needs::NOTHING);
+        point.n_g.dot(ray.direction) < 0.0
+    }
 
     /// [`Self::closest`] for every ray of a stream; `shape` is the number of this object. Hits that were
     /// found before are replaced by nearer ones.

@@ -1,6 +1,6 @@
 use crate::simd;
 use crate::stream::{GROUP, HitStream, LANES, Lanes, PointStream, RayStream};
-use crate::{Aabb, InstancePath, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, SurfacePoint};
+use crate::{Aabb, InstancePath, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, Spans, SurfacePoint};
 use glam::DVec2;
 
 /// The number of no sub-primitive.
@@ -27,6 +27,21 @@ pub trait Straight: Clone + Send + Sync {
 
     /// See [`Primitive::surface`].
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
+
+    /// See [`Primitive::solid`].
+    fn solid(&self) -> bool {
+        false
+    }
+
+    /// See [`Primitive::spans`]; need not be straight-line.
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        let _ = (ray, spans);
+    }
+
+    /// See [`Primitive::primitives`].
+    fn primitives(&self) -> u32 {
+        1
+    }
 }
 
 impl<P: Straight> Primitive for P {
@@ -44,6 +59,18 @@ impl<P: Straight> Primitive for P {
 
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         Straight::surface(self, ray, hit, needs)
+    }
+
+    fn solid(&self) -> bool {
+        Straight::solid(self)
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        Straight::spans(self, ray, spans);
+    }
+
+    fn primitives(&self) -> u32 {
+        Straight::primitives(self)
     }
 
     fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {

@@ -30,6 +30,14 @@ impl Transform {
         })
     }
 
+    /// This map after `first`: for what stands in a space that stands in another. `None` as in [`Self::new`].
+    pub fn after(&self, first: &Self) -> Option<Self> {
+        if *self == Self::IDENTITY {
+            return Some(*first);
+        }
+        Self::new(self.world_from_object * first.world_from_object)
+    }
+
     /// The matrix from object to world space.
     pub fn world_from_object(&self) -> &DAffine3 {
         &self.world_from_object

@@ -10,6 +10,7 @@ mod document;
 mod film;
 mod groups;
 mod memory;
+mod operands;
 mod pipeline;
 mod plan;
 mod schema;

@@ -1,5 +1,6 @@
 use crate::groups::{BuiltGroup, unknown_id};
 use crate::memory::Memory;
+use crate::operands::{self, Operands};
 use crate::{Description, FilmTable, LeftOut, Plan, PluginTable, ShapeTable};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -7,11 +8,11 @@ use std::sync::Arc;
 use std::time::Instant;
 use toml::Spanned;
 use toml::de::DeTable;
-use whitstone_core::config::{FilePath, GroupRef, PluginRef, TextureRef, TextureValue};
+use whitstone_core::config::{FilePath, GroupRef, PluginRef, SolidRef, TextureRef, TextureValue};
 use whitstone_core::{
     Accelerator, Accelerators, Camera, Cameras, ColorSource, Context, Element, FamilyName, Geometry, Group,
-    Integrator, Integrators, LightGives, Lights, Lobes, Material, Materials, Registry, Sampler, Samplers,
-    SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures, World,
+    Integrator, Integrators, LightGives, Lights, Lobes, Material, Materials, Primitive, Registry, Sampler,
+    Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures, Transform, World,
 };
 
 /// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
@@ -96,6 +97,7 @@ impl Pipeline {
             textures: BTreeMap::new(),
             open: Vec::new(),
             groups: BTreeMap::new(),
+            operands: Operands::default(),
             memory: Memory::new(options.max_memory),
             options,
             warnings: Vec::new(),
@@ -247,6 +249,7 @@ struct Builder<'d, 's, 'o> {
     open: Vec<TextureKey>,
     /// What instances place, by id, as far as it is built.
     groups: BTreeMap<&'d str, BuiltGroup>,
+    operands: Operands,
     memory: Memory,
     options: BuildOptions<'o>,
     warnings: Vec<SceneError>,
@@ -502,6 +505,20 @@ impl Context for Builder<'_, '_, '_> {
         found
             .map(|built| built.group.clone())
             .ok_or_else(SceneErrors::default)
+    }
+
+    fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Primitive>, SceneErrors> {
+        let description = self.description;
+        let table = match &operand.shape {
+            PluginRef::Inline(index) => description.inline.get(*index),
+            PluginRef::Shared(_) => return Err(operands::no_id(operand).into()),
+        };
+        // What could not be read has been told.
+        let table = table.ok_or_else(SceneErrors::default)?;
+        let (plugin, transform) = self.operands.enter(table, operand, around)?;
+        let built = self.plugin::<Shapes>(&plugin, transform);
+        self.operands.leave();
+        operands::solid(built?, &plugin)
     }
 
     fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {

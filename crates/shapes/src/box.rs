@@ -14,7 +14,7 @@ use serde::Deserialize;
 use whitstone_core::simd::select;
 use whitstone_core::{
     Aabb, Context, DVec2, DVec3, LEAVES_NOTHING, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneErrors,
-    Shape, Shapes, Straight, SurfacePoint, Transform,
+    Shape, Shapes, Spans, Straight, SurfacePoint, Transform, solid,
 };
 
 /// The cube from -1 to 1 along each axis of its object space; the outside is away from its center.
@@ -84,6 +84,18 @@ fn crossings(ray: &Ray) -> [Crossing; 2] {
     [entry, exit]
 }
 
+/// A crossing as a hit, with the coordinates on the face as parameters.
+#[inline(always)]
+fn hit_at(ray: &Ray, crossing: Crossing) -> PrimitiveHit {
+    let Crossing { t, face } = crossing;
+    let across = turned(ray.at(t), face >> 1);
+    PrimitiveHit {
+        t,
+        primitive: face,
+        params: DVec2::new(across.y.clamp(-1.0, 1.0), across.z.clamp(-1.0, 1.0)),
+    }
+}
+
 /// Sign of the outward normal of a face along its axis.
 #[inline(always)]
 fn side(face: u32) -> f64 {
@@ -123,11 +135,9 @@ impl Straight for Cuboid {
         let enters = !leaving & (entry.t > min);
         let t = select(enters, entry.t, exit.t);
         let face = select(enters, first_face, exit.face);
-        let across = turned(ray.at(t), face >> 1);
         PrimitiveHit {
             t: select(meets & (t > min), t, f64::NAN),
-            primitive: face,
-            params: DVec2::new(across.y.clamp(-1.0, 1.0), across.z.clamp(-1.0, 1.0)),
+            ..hit_at(&ray, Crossing { t, face })
         }
     }
 
@@ -143,6 +153,20 @@ impl Straight for Cuboid {
             point.uv = 0.5 * (hit.params + 1.0);
         }
         point
+    }
+
+    fn solid(&self) -> bool {
+        true
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        let ray = self.frame.ray_to_object(ray);
+        let [enter, exit] = crossings(&ray).map(|crossing| hit_at(&ray, crossing));
+        solid::push(spans, enter, exit);
+    }
+
+    fn primitives(&self) -> u32 {
+        6
     }
 }
 

@@ -10,8 +10,8 @@ use crate::frame::{Frame, flat_hit};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
-    Aabb, Context, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape, Shapes,
-    Straight, SurfacePoint, Transform,
+    Aabb, Context, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape, Shapes, Spans,
+    Straight, SurfacePoint, Transform, solid,
 };
 
 /// The endless plane z = 0 of its object space; the outside is +z.
@@ -63,6 +63,33 @@ impl Straight for Plane {
             point.uv = hit.params;
         }
         point
+    }
+
+    /// As an operand it is the half-space below.
+    fn solid(&self) -> bool {
+        true
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        let (t, params) = self.frame.meet_plane(ray);
+        let [from, to] = [f64::NEG_INFINITY, f64::INFINITY].map(PrimitiveHit::plain);
+        let crossing = PrimitiveHit {
+            t,
+            primitive: 0,
+            params,
+        };
+        let object = self.frame.ray_to_object(ray);
+        let (height, slope) = (object.origin.z, object.direction.z);
+        // What is parallel or nearly so has no point where it crosses that could be named.
+        if !(t.is_finite() && params.is_finite()) {
+            if height < 0.0 {
+                solid::push(spans, from, to);
+            }
+        } else if slope < 0.0 {
+            solid::push(spans, crossing, to);
+        } else {
+            solid::push(spans, from, crossing);
+        }
     }
 }
 

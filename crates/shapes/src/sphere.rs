@@ -15,7 +15,7 @@ use whitstone_core::config::{Positive, Vector3};
 use whitstone_core::simd::select;
 use whitstone_core::{
     Aabb, Context, DVec2, DVec3, LEAVES_NOTHING, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, Straight, SurfacePoint, Transform,
+    SceneErrors, Shape, Shapes, Spans, Straight, SurfacePoint, Transform, solid,
 };
 
 /// A sphere; the outside is away from its center.
@@ -80,22 +80,7 @@ impl Straight for Sphere {
 
     #[inline(always)]
     fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
-        let (l, d) = (ray.origin - self.center, ray.direction);
-        let (a, b) = (d.length_squared(), l.dot(d));
-        let distance = l.length();
-        // |l|² - r², without the cancellation of the squares.
-        let c = (distance - self.radius) * (distance + self.radius);
-        let perpendicular = (l - (b / a) * d).length();
-        let near_form = b * b - a * c;
-        let far_form = a * (self.radius - perpendicular) * (self.radius + perpendicular);
-        let discriminant = select(distance < 2.0 * self.radius, near_form, far_form);
-        // The sum that does not cancel gives one root, the product of the roots the other. Both are NaN
-        // if the discriminant is negative.
-        let q = -(b + discriminant.sqrt().copysign(b));
-        let (one, other) = (c / q, q / a);
-        let ascending = one < other;
-        let first = select(ascending, one, other);
-        let second = select(ascending, other, one);
+        let [first, second] = self.roots(ray);
         // For a ray that leaves the sphere, one of the roots is the start itself, moved off zero by
         // rounding: the smaller one.
         let leaves = leaves != LEAVES_NOTHING;
@@ -123,9 +108,38 @@ impl Straight for Sphere {
         }
         point
     }
+
+    fn solid(&self) -> bool {
+        true
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        let [enter, exit] = self.roots(ray).map(PrimitiveHit::plain);
+        solid::push(spans, enter, exit);
+    }
 }
 
 impl Sphere {
+    /// Where the line of a ray meets the sphere, in order; NaN if it does not.
+    #[inline(always)]
+    fn roots(&self, ray: &Ray) -> [f64; 2] {
+        let (l, d) = (ray.origin - self.center, ray.direction);
+        let (a, b) = (d.length_squared(), l.dot(d));
+        let distance = l.length();
+        // |l|² - r², without the cancellation of the squares.
+        let c = (distance - self.radius) * (distance + self.radius);
+        let perpendicular = (l - (b / a) * d).length();
+        let near_form = b * b - a * c;
+        let far_form = a * (self.radius - perpendicular) * (self.radius + perpendicular);
+        let discriminant = select(distance < 2.0 * self.radius, near_form, far_form);
+        // The sum that does not cancel gives one root, the product of the roots the other. Both are NaN
+        // if the discriminant is negative.
+        let q = -(b + discriminant.sqrt().copysign(b));
+        let (one, other) = (c / q, q / a);
+        let ascending = one < other;
+        [select(ascending, one, other), select(ascending, other, one)]
+    }
+
     fn uv(&self, n: DVec3) -> DVec2 {
         let local = self
             .transform

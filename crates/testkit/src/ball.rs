@@ -1,13 +1,26 @@
 //! A sphere for the tests of the kit itself, independent of the plugin crates.
 
 use whitstone_core::{
-    Aabb, DVec2, DVec3, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, SurfacePoint,
+    Aabb, DVec3, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, Spans, SurfacePoint, solid,
 };
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ball {
     pub(crate) center: DVec3,
     pub(crate) radius: f64,
+}
+
+impl Ball {
+    fn roots(&self, ray: &Ray) -> [f64; 2] {
+        let (l, d) = (ray.origin - self.center, ray.direction);
+        let a = d.length_squared();
+        let b = l.dot(d);
+        let perpendicular = (l - (b / a) * d).length();
+        let root = (a * (self.radius - perpendicular) * (self.radius + perpendicular)).sqrt();
+        let q = -(b + root.copysign(b));
+        let c = (l.length() - self.radius) * (l.length() + self.radius);
+        [c / q, q / a]
+    }
 }
 
 impl Primitive for Ball {
@@ -20,24 +33,27 @@ impl Primitive for Ball {
     }
 
     fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
-        let (l, d) = (ray.origin - self.center, ray.direction);
-        let a = d.length_squared();
-        let b = l.dot(d);
-        let perpendicular = (l - (b / a) * d).length();
-        let root = (a * (self.radius - perpendicular) * (self.radius + perpendicular)).sqrt();
-        let q = -(b + root.copysign(b));
-        let c = (l.length() - self.radius) * (l.length() + self.radius);
-        let mut roots = [c / q, q / a];
+        let mut roots = self.roots(ray);
         if leaves.is_some() {
             let start = usize::from(roots[1].abs() < roots[0].abs());
             roots[start] = f64::NAN;
         }
         let inside = roots.into_iter().filter(|t| interval.contains(*t));
-        inside.reduce(f64::min).map(|t| PrimitiveHit {
-            t,
-            primitive: 0,
-            params: DVec2::ZERO,
-        })
+        inside.reduce(f64::min).map(PrimitiveHit::plain)
+    }
+
+    fn solid(&self) -> bool {
+        true
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        let [one, other] = self.roots(ray).map(PrimitiveHit::plain);
+        let (enter, exit) = if one.t < other.t {
+            (one, other)
+        } else {
+            (other, one)
+        };
+        solid::push(spans, enter, exit);
     }
 
     fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {

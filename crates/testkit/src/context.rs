@@ -2,18 +2,27 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::sync::Arc;
-use whitstone_core::config::{FilePath, GroupRef, TextureRef, TextureValue};
-use whitstone_core::{ColorSource, Context, Family, Group, Plugin, Registry, SceneError, SceneErrors};
+use whitstone_core::config::{FilePath, GroupRef, PluginRef, SolidRef, TextureRef, TextureValue};
+use whitstone_core::{
+    ColorSource, Context, Family, Group, Plugin, Primitive, Registry, SceneError, SceneErrors, Shape, Shapes,
+    Transform,
+};
 
-/// What a plugin may ask for while it is built: constants as textures, files of one folder, groups of shapes by
-/// id. Warnings are collected.
+/// Builds an operand inside a shape that stands somewhere.
+type Operand = Rc<dyn Fn(&Transform) -> Result<Shape, SceneErrors>>;
+
+/// What a plugin may ask for while it is built: constants as textures, files of one folder, groups of shapes and
+/// operands by id. Warnings are collected.
 #[derive(Clone, Default)]
 pub struct TestContext {
     /// What files are relative to; by default the folder in which the tests run.
     pub folder: PathBuf,
     /// Groups by id.
     pub groups: BTreeMap<String, Arc<Group>>,
+    /// Operands by id.
+    operands: BTreeMap<String, Operand>,
     /// What plugins warned about.
     pub warnings: Vec<SceneError>,
 }
@@ -25,6 +34,24 @@ impl TestContext {
             folder: folder.into(),
             ..Self::default()
         }
+    }
+
+    /// With a shape that may be named as an operand: scenes write it in the place of its id.
+    ///
+    /// # Panics
+    ///
+    /// Where it is built, if its transform is singular together with that of the whole.
+    #[must_use]
+    pub fn with_operand<P: Plugin<Shapes> + 'static>(mut self, id: &str, text: &str, own: Transform) -> Self {
+        let text = text.to_owned();
+        // Operands inside operands are those of this context so far.
+        let inside = self.clone();
+        let build = move |around: &Transform| {
+            let placed = around.after(&own).expect("tests place operands well");
+            build_in::<Shapes, P>(&text, placed, &mut inside.clone())
+        };
+        self.operands.insert(id.to_owned(), Rc::new(build));
+        self
     }
 }
 
@@ -48,6 +75,20 @@ impl Context for TestContext {
     fn group(&self, group: &GroupRef) -> Result<Arc<Group>, SceneErrors> {
         let found = self.groups.get(&group.id).cloned();
         found.ok_or_else(|| group.no_groups().into())
+    }
+
+    fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Primitive>, SceneErrors> {
+        let build = match &operand.shape {
+            PluginRef::Shared(id) => self.operands.get(id),
+            PluginRef::Inline(_) => None,
+        };
+        let Some(build) = build else {
+            return Err(SceneError::at(operand.span.clone(), "no such operand").into());
+        };
+        match build(around)? {
+            Shape::Opaque(primitive) if primitive.solid() => Ok(primitive),
+            _ => Err(SceneError::at(operand.span.clone(), "the operand is no solid").into()),
+        }
     }
 
     fn warn(&mut self, warning: SceneError) {

@@ -13,6 +13,7 @@ mod instances;
 mod peers;
 mod random;
 mod shapes;
+mod solids;
 
 pub use accelerators::{accelerator_agrees, accelerator_laws, random_rays};
 pub use instances::Naive;

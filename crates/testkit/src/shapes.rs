@@ -1,6 +1,7 @@
 //! What every shape must satisfy.
 
 use crate::random::Random;
+use crate::solids::check_solid;
 use crate::streams::{accelerator_streams, surface_streams};
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
@@ -60,7 +61,8 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
 /// Bounds contain what rays hit. Surface points lie on the surface up to their error, from however far the
 /// ray came; their normals have unit length. The ray parameter is inversely proportional to the length of
 /// the direction. A ray that leaves a hit does not meet it again. A hit depends on the ray alone: not on
-/// the interval, and not on what was asked before. Streams of rays get the same bits.
+/// the interval, and not on what was asked before. Streams of rays get the same bits. What says that it is a solid is
+/// one: entries and exits alternate, and what lies between them is inside from everywhere.
 ///
 /// # Panics
 ///
@@ -76,6 +78,10 @@ fn first_broken(shape: Shape, samples: u32) -> Result<(), String> {
     let (mut hits, mut queries, mut surfaces) = (0, Vec::new(), Vec::new());
     for i in 0..samples {
         let ray = bench.aim(i, &mut random);
+        if let Some(solid) = bench.solid() {
+            let checked = check_solid(solid, &ray, bench.size(), &mut random);
+            checked.map_err(|law| format!("{law}; {ray:?}"))?;
+        }
         queries.push((ray, f64::INFINITY, Skip::NOTHING));
         let Some(hit) = bench.closest(&ray, Interval::FORWARD, Skip::NOTHING) else {
             continue;
@@ -170,6 +176,13 @@ impl Bench {
             bounds,
             center: aim.center(),
             half: 0.5 * aim.extent(),
+        }
+    }
+
+    fn solid(&self) -> Option<&dyn whitstone_core::Primitive> {
+        match &self.geometry.shapes()[0] {
+            Shape::Opaque(primitive) if primitive.solid() => Some(primitive.as_ref()),
+            _ => None,
         }
     }
 
@@ -309,7 +322,7 @@ impl Bench {
     }
 }
 
-fn law(holds: bool, text: &str) -> Result<(), String> {
+pub(crate) fn law(holds: bool, text: &str) -> Result<(), String> {
     if holds { Ok(()) } else { Err(text.to_owned()) }
 }
 

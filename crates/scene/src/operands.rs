@@ -1,0 +1,88 @@
+//! Shapes that are written inside a shape, as parts of it.
+
+use crate::{PluginTable, transform};
+use whitstone_core::config::SolidRef;
+use whitstone_core::{Primitive, SceneError, SceneErrors, Shape, Transform};
+
+/// Deepest nesting of operands: each ray walks down to the innermost ones.
+const MAX_NESTING: usize = 16;
+
+/// Keys of shapes that operands do not have, and why.
+const NOT_HERE: [(&str, &str); 3] = [
+    ("material", "the whole shape has one material"),
+    ("id", "only the whole shape can have a name"),
+    ("group", "a copy of a group bounds no volume"),
+];
+
+/// How deep the operand is that is being built.
+#[derive(Debug, Default)]
+pub(crate) struct Operands {
+    nesting: usize,
+}
+
+impl Operands {
+    /// The table of an operand without its transform, and where it stands in the world. [`Self::leave`] must follow if
+    /// this succeeds.
+    pub(crate) fn enter<'s>(
+        &mut self,
+        table: &PluginTable<'s>,
+        operand: &SolidRef,
+        around: &Transform,
+    ) -> Result<(PluginTable<'s>, Transform), SceneErrors> {
+        if self.nesting == MAX_NESTING {
+            let message = format!("operands are nested more than {MAX_NESTING} deep");
+            return Err(SceneError::at(operand.span.clone(), message).into());
+        }
+        let mut plugin = table.clone();
+        let mut errors = SceneErrors::default();
+        for (key, why) in NOT_HERE {
+            if let Some((found, _)) = plugin.table.get_mut().remove_entry(key) {
+                let error = SceneError::at(found.span(), format!("an operand has no `{key}`"));
+                errors.0.push(error.with_help(why));
+            }
+        }
+        let value = plugin.table.get_mut().remove("transform");
+        let own = match &value {
+            None => Some(Transform::IDENTITY),
+            Some(value) => errors.take(transform::parse(value)),
+        };
+        let placed = own.and_then(|own| {
+            let placed = around.after(&own);
+            if placed.is_none() {
+                let span = value.as_ref().map_or(operand.span.clone(), |value| value.span());
+                let message = "the transform is singular together with that of the whole shape";
+                errors.0.push(SceneError::at(span, message));
+            }
+            placed
+        });
+        let placed = errors.into_result(placed)?.ok_or_else(SceneErrors::default)?;
+        self.nesting += 1;
+        Ok((plugin, placed))
+    }
+
+    pub(crate) fn leave(&mut self) {
+        self.nesting -= 1;
+    }
+}
+
+/// That an operand must be written where it stands.
+pub(crate) fn no_id(operand: &SolidRef) -> SceneError {
+    let error = SceneError::at(operand.span.clone(), "expected a shape, found a text");
+    error.with_help("an operand is written where it stands: { type = \"sphere\" }")
+}
+
+/// What was built if it bounds a volume.
+pub(crate) fn solid(shape: Shape, plugin: &PluginTable<'_>) -> Result<Box<dyn Primitive>, SceneErrors> {
+    match shape {
+        Shape::Opaque(primitive) if primitive.solid() => Ok(primitive),
+        _ => {
+            let message = format!(
+                "this {} bounds no volume, so it cannot be an operand",
+                plugin.name
+            );
+            let error = SceneError::at(plugin.name_span.clone(), message);
+            let help = "operands are closed shapes, such as sphere, box or a cylinder with caps, the half-space below a plane, and csg";
+            Err(error.with_help(help).into())
+        }
+    }
+}
