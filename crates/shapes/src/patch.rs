@@ -1,10 +1,12 @@
 //! Bicubic Bezier patches, intersected as they are.
 //!
-//! The ray is two planes that hold it (Kajiya, *Ray Tracing Parametric Patches*, SIGGRAPH 1982); where it meets boxes around parts of the patches, the roots
-//! of both distances are found one by one (see `roots`; for the tree of boxes and Newton's steps, Martin, Cohen, Fish, Shirley, *Practical Ray Tracing
-//! of Trimmed NURBS Surfaces*, 2000).
+//! The ray is two planes that hold it (Kajiya, *Ray Tracing Parametric Patches*, SIGGRAPH 1982); where it meets
+//! boxes around parts of the patches, the roots of both distances are found one by one (see `roots`; for the
+//! tree of boxes and Newton's steps, Martin, Cohen, Fish, Shirley, *Practical Ray Tracing of Trimmed NURBS
+//! Surfaces*, 2000).
 //!
-//! - Twin: Mitsuba mesh (native), a tessellation that the driver makes of the control points, with normals of the surface.
+//! - Twin: Mitsuba mesh (native), a tessellation that the driver makes of the control points, with normals of
+//!   the surface.
 //! - Example: `scenes/shapes/patch.toml`.
 
 mod net;
@@ -28,7 +30,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The control points of one patch in object space, in metres: four rows along u, one behind the other along v. The outside is that of dP/du x dP/dv.
+    /// The control points of one patch in object space, in metres: four rows along u, one behind the other
+    /// along v. The outside is that of dP/du x dP/dv.
     #[serde(default)]
     #[schemars(with = "Vec<Vector3>", extend("minItems" = 16, "maxItems" = 16))]
     points: Option<Spanned<Vec<Vector3>>>,

@@ -1,9 +1,10 @@
 //! A flat polygon, convex or not.
 //!
-//! The ray is turned as in the watertight test of triangles (Woop, Benthin, Wald, JCGT 2(1), 2013, section 3), which depends on the ray
-//! alone; then edges that cross a half-axis are counted (Shimrat, *Algorithm 112*, 1962, with the half-open rule of Haines, *Point in
-//! Polygon Strategies*, Graphics Gems IV, 1994). The sign of each edge function is exact, so of two polygons that share an edge and lie on
-//! either side of it, a ray through the edge hits exactly one. Checks of the vertices use exact signs too: Shewchuk, *Adaptive Precision
+//! The ray is turned as in the watertight test of triangles (Woop, Benthin, Wald, JCGT 2(1), 2013, section 3),
+//! which depends on the ray alone; then edges that cross a half-axis are counted (Shimrat, *Algorithm 112*,
+//! 1962, with the half-open rule of Haines, *Point in Polygon Strategies*, Graphics Gems IV, 1994). The sign of
+//! each edge function is exact, so of two polygons that share an edge and lie on either side of it, a ray
+//! through the edge hits exactly one. Checks of the vertices use exact signs too: Shewchuk, *Adaptive Precision
 //! Floating-Point Arithmetic*, 1997.
 //!
 //! - Twin: POV-Ray `polygon` (native).
@@ -23,8 +24,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The vertices in object space, in metres, 3 to 4096, in one plane to 1e-9 of the diagonal of their bounding box. Edges meet only
-    /// where one ends and the next begins.
+    /// The vertices in object space, in metres, 3 to 4096, in one plane to 1e-9 of the diagonal of their
+    /// bounding box. Edges meet only where one ends and the next begins.
     #[schemars(with = "Vec<Vector3>", extend("minItems" = 3, "maxItems" = 4096))]
     vertices: Spanned<Vec<Spanned<Vector3>>>,
 }
@@ -69,7 +70,8 @@ impl Plugin<Shapes> for Polygon {
         let flat: Vec<DVec2> = vertices.iter().map(|p| without(*p, plane.axis)).collect();
         if let Some([i, j]) = meeting_edges(&flat) {
             let mut problem = SceneError::at(place, format!("edges {i} and {j} of this polygon meet"));
-            problem.help = Some("edge k goes from vertex k, counted from 0, to the next; only neighbours may meet, where they join".into());
+            let help = "edge k goes from vertex k, counted from 0, to the next; only neighbours may meet, where they join";
+            problem.help = Some(help.into());
             return Err(problem.into());
         }
         let vertices: Vec<DVec3> = vertices
@@ -240,8 +242,8 @@ fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     sum.into_iter().rev().find(|part| *part != 0.0).unwrap_or(0.0)
 }
 
-/// Whether an edge crosses the positive half of the x axis. `low` does not lie above the axis, `high` does. The axis itself belongs to
-/// what is below, the origin to what is on its right, whichever polygon asks.
+/// Whether an edge crosses the positive half of the x axis. `low` does not lie above the axis, `high` does. The
+/// axis itself belongs to what is below, the origin to what is on its right, whichever polygon asks.
 fn crosses(low: DVec3, high: DVec3) -> bool {
     let (left, right) = (low.x * high.y, low.y * high.x);
     if left != right {
@@ -252,8 +254,8 @@ fn crosses(low: DVec3, high: DVec3) -> bool {
 }
 
 impl Polygon {
-    /// Where the ray meets the plane: the parameter, the point, and how much rounding is magnified by looking at a slant. Infinite or NaN for
-    /// rays in parallel.
+    /// Where the ray meets the plane: the parameter, the point, and how much rounding is magnified by looking
+    /// at a slant. Infinite or NaN for rays in parallel.
     fn meet(&self, ray: &Ray) -> (f64, DVec3, f64) {
         let (o, d, n) = (ray.origin, ray.direction, self.normal);
         let slope = n.dot(d);
@@ -403,7 +405,8 @@ mod tests {
         })
     }
 
-    /// A square cut by a jagged line, and one cut into a fan, bent in space: rays through edges and vertices hit exactly one part.
+    /// A square cut by a jagged line, and one cut into a fan, bent in space: rays through edges and vertices
+    /// hit exactly one part.
     #[test]
     fn of_those_that_share_edges_one_is_hit() {
         let mut random = Random::new(3);

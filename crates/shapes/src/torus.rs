@@ -1,9 +1,10 @@
 //! A torus.
 //!
-//! The ray starts anew where it passes the center nearest, by fused operations, so that the distance of its origin costs
-//! no digits. There the quartic is depressed. Its extrema, found as roots of derivatives between roots of *their* derivatives (Yuksel,
-//! *High-Performance Polynomial Root Finding for Graphics*, 2022, section 3), divide the ray into pieces with at most one
-//! crossing each. The crossing itself is sought on the distance from the surface: the quartic cancels where the tube is thin.
+//! The ray starts anew where it passes the center nearest, by fused operations, so that the distance of its
+//! origin costs no digits. There the quartic is depressed. Its extrema, found as roots of derivatives between
+//! roots of *their* derivatives (Yuksel, *High-Performance Polynomial Root Finding for Graphics*, 2022, section
+//! 3), divide the ray into pieces with at most one crossing each. The crossing itself is sought on the distance
+//! from the surface: the quartic cancels where the tube is thin.
 //!
 //! - Twin: POV-Ray `torus` (native).
 //! - Example: `scenes/shapes/torus.toml`.
@@ -16,7 +17,7 @@ use toml::Spanned;
 use whitstone_core::config::Positive;
 use whitstone_core::{
     Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, SurfacePoint, Transform,
+    SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform, solid,
 };
 
 /// A ring around the z axis of its object space; the outside is away from the circle in the middle of its tube.
@@ -116,6 +117,17 @@ struct Crossing {
     enters: bool,
 }
 
+impl Crossing {
+    fn hit(&self) -> PrimitiveHit {
+        PrimitiveHit {
+            t: self.t,
+            primitive: 0,
+            // Where on the line, with more digits than t has from far away.
+            params: DVec2::new(self.s, 0.0),
+        }
+    }
+}
+
 impl Line {
     fn new(torus: &Torus, ray: &Ray) -> Self {
         // The difference with the part that its rounding takes off (Knuth's TwoSum).
@@ -207,6 +219,11 @@ impl Line {
         }
     }
 
+    /// How fast the ray leaves the surface, or comes nearer, where it starts.
+    fn slope_at_start(&self) -> f64 {
+        self.distance((-self.start - self.more) / self.unit).slope
+    }
+
     /// All crossings, in ascending order; at most four.
     fn crossings(&self) -> impl Iterator<Item = Crossing> + '_ {
         let pieces = self.reach().map(|(low, high)| self.pieces(low, high));
@@ -232,7 +249,8 @@ impl Line {
     }
 }
 
-/// The root between two places where a function (value and slope) has different signs: Newton's steps inside a bracket.
+/// The root between two places where a function (value and slope) has different signs: Newton's steps inside a
+/// bracket.
 fn root(f: impl Fn(f64) -> (f64, f64), from: f64, to: f64) -> f64 {
     let (mut from, mut to) = (from, to);
     let falls = f(to).0 < 0.0;
@@ -281,7 +299,7 @@ impl Primitive for Torus {
         let line = Line::new(self, ray);
         // A ray that leaves for the outside meets the surface next where it enters, and the other way round. What
         // comes first and is of the other kind is the start itself, on the wrong side by rounding.
-        let mut expected = leaves.map(|_| line.distance((-line.start - line.more) / line.unit).slope > 0.0);
+        let mut expected = leaves.map(|_| line.slope_at_start() > 0.0);
         let mut crossings = line.crossings().filter(|crossing| crossing.t > 0.0);
         crossings
             .find(|crossing| {
@@ -289,12 +307,24 @@ impl Primitive for Torus {
                 !is_start && crossing.t > interval.min
             })
             .filter(|crossing| interval.contains(crossing.t))
-            .map(|crossing| PrimitiveHit {
-                t: crossing.t,
-                primitive: 0,
-                // Where on the line, with more digits than t has from far away.
-                params: DVec2::new(crossing.s, 0.0),
-            })
+            .map(|crossing| crossing.hit())
+    }
+
+    fn solid(&self) -> bool {
+        true
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        let line = Line::new(self, ray);
+        let mut crossings = line.crossings();
+        // Each entry is followed by its exit.
+        while let (Some(enter), Some(exit)) = (crossings.next(), crossings.next()) {
+            solid::push(spans, enter.hit(), exit.hit());
+        }
+    }
+
+    fn goes_inside(&self, ray: &Ray, _: u32) -> bool {
+        Line::new(self, ray).slope_at_start() < 0.0
     }
 
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {

@@ -1,5 +1,5 @@
-//! The torus against roots in twice the precision, from the thinnest rings and the farthest origins; and that the usual
-//! way, Ferrari's formula on the coefficients at the origin, fails the same test.
+//! The torus against roots in twice the precision, from the thinnest rings and the farthest origins; and that
+//! the usual way, Ferrari's formula on the coefficients at the origin, fails the same test.
 
 use std::ops::{Add, Mul, Sub};
 use whitstone_core::{
@@ -184,8 +184,8 @@ fn tested(torus: &dyn Primitive, ray: &Ray) -> Vec<SurfacePoint> {
     found
 }
 
-/// How many rays get another number of hits or one that is off by more than 1e-6 minor radii, seen from above the surface;
-/// and the largest error, in minor radii.
+/// How many rays get another number of hits or one that is off by more than 1e-6 minor radii, seen from above
+/// the surface; and the largest error, in minor radii.
 fn compare(found: &[DVec3], exact: &[DVec3], ray: &Ray, major: f64, minor: f64) -> (bool, f64) {
     if found.len() != exact.len() {
         return (true, 0.0);
@@ -243,7 +243,8 @@ fn roots_are_right_to_a_millionth_of_the_tube() {
                 naive_wrong += usize::from(compare(&naive, &exact, &ray, 1.0, minor).0);
             }
             println!(
-                "r/R {minor:e} from {distance:e}: {wrong} of {told} wrong ({hits} hit), largest error {largest:.1e} r; Ferrari {naive_wrong}"
+                "r/R {minor:e} from {distance:e}: {wrong} of {told} wrong ({hits} hit), largest error {largest:.1e} r; \
+                 Ferrari {naive_wrong}"
             );
             assert_eq!(wrong, 0, "r/R {minor}, distance {distance}");
             assert!(told > 900 && hits > 300, "{told} told, {hits} hit");

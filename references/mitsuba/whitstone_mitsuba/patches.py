@@ -93,8 +93,10 @@ def normals(points: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def spacing(squares: int, rounded: rounding.Rounding) -> np.ndarray:
-    """The parameters at which patches are cut: evenly, or, where numbers are rounded otherwise than to the nearest (setting `vertices`), wider in some
-    places than in others, so that the discretisation error is seen to vary as rounding is. Alike from both ends: edges still join."""
+    """The parameters at which patches are cut: evenly, or, where numbers are rounded otherwise (setting `vertices`), unevenly.
+
+    So the discretisation error varies as roundings do. Alike from both ends: edges still join.
+    """
     steps = np.arange(squares + 1) / squares
     if rounded is rounding.nearest:
         return steps

@@ -102,7 +102,11 @@ class Shapes(Case):
         # Seen along z, in a plane across which y is largest: u = z = -2y, v = x.
         slanted = "vertices = [[-0.5, 0, 0], [-0.5, -0.5, 1], [0.5, -0.5, 1], [0.5, 0, 0]]\n"
         self.check('type = "polygon"\n' + slanted, [(0.25, -0.1), (-0.25, -0.1), (0.25, -0.4), (0.25, 0.1)], [1, 0.25, 0.25, 0], "[2, 1]")
-        for vertices, word in (("[[0, 0, 0], [1, 0, 0]]", "3 to 4096"), ("[[0, 0, 0], [1, 0, 0], [2, 0, 0]]", "no area"), ("[[0, 0, 0], [1, 0, 0], [1, 1, 1e-6], [0, 1, 0]]", "plane")):
+        for vertices, word in (
+            ("[[0, 0, 0], [1, 0, 0]]", "3 to 4096"),
+            ("[[0, 0, 0], [1, 0, 0], [2, 0, 0]]", "no area"),
+            ("[[0, 0, 0], [1, 0, 0], [1, 1, 1e-6], [0, 1, 0]]", "plane"),
+        ):
             self.refuse(film() + DOWN + f'[[shape]]\ntype = "polygon"\nvertices = {vertices}\n', "scene", word)
 
     def test_transforms_and_groups(self):
