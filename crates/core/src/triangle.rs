@@ -57,6 +57,15 @@ impl ShearedRay {
         }
     }
 
+    /// A point as the test sees it: beside the ray in x and y, along it in z. What else is cut out by edges is
+    /// watertight beside triangles if it uses the same coordinates.
+    #[inline]
+    pub fn beside(&self, p: DVec3) -> DVec3 {
+        let [x, y, z] = self.axes;
+        let p = p - self.origin;
+        DVec3::new(p[x] - self.shear.x * p[z], p[y] - self.shear.y * p[z], p[z])
+    }
+
     /// The hit with the plane of the triangle if it lies inside or on the border; either side counts.
     /// `None` for a degenerate triangle and for one seen edge-on.
     #[inline]

@@ -38,14 +38,20 @@ pub mod instance;
 pub mod mesh;
 #[cfg(feature = "paraboloid")]
 pub mod paraboloid;
+#[cfg(feature = "patch")]
+pub mod patch;
 #[cfg(feature = "plane")]
 pub mod plane;
+#[cfg(feature = "polygon")]
+pub mod polygon;
 #[cfg(feature = "quadric")]
 pub mod quadric;
 #[cfg(feature = "rectangle")]
 pub mod rectangle;
 #[cfg(feature = "sphere")]
 pub mod sphere;
+#[cfg(feature = "torus")]
+pub mod torus;
 #[cfg(feature = "triangle")]
 pub mod triangle;
 
@@ -74,14 +80,20 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Shapes, mesh::Mesh>(from)?;
     #[cfg(feature = "paraboloid")]
     registry.add::<Shapes, paraboloid::Paraboloid>(from)?;
+    #[cfg(feature = "patch")]
+    registry.add::<Shapes, patch::Patch>(from)?;
     #[cfg(feature = "plane")]
     registry.add::<Shapes, plane::Plane>(from)?;
+    #[cfg(feature = "polygon")]
+    registry.add::<Shapes, polygon::Polygon>(from)?;
     #[cfg(feature = "quadric")]
     registry.add::<Shapes, quadric::Quadric>(from)?;
     #[cfg(feature = "rectangle")]
     registry.add::<Shapes, rectangle::Rectangle>(from)?;
     #[cfg(feature = "sphere")]
     registry.add::<Shapes, sphere::Sphere>(from)?;
+    #[cfg(feature = "torus")]
+    registry.add::<Shapes, torus::Torus>(from)?;
     #[cfg(feature = "triangle")]
     registry.add::<Shapes, triangle::Triangle>(from)?;
     Ok(())

@@ -314,7 +314,7 @@ class Tracer:
         # Rule S: seen from one side of n_g, n_s must be seen from the same.
         n_s = dr.select(dr.dot(rays.d, n_raw) * dr.dot(rays.d, n_g) < 0, -n_raw, n_raw)
         rule = dr.gather(mi.UInt32, b.primitive_rule, shape, valid)
-        primitive = dr.select(rule == 1, si.prim_index, dr.select(rule == 2, si.prim_index >> 1, 0))
+        primitive = dr.select(rule == 0, 0, si.prim_index // dr.maximum(rule, 1))
         uv, p = mi.Point2f(si.uv), mi.Point3f(si.p)
         if not self.native_surface:
             flat = [dr.gather(mi.Float, b.flats, shape * 4 + entry, valid) for entry in range(4)]

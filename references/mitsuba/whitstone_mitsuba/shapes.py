@@ -1,4 +1,4 @@
-"""Shapes: sphere, plane, rectangle, disk, box, triangle, mesh, heightfield, instance (model §9), on Mitsuba's geometry.
+"""Shapes: sphere, plane, rectangle, disk, box, triangle, mesh, heightfield, patch, instance (model §9), on Mitsuba's geometry.
 
 Transforms are composed in float64 and handed over once. What Mitsuba's surface differs in from the model (normals of mirrored
 shapes, v of the sphere, uv of the plane, numbers of primitives) stands in each shape's `Rules`, which the driver applies.
@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from . import meshes, rounding, transforms
+from . import meshes, patches, rounding, transforms
 from .errors import SceneError
 from .fields import REQUIRED, Fields, nearest
 from .files import Folder
@@ -21,6 +21,7 @@ from .runtime import mi
 PLANE_RADIUS = 1e7
 
 UV_NATIVE, UV_SPHERE, UV_PLANE = 0, 1, 2
+# How many of Mitsuba's triangles are one of the model's primitives; 0 where all are.
 PRIMITIVE_ZERO, PRIMITIVE_NATIVE, PRIMITIVE_HALF = 0, 1, 2
 
 
@@ -248,6 +249,20 @@ def _heightfield(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any
     return Rules(primitive=PRIMITIVE_NATIVE), _triangles(triangles, place, False)
 
 
+def _patch(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+    points = patches.read(fields)
+    level = patches.level(len(points))
+    if level < patches.LEAST_LEVEL:
+        place.unsupported.append(f"{fields.where}: no twin for {len(points)} patches: their triangles would be too few or too many")
+        points, level = points[:1], 1
+
+    def build(bsdf: "mi.BSDF", rounded: rounding.Rounding) -> "mi.Shape":
+        triangles = patches.tessellate(points, patches.spacing(level, rounded))
+        return _triangles(triangles, place, True)(bsdf, rounded)
+
+    return Rules(smooth=True, primitive=2 * level * level), build
+
+
 READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Rules, Any]]] = {
     "sphere": _sphere,
     "plane": _plane,
@@ -257,6 +272,7 @@ READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Rules, Any]]] = {
     "triangle": _triangle,
     "mesh": _mesh,
     "heightfield": _heightfield,
+    "patch": _patch,
 }
 
 

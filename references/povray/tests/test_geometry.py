@@ -83,6 +83,32 @@ class Shapes(Case):
         uvs = "uvs = [[0, 0], [0, 1], [1, 0]]\n"
         self.check(triangle + uvs, [(-0.75, -0.75), (0.5, -0.75), (-0.75, 0.5)], [1, 0.25, 1], "[1, 2]")
 
+    def test_torus(self):
+        # Red and black: phi in quarters; the outer half of the tube has |psi| below a quarter turn.
+        torus = 'type = "torus"\nmajor_radius = 0.6\nminor_radius = 0.2\n'
+        ring = [(0.45, 0.45), (-0.45, 0.45), (-0.45, -0.45), (0.45, -0.45)]
+        self.check(torus, ring, [1, 0.25, 1, 0.25], "[4, 1]")
+        self.check(torus, [(0.75, 0), (0.45, 0), (0, 0), (0, 0.39), (0, 0.41), (0, 0.79), (0, 0.81)], [1, 0.25, 0, 0, 0.25, 1, 0], "[1, 4]")
+        turned = 'transform = { rotate = { axis = [1, 0, 0], degrees = 90 } }\n'
+        self.check(torus + turned, [(0.7, 0.1), (0, 0.1), (0, 0.21)], [1, 1, 0], "[1, 1]")
+        for keys in ("minor_radius = 1\n", "transform = { scale = [1, 2, 1] }\n"):
+            self.refuse(film() + DOWN + '[[shape]]\ntype = "torus"\n' + keys, "scene", "minor_radius" if "minor" in keys else "similarity")
+
+    def test_polygon(self):
+        # An L; u = x and v = y.
+        corners = "vertices = [[-0.9, -0.9, 0], [0.9, -0.9, 0], [0.9, 0, 0], [0, 0, 0], [0, 0.9, 0], [-0.9, 0.9, 0]]\n"
+        points = [(-0.5, 0.5), (0.5, 0.5), (-0.5, -0.5), (0.5, -0.5), (0.95, -0.5)]
+        self.check('type = "polygon"\n' + corners, points, [0.25, 0, 1, 0.25, 0], "[1, 1]")
+        # Seen along z, in a plane across which y is largest: u = z = -2y, v = x.
+        slanted = "vertices = [[-0.5, 0, 0], [-0.5, -0.5, 1], [0.5, -0.5, 1], [0.5, 0, 0]]\n"
+        self.check('type = "polygon"\n' + slanted, [(0.25, -0.1), (-0.25, -0.1), (0.25, -0.4), (0.25, 0.1)], [1, 0.25, 0.25, 0], "[2, 1]")
+        for vertices, word in (
+            ("[[0, 0, 0], [1, 0, 0]]", "3 to 4096"),
+            ("[[0, 0, 0], [1, 0, 0], [2, 0, 0]]", "no area"),
+            ("[[0, 0, 0], [1, 0, 0], [1, 1, 1e-6], [0, 1, 0]]", "plane"),
+        ):
+            self.refuse(film() + DOWN + f'[[shape]]\ntype = "polygon"\nvertices = {vertices}\n', "scene", word)
+
     def test_transforms_and_groups(self):
         group = '[[group.g.shape]]\ntype = "box"\ntransform = [{ scale = 0.1 }, { translate = [0.5, 0, 0] }]\n' + SEEN
         places = ['{ rotate = { axis = [0, 0, 1], degrees = 90 } }', '[{ scale = [-1, 2, 1] }, { translate = [0, -0.5, 0] }]']

@@ -1,0 +1,371 @@
+//! Bicubic Bezier patches, intersected as they are.
+//!
+//! The ray is two planes that hold it (Kajiya, *Ray Tracing Parametric Patches*, SIGGRAPH 1982); where it meets
+//! boxes around parts of the patches, the roots of both distances are found one by one (see `roots`; for the
+//! tree of boxes and Newton's steps, Martin, Cohen, Fish, Shirley, *Practical Ray Tracing of Trimmed NURBS
+//! Surfaces*, 2000).
+//!
+//! - Twin: Mitsuba mesh (native), a tessellation that the driver makes of the control points, with normals of
+//!   the surface.
+//! - Example: `scenes/shapes/patch.toml`.
+
+mod net;
+mod roots;
+mod tree;
+
+use net::{Jet, Net};
+use roots::Piece;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use toml::Spanned;
+use tree::{Slabs, Tree};
+use whitstone_core::config::{IntegerIn, Vector3};
+use whitstone_core::triangle::ShearedRay;
+use whitstone_core::{
+    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
+    SceneErrors, Shape, Shapes, SourceSpan, SurfacePoint, Transform,
+};
+
+/// Bicubic Bezier patches: by 16 `points`, or by `vertices` and `patches`.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The control points of one patch in object space, in metres: four rows along u, one behind the other
+    /// along v. The outside is that of dP/du x dP/dv.
+    #[serde(default)]
+    #[schemars(with = "Vec<Vector3>", extend("minItems" = 16, "maxItems" = 16))]
+    points: Option<Spanned<Vec<Vector3>>>,
+    /// Control points that several patches share, in object space, in metres.
+    #[serde(default)]
+    #[schemars(with = "Vec<Vector3>", extend("minItems" = 1, "maxItems" = 65536))]
+    vertices: Option<Spanned<Vec<Vector3>>>,
+    /// For each patch the numbers of its 16 control points, counted from 0.
+    #[serde(default)]
+    #[schemars(with = "Vec<[IntegerIn<0, 65535>; 16]>", extend("minItems" = 1, "maxItems" = 4096))]
+    patches: Option<Spanned<Vec<Spanned<Vec<IntegerIn<0, 65535>>>>>>,
+}
+
+const MAX_PATCHES: usize = 4096;
+const MAX_VERTICES: usize = 65536;
+
+/// How near to the ray a point of a patch is a hit, relative to the size of all patches.
+const NEAR: f64 = 1e-12;
+/// Below this, P_u x P_v is no direction: relative to the square of the size of the patch.
+const NO_NORMAL: f64 = 1e-13;
+/// How near to its start a ray that leaves a patch does not meet it again, relative to the size.
+const LEAVES: f64 = 1e-9;
+
+/// In world space, relative to the origin of object space.
+pub struct Patch {
+    patches: Vec<Net<DVec3>>,
+    tree: Tree,
+    origin: DVec3,
+    /// Middle of the bounds, from `origin`.
+    center: DVec3,
+    /// Diagonal of the bounds.
+    size: f64,
+    /// -1 where the transform mirrors.
+    orientation: f64,
+}
+
+impl Config {
+    /// The patches in object space, each with its place.
+    fn read(self) -> Result<Vec<([DVec3; 16], SourceSpan)>, SceneErrors> {
+        let ways = "give 16 `points`, or `vertices` and `patches`";
+        let fail = |error: SceneError| Err(SceneErrors::from(error.with_help(ways)));
+        match (self.points, self.vertices, self.patches) {
+            (Some(points), None, None) => {
+                let (place, found) = (points.span(), points.get_ref().len());
+                let corners: Vec<DVec3> = points.into_inner().into_iter().map(Vector3::get).collect();
+                match corners.try_into() {
+                    Ok(corners) => Ok(vec![(corners, place)]),
+                    Err(_) => fail(SceneError::at(
+                        place,
+                        format!("expected 16 points, found {found}"),
+                    )),
+                }
+            }
+            (None, Some(vertices), Some(patches)) => gather(vertices, patches),
+            (None, None, None) => fail(SceneError::anywhere("this patch has no control points")),
+            (None, Some(vertices), None) => {
+                fail(SceneError::at(vertices.span(), "`vertices` need `patches`"))
+            }
+            (None, None, Some(patches)) => fail(SceneError::at(patches.span(), "`patches` need `vertices`")),
+            (Some(points), ..) => fail(SceneError::at(
+                points.span(),
+                "`points` cannot go with `vertices` or `patches`",
+            )),
+        }
+    }
+}
+
+fn gather(
+    vertices: Spanned<Vec<Vector3>>,
+    patches: Spanned<Vec<Spanned<Vec<IntegerIn<0, 65535>>>>>,
+) -> Result<Vec<([DVec3; 16], SourceSpan)>, SceneErrors> {
+    let mut errors = SceneErrors::default();
+    let mut count = |place: SourceSpan, what: &str, most: usize, found: usize| {
+        if !(1..=most).contains(&found) {
+            let message = format!("expected 1 to {most} {what}, found {found}");
+            errors.0.push(SceneError::at(place, message));
+        }
+    };
+    count(
+        vertices.span(),
+        "vertices",
+        MAX_VERTICES,
+        vertices.get_ref().len(),
+    );
+    count(patches.span(), "patches", MAX_PATCHES, patches.get_ref().len());
+    let vertices = vertices.into_inner();
+    let mut found = Vec::new();
+    for patch in patches.into_inner().into_iter().take(MAX_PATCHES) {
+        let (place, numbers) = (patch.span(), patch.into_inner());
+        let Ok(numbers) = <[IntegerIn<0, 65535>; 16]>::try_from(numbers.as_slice()) else {
+            let message = format!("expected the numbers of 16 vertices, found {}", numbers.len());
+            errors.0.push(SceneError::at(place, message));
+            continue;
+        };
+        let beyond = numbers
+            .iter()
+            .find(|number| number.get() as usize >= vertices.len());
+        if let Some(beyond) = beyond {
+            let message = format!(
+                "there is no vertex {}: there are {}",
+                beyond.get(),
+                vertices.len()
+            );
+            let error = SceneError::at(place, message);
+            errors.0.push(error.with_help("vertices are counted from 0"));
+            continue;
+        }
+        found.push((numbers.map(|number| vertices[number.get() as usize].get()), place));
+    }
+    errors.into_result(found)
+}
+
+impl Plugin<Shapes> for Patch {
+    const TYPE: &'static str = "patch";
+    type Config = Config;
+
+    fn build(config: Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        let read = config.read()?;
+        let linear = transform.world_from_object().matrix3;
+        let mut errors = SceneErrors::default();
+        let (mut patches, mut leaves) = (Vec::new(), Vec::new());
+        for (points, place) in read {
+            let net = Net(points).map(|p| linear * p);
+            let extent = Aabb::around(net.0).extent();
+            if !extent.length_squared().powi(2).is_finite() {
+                let message = "the points of this patch are too far apart to compute with";
+                errors.0.push(SceneError::at(place, message));
+            } else if has_no_area(&net) {
+                errors.0.push(SceneError::at(place, "this patch has no area"));
+            } else {
+                let parts = tree::parts(&net, patches.len() as u32);
+                context.reserve((parts.len() * (size_of::<tree::Leaf>() + 160)) as u64)?;
+                leaves.extend(parts);
+                patches.push(net);
+            }
+        }
+        errors.into_result(())?;
+        let hull = Aabb::around(patches.iter().flat_map(|net| net.0));
+        let size = hull.extent().length();
+        let reach = hull.min.abs().max(hull.max.abs()).max_element();
+        let tree = Tree::new(leaves, 4.0 * NEAR * size + 32.0 * f64::EPSILON * reach);
+        Ok(Shape::Opaque(Box::new(Self {
+            patches,
+            origin: transform.world_from_object().translation,
+            center: tree.bounds().center(),
+            tree,
+            size: size.max(4096.0 * f64::EPSILON * reach),
+            orientation: linear.determinant().signum(),
+        })))
+    }
+}
+
+/// Whether the normals of a patch are zero wherever one looks.
+fn has_no_area(net: &Net<DVec3>) -> bool {
+    let steps = || (1..6).map(|k| f64::from(k) / 6.0);
+    let size = Aabb::around(net.0).extent().length();
+    let normal = |u: f64, v: f64| {
+        let Jet { u, v, .. } = net.at(u, v);
+        u.cross(v).length()
+    };
+    let largest = steps()
+        .flat_map(|u| steps().map(move |v| (u, v)))
+        .map(|(u, v)| normal(u, v));
+    largest.fold(0.0, f64::max) <= 1e-9 * size * size
+}
+
+/// A ray near the patches, from where it passes their center nearest.
+struct Line {
+    /// From the origin of object space.
+    origin: DVec3,
+    direction: DVec3,
+    /// The ray parameter there.
+    start: f64,
+    sheared: ShearedRay,
+}
+
+impl Line {
+    fn new(patch: &Patch, ray: &Ray) -> Self {
+        let d = ray.direction;
+        // The difference with the part that its rounding takes off (Knuth's TwoSum).
+        let l = ray.origin - patch.origin;
+        let seen = ray.origin - l;
+        let lost = (ray.origin - (l + seen)) + (seen - patch.origin);
+        let start = (patch.center - l).dot(d) / d.length_squared();
+        let origin = DVec3::new(
+            start.mul_add(d.x, l.x),
+            start.mul_add(d.y, l.y),
+            start.mul_add(d.z, l.z),
+        ) + lost;
+        Self {
+            origin,
+            direction: d,
+            start,
+            sheared: ShearedRay::new(&Ray::new(origin, d)),
+        }
+    }
+
+    fn seen(&self, net: &Net<DVec3>) -> Net<DVec2> {
+        net.map(|p| self.sheared.beside(p).truncate())
+    }
+
+    /// The ray parameter of a point, from `start`.
+    fn along(&self, p: DVec3) -> f64 {
+        (p - self.origin).dot(self.direction) / self.direction.length_squared()
+    }
+}
+
+impl Primitive for Patch {
+    fn bounds(&self) -> Aabb {
+        let Aabb { min, max } = self.tree.bounds();
+        Aabb {
+            min: self.origin + min,
+            max: self.origin + max,
+        }
+        .padded(self.error())
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        let line = Line::new(self, ray);
+        let length = ray.direction.length();
+        let slabs = Slabs {
+            origin: line.origin,
+            inverse: ray.direction.recip(),
+        };
+        // Boxes are passed a little too early and left a little too late.
+        let slack = (1e-9 * self.size + 64.0 * self.error()) / length;
+        let slack = slack + 4.0 * f64::EPSILON * line.start.abs();
+        let start_is = (LEAVES * self.size + 1024.0 * self.error()) / length;
+        let near = NEAR * self.size;
+        let mut best: Option<PrimitiveHit> = None;
+        let far = interval.max - line.start + slack;
+        self.tree
+            .walk(&slabs, interval.min - line.start - slack, far, |leaf| {
+                let piece = Piece {
+                    net: line.seen(&leaf.net),
+                    low: leaf.low,
+                    size: leaf.size,
+                };
+                let patch = &self.patches[leaf.patch as usize];
+                roots::roots(piece, near, |root| {
+                    let Some(root) = roots::polished(&line.seen(patch), root, 2.0 * near) else {
+                        return;
+                    };
+                    let t = line.start + line.along(patch.at(root.x, root.y).p);
+                    let is_start = leaves == Some(leaf.patch) && t <= start_is;
+                    let hit = PrimitiveHit {
+                        t,
+                        primitive: leaf.patch,
+                        params: root,
+                    };
+                    if !is_start
+                        && interval.contains(t)
+                        && best.as_ref().is_none_or(|best| is_before(&hit, best))
+                    {
+                        best = Some(hit);
+                    }
+                });
+                best.as_ref().map_or(far, |best| best.t - line.start + slack)
+            });
+        best
+    }
+
+    fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let patch = &self.patches[hit.primitive as usize];
+        let position = self.origin + patch.at(hit.params.x, hit.params.y).p;
+        let normal = self.orientation * normal(patch, hit.params);
+        let mut point = SurfacePoint::new(position, self.error(), normal);
+        if needs.contains(Needs::UV) {
+            point.uv = hit.params;
+        }
+        point
+    }
+}
+
+/// Nearer, or at the same distance the first of its kind: where parts of a patch join, a root may be found twice.
+fn is_before(hit: &PrimitiveHit, other: &PrimitiveHit) -> bool {
+    let key = |hit: &PrimitiveHit| (hit.t, hit.primitive, hit.params.x, hit.params.y);
+    key(hit) < key(other)
+}
+
+/// Unit normal at a point of a patch: that of its derivatives, or its limit from inside where that is zero.
+fn normal(net: &Net<DVec3>, at: DVec2) -> DVec3 {
+    let size = Aabb::around(net.0).extent().length();
+    let Jet { u, v, .. } = net.at(at.x, at.y);
+    let direct = u.cross(v);
+    let least = NO_NORMAL * size * size;
+    if direct.length() > least {
+        return direct.normalize();
+    }
+    // The derivatives of P_u x P_v on the ways from the nearest edges into the patch.
+    let [twice_u, mixed, twice_v] = net.bends(at.x, at.y);
+    let across_v = (mixed.cross(v) + u.cross(twice_v)) * 1f64.copysign(0.5 - at.y);
+    let across_u = (twice_u.cross(v) + u.cross(mixed)) * 1f64.copysign(0.5 - at.x);
+    let from_edge = 0.5 - (at - 0.5).abs();
+    let nearest_first = if from_edge.y <= from_edge.x {
+        [across_v, across_u]
+    } else {
+        [across_u, across_v]
+    };
+    // In a corner, one of the two ways leads along the edge that is a point, and says nothing.
+    let says_something = |inwards: &&DVec3| inwards.length() > 1e-9 * size * size;
+    if let Some(inwards) = nearest_first.iter().find(says_something) {
+        return inwards.normalize();
+    }
+    // A higher limit: seen from farther and farther inside. Somewhere there is an area.
+    let steps = (0..12).map(|k| 1e-6 * 4f64.powi(k));
+    let inside = steps.map(|step| {
+        let Jet { u, v, .. } = net.at(at.x + step * (0.5 - at.x), at.y + step * (0.5 - at.y));
+        u.cross(v)
+    });
+    let mut good = inside.filter(|n| n.length() > least);
+    good.next().unwrap_or(DVec3::Z).normalize()
+}
+
+impl Patch {
+    /// Of a point: 18 steps between points of at most this size, and the sum with the origin.
+    fn error(&self) -> f64 {
+        let reach = self.center.abs().max_element() + self.size;
+        8.0 * f64::EPSILON * reach + f64::EPSILON * self.origin.abs().max_element()
+    }
+}
+
+#[cfg(test)]
+mod tests;
+
+#[cfg(test)]
+mod laws {
+    use super::{Patch, tests};
+    use whitstone_testkit::shape_laws_everywhere;
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        for patch in tests::examples() {
+            shape_laws_everywhere::<Patch>(&patch, 2_000);
+        }
+    }
+}

@@ -1,0 +1,527 @@
+//! A flat polygon, convex or not.
+//!
+//! The ray is turned as in the watertight test of triangles (Woop, Benthin, Wald, JCGT 2(1), 2013, section 3),
+//! which depends on the ray alone; then edges that cross a half-axis are counted (Shimrat, *Algorithm 112*,
+//! 1962, with the half-open rule of Haines, *Point in Polygon Strategies*, Graphics Gems IV, 1994). The sign of
+//! each edge function is exact, so of two polygons that share an edge and lie on either side of it, a ray
+//! through the edge hits exactly one. Checks of the vertices use exact signs too: Shewchuk, *Adaptive Precision
+//! Floating-Point Arithmetic*, 1997.
+//!
+//! - Twin: POV-Ray `polygon` (native).
+//! - Example: `scenes/shapes/polygon.toml`.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use toml::Spanned;
+use whitstone_core::config::Vector3;
+use whitstone_core::triangle::ShearedRay;
+use whitstone_core::{
+    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
+    SceneErrors, Shape, Shapes, SurfacePoint, Transform,
+};
+
+/// A flat simple polygon, which may be concave; seen from outside, its vertices run counter-clockwise.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The vertices in object space, in metres, 3 to 4096, in one plane to 1e-9 of the diagonal of their
+    /// bounding box. Edges meet only where one ends and the next begins.
+    #[schemars(with = "Vec<Vector3>", extend("minItems" = 3, "maxItems" = 4096))]
+    vertices: Spanned<Vec<Spanned<Vector3>>>,
+}
+
+/// Most vertices.
+const MAX_VERTICES: usize = 4096;
+/// How far from the plane a vertex may be, and how little area there may be, relative to the diagonal of the
+/// bounding box and its square.
+const FLATNESS: f64 = 1e-9;
+
+/// In world space.
+pub struct Polygon {
+    vertices: Vec<DVec3>,
+    /// A point of the plane, and its unit normal.
+    anchor: DVec3,
+    normal: DVec3,
+    bounds: Aabb,
+    /// The axis of object space that texture coordinates leave out.
+    axis: usize,
+    transform: Transform,
+}
+
+impl Plugin<Shapes> for Polygon {
+    const TYPE: &'static str = "polygon";
+    type Config = Config;
+
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        let place = config.vertices.span();
+        let corners = config.vertices.into_inner();
+        let error = |message: String| SceneErrors::from(SceneError::at(place.clone(), message));
+        if !(3..=MAX_VERTICES).contains(&corners.len()) {
+            let found = corners.len();
+            return Err(error(format!(
+                "expected 3 to {MAX_VERTICES} vertices, found {found}"
+            )));
+        }
+        let vertices: Vec<DVec3> = corners.iter().map(|corner| corner.get_ref().get()).collect();
+        let plane = Plane::through(&vertices).map_err(|(vertex, message)| match vertex {
+            Some(vertex) => SceneErrors::from(SceneError::at(corners[vertex].span(), message)),
+            None => error(message),
+        })?;
+        let flat: Vec<DVec2> = vertices.iter().map(|p| without(*p, plane.axis)).collect();
+        if let Some([i, j]) = meeting_edges(&flat) {
+            let mut problem = SceneError::at(place, format!("edges {i} and {j} of this polygon meet"));
+            let help = "edge k goes from vertex k, counted from 0, to the next; only neighbours may meet, where they join";
+            problem.help = Some(help.into());
+            return Err(problem.into());
+        }
+        let vertices: Vec<DVec3> = vertices
+            .into_iter()
+            .map(|p| transform.point_to_world(p))
+            .collect();
+        let bounds = Aabb::around(vertices.iter().copied());
+        if !bounds.is_finite() || !bounds.extent().is_finite() {
+            return Err(error(
+                "the transform moves a vertex beyond all numbers".to_owned(),
+            ));
+        }
+        Ok(Shape::Opaque(Box::new(Self {
+            vertices,
+            anchor: transform.point_to_world(plane.center),
+            normal: transform.normal_to_world(plane.normal),
+            bounds,
+            axis: plane.axis,
+            transform,
+        })))
+    }
+}
+
+/// Of a polygon in object space.
+struct Plane {
+    center: DVec3,
+    /// Unit.
+    normal: DVec3,
+    /// Of the largest component of the normal; the first of equals.
+    axis: usize,
+}
+
+impl Plane {
+    /// What is wrong, and with which vertex if it is one.
+    fn through(vertices: &[DVec3]) -> Result<Self, (Option<usize>, String)> {
+        let mut order: Vec<usize> = (0..vertices.len()).collect();
+        order.sort_by(|i, j| {
+            let [a, b] = [i, j].map(|i| (vertices[*i] + 0.0).to_array());
+            let by = |k: usize| a[k].total_cmp(&b[k]);
+            by(0).then(by(1)).then(by(2)).then(i.cmp(j))
+        });
+        if let Some(pair) = order
+            .windows(2)
+            .find(|pair| vertices[pair[0]] == vertices[pair[1]])
+        {
+            let message = format!(
+                "vertices {} and {} of this polygon are one point",
+                pair[0], pair[1]
+            );
+            return Err((Some(pair[1]), message));
+        }
+        let extent = Aabb::around(vertices.iter().copied()).extent();
+        let size = extent.length();
+        if !(size * size).is_finite() {
+            return Err((None, "the vertices are too far apart to compute with".to_owned()));
+        }
+        let first = vertices[0];
+        let center = first + vertices.iter().map(|p| *p - first).sum::<DVec3>() / vertices.len() as f64;
+        let area: DVec3 = edges(vertices).map(|(a, b)| (a - center).cross(b - center)).sum();
+        if area.length() <= FLATNESS * size * size {
+            return Err((None, "the vertices of this polygon enclose no area".to_owned()));
+        }
+        let normal = area.normalize();
+        let distance = |p: DVec3| (p - center).dot(normal).abs();
+        let (farthest, off) = vertices
+            .iter()
+            .map(|p| distance(*p))
+            .enumerate()
+            .fold((0, 0.0), |most, next| if next.1 > most.1 { next } else { most });
+        if off > FLATNESS * size {
+            let message = format!(
+                "expected vertices in one plane to {:.1e} m, found vertex {farthest} {off:.1e} m away from it",
+                FLATNESS * size
+            );
+            return Err((Some(farthest), message));
+        }
+        let largest = normal.abs().max_element() * (1.0 - 1e-9);
+        let axis = (0..3).find(|axis| normal[*axis].abs() >= largest).unwrap_or(2);
+        Ok(Self { center, normal, axis })
+    }
+}
+
+fn edges<T: Copy>(ring: &[T]) -> impl Iterator<Item = (T, T)> + '_ {
+    let next = ring.iter().cycle().skip(1);
+    ring.iter().copied().zip(next.copied())
+}
+
+/// The coordinates along the two axes behind `axis`.
+fn without(p: DVec3, axis: usize) -> DVec2 {
+    DVec2::new(p[(axis + 1) % 3], p[(axis + 2) % 3])
+}
+
+/// Two edges that meet where they should not, if there are any.
+fn meeting_edges(ring: &[DVec2]) -> Option<[usize; 2]> {
+    let n = ring.len();
+    let end = |i: usize| ring[(i + 1) % n];
+    let mut order: Vec<usize> = (0..n).collect();
+    order.sort_by(|i, j| f64::total_cmp(&ring[*i].x.min(end(*i).x), &ring[*j].x.min(end(*j).x)));
+    for (place, &i) in order.iter().enumerate() {
+        let (a, b) = (ring[i], end(i));
+        for &j in &order[place + 1..] {
+            let (c, d) = (ring[j], end(j));
+            if c.x.min(d.x) > a.x.max(b.x) {
+                break;
+            }
+            let meet = if (i + 1) % n == j {
+                folds_back(a, b, d)
+            } else if (j + 1) % n == i {
+                folds_back(c, a, b)
+            } else {
+                cross_or_touch([a, b], [c, d])
+            };
+            if meet {
+                return Some([i.min(j), i.max(j)]);
+            }
+        }
+    }
+    None
+}
+
+/// Whether the way from a over b to c returns on itself.
+fn folds_back(a: DVec2, b: DVec2, c: DVec2) -> bool {
+    side_of(a, b, c) == 0.0 && (a - b).dot(c - b) > 0.0
+}
+
+fn cross_or_touch([a, b]: [DVec2; 2], [c, d]: [DVec2; 2]) -> bool {
+    let beside = |k: usize| a[k].max(b[k]) < c[k].min(d[k]) || c[k].max(d[k]) < a[k].min(b[k]);
+    let apart = |p: f64, q: f64| p > 0.0 && q > 0.0 || p < 0.0 && q < 0.0;
+    !(beside(0)
+        || beside(1)
+        || apart(side_of(a, b, c), side_of(a, b, d))
+        || apart(side_of(c, d, a), side_of(c, d, b)))
+}
+
+/// Positive if c lies to the left of the way from a to b, negative to the right, zero exactly on the line.
+fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
+    let (left, right) = ((a.x - c.x) * (b.y - c.y), (a.y - c.y) * (b.x - c.x));
+    let side = left - right;
+    // Shewchuk's bound for this expression: beyond it, the sign is right.
+    if side.abs() > 3.4e-16 * (left.abs() + right.abs()) {
+        return side;
+    }
+    let terms = [
+        (a.x, b.y),
+        (-a.y, b.x),
+        (b.x, c.y),
+        (-b.y, c.x),
+        (c.x, a.y),
+        (-c.y, a.x),
+    ];
+    let (mut sum, mut count) = ([0.0; 12], 0);
+    let parts = terms.iter().flat_map(|(p, q)| {
+        let product = p * q;
+        [p.mul_add(*q, -product), product]
+    });
+    // Each term is added to a sum that is kept in parts that do not overlap (Grow-Expansion); the last part decides.
+    for part in parts {
+        let mut carried = part;
+        for kept in &mut sum[..count] {
+            let total = carried + *kept;
+            let seen = total - carried;
+            *kept = (carried - (total - seen)) + (*kept - seen);
+            carried = total;
+        }
+        sum[count] = carried;
+        count += 1;
+    }
+    sum.into_iter().rev().find(|part| *part != 0.0).unwrap_or(0.0)
+}
+
+/// Whether an edge crosses the positive half of the x axis. `low` does not lie above the axis, `high` does. The
+/// axis itself belongs to what is below, the origin to what is on its right, whichever polygon asks.
+fn crosses(low: DVec3, high: DVec3) -> bool {
+    let (left, right) = (low.x * high.y, low.y * high.x);
+    if left != right {
+        return left > right;
+    }
+    // Equal when rounded: what the rounding took off decides.
+    low.x.mul_add(high.y, -left) > low.y.mul_add(high.x, -right)
+}
+
+impl Polygon {
+    /// Where the ray meets the plane: the parameter, the point, and how much rounding is magnified by looking
+    /// at a slant. Infinite or NaN for rays in parallel.
+    fn meet(&self, ray: &Ray) -> (f64, DVec3, f64) {
+        let (o, d, n) = (ray.origin, ray.direction, self.normal);
+        let slope = n.dot(d);
+        let first = n.dot(self.anchor - o) / slope;
+        // Where this leads is exact but for one rounding, so that what is missing can be told and added.
+        let p = DVec3::new(
+            first.mul_add(d.x, o.x),
+            first.mul_add(d.y, o.y),
+            first.mul_add(d.z, o.z),
+        );
+        let more = n.dot(self.anchor - p) / slope;
+        (first + more, p + more * d, d.length() / slope.abs())
+    }
+
+    /// Roundings of coordinates near the polygon.
+    fn rounding(&self) -> f64 {
+        let reach = self.bounds.min.abs().max(self.bounds.max.abs()).max_element();
+        4.0 * f64::EPSILON * reach
+    }
+}
+
+impl Primitive for Polygon {
+    fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        if leaves.is_some() {
+            return None;
+        }
+        let (t, p, slant) = self.meet(ray);
+        if !interval.contains(t) {
+            return None;
+        }
+        // Far more than points can be off as the test below sees them from the origin.
+        let far =
+            ray.origin.abs().max_element() + self.bounds.min.abs().max(self.bounds.max.abs()).max_element();
+        let margin = (1e-12 * self.bounds.extent().max_element() + 64.0 * f64::EPSILON * far) * slant;
+        let within = self.bounds.padded(margin);
+        if !(p.cmpge(within.min).all() && p.cmple(within.max).all()) {
+            return None;
+        }
+        let sheared = ShearedRay::new(ray);
+        let mut inside = false;
+        let mut a = sheared.beside(self.vertices[self.vertices.len() - 1]);
+        for vertex in &self.vertices {
+            let b = sheared.beside(*vertex);
+            if (a.y > 0.0) != (b.y > 0.0) {
+                inside ^= if a.y > 0.0 { crosses(b, a) } else { crosses(a, b) };
+            }
+            a = b;
+        }
+        inside.then_some(PrimitiveHit {
+            t,
+            primitive: 0,
+            params: DVec2::ZERO,
+        })
+    }
+
+    fn surface(&self, ray: &Ray, _: &RawHit, needs: Needs) -> SurfacePoint {
+        let (_, p, _) = self.meet(ray);
+        // At an edge, seen from far away, the point may be off the polygon by a rounding.
+        let p = p.clamp(self.bounds.min, self.bounds.max);
+        let off = self.normal.dot(self.anchor - p);
+        let position = p + off * self.normal;
+        let mut point = SurfacePoint::new(position, self.rounding(), self.normal);
+        if needs.contains(Needs::UV) {
+            let origin = self.transform.world_from_object().translation;
+            let local = self.transform.object_from_world().matrix3 * (position - origin);
+            point.uv = without(local, self.axis);
+        }
+        point
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fmt::Write;
+    use whitstone_testkit::{Random, build, shape_laws_everywhere};
+
+    /// The letter L with a slanted arm, in the plane z = x/2 + y/4.
+    const LETTER: &str =
+        "vertices = [[-1, -1, -0.75], [1, -1, 0.25], [1, 0, 0.5], [0, 0, 0], [-0.5, 1, 0], [-1, 1, -0.25]]";
+
+    fn polygon(vertices: &[DVec3]) -> Box<dyn Primitive> {
+        let mut text = String::from("vertices = [");
+        for p in vertices {
+            write!(text, "[{:?}, {:?}, {:?}],", p.x, p.y, p.z).unwrap();
+        }
+        match build::<Shapes, Polygon>(&(text + "]"), Transform::IDENTITY) {
+            Ok(Shape::Opaque(polygon)) => polygon,
+            Ok(_) => unreachable!("a polygon is opaque"),
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    fn is_hit(polygon: &dyn Primitive, ray: &Ray) -> bool {
+        polygon.closest(ray, Interval::FORWARD, None).is_some()
+    }
+
+    fn error(text: &str) -> SceneError {
+        build::<Shapes, Polygon>(text, Transform::IDENTITY)
+            .err()
+            .unwrap()
+            .0
+            .remove(0)
+    }
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        shape_laws_everywhere::<Polygon>(LETTER, 2_000);
+    }
+
+    #[test]
+    fn what_is_cut_out_is_not_hit() {
+        let star: Vec<DVec3> = (0..4096)
+            .map(|k| {
+                let (sin, cos) = (f64::from(k) * std::f64::consts::TAU / 4096.0).sin_cos();
+                let r = if k % 2 == 0 { 1.0 } else { 0.5 };
+                DVec3::new(r * cos, r * sin, 2.0)
+            })
+            .collect();
+        let star = polygon(&star);
+        for (x, hit) in [
+            (0.0, true),
+            (0.49, true),
+            (0.999, true),
+            (1.01, false),
+            (-0.75, true),
+        ] {
+            let ray = Ray::new(DVec3::new(x, 0.0, 5.0), DVec3::NEG_Z);
+            assert_eq!(is_hit(&*star, &ray), hit, "{x}");
+        }
+        // Between two tips.
+        let (sin, cos) = (std::f64::consts::TAU / 4096.0).sin_cos();
+        let ray = Ray::new(DVec3::new(0.75 * cos, 0.75 * sin, 5.0), DVec3::NEG_Z);
+        assert!(!is_hit(&*star, &ray));
+    }
+
+    /// What is usually written (Franklin's PNPOLY): where the edge meets the axis, by a division.
+    fn naive_hit(ring: &[DVec3], ray: &Ray) -> bool {
+        let sheared = ShearedRay::new(ray);
+        edges(ring).fold(false, |inside, (a, b)| {
+            let (a, b) = (sheared.beside(a), sheared.beside(b));
+            inside ^ ((a.y > 0.0) != (b.y > 0.0) && 0.0 < (b.x - a.x) * -a.y / (b.y - a.y) + a.x)
+        })
+    }
+
+    /// A square cut by a jagged line, and one cut into a fan, bent in space: rays through edges and vertices
+    /// hit exactly one part.
+    #[test]
+    fn of_those_that_share_edges_one_is_hit() {
+        let mut random = Random::new(3);
+        let cut: Vec<DVec3> = (0..=40)
+            .map(|k| {
+                let jag = if k % 2 == 0 { 0.0 } else { 0.3 * random.unit() };
+                DVec3::new(jag, f64::from(k) / 20.0 - 1.0, 0.0)
+            })
+            .collect();
+        let close = |x: f64| {
+            let mut ring = cut.clone();
+            ring.extend([DVec3::new(x, 1.0, 0.0), DVec3::new(x, -1.0, 0.0)]);
+            ring
+        };
+        let tip = DVec3::new(0.1, -0.07, 0.2);
+        let rim: Vec<DVec3> = (0..7)
+            .map(|k| {
+                let (sin, cos) = (0.3 + f64::from(k) * std::f64::consts::TAU / 7.0).sin_cos();
+                DVec3::new(cos, sin, 0.1 * random.signed())
+            })
+            .collect();
+        let fan: Vec<Vec<DVec3>> = edges(&rim).map(|(a, b)| vec![tip, a, b]).collect();
+        let along: Vec<DVec3> = rim.iter().flat_map(|p| [*p, tip]).collect();
+        let mut naive_wrong = 0;
+        for (rings, line) in [(vec![close(-1.0), close(1.0)], &cut), (fan, &along)] {
+            let parts: Vec<_> = rings.iter().map(|ring| polygon(ring)).collect();
+            for i in 0..40_000 {
+                let k = 1 + random.below(line.len() - 2);
+                let target = match i % 3 {
+                    0 => line[k],
+                    1 => 0.5 * (line[k] + line[k - 1]),
+                    _ => line[k] + random.unit() * (line[k - 1] - line[k]),
+                };
+                let on_rim = target.truncate().length() > 0.8 && line.len() == along.len();
+                let side = DVec3::new(random.signed(), random.signed(), 1.5);
+                let origin = target + [1.0, 30.0, 1e6][random.below(3)] * side;
+                let ray = Ray::new(origin, target - origin);
+                if on_rim {
+                    continue;
+                }
+                let hits = parts.iter().filter(|part| is_hit(&***part, &ray)).count();
+                assert_eq!(hits, 1, "{ray:?}");
+                naive_wrong += usize::from(rings.iter().filter(|ring| naive_hit(ring, &ray)).count() != 1);
+            }
+        }
+        println!("PNPOLY: {naive_wrong} of 80000 wrong");
+        assert!(naive_wrong > 100, "the naive way must fail: {naive_wrong}");
+    }
+
+    #[test]
+    fn signs_are_exact() {
+        let e = f64::EPSILON;
+        let (a, b) = (DVec2::new(12.0, 12.0), DVec2::new(24.0, 24.0));
+        let naive = |a: DVec2, b: DVec2, c: DVec2| (a.x - c.x) * (b.y - c.y) - (a.y - c.y) * (b.x - c.x);
+        let mut wrong = 0;
+        for i in 0..64 {
+            for j in 0..64 {
+                // The classical example: points beside a diagonal, an ulp apart.
+                let c = DVec2::new(0.5 + 0.5 * e * f64::from(i), 0.5 + 0.5 * e * f64::from(j));
+                let expected = f64::from(j - i);
+                assert!(side_of(a, b, c) * expected > 0.0 || i == j && side_of(a, b, c) == 0.0);
+                wrong += usize::from(naive(a, b, c) * expected <= 0.0 && i != j);
+            }
+        }
+        assert!(wrong > 500, "the naive form must be wrong: {wrong}");
+    }
+
+    #[test]
+    fn texture_coordinates_leave_the_largest_axis_out() {
+        let flat = polygon(&[DVec3::ZERO, DVec3::new(0.0, 2.0, 0.0), DVec3::new(0.0, 2.0, 3.0)]);
+        let ray = Ray::new(DVec3::new(4.0, 1.5, 1.0), DVec3::NEG_X);
+        let hit = flat.closest(&ray, Interval::FORWARD, None).unwrap();
+        let point = flat.surface(
+            &ray,
+            &hit.of_shape(whitstone_core::InstancePath::WORLD, 0),
+            Needs::UV,
+        );
+        assert_eq!((point.uv, point.n_g), (DVec2::new(1.5, 1.0), DVec3::X));
+    }
+
+    #[test]
+    fn what_is_no_polygon_is_refused() {
+        let ring = |vertices: &str| error(&format!("vertices = [{vertices}]"));
+        assert_eq!(
+            ring("[0, 0, 0], [1, 0, 0]").message,
+            "expected 3 to 4096 vertices, found 2"
+        );
+        let bent = ring("[0, 0, 0], [1, 0, 0], [1, 1, 1e-7], [0, 1, 0]");
+        assert!(
+            bent.message
+                .starts_with("expected vertices in one plane to 1.4e-9 m, found vertex ")
+        );
+        assert_eq!(
+            ring("[0, 0, 0], [1, 0, 0], [-0.0, 0, 0], [0, 1, 0]").message,
+            "vertices 0 and 2 of this polygon are one point"
+        );
+        let eight = "[0, 0, 0], [2, 2, 0], [2, 0, 0], [0, 1, 0]";
+        assert_eq!(ring(eight).message, "edges 0 and 2 of this polygon meet");
+        assert_eq!(
+            ring("[0, 0, 0], [1, 0, 0], [2, 0, 0]").message,
+            "the vertices of this polygon enclose no area"
+        );
+        // A vertex on an edge, and an edge that returns on the one before.
+        assert_eq!(
+            ring("[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0, 0], [0, 2, 0]").message,
+            "edges 0 and 3 of this polygon meet"
+        );
+        assert_eq!(
+            ring("[0, 0, 0], [2, 0, 0], [1, 0, 0], [0, 2, 0]").message,
+            "edges 0 and 2 of this polygon meet"
+        );
+        assert!(
+            ring("[0, 0, 0], [1e200, 0, 0], [0, 1e200, 0]")
+                .message
+                .contains("too far apart")
+        );
+    }
+}

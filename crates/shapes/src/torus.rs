@@ -1,0 +1,465 @@
+//! A torus.
+//!
+//! The ray starts anew where it passes the center nearest, by fused operations, so that the distance of its
+//! origin costs no digits. There the quartic is depressed. Its extrema, found as roots of derivatives between
+//! roots of *their* derivatives (Yuksel, *High-Performance Polynomial Root Finding for Graphics*, 2022, section
+//! 3), divide the ray into pieces with at most one crossing each. The crossing itself is sought on the distance
+//! from the surface: the quartic cancels where the tube is thin.
+//!
+//! - Twin: POV-Ray `torus` (native).
+//! - Example: `scenes/shapes/torus.toml`.
+
+use crate::near::comes_near_ball;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::f64::consts::TAU;
+use toml::Spanned;
+use whitstone_core::config::Positive;
+use whitstone_core::{
+    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
+    SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform, solid,
+};
+
+/// A ring around the z axis of its object space; the outside is away from the circle in the middle of its tube.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Radius of the circle in the middle of the tube, in metres.
+    #[serde(default = "one")]
+    major_radius: Positive,
+    /// Radius of the tube in metres, less than `major_radius`; a quarter of a metre if left out.
+    #[serde(default)]
+    #[schemars(with = "Positive")]
+    minor_radius: Option<Spanned<Positive>>,
+}
+
+fn one() -> Positive {
+    Positive::new(1.0).expect("1 is positive")
+}
+
+/// In world space.
+pub struct Torus {
+    center: DVec3,
+    /// Unit.
+    axis: DVec3,
+    major: f64,
+    minor: f64,
+    /// For texture coordinates, which turn with the object.
+    transform: Transform,
+}
+
+impl Plugin<Shapes> for Torus {
+    const TYPE: &'static str = "torus";
+    type Config = Config;
+
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        let scale = transform.similarity_scale().ok_or_else(|| {
+            SceneError::anywhere("the transform of a torus must scale equally in all directions")
+                .with_help("an instance of a group may stretch it")
+        })?;
+        let major = config.major_radius.get();
+        let (minor, place) = match config.minor_radius {
+            Some(minor) => (minor.get_ref().get(), Some(minor.span())),
+            None => (0.25, None),
+        };
+        if minor >= major {
+            let error = SceneError::anywhere(format!(
+                "expected a minor_radius less than the major_radius, {major}, found {minor}"
+            ));
+            let error = error.with_help("a tube that is thicker than its ring would meet itself");
+            return Err(SceneError { span: place, ..error }.into());
+        }
+        Ok(Shape::Opaque(Box::new(Self {
+            center: transform.world_from_object().translation,
+            axis: transform.world_from_object().matrix3.z_axis.normalize(),
+            major: major * scale,
+            minor: minor * scale,
+            transform,
+        })))
+    }
+}
+
+/// Half the distance from 1 to the next number.
+const UNIT: f64 = 0.5 * f64::EPSILON;
+
+/// More than any crossing needs: each fourth step halves its bracket.
+const MOST_STEPS: u32 = 240;
+
+/// A ray in units of the major radius, from where it passes the center nearest: the point at `s` is `q + s d`.
+struct Line {
+    q: DVec3,
+    d: DVec3,
+    axis: DVec3,
+    /// Minor radius over major radius.
+    minor: f64,
+    /// The ray parameter at `s` is `start + (more + s * unit)`.
+    start: f64,
+    more: f64,
+    unit: f64,
+}
+
+/// The distance of a point from the surface, positive outside, and what it is made of.
+struct Distance {
+    value: f64,
+    /// Its derivative along the line.
+    slope: f64,
+    /// Unit vector from the axis to the point; zero on the axis.
+    outward: DVec3,
+    /// Unit normal; NaN in the middle of the tube.
+    normal: DVec3,
+}
+
+/// A monotone piece of the line, and what is in it.
+struct Crossing {
+    t: f64,
+    s: f64,
+    /// From outside to inside.
+    enters: bool,
+}
+
+impl Crossing {
+    fn hit(&self) -> PrimitiveHit {
+        PrimitiveHit {
+            t: self.t,
+            primitive: 0,
+            // Where on the line, with more digits than t has from far away.
+            params: DVec2::new(self.s, 0.0),
+        }
+    }
+}
+
+impl Line {
+    fn new(torus: &Torus, ray: &Ray) -> Self {
+        // The difference with the part that its rounding takes off (Knuth's TwoSum).
+        let (o, c) = (ray.origin, torus.center);
+        let l = o - c;
+        let c_seen = o - l;
+        let lost = (o - (l + c_seen)) + (c_seen - c);
+        // The parameter is rounded, but where it leads is not: the terms cancel, and each is fused.
+        let scale = power_of_two_near(ray.direction);
+        let d = scale * ray.direction;
+        let a = d.length_squared();
+        let along =
+            |t: f64, p: DVec3| DVec3::new(t.mul_add(d.x, p.x), t.mul_add(d.y, p.y), t.mul_add(d.z, p.z));
+        let start = -l.dot(d) / a;
+        let q = along(start, l) + lost;
+        let more = -q.dot(d) / a;
+        Self {
+            q: along(more, q) / torus.major,
+            d,
+            axis: torus.axis,
+            minor: torus.minor / torus.major,
+            start: scale * start,
+            more: scale * more,
+            unit: scale * torus.major,
+        }
+    }
+
+    fn t(&self, s: f64) -> f64 {
+        self.start + (self.more + s * self.unit)
+    }
+
+    /// The part of the line that is inside a ball and between two planes around the torus.
+    fn reach(&self) -> Option<(f64, f64)> {
+        let a = self.d.length_squared();
+        let radius = (1.0 + self.minor) * (1.0 + 1e-9);
+        let chord = ((radius * radius - self.q.length_squared()) / a).sqrt();
+        let (height, slope) = (self.q.dot(self.axis), self.d.dot(self.axis));
+        // Far more than the rounding of the height.
+        let half = self.minor * (1.0 + 1e-9) + 64.0 * UNIT;
+        let (below, above) = ((-half - height) / slope, (half - height) / slope);
+        if height.abs() > half && slope == 0.0 {
+            return None;
+        }
+        // Comparisons with NaN (the line lies in one of the planes, or misses the ball) change nothing and fail.
+        let low = (-chord).max(below.min(above));
+        let high = chord.min(below.max(above));
+        (chord > 0.0 && low < high).then_some((low, high))
+    }
+
+    /// Where the quartic turns, in ascending order, with `low` before and `high` behind.
+    fn pieces(&self, low: f64, high: f64) -> ([f64; 5], usize) {
+        let a = self.d.length_squared();
+        let (h, k) = (self.q.dot(self.axis), self.d.dot(self.axis));
+        let (radial, along) = (self.q - h * self.axis, self.d - k * self.axis);
+        // (|p|² + 1 - r²)² - 4 rho², with |p|² = w + a s² and rho² a quadric of s. Its derivative over 4 a²:
+        let w = self.q.length_squared();
+        let p = ((w + (1.0 - self.minor) * (1.0 + self.minor)) - 2.0 * along.length_squared() / a) / a;
+        let q = -2.0 * radial.dot(along) / (a * a);
+        let cubic = |s: f64| ((s * s + p) * s + q, 3.0 * s * s + p);
+        let turn = (-p / 3.0).max(0.0).sqrt();
+        let mut ends = [low; 5];
+        let mut count = 1;
+        let mut from = low;
+        for to in [(-turn).clamp(low, high), turn.clamp(low, high), high] {
+            if (cubic(from).0 < 0.0) != (cubic(to).0 < 0.0) {
+                ends[count] = root(cubic, from, to);
+                count += 1;
+            }
+            from = to;
+        }
+        ends[count] = high;
+        (ends, count + 1)
+    }
+
+    fn distance(&self, s: f64) -> Distance {
+        let p = self.q + s * self.d;
+        let height = p.dot(self.axis);
+        let radial = p - height * self.axis;
+        let rho = radial.length();
+        let outward = if rho > 0.0 { radial / rho } else { DVec3::ZERO };
+        let away = (rho - 1.0) * outward + height * self.axis;
+        let from_circle = ((rho - 1.0) * (rho - 1.0) + height * height).sqrt();
+        let normal = away / from_circle;
+        Distance {
+            value: from_circle - self.minor,
+            slope: normal.dot(self.d),
+            outward,
+            normal,
+        }
+    }
+
+    /// How fast the ray leaves the surface, or comes nearer, where it starts.
+    fn slope_at_start(&self) -> f64 {
+        self.distance((-self.start - self.more) / self.unit).slope
+    }
+
+    /// All crossings, in ascending order; at most four.
+    fn crossings(&self) -> impl Iterator<Item = Crossing> + '_ {
+        let pieces = self.reach().map(|(low, high)| self.pieces(low, high));
+        let (ends, count) = pieces.unwrap_or(([0.0; 5], 0));
+        let value = |s: f64| {
+            let distance = self.distance(s);
+            (distance.value, distance.slope)
+        };
+        let mut inside = false;
+        (1..count).filter_map(move |k| {
+            // The last end is outside by how it was chosen.
+            let before = inside;
+            inside = k + 1 < count && value(ends[k]).0 < 0.0;
+            (before != inside).then(|| {
+                let s = root(value, ends[k - 1], ends[k]);
+                Crossing {
+                    t: self.t(s),
+                    s,
+                    enters: inside,
+                }
+            })
+        })
+    }
+}
+
+/// The root between two places where a function (value and slope) has different signs: Newton's steps inside a
+/// bracket.
+fn root(f: impl Fn(f64) -> (f64, f64), from: f64, to: f64) -> f64 {
+    let (mut from, mut to) = (from, to);
+    let falls = f(to).0 < 0.0;
+    let mut s = 0.5 * (from + to);
+    for step in 1..MOST_STEPS {
+        let (value, slope) = f(s);
+        if (value < 0.0) == falls {
+            to = s;
+        } else {
+            from = s;
+        }
+        let newton = s - value / slope;
+        // NaN is no place to go to either.
+        let good = newton >= from && newton <= to && step % 4 != 0;
+        let next = if good { newton } else { 0.5 * (from + to) };
+        if (next - s).abs() <= UNIT * s.abs().max(0.125) {
+            return next;
+        }
+        s = next;
+    }
+    s
+}
+
+/// The power of two by which the largest coordinate comes to lie between 1 and 2, for vectors of any sensible length.
+fn power_of_two_near(v: DVec3) -> f64 {
+    let exponent = (v.abs().max_element().to_bits() >> 52).clamp(1, 2045);
+    f64::from_bits((2046 - exponent) << 52)
+}
+
+impl Primitive for Torus {
+    fn bounds(&self) -> Aabb {
+        let a = self.axis;
+        let across = DVec3::new(a.y.hypot(a.z), a.z.hypot(a.x), a.x.hypot(a.y));
+        let reach = self.major * across + self.minor;
+        Aabb {
+            min: self.center - reach,
+            max: self.center + reach,
+        }
+        .padded(self.error())
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        if !comes_near_ball(ray, self.center, self.major + self.minor) {
+            return None;
+        }
+        let line = Line::new(self, ray);
+        // A ray that leaves for the outside meets the surface next where it enters, and the other way round. What
+        // comes first and is of the other kind is the start itself, on the wrong side by rounding.
+        let mut expected = leaves.map(|_| line.slope_at_start() > 0.0);
+        let mut crossings = line.crossings().filter(|crossing| crossing.t > 0.0);
+        crossings
+            .find(|crossing| {
+                let is_start = expected.take().is_some_and(|enters| crossing.enters != enters);
+                !is_start && crossing.t > interval.min
+            })
+            .filter(|crossing| interval.contains(crossing.t))
+            .map(|crossing| crossing.hit())
+    }
+
+    fn solid(&self) -> bool {
+        true
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        let line = Line::new(self, ray);
+        let mut crossings = line.crossings();
+        // Each entry is followed by its exit.
+        while let (Some(enter), Some(exit)) = (crossings.next(), crossings.next()) {
+            solid::push(spans, enter.hit(), exit.hit());
+        }
+    }
+
+    fn goes_inside(&self, ray: &Ray, _: u32) -> bool {
+        Line::new(self, ray).slope_at_start() < 0.0
+    }
+
+    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let Distance { outward, normal, .. } = Line::new(self, ray).distance(hit.params.x);
+        let normal = normal.normalize();
+        let position = self.center + (self.major * outward + self.minor * normal);
+        let mut point = SurfacePoint::new(position, self.error(), normal);
+        if needs.contains(Needs::UV) {
+            point.uv = self.uv(outward, normal);
+        }
+        point
+    }
+}
+
+impl Torus {
+    /// Of a point that was put onto the surface: along its normal, the roundings of unit vectors and of sums.
+    fn error(&self) -> f64 {
+        4.0 * f64::EPSILON * (self.center.abs().max_element() + self.major + self.minor)
+    }
+
+    fn uv(&self, outward: DVec3, normal: DVec3) -> DVec2 {
+        let inverse = self.transform.object_from_world();
+        let [outward, normal] = [outward, normal].map(|v| inverse.transform_vector3(v));
+        let turns = |y: f64, x: f64| {
+            let angle = y.atan2(x);
+            (if angle < 0.0 { angle + TAU } else { angle }) / TAU
+        };
+        let around = outward.truncate();
+        // Both have the same factor, which the angle does not see.
+        let away = normal.truncate().dot(around) / around.length();
+        DVec2::new(turns(outward.y, outward.x), turns(normal.z, away))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::{build, shape_laws_everywhere};
+
+    fn ring(text: &str) -> Box<dyn Primitive> {
+        match build::<Shapes, Torus>(text, Transform::IDENTITY) {
+            Ok(Shape::Opaque(ring)) => ring,
+            _ => panic!("a torus is opaque"),
+        }
+    }
+
+    /// All hits, one behind the other.
+    fn hits(ring: &dyn Primitive, origin: [f64; 3], direction: [f64; 3]) -> Vec<f64> {
+        let ray = Ray::new(origin.into(), direction.into());
+        let mut found = Vec::new();
+        let mut interval = Interval::FORWARD;
+        while let Some(hit) = ring.closest(&ray, interval, None) {
+            interval.min = hit.t;
+            found.push(hit.t);
+        }
+        found
+    }
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        shape_laws_everywhere::<Torus>("", 2_000);
+        shape_laws_everywhere::<Torus>("major_radius = 2\nminor_radius = 1.9", 2_000);
+        shape_laws_everywhere::<Torus>("minor_radius = 0.02", 20_000);
+    }
+
+    #[test]
+    fn special_rays() {
+        let ring = ring("major_radius = 2\nminor_radius = 0.5");
+        let of = |origin, direction| hits(ring.as_ref(), origin, direction);
+        // Through all four walls; along the axis and through the hole beside it; from inside the tube.
+        assert_eq!(of([4.0, 0.0, 0.0], [-1.0, 0.0, 0.0]), [1.5, 2.5, 5.5, 6.5]);
+        assert!(of([0.0, 0.0, 9.0], [0.0, 0.0, -1.0]).is_empty());
+        assert!(of([1.4, 0.0, 9.0], [0.0, 0.0, -1.0]).is_empty());
+        assert_eq!(of([2.0, 0.0, 0.0], [0.0, 0.0, 1.0]), [0.5]);
+        assert_eq!(of([2.0, 0.0, 3.0], [0.0, 0.0, -2.0]), [1.25, 1.75]);
+        // Along the plane that touches it on top, and a little lower.
+        assert!(of([0.0, 9.0, 0.5 + 1e-12], [0.0, -1.0, 0.0]).is_empty());
+        assert_eq!(of([0.0, 9.0, 0.5 - 1e-9], [0.0, -1.0, 0.0]).len(), 4);
+        // Beside it, with two crossings and with none.
+        assert_eq!(of([2.4, 9.0, 0.0], [0.0, -1.0, 0.0]).len(), 2);
+        assert_eq!(of([2.51, 9.0, 0.0], [0.0, -1.0, 0.0]).len(), 0);
+        // From where nothing can be told, an answer that is a number.
+        for far in [f64::MAX, 1e200] {
+            assert!(
+                of([far, far, 0.0], [-1.0, -1.0, 0.0])
+                    .into_iter()
+                    .all(f64::is_finite)
+            );
+        }
+    }
+
+    #[test]
+    fn what_leaves_crosses_the_hole() {
+        let ring = ring("major_radius = 2\nminor_radius = 0.5");
+        let leave = |x: f64, d: f64| {
+            let ray = Ray::new(DVec3::new(x, 0.0, 0.0), DVec3::new(d, 0.0, 0.0));
+            ring.closest(&ray, Interval::FORWARD, Some(0)).map(|hit| hit.t)
+        };
+        for x in [1.5, 1.5f64.next_up(), 1.5f64.next_down()] {
+            assert!((leave(x, -1.0).unwrap() - 3.0).abs() < 1e-12);
+            assert!((leave(x, 1.0).unwrap() - 1.0).abs() < 1e-12);
+        }
+        for x in [2.5, 2.5f64.next_up(), 2.5f64.next_down()] {
+            assert_eq!(leave(x, 1.0), None);
+            assert!((leave(x, -1.0).unwrap() - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn texture_coordinates_are_angles() {
+        let ring = ring("major_radius = 2\nminor_radius = 0.5");
+        let ray = Ray::new(DVec3::new(0.0, 4.0, 2.0), DVec3::new(0.0, -1.0, -1.0));
+        let hit = ring.closest(&ray, Interval::FORWARD, None).unwrap();
+        let hit = hit.of_shape(whitstone_core::InstancePath::WORLD, 0);
+        let point = ring.surface(&ray, &hit, Needs::UV);
+        assert!((point.uv - DVec2::new(0.25, 0.125)).abs().max_element() < 1e-15);
+        let half = 0.5f64.sqrt();
+        assert!((point.n_g - DVec3::new(0.0, half, half)).length() < 1e-15);
+    }
+
+    #[test]
+    fn a_tube_as_thick_as_its_ring_is_refused() {
+        let error = |text: &str| {
+            build::<Shapes, Torus>(text, Transform::IDENTITY)
+                .err()
+                .unwrap()
+                .0
+                .remove(0)
+        };
+        let thick = error("minor_radius = 1");
+        assert_eq!(
+            thick.message,
+            "expected a minor_radius less than the major_radius, 1, found 1"
+        );
+        assert_eq!(thick.span, Some(15..16));
+        assert!(error("major_radius = 0.1").message.ends_with("0.1, found 0.25"));
+    }
+}
