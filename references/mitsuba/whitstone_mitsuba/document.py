@@ -40,7 +40,7 @@ class Document:
     width: int
     height: int
     aovs: Tuple[str, ...]
-    # (n, 2): positions inside the pixel, in the model's order.
+    # (n, 2): positions inside the pixel, in the model's order; (n, 3) with the point of the lens.
     samples: np.ndarray
     camera: cameras.Camera
     integrator: Integrator
@@ -154,4 +154,4 @@ def parse(text: str, base: str) -> Document:
     if unsupported:
         raise Unsupported("\n".join(unsupported))
     assert camera is not None and integrator is not None
-    return Document(width, height, aovs, samples, camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder)
+    return Document(width, height, aovs, camera.samples(samples), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder)

@@ -209,7 +209,9 @@ class Tracer:
         return radiance.numpy().T[: len(x) * len(samples)].reshape(len(x), len(samples), 3)
 
     def camera_rays(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: np.ndarray, first: int = 0) -> Rays:
-        """Rays through positions `samples` (numbered from `first`) of pixels, samples of a pixel side by side."""
+        """Rays through positions `samples` (numbered from `first`) of pixels, samples of a pixel side by side.
+
+        A third column numbers points of the camera's lens; without it, rays go through the middle of the lens."""
         count = len(x) * len(samples)
         shift = np.array([(s.dx, s.dy) for s in self.settings])[setting]
         raster_x = (x[:, None] + samples[None, :, 0] + shift[:, None, 0]).ravel()
@@ -217,10 +219,13 @@ class Tracer:
         number = np.tile(np.arange(first, first + len(samples)), len(x))
         pixel = np.repeat(y.astype(np.int64) * self.document.width + x, len(samples))
         which = np.repeat(setting, len(samples))
+        point = np.tile(samples[:, 2], len(x)) if samples.shape[1] > 2 else np.full(count, -1)
         if count == 1:
-            raster_x, raster_y, number, pixel, which = (np.repeat(a, 2) for a in (raster_x, raster_y, number, pixel, which))
+            raster_x, raster_y, number, pixel, which, point = (
+                np.repeat(a, 2) for a in (raster_x, raster_y, number, pixel, which, point)
+            )
         width = len(raster_x)
-        o, d = self.document.camera.rays(self.built.sensor, raster_x, raster_y)
+        o, d = self.document.camera.rays(self.built.sensor, raster_x, raster_y, point if samples.shape[1] > 2 else None)
         key = mix(mi.UInt32(pixel.astype(np.uint32)) + mix(mi.UInt32(number.astype(np.uint32))))
         rays = Rays(
             o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),
