@@ -209,8 +209,12 @@ impl Pipeline {
                 *raster = self.raster(corner(*pixel), sample / lens);
             }
             self.camera.lens_stream(&raster.0, sample % lens, rays);
-            self.integrator
-                .radiance_stream(&self.world, rays, scratch, radiance);
+            match &self.object_order {
+                None => self
+                    .integrator
+                    .radiance_stream(&self.world, rays, scratch, radiance),
+                Some(objects) => objects.radiance_stream(&self.world, &raster.0, rays, scratch, radiance),
+            }
             for (lane, sum) in sums.iter_mut().enumerate().take(order.len()) {
                 *sum += radiance.get(lane);
             }

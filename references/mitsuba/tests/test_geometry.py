@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 from support import DOWN, FLOOR, Case, film
 
-from whitstone_mitsuba import meshes
+from whitstone_mitsuba import meshes, subdivision
 from whitstone_mitsuba.runtime import mi
 
 AOVS = ("depth", "normal", "uv", "shape_id", "primitive_id")
@@ -309,6 +309,24 @@ f 1 1 1
 """
 
 
+OCTAHEDRON = """
+v 1 0 0
+v 0 1 0
+v 0 0 1
+v -1 0 0
+v 0 -1 0
+v 0 0 -1
+f 1 2 3
+f 2 4 3
+f 4 5 3
+f 5 1 3
+f 2 1 6
+f 4 2 6
+f 5 4 6
+f 1 5 6
+"""
+
+
 class Meshes(Case):
     def setUp(self):
         folder = tempfile.TemporaryDirectory()
@@ -319,6 +337,25 @@ class Meshes(Case):
         with open(os.path.join(self.base, name), "wb") as file:
             file.write(text.encode() if isinstance(text, str) else text)
         return os.path.join(self.base, name)
+
+    def test_subdivision(self):
+        closed = subdivision.loop(meshes.load(self.write("c.obj", OCTAHEDRON)), 1)
+        self.assertEqual((closed.positions.shape, closed.faces.shape), ((18, 3), (32, 3)))
+        # By hand: 1 - 4 beta = 33/64, and 3/8 of both ends (what is opposite cancels).
+        corners = closed.positions[closed.faces]
+        self.near(corners[0], [[33 / 64, 0, 0], [3 / 8, 3 / 8, 0], [3 / 8, 0, 3 / 8]])
+        self.near(corners[3], [[3 / 8, 3 / 8, 0], [0, 3 / 8, 3 / 8], [3 / 8, 0, 3 / 8]])
+        # One triangle is all border: a spline.
+        open_ = subdivision.loop(meshes.Triangles(np.array([[0, 0, 0], [8, 0, 0], [0, 8, 0.0]]), np.array([[0, 1, 2], [0, 0, 1]])), 1)
+        self.near(open_.positions[open_.faces][0], [[1, 1, 0], [4, 0, 0], [0, 4, 0]])
+        self.assertEqual(len(open_.faces), 4)
+        shape = f'[[shape]]\ntype = "mesh"\nfile = "c.obj"\n{"subdivision = {{ scheme = {}, levels = {} }}"}\n'
+        found = self.nodes(looking([0, 0, 5], (0.01, 0.02, 0)) + shape.format('"loop"', 5), base=self.base)[0]
+        # In the limit a point v goes to (w v + sum of its k neighbours)/(w + k) with w = 3/(8 beta): 24/55 of this one.
+        self.assertLess(abs(5 - found["t"] - 24 / 55), 3e-3)
+        self.near(found["n_s"], [0, 0, 1], atol=0.05)
+        self.refuse(looking([0, 0, 5]) + shape.format('"butterfly"', 1), "scene", "scheme", base=self.base)
+        self.refuse(looking([0, 0, 5]) + shape.format('"loop"', 9), "scene", "levels", base=self.base)
 
     def test_obj(self):
         triangles = meshes.load(self.write("a.obj", OBJ))

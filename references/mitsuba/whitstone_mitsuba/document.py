@@ -105,9 +105,9 @@ def _sampler(table: Any, errors: List[str], unsupported: List[str]) -> np.ndarra
 def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Optional[Integrator]:
     fields = Fields(table, "integrator", errors)
     kind = fields.kind()
-    if kind not in ("whitted", "appel"):
+    if kind not in ("whitted", "appel", "rasterizer"):
         if kind is not None:
-            known = ["whitted", "appel"]
+            known = ["whitted", "appel", "rasterizer"]
             unsupported.append(f"integrator: no twin for an integrator of type {kind!r}; {nearest(kind, known)}")
         return None
     shadows = fields.choice("shadows", "opaque", ("opaque", "none")) == "opaque"
@@ -118,6 +118,15 @@ def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Option
         limit = fields.choice("at_max_depth", "background", ("background", "black")) == "background"
     fields.close()
     return Integrator(kind == "whitted", depth, cut, limit, shadows)
+
+
+def _only_triangles(tables: Any, camera: Optional[cameras.Camera], errors: List[str]) -> None:
+    """What a rasterizer can show."""
+    kinds = {table.get("type") for table in tables if isinstance(table, dict)} - {"triangle", "mesh", "heightfield"}
+    if kinds:
+        errors.append(f"integrator: a rasterizer shows triangles only, found {', '.join(sorted(map(str, kinds)))}")
+    if camera is not None and camera.kind not in ("perspective", "orthographic"):
+        errors.append(f"integrator: a rasterizer needs a camera with straight lines and no lens, found {camera.kind}")
 
 
 def _shared(value: Any, name: str, errors: List[str]) -> dict:
@@ -143,6 +152,8 @@ def parse(text: str, base: str) -> Document:
     camera = cameras.read(root.get("camera"), width, height, errors, unsupported)
     samples = _sampler(root.get("sampler", {"type": "center"}), errors, unsupported)
     integrator = _integrator(root.get("integrator", {"type": "whitted"}), errors, unsupported)
+    if isinstance(root.get("integrator"), dict) and root["integrator"].get("type") == "rasterizer":
+        _only_triangles(root.get("shape", []), camera, errors)
     lamps = lights.read(root.get("light", []), errors, unsupported)
     texture_reader = textures.Textures(_shared(root.get("texture", {}), "texture", errors), folder, errors, unsupported)
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)

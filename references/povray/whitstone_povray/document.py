@@ -175,8 +175,9 @@ def _integrator(table: Any, context: Context) -> _Integrator:
         if fields.number("min_contribution", 0.0, lambda value: value >= 0, "a number >= 0") > 0:
             fields.unsupported("POV-Ray cuts off faint branches by another rule", "min_contribution")
         shown = fields.choice("at_max_depth", "background", ("background", "black")) == "background"
-    elif kind != "appel":
-        fields.unsupported(f"POV-Ray has no twin of the integrator type {kind!r}; {nearest(str(kind), ['appel', 'whitted'])}")
+    elif kind not in ("appel", "rasterizer"):
+        known = ["appel", "rasterizer", "whitted"]
+        fields.unsupported(f"POV-Ray has no twin of the integrator type {kind!r}; {nearest(str(kind), known)}")
         return _Integrator(1, True, False)
     fields.close()
     return _Integrator(level, shadows, shown)
