@@ -9,7 +9,7 @@ use crate::view::{self, Frame, LookAt};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
-use whitstone_core::config::{Finite, NonNegative, Positive};
+use whitstone_core::config::{Finite, Positive};
 use whitstone_core::{
     Camera, Cameras, Context, DMat4, DVec2, FilmSize, Plugin, Ray, SceneError, SceneErrors,
 };
@@ -29,13 +29,13 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "Window")]
     window: Option<Spanned<Window>>,
-    /// What is nearer is not seen, in metres from the plane of the camera; 0 if left out.
+    /// What is nearer is not seen, in metres from the plane of the camera, negative ones behind it; 0 if left out.
     #[serde(default = "zero")]
-    near: NonNegative,
+    near: Finite,
 }
 
-fn zero() -> NonNegative {
-    NonNegative::new(0.0).expect("0 is not negative")
+fn zero() -> Finite {
+    Finite::new(0.0).expect("0 is finite")
 }
 
 /// A rectangle around the origin of the camera, in metres.
@@ -136,6 +136,7 @@ mod tests {
             "width = 1e-6",
             "window = { l = -3, r = 1, b = 0, t = 1 }",
             "near = 2.5",
+            "near = -2.5",
         ] {
             camera_laws(&*camera(text).unwrap(), FILM);
         }
@@ -170,6 +171,6 @@ mod tests {
         let look = "{ origin = [0, 9, 0], target = [0, 0, 0] }";
         assert_eq!(found, [look, "3", "{ l = 1, r = 0, b = 0, t = 1 }"]);
         assert!(camera("width = 0").is_err());
-        assert!(camera("near = -1").is_err());
+        assert!(camera("near = nan").is_err());
     }
 }

@@ -160,6 +160,19 @@ mod tests {
         close(edge("larger", 2, 4, 1.0, 4.0), -DVec2::Y);
     }
 
+    /// The lecture notes give the window by its edges and, elsewhere, by half its angle.
+    #[test]
+    fn both_forms_of_the_window_agree() {
+        let half = 30.0_f64.to_radians().tan();
+        let by_angle = camera("fov = 60", 8, 4).unwrap();
+        let edges = format!("l = {}, r = {half}, b = {}, t = {}", -half, -0.5 * half, 0.5 * half);
+        let by_edges = camera(&format!("window = {{ {edges} }}"), 8, 4).unwrap();
+        for raster in [DVec2::ZERO, DVec2::new(3.3, 0.7), DVec2::new(8.0, 4.0)] {
+            let (a, b) = (by_angle.ray(raster), by_edges.ray(raster));
+            assert!((a.direction - b.direction).length() < 1e-15, "{a:?} {b:?}");
+        }
+    }
+
     /// Tangents of fov/2 to 20 digits, computed with mpmath at 60 digits from the exact binary values
     /// of fov.
     #[test]

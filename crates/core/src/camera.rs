@@ -26,7 +26,8 @@ pub trait Camera: Send + Sync {
         }
     }
 
-    /// How far in front of the camera the ray through `raster` starts, in metres along it: what is nearer is not seen.
+    /// How far in front of the camera the ray through `raster` starts, in metres along it: what is nearer is not seen. Negative
+    /// for one that starts behind it.
     fn near(&self, _raster: DVec2) -> f64 {
         0.0
     }

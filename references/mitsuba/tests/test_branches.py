@@ -45,6 +45,14 @@ class Mirrors(Case):
         scene = HEAD + integrator("max_depth = 100000") + SKY + FLOOR + 'material = { type = "mirror" }\n'
         self.near(self.value(scene), [1, 2, 4])
 
+    def test_a_rasterizer_sees_what_ray_casting_sees(self):
+        triangle = '[[shape]]\ntype = "triangle"\nvertices = [[-9, 0, 0], [9, 0, 9], [9, 0, -9]]\n'
+        light = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 2\n'
+        for material in ('material = { type = "mirror" }\n', 'material = { type = "matte" }\n'):
+            values = [self.value(HEAD + f'[integrator]\ntype = "{kind}"\n' + SKY + light + triangle + material) for kind in ("rasterizer", "appel")]
+            self.assertEqual(values[0].tolist(), values[1].tolist())
+        self.refuse(HEAD + '[integrator]\ntype = "rasterizer"\n' + FLOOR, "scene", "triangles only", "plane")
+
     def test_appel_follows_nothing(self):
         scene = HEAD + '[integrator]\ntype = "appel"\n' + SKY + FLOOR + 'material = { type = "mirror" }\n'
         self.assertEqual(list(self.value(scene)), [0, 0, 0])

@@ -88,6 +88,7 @@ class Cameras(Case):
             ('type = "perspective"\nwindow = { l = -1, r = 1, b = -0.5, t = 0.5 }\nnear = 2.49\n', longer > 9, longer),
             ('type = "orthographic"\nnear = 2.49\n', longer > 9, 1),
             ('type = "orthographic"\nnear = 2.51\n', longer > 0, 1),
+            ('type = "orthographic"\nnear = -9\n', longer > 9, 1),
         ):
             channels, answer = self.render(film(8, 4, ["shape_id", "depth"]) + "[camera]\n" + look + text + walls)
             np.testing.assert_array_equal(channels["shape_id.I"], far)

@@ -86,7 +86,7 @@ class Camera:
             return self.kind, "Mitsuba has no sensor that looks all around"
         if not self.native():
             return self.kind, "a window with pixels that are not square, or a lens behind one that is not centred, has no native sensor"
-        if self.near > 0:
+        if self.near != 0:
             return self.kind, "the driver moves the starts of the rays to the near limit"
         return None
 
@@ -205,9 +205,10 @@ def read(table: Any, width: int, height: int, errors: List[str], unsupported: Li
     look.close()
     window = _window(fields, kind, width, height) if kind != "environment" else (-1.0, 1.0, -1.0, 1.0, 1.0)
     near, spherical, lens = 0.0, False, None
-    if kind in ("perspective", "orthographic"):
-        near = fields.number("near", 0.0, lambda metres: metres >= 0, "a distance >= 0 in metres")
+    if kind == "orthographic":
+        near = fields.number("near", 0.0)
     if kind == "perspective":
+        near = fields.number("near", 0.0, lambda metres: metres >= 0, "a distance >= 0 in metres")
         spherical = fields.choice("near_kind", "planar", ("planar", "spherical")) == "spherical"
     if kind == "thin_lens":
         lens = Lens(

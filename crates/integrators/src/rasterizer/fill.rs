@@ -42,7 +42,7 @@ impl Projected {
 /// The part of the image that a triangle may be seen in. `None` if that is nothing.
 #[inline(always)]
 pub(super) fn outline(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
-    if corners.iter().any(|corner| !(corner.z > 0.0 && corner.w > 0.0)) {
+    if corners.iter().any(|corner| !(corner.w > 0.0)) {
         return clipped(corners, film);
     }
     let [a, b, c] = corners.map(|corner| DVec2::new(corner.x, corner.y) / corner.w);
@@ -54,7 +54,7 @@ pub(super) fn outline(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
 #[inline(never)]
 fn clipped(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
     let sides = [
-        DVec4::Z,
+        DVec4::W,
         DVec4::new(1.0, 0.0, 0.0, MARGIN),
         DVec4::new(-1.0, 0.0, 0.0, film.x + MARGIN),
         DVec4::new(0.0, 1.0, 0.0, MARGIN),

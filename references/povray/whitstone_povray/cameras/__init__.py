@@ -81,7 +81,7 @@ def window_of(fields: Fields, other: str) -> Optional[Tuple[Window, float]]:
 
 def no_near(fields: Fields) -> None:
     """Refuses a near limit: POV-Ray has none."""
-    if fields.number("near", 0.0, lambda metres: metres >= 0, "a distance >= 0 in metres") > 0:
+    if fields.number("near", 0.0) != 0:
         fields.unsupported("POV-Ray sees what is near", "near")
 
 
