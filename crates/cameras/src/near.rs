@@ -44,7 +44,12 @@ impl Near {
         };
         let limit = Self { factor, spherical };
         let film = pinhole.film();
-        let corners = [DVec2::ZERO, DVec2::new(film.x, 0.0), DVec2::new(0.0, film.y), film];
+        let corners = [
+            DVec2::ZERO,
+            DVec2::new(film.x, 0.0),
+            DVec2::new(0.0, film.y),
+            film,
+        ];
         let reached = corners.into_iter().all(|raster| {
             let through = pinhole.through(frame, raster);
             limit.start(frame, through, normalize(through)).is_finite()

@@ -66,7 +66,12 @@ impl Plugin<Cameras> for Perspective {
         let (Some(frame), Some(pinhole)) = (frame, pinhole) else {
             return Err(errors);
         };
-        let near = errors.take(Near::new(config.near.as_ref(), config.near_kind, &frame, &pinhole));
+        let near = errors.take(Near::new(
+            config.near.as_ref(),
+            config.near_kind,
+            &frame,
+            &pinhole,
+        ));
         let Some(near) = near else {
             return Err(errors);
         };
@@ -165,7 +170,12 @@ mod tests {
     fn both_forms_of_the_window_agree() {
         let half = 30.0_f64.to_radians().tan();
         let by_angle = camera("fov = 60", 8, 4).unwrap();
-        let edges = format!("l = {}, r = {half}, b = {}, t = {}", -half, -0.5 * half, 0.5 * half);
+        let edges = format!(
+            "l = {}, r = {half}, b = {}, t = {}",
+            -half,
+            -0.5 * half,
+            0.5 * half
+        );
         let by_edges = camera(&format!("window = {{ {edges} }}"), 8, 4).unwrap();
         for raster in [DVec2::ZERO, DVec2::new(3.3, 0.7), DVec2::new(8.0, 4.0)] {
             let (a, b) = (by_angle.ray(raster), by_edges.ray(raster));

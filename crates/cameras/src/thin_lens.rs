@@ -135,7 +135,10 @@ impl Camera for ThinLens {
     fn lens_ray(&self, raster: DVec2, point: u32) -> Ray {
         let point = self.lens[point as usize];
         let through = self.pinhole.through(&self.frame, raster);
-        Ray::new(self.frame.origin + point, normalize(through - self.shrink * point))
+        Ray::new(
+            self.frame.origin + point,
+            normalize(through - self.shrink * point),
+        )
     }
 
     fn lens_stream(&self, raster: &Lanes<DVec2>, point: u32, rays: &mut RayStream) {
@@ -207,7 +210,8 @@ mod tests {
     #[test]
     fn points_run_to_the_right_first_and_fill_the_disk_evenly() {
         let half = std::f64::consts::FRAC_1_SQRT_2 / 2.0;
-        let close = |[x, y]: [f64; 2], [a, b]: [f64; 2]| assert!((x - a).abs() + (y - b).abs() < 1e-15, "{x} {y}");
+        let close =
+            |[x, y]: [f64; 2], [a, b]: [f64; 2]| assert!((x - a).abs() + (y - b).abs() < 1e-15, "{x} {y}");
         close(concentric(cell(0, 2), cell(0, 2)), [-half, -half]);
         close(concentric(cell(1, 2), cell(0, 2)), [half, -half]);
         close(concentric(cell(0, 2), cell(1, 2)), [-half, half]);

@@ -223,9 +223,16 @@ mod tests {
             errors.0[0].message,
             "8 levels make 268304384 triangles, more than 134217728"
         );
-        let point = load("j.obj", b"v 0 0 0\nv 0 0 0\nv 1 0 0\nf 1 2 3\n", more).0.err().unwrap();
+        let point = load("j.obj", b"v 0 0 0\nv 0 0 0\nv 1 0 0\nf 1 2 3\n", more)
+            .0
+            .err()
+            .unwrap();
         assert!(point.0[0].message.contains("two corners at one position"));
-        for wrong in ["{ scheme = \"butterfly\", levels = 1 }", "{ scheme = \"loop\", levels = 9 }", "2"] {
+        for wrong in [
+            "{ scheme = \"butterfly\", levels = 1 }",
+            "{ scheme = \"loop\", levels = 9 }",
+            "2",
+        ] {
             let more = format!("subdivision = {wrong}");
             assert!(load("k.obj", SMALL.as_bytes(), &more).0.is_err(), "{wrong}");
         }

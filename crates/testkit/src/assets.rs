@@ -80,15 +80,23 @@ fn star() -> String {
     line(&mut text, "v", &[0.0, 0.0, 0.0]);
     for j in 0..=HIGH {
         for i in 0..=AROUND {
-            line(&mut uvs, "vt", &[i as f64 / AROUND as f64, j as f64 / HIGH as f64]);
+            line(
+                &mut uvs,
+                "vt",
+                &[i as f64 / AROUND as f64, j as f64 / HIGH as f64],
+            );
         }
     }
     for j in 0..HIGH {
         for i in 0..AROUND {
-            let corner = |i: usize, j: usize| {
-                format!(" {}/{}", 1 + j * AROUND + i % AROUND, 1 + j * (AROUND + 1) + i)
-            };
-            let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+            let corner =
+                |i: usize, j: usize| format!(" {}/{}", 1 + j * AROUND + i % AROUND, 1 + j * (AROUND + 1) + i);
+            let [a, b, c, d] = [
+                corner(i, j),
+                corner(i + 1, j),
+                corner(i + 1, j + 1),
+                corner(i, j + 1),
+            ];
             faces += &format!("f{a}{b}{c}\nf{a}{c}{d}\n");
         }
     }

@@ -18,6 +18,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from . import gouraud
 from .runtime import ULP, dr, mi
 from .scene import NOTHING, Built, geometry
 from .settings import Setting
@@ -303,7 +304,8 @@ class Tracer:
             for number in range(len(self.document.materials))
             if starts[number + 1] > starts[number]
         }
-        self._local(level, {number: lanes for number, lanes in groups.items() if self.document.materials[number].smooth})
+        local = self._gouraud if self.document.integrator.gouraud else self._local
+        local(level, {number: lanes for number, lanes in groups.items() if self.document.materials[number].smooth})
         children = self._branches(level, groups, depth) if self.document.integrator.follow else None
         return level, children
 
@@ -396,6 +398,29 @@ class Tracer:
                     level.lamps.append((lanes, self.document.lights.lamps[lamp].index, seen, value))
             dr.scatter(level.local, total, here)
             dr.eval(level.local)
+
+    def _gouraud(self, level: Level, groups: Dict[int, np.ndarray]) -> None:
+        """Adds the interpolated local terms of the corners of the triangles."""
+        hits, rays = level.hits, level.rays
+        where = [array.numpy() for array in (hits.valid, hits.shape, hits.primitive)]
+        points = np.array(hits.p).reshape(3, -1).T.astype(np.float64)
+        total = mi.Color3f(hits.local)
+        for position, normal, uv, weight in gouraud.corners(self.built, *where, points):
+            p = mi.Point3f(np.ascontiguousarray(position.T, dtype=np.float32))
+            n_raw = mi.Vector3f(np.ascontiguousarray(normal.T, dtype=np.float32))
+            v = dr.normalize(rays.o - p)
+            n_raw = dr.select(dr.dot(n_raw, n_raw) > 0, dr.normalize(n_raw), hits.n_g)
+            n_s = dr.select(dr.dot(v, n_raw) * dr.dot(v, hits.n_g) < 0, -n_raw, n_raw)
+            place = mi.Point2f(np.ascontiguousarray(uv.T, dtype=np.float32))
+            dark = mi.Color3f(dr.zeros(mi.Float, dr.width(p)))
+            dr.make_opaque(dark)
+            direction = mi.Vector3f(-v)
+            dr.eval(p, direction, n_s, place)
+            corner = Level(replace(rays, d=direction), replace(hits, p=p, n_s=n_s, uv=place, local=dark), dark, hits.transmittance)
+            self._local(corner, groups)
+            total = total + mi.Float(weight.astype(np.float32)) * corner.local
+        dr.eval(total)
+        hits.local = level.local = total
 
     def _lamp(self, level: Level, number: int, lanes_here: np.ndarray) -> Tuple[Any, Any, Any]:
         """(direction, irradiance, visible) of a lamp at some lanes; the irradiance is 0 where it does not count (rule G)."""

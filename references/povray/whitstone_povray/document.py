@@ -175,7 +175,10 @@ def _integrator(table: Any, context: Context) -> _Integrator:
         if fields.number("min_contribution", 0.0, lambda value: value >= 0, "a number >= 0") > 0:
             fields.unsupported("POV-Ray cuts off faint branches by another rule", "min_contribution")
         shown = fields.choice("at_max_depth", "background", ("background", "black")) == "background"
-    elif kind not in ("appel", "rasterizer"):
+    elif kind == "rasterizer":
+        if fields.choice("interpolation", "phong", ("phong", "gouraud")) == "gouraud":
+            fields.unsupported("POV-Ray does not interpolate colours of vertices", "interpolation")
+    elif kind != "appel":
         known = ["appel", "rasterizer", "whitted"]
         fields.unsupported(f"POV-Ray has no twin of the integrator type {kind!r}; {nearest(str(kind), known)}")
         return _Integrator(1, True, False)

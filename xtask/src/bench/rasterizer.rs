@@ -41,7 +41,10 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         let build = |integrator: &str| -> Result<Pipeline, Failure> {
             let shadows = if arguments.shadows { "opaque" } else { "none" };
             let overrides = [
-                format!("film={{ width = {}, height = {} }}", arguments.width, arguments.height),
+                format!(
+                    "film={{ width = {}, height = {} }}",
+                    arguments.width, arguments.height
+                ),
                 format!("integrator={{ type = \"{integrator}\", shadows = \"{shadows}\" }}"),
             ];
             let sources = Sources::load(path, &overrides)

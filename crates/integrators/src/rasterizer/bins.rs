@@ -60,7 +60,10 @@ impl Bins {
     fn squares(&self, low: DVec2, high: DVec2) -> impl Iterator<Item = usize> + use<> {
         // Casts saturate, and NaN becomes 0.
         let place = |x: f64, count: usize| ((x / SIDE) as usize).min(count - 1);
-        let (columns, across) = (self.columns, place(low.x, self.columns)..=place(high.x, self.columns));
+        let (columns, across) = (
+            self.columns,
+            place(low.x, self.columns)..=place(high.x, self.columns),
+        );
         let down = place(low.y, self.rows)..=place(high.y, self.rows);
         down.flat_map(move |row| across.clone().map(move |column| row * columns + column))
     }

@@ -351,11 +351,7 @@ mod tests {
     /// A flat border becomes the cubic spline of its points, and corners of one triangle have two sharp edges.
     #[test]
     fn borders_are_splines() {
-        let mesh = refined(
-            &[[0.0; 3], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0]],
-            &[[0, 1, 2]],
-            1,
-        );
+        let mesh = refined(&[[0.0; 3], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0]], &[[0, 1, 2]], 1);
         assert_eq!(mesh.positions[0], DVec3::new(1.0, 1.0, 0.0));
         assert_eq!(mesh.positions[1], DVec3::new(6.0, 1.0, 0.0));
         let [_, ab, _] = mesh.triangles[0];
@@ -380,9 +376,18 @@ mod tests {
     #[test]
     fn seams_of_texture_coordinates_do_not_open() {
         // Two triangles with a common side, which has other texture coordinates in each.
-        let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let corners = [
+            [0.0, 0.0],
+            [1.0, 0.0],
+            [0.0, 1.0],
+            [1.0, 0.0],
+            [1.0, 1.0],
+            [0.0, 1.0],
+        ];
         let positions = corners.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
-        let uvs = (0..6).map(|k| DVec2::new(f64::from(k), f64::from(k * k))).collect();
+        let uvs = (0..6)
+            .map(|k| DVec2::new(f64::from(k), f64::from(k * k)))
+            .collect();
         let triangles = vec![[0, 1, 2], [3, 4, 5], [0, 0, 1], [1, 3, 4]];
         let mut surface = Surface::new(Triangles {
             positions,
