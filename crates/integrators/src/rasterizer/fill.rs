@@ -42,7 +42,8 @@ impl Projected {
 /// The part of the image that a triangle may be seen in. `None` if that is nothing.
 #[inline(always)]
 pub(super) fn outline(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
-    if corners.iter().any(|corner| !(corner.w > 0.0)) {
+    let in_front = corners.iter().all(|corner| corner.w > 0.0);
+    if !in_front {
         return clipped(corners, film);
     }
     let [a, b, c] = corners.map(|corner| DVec2::new(corner.x, corner.y) / corner.w);
