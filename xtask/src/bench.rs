@@ -9,6 +9,7 @@ mod peer;
 mod picture;
 mod povray;
 mod prepare;
+mod rasterizer;
 mod rays;
 mod scale;
 mod scaling;
@@ -30,6 +31,7 @@ pub(crate) struct Arguments {
 #[derive(Subcommand, Debug)]
 enum What {
     Accelerators(accelerators::Arguments),
+    Rasterizer(rasterizer::Arguments),
     Scale(scale::Arguments),
     Scaling(scaling::Arguments),
 }
@@ -39,6 +41,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     match &arguments.what {
         None => picture::run(&arguments.picture, registry),
         Some(What::Accelerators(arguments)) => accelerators::run(arguments, registry),
+        Some(What::Rasterizer(arguments)) => rasterizer::run(arguments, registry),
         Some(What::Scale(arguments)) => scale::run(arguments, registry),
         Some(What::Scaling(arguments)) => scaling::run(arguments, registry),
     }

@@ -9,19 +9,29 @@
 
 use whitstone_core::{Cameras, DuplicateType, Registry};
 
+mod near;
+mod pinhole;
 mod view;
 
+#[cfg(feature = "environment")]
+pub mod environment;
 #[cfg(feature = "orthographic")]
 pub mod orthographic;
 #[cfg(feature = "perspective")]
 pub mod perspective;
+#[cfg(feature = "thin_lens")]
+pub mod thin_lens;
 
 /// Adds every camera whose feature is on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
+    #[cfg(feature = "environment")]
+    registry.add::<Cameras, environment::Environment>(from)?;
     #[cfg(feature = "orthographic")]
     registry.add::<Cameras, orthographic::Orthographic>(from)?;
     #[cfg(feature = "perspective")]
     registry.add::<Cameras, perspective::Perspective>(from)?;
+    #[cfg(feature = "thin_lens")]
+    registry.add::<Cameras, thin_lens::ThinLens>(from)?;
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! A camera with parallel rays.
 //!
-//! The window (l, r, b, t) is that of the lecture notes, without a distance.
+//! The window (l, r, b, t) is that of the lecture notes, without a distance, as is the near limit.
 //!
 //! - Twin: Mitsuba `orthographic` (native).
 //! - Example: `scenes/cameras/orthographic.toml`.
@@ -29,6 +29,13 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "Window")]
     window: Option<Spanned<Window>>,
+    /// What is nearer is not seen, in metres from the plane of the camera, negative ones behind it; 0 if left out.
+    #[serde(default = "zero")]
+    near: Finite,
+}
+
+fn zero() -> Finite {
+    Finite::new(0.0).expect("0 is finite")
 }
 
 /// A rectangle around the origin of the camera, in metres.
@@ -50,6 +57,7 @@ pub struct Orthographic {
     frame: Frame,
     window: view::Window,
     film: DVec2,
+    near: f64,
 }
 
 impl Plugin<Cameras> for Orthographic {
@@ -81,6 +89,7 @@ impl Plugin<Cameras> for Orthographic {
             frame,
             window,
             film: view::extent(film),
+            near: config.near.get(),
         }))
     }
 }
@@ -94,7 +103,12 @@ impl Camera for Orthographic {
             up,
             backwards,
         } = self.frame;
-        Ray::new(origin + a * right + c * up, -backwards)
+        let corner = origin + a * right + c * up;
+        Ray::new(corner - self.near * backwards, -backwards)
+    }
+
+    fn near(&self, _: DVec2) -> f64 {
+        self.near
     }
 
     fn projection(&self) -> Option<DMat4> {
@@ -117,7 +131,13 @@ mod tests {
 
     #[test]
     fn laws() {
-        for text in ["", "width = 1e-6", "window = { l = -3, r = 1, b = 0, t = 1 }"] {
+        for text in [
+            "",
+            "width = 1e-6",
+            "window = { l = -3, r = 1, b = 0, t = 1 }",
+            "near = 2.5",
+            "near = -2.5",
+        ] {
             camera_laws(&*camera(text).unwrap(), FILM);
         }
     }
@@ -133,6 +153,16 @@ mod tests {
     }
 
     #[test]
+    fn rays_start_at_the_near_limit() {
+        let camera = camera("width = 8\nnear = 2.5").unwrap();
+        assert_eq!(
+            camera.ray(DVec2::ZERO),
+            Ray::new(DVec3::new(-3.0, 4.0, 0.5), DVec3::NEG_Z)
+        );
+        assert_eq!(camera.near(DVec2::ZERO), 2.5);
+    }
+
+    #[test]
     fn faults_are_reported_at_their_places() {
         let text = "look_at = { origin = [0, 9, 0], target = [0, 0, 0] }\nwidth = 3\n\
             window = { l = 1, r = 0, b = 0, t = 1 }\n";
@@ -141,5 +171,6 @@ mod tests {
         let look = "{ origin = [0, 9, 0], target = [0, 0, 0] }";
         assert_eq!(found, [look, "3", "{ l = 1, r = 0, b = 0, t = 1 }"]);
         assert!(camera("width = 0").is_err());
+        assert!(camera("near = nan").is_err());
     }
 }

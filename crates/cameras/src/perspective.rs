@@ -1,21 +1,19 @@
 //! A pinhole camera.
 //!
-//! Whitted 1980, section 2; the window (l, r, b, t, d) is that of the lecture notes. The tangent of half
-//! the angle of view is taken from the complement beyond 90 degrees: 180 - fov is exact, and the tangent
-//! of a small angle is accurate where that of an angle near 90 degrees is not.
+//! Whitted 1980, section 2; the window (l, r, b, t, d) and the near limit, planar or spherical, are those of the lecture notes.
 //!
 //! - Twin: Mitsuba `perspective` (native).
 //! - Example: `scenes/cameras/perspective.toml`.
 
-use crate::view::{self, Frame, LookAt};
+use crate::near::{Near, NearKind};
+use crate::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};
+use crate::view::{Frame, LookAt};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
-use whitstone_core::config::{Finite, Positive};
+use whitstone_core::config::{Finite, NonNegative};
 use whitstone_core::stream::{LANES, Lanes, RayStream};
-use whitstone_core::{
-    Camera, Cameras, Context, DMat4, DVec2, DVec3, FilmSize, Plugin, Ray, SceneError, SceneErrors, simd,
-};
+use whitstone_core::{Camera, Cameras, Context, DMat4, DVec2, FilmSize, Plugin, Ray, SceneErrors, simd};
 
 /// A pinhole camera, by its angle of view or by a window in front of it.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -36,49 +34,20 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "Window")]
     window: Option<Spanned<Window>>,
-}
-
-/// A side of the image.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-enum FovAxis {
-    /// The width.
-    X,
-    /// The height.
-    Y,
-    /// The smaller of width and height.
-    Smaller,
-    /// The larger of width and height.
-    Larger,
-}
-
-/// A rectangle at distance d in front of the camera, in metres.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-struct Window {
-    /// Left edge, measured to the right from the view axis.
-    l: Finite,
-    /// Right edge, greater than `l`.
-    r: Finite,
-    /// Bottom edge, measured upwards from the view axis.
-    b: Finite,
-    /// Top edge, greater than `b`.
-    t: Finite,
-    /// Distance from the camera.
-    #[serde(default = "one")]
-    d: Positive,
-}
-
-fn one() -> Positive {
-    Positive::new(1.0).expect("1 is positive")
+    /// What is nearer is not seen, in metres; 0 if left out.
+    #[serde(default)]
+    #[schemars(with = "NonNegative")]
+    near: Option<Spanned<NonNegative>>,
+    /// From where `near` is measured: a "planar" limit across the view, or a "spherical" one around the camera.
+    #[serde(default)]
+    near_kind: NearKind,
 }
 
 /// In world space.
 pub struct Perspective {
     frame: Frame,
-    window: view::Window,
-    distance: f64,
-    film: DVec2,
+    pinhole: Pinhole,
+    near: Near,
 }
 
 impl Plugin<Cameras> for Perspective {
@@ -88,98 +57,34 @@ impl Plugin<Cameras> for Perspective {
     fn build(config: Config, film: FilmSize, _: &mut dyn Context) -> Result<Box<dyn Camera>, SceneErrors> {
         let mut errors = SceneErrors::default();
         let frame = errors.take(config.look_at.get_ref().frame(&config.look_at.span()));
-        let fov = config.fov.as_ref().map_or(45.0, |fov| fov.get_ref().get());
-        if let Some(place) = &config.fov
-            && !(fov > 0.0 && fov < 180.0)
-        {
-            let message = format!("expected an angle greater than 0 and less than 180 degrees, found {fov}");
-            errors.0.push(SceneError::at(place.span(), message));
-        }
-        let view = match &config.window {
-            None => Some((
-                window_of_fov(fov, config.fov_axis.map_or(FovAxis::X, Spanned::into_inner), film),
-                1.0,
-            )),
-            Some(window) => {
-                for (key, place) in [
-                    ("fov", config.fov.as_ref().map(Spanned::span)),
-                    ("fov_axis", config.fov_axis.as_ref().map(Spanned::span)),
-                ] {
-                    if let Some(place) = place {
-                        let message = format!("`{key}` and `window` exclude each other");
-                        errors
-                            .0
-                            .push(SceneError::at(place, message).with_help("remove one of them"));
-                    }
-                }
-                let Window { l, r, b, t, d } = window.get_ref();
-                let [l, r, b, t] = [l, r, b, t].map(|value| value.get());
-                let checked = view::Window { l, r, b, t }.check(&window.span());
-                errors.take(checked).map(|window| scaled(window, d.get()))
-            }
+        let keys = Keys {
+            fov: config.fov,
+            fov_axis: config.fov_axis,
+            window: config.window,
         };
-        let (Some(frame), Some((window, distance))) = (frame, view) else {
+        let pinhole = errors.take(Pinhole::new(keys, film));
+        let (Some(frame), Some(pinhole)) = (frame, pinhole) else {
             return Err(errors);
         };
-        errors.into_result(Box::new(Self {
-            frame,
-            window,
-            distance,
-            film: view::extent(film),
-        }))
+        let near = errors.take(Near::new(
+            config.near.as_ref(),
+            config.near_kind,
+            &frame,
+            &pinhole,
+        ));
+        let Some(near) = near else {
+            return Err(errors);
+        };
+        errors.into_result(Box::new(Self { frame, pinhole, near }))
     }
-}
-
-/// The window at distance 1.
-fn window_of_fov(fov: f64, axis: FovAxis, film: FilmSize) -> view::Window {
-    let half = if fov > 90.0 {
-        1.0 / (0.5 * (180.0 - fov)).to_radians().tan()
-    } else {
-        (0.5 * fov).to_radians().tan()
-    };
-    let along_x = match axis {
-        FovAxis::X => true,
-        FovAxis::Y => false,
-        FovAxis::Smaller => film.width <= film.height,
-        FovAxis::Larger => film.width >= film.height,
-    };
-    if along_x {
-        view::Window::of_half_width(half, film)
-    } else {
-        view::Window::of_half_height(half, film)
-    }
-}
-
-/// Window and distance in a unit, a power of two, in which their sizes are near 1, so that directions
-/// can be normalised. Only the ratios matter.
-fn scaled(w: view::Window, distance: f64) -> (view::Window, f64) {
-    let largest = [w.l, w.r, w.b, w.t, distance]
-        .into_iter()
-        .fold(0.0, |m: f64, x| m.max(x.abs()));
-    let unit = largest.log2().floor().clamp(-1000.0, 1000.0);
-    let factor = (-unit).exp2();
-    let window = view::Window {
-        l: w.l * factor,
-        r: w.r * factor,
-        b: w.b * factor,
-        t: w.t * factor,
-    };
-    // A distance too small for this unit is still in front of the camera.
-    (window, (distance * factor).max(f64::MIN_POSITIVE))
 }
 
 impl Camera for Perspective {
     #[inline(always)]
     fn ray(&self, raster: DVec2) -> Ray {
-        let DVec2 { x: a, y: c } = self.window.at(raster, self.film);
-        let Frame {
-            origin,
-            right,
-            up,
-            backwards,
-        } = self.frame;
-        let through = a * right + c * up - self.distance * backwards;
-        Ray::new(origin, normalize(through))
+        let through = self.pinhole.through(&self.frame, raster);
+        let direction = normalize(through);
+        Ray::new(self.near.start(&self.frame, through, direction), direction)
     }
 
     fn ray_stream(&self, raster: &Lanes<DVec2>, rays: &mut RayStream) {
@@ -195,31 +100,19 @@ impl Camera for Perspective {
         );
     }
 
-    fn projection(&self) -> Option<DMat4> {
-        Some(view::projection(
-            &self.frame,
-            &self.window,
-            Some(self.distance),
-            self.film,
-        ))
+    fn near(&self, raster: DVec2) -> f64 {
+        self.near.distance(self.pinhole.through(&self.frame, raster))
     }
-}
 
-/// A unit vector even where the squares of the components underflow.
-#[inline(always)]
-fn normalize(v: DVec3) -> DVec3 {
-    let squared = v.length_squared();
-    let scaled = if squared > 1e-280 {
-        v
-    } else {
-        v / v.abs().max_element()
-    };
-    scaled / scaled.length()
+    fn projection(&self) -> Option<DMat4> {
+        Some(self.pinhole.projection(&self.frame))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_core::DVec3;
     use whitstone_testkit::{build, camera_laws};
 
     fn camera(text: &str, width: u32, height: u32) -> Result<Box<dyn Camera>, SceneErrors> {
@@ -241,6 +134,9 @@ mod tests {
             "fov = 1e-3",
             "fov = 179.99\nfov_axis = \"y\"",
             "window = { l = -3, r = 1, b = 0, t = 1e-3, d = 2 }",
+            "near = 3",
+            "near = 0.5\nnear_kind = \"spherical\"\nfov = 150",
+            "near = 7\nwindow = { l = -3, r = 1, b = 0, t = 1e-3, d = 2 }",
         ] {
             let camera = camera(text, 31, 47).unwrap();
             camera_laws(
@@ -267,6 +163,24 @@ mod tests {
         close(edge("smaller", 2, 4, 2.0, 2.0), DVec2::X);
         close(edge("larger", 4, 2, 0.0, 1.0), -DVec2::X);
         close(edge("larger", 2, 4, 1.0, 4.0), -DVec2::Y);
+    }
+
+    /// The lecture notes give the window by its edges and, elsewhere, by half its angle.
+    #[test]
+    fn both_forms_of_the_window_agree() {
+        let half = 30.0_f64.to_radians().tan();
+        let by_angle = camera("fov = 60", 8, 4).unwrap();
+        let edges = format!(
+            "l = {}, r = {half}, b = {}, t = {}",
+            -half,
+            -0.5 * half,
+            0.5 * half
+        );
+        let by_edges = camera(&format!("window = {{ {edges} }}"), 8, 4).unwrap();
+        for raster in [DVec2::ZERO, DVec2::new(3.3, 0.7), DVec2::new(8.0, 4.0)] {
+            let (a, b) = (by_angle.ray(raster), by_edges.ray(raster));
+            assert!((a.direction - b.direction).length() < 1e-15, "{a:?} {b:?}");
+        }
     }
 
     /// Tangents of fov/2 to 20 digits, computed with mpmath at 60 digits from the exact binary values
@@ -306,6 +220,32 @@ mod tests {
                 assert!((length - 1.0).abs() < 1e-15, "{text}: {length}");
             }
         }
+    }
+
+    #[test]
+    fn rays_start_at_the_near_limit_and_point_the_same_way() {
+        let window = "window = { l = -6, r = 6, b = -4, t = 4, d = 4 }";
+        let at = |text: &str, raster| camera(&format!("{window}\n{text}"), 2, 2).unwrap().ray(raster);
+        for raster in [DVec2::ZERO, DVec2::new(0.3, 1.7), DVec2::ONE] {
+            let from_eye = at("", raster);
+            assert_eq!(from_eye.origin, DVec3::ZERO);
+            let planar = at("near = 2", raster);
+            assert_eq!((planar.direction, planar.origin.z), (from_eye.direction, -2.0));
+            let spherical = at("near = 2\nnear_kind = \"spherical\"", raster);
+            assert_eq!(spherical.origin, 2.0 * from_eye.direction);
+            let distance = camera(&format!("{window}\nnear = 2"), 2, 2).unwrap().near(raster);
+            assert!((distance - planar.origin.length()).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn a_limit_beyond_all_numbers_is_refused_at_its_place() {
+        let text = "window = { l = -1, r = 1, b = -1, t = 1, d = 1e-200 }\nnear = 1e200";
+        let errors = camera(text, 2, 2).err().unwrap();
+        let text = format!("{LOOK}\n{text}");
+        assert_eq!(&text[errors.0[0].span.clone().unwrap()], "1e200");
+        assert!(camera("near = -1e-9", 2, 2).is_err());
+        assert!(camera("near_kind = \"round\"", 2, 2).is_err());
     }
 
     #[test]

@@ -1,8 +1,8 @@
 use crate::simd;
 use crate::stream::{Colors, HitStream, Ids, LANES, Lanes, PointStream, RayStream, SampleStreams, Vectors};
 use crate::{
-    Accelerator, BranchKind, Geometry, Incoming, Interval, Light, LightGives, LightSample, Material, Needs,
-    RawHit, Ray, Rgb, Skip, SurfacePoint,
+    Accelerator, BranchKind, Context, Geometry, Incoming, Interval, Light, LightGives, LightSample, Material,
+    Needs, ObjectOrder, RawHit, Ray, Refused, Rgb, Skip, SurfacePoint, View,
 };
 use glam::DVec3;
 use std::any::Any;
@@ -22,6 +22,17 @@ pub trait Integrator: Send + Sync {
         for lane in 0..rays.len {
             out.set(lane, self.radiance(world, &rays.ray(lane), scratch));
         }
+    }
+
+    /// For methods that go from objects to pixels: what is asked for the radiance along camera rays instead, once it has seen the whole
+    /// scene; or why it cannot show it. `None` for those that trace rays from pixels to objects.
+    fn object_order(
+        &self,
+        view: &View<'_>,
+        context: &mut dyn Context,
+    ) -> Result<Option<Box<dyn ObjectOrder>>, Refused> {
+        let _ = (view, context);
+        Ok(None)
     }
 }
 

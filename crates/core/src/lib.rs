@@ -14,6 +14,7 @@ mod instance;
 mod integrator;
 mod light;
 mod material;
+mod object_order;
 mod ray;
 mod registry;
 mod sampler;
@@ -37,6 +38,7 @@ pub use light::{Light, LightGives, LightSample};
 pub use material::{
     Branch, BranchKind, BranchStream, BranchStreams, Branches, Illumination, Incoming, Lobes, Material,
 };
+pub use object_order::{ObjectOrder, Refused, View};
 pub use ray::{Aabb, Interval, Ray};
 pub use registry::{
     Accelerators, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights, Materials, Plugin,

@@ -15,6 +15,8 @@ mod wave;
 
 #[cfg(feature = "appel")]
 pub mod appel;
+#[cfg(feature = "rasterizer")]
+pub mod rasterizer;
 #[cfg(feature = "whitted")]
 pub mod whitted;
 
@@ -23,6 +25,8 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "appel")]
     registry.add::<Integrators, appel::Appel>(from)?;
+    #[cfg(feature = "rasterizer")]
+    registry.add::<Integrators, rasterizer::Rasterizer>(from)?;
     #[cfg(feature = "whitted")]
     registry.add::<Integrators, whitted::Whitted>(from)?;
     Ok(())

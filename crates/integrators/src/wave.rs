@@ -139,19 +139,44 @@ impl Rules {
         let m = &mut *memory;
         m.current.start(rays);
         out.fill(rays.len, Rgb::BLACK);
-        while m.current.rays.len > 0 {
-            self.wave(world, m, &mut scratch.counters, out);
-            swap(&mut m.current, &mut m.next);
-        }
+        m.trace(world, &mut scratch.counters);
+        self.waves(world, m, &mut scratch.counters, out);
         scratch.put_memory(memory);
     }
 
-    /// Traces the current rays and leaves in `next` the one of each pixel that comes after.
+    /// [`Self::radiance_stream`] of rays whose nearest hits are known; they are no longer after it.
+    pub(crate) fn shade_stream(
+        &self,
+        world: &World,
+        rays: &RayStream,
+        hits: &mut Box<HitStream>,
+        scratch: &mut Scratch,
+        out: &mut Colors,
+    ) {
+        let mut memory = scratch.take_memory::<Memory>();
+        let m = &mut *memory;
+        m.current.start(rays);
+        out.fill(rays.len, Rgb::BLACK);
+        swap(&mut m.hits, hits);
+        self.waves(world, m, &mut scratch.counters, out);
+        scratch.put_memory(memory);
+    }
+
+    /// Goes on until no pixel has a ray left. The hits of the current rays are known.
+    fn waves(&self, world: &World, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
+        while m.current.rays.len > 0 {
+            self.wave(world, m, counters, out);
+            swap(&mut m.current, &mut m.next);
+            if m.current.rays.len > 0 {
+                m.trace(world, counters);
+            }
+        }
+    }
+
+    /// Shades the hits of the current rays and leaves in `next` the ray of each pixel that comes after.
     fn wave(&self, world: &World, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
         m.next.clear();
         let len = m.current.rays.len;
-        counters.closest += len as u64;
-        world.accelerator.closest_stream(&m.current.rays, &mut m.hits);
         if m.current.absorbing {
             absorb(&mut m.current, &mut m.hits);
         }
@@ -224,6 +249,14 @@ impl Rules {
 }
 
 impl Memory {
+    /// Finds what the current rays hit.
+    fn trace(&mut self, world: &World, counters: &mut Counters) {
+        counters.closest += self.current.rays.len as u64;
+        world
+            .accelerator
+            .closest_stream(&self.current.rays, &mut self.hits);
+    }
+
     /// Goes on with what was put off, where a ray has no branches.
     fn resume_all(&mut self) {
         if self.waiting.count > 0 {

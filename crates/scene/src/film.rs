@@ -168,7 +168,7 @@ impl Pipeline {
                 .flat_map(|aov| aov.channels())
                 .map(|name| ((*name).to_owned(), vec![0.0; total as usize]))
                 .collect(),
-            samples: self.sampler.count(),
+            samples: self.samples(),
             counters: Counters::default(),
             render_seconds: 0.0,
         });
@@ -201,16 +201,20 @@ impl Pipeline {
         } = scratch;
         tile.order(order);
         let corner = |[x, y]: [u32; 2]| [tile.x + x, tile.y + y];
-        let count = self.sampler.count();
+        let (count, lens) = (self.samples(), self.camera.lens_points());
         let mut sums = [Rgb::BLACK; LANES];
         rays.len = order.len();
         for sample in 0..count {
             for (raster, pixel) in raster.0.iter_mut().zip(&*order) {
-                *raster = self.raster(corner(*pixel), sample);
+                *raster = self.raster(corner(*pixel), sample / lens);
             }
-            self.camera.ray_stream(&raster.0, rays);
-            self.integrator
-                .radiance_stream(&self.world, rays, scratch, radiance);
+            self.camera.lens_stream(&raster.0, sample % lens, rays);
+            match &self.object_order {
+                None => self
+                    .integrator
+                    .radiance_stream(&self.world, rays, scratch, radiance),
+                Some(objects) => objects.radiance_stream(&self.world, &raster.0, rays, scratch, radiance),
+            }
             for (lane, sum) in sums.iter_mut().enumerate().take(order.len()) {
                 *sum += radiance.get(lane);
             }
@@ -231,9 +235,10 @@ impl Pipeline {
         self.world.accelerator.closest_stream(rays, hits);
         for lane in 0..order.len() {
             let (ray, hit) = (rays.ray(lane), hits.get(lane));
+            let near = self.camera.near(raster.0[lane]);
             for aov in &self.film.aovs {
                 layers.extend(
-                    self.layer_values(*aov, &ray, hit.as_ref())
+                    self.layer_values(*aov, &ray, near, hit.as_ref())
                         .iter()
                         .map(|v| *v as f32),
                 );
@@ -241,19 +246,26 @@ impl Pipeline {
         }
     }
 
-    /// Where a sample of a pixel lies in the image.
-    fn raster(&self, pixel: [u32; 2], sample: u32) -> DVec2 {
-        pixel_corner(pixel) + self.sampler.position(pixel, sample)
+    /// Samples a pixel: each position of the sampler through each point of the camera's lens, one position after another.
+    pub fn samples(&self) -> u32 {
+        self.sampler.count() * self.camera.lens_points()
+    }
+
+    /// Where a position of the sampler lies in the image.
+    fn raster(&self, pixel: [u32; 2], position: u32) -> DVec2 {
+        pixel_corner(pixel) + self.sampler.position(pixel, position)
     }
 
     /// The camera ray of a sample of a pixel.
     pub fn camera_ray(&self, pixel: [u32; 2], sample: u32) -> Ray {
-        self.camera.ray(self.raster(pixel, sample))
+        let lens = self.camera.lens_points();
+        let raster = self.raster(pixel, sample / lens);
+        self.camera.lens_ray(raster, sample % lens)
     }
 
     /// The value of one pixel, the mean over its samples, by itself: the same as in the image.
     pub fn pixel(&self, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
-        let count = self.sampler.count();
+        let count = self.samples();
         let sum: Rgb = (0..count)
             .map(|sample| {
                 self.integrator
@@ -263,7 +275,8 @@ impl Pipeline {
         sum * (1.0 / f64::from(count))
     }
 
-    fn layer_values(&self, aov: Aov, ray: &Ray, hit: Option<&RawHit>) -> Vec<f64> {
+    /// Along a ray that starts at `near` in front of the camera.
+    fn layer_values(&self, aov: Aov, ray: &Ray, near: f64, hit: Option<&RawHit>) -> Vec<f64> {
         let Some(hit) = hit else {
             return match aov {
                 Aov::ShapeId | Aov::PrimitiveId => vec![-1.0],
@@ -272,7 +285,7 @@ impl Pipeline {
         };
         let surface = || self.world.geometry.surface(ray, hit, aov.needs());
         match aov {
-            Aov::Depth => vec![hit.t],
+            Aov::Depth => vec![near + hit.t],
             Aov::Normal => surface().n_s.to_array().to_vec(),
             Aov::Uv => surface().uv.to_array().to_vec(),
             Aov::ShapeId => vec![f64::from(hit.shape)],

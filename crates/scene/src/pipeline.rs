@@ -11,8 +11,9 @@ use toml::de::DeTable;
 use whitstone_core::config::{FilePath, GroupRef, PluginRef, SolidRef, TextureRef, TextureValue};
 use whitstone_core::{
     Accelerator, Accelerators, Camera, Cameras, ColorSource, Context, Element, FamilyName, Geometry, Group,
-    Integrator, Integrators, LightGives, Lights, Lobes, Material, Materials, Primitive, Registry, Sampler,
-    Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures, Transform, World,
+    Integrator, Integrators, LightGives, Lights, Lobes, Material, Materials, ObjectOrder, Primitive, Refused,
+    Registry, Sampler, Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures,
+    Transform, View, World,
 };
 
 /// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
@@ -39,6 +40,8 @@ pub struct Pipeline {
     pub sampler: Box<dyn Sampler>,
     /// What to compute.
     pub integrator: Box<dyn Integrator>,
+    /// What it found of all objects before it is asked for rays, if it is of that kind.
+    pub object_order: Option<Box<dyn ObjectOrder>>,
     /// What it sees.
     pub world: World,
     /// Hash of the flattened scene.
@@ -124,6 +127,17 @@ impl Pipeline {
                 integrator.as_ref(),
             ));
         }
+        let object_order = match (&camera, &integrator, &built) {
+            (Some(camera), Some(integrator), Some(built)) => {
+                let view = View {
+                    geometry: &built.geometry,
+                    camera: &**camera,
+                    film: size,
+                };
+                errors.take(builder.object_order(&**integrator, &view)).flatten()
+            }
+            _ => None,
+        };
         let warnings = builder.warnings;
         let groups = builder.groups.into_values().collect();
         let pipeline = match (camera, sampler, integrator, built) {
@@ -135,6 +149,7 @@ impl Pipeline {
                     camera,
                     sampler,
                     integrator,
+                    object_order,
                     world: World::new(built.geometry, built.accelerator, materials, lights),
                     scene_hash: description.flattened.hash.clone(),
                     accelerator: built.chosen,
@@ -408,6 +423,21 @@ impl<'d, 's> Builder<'d, 's, '_> {
             geometry,
             accelerator,
             chosen: (name, why),
+        })
+    }
+
+    /// What an object-order method makes of the scene, or why it cannot show it, at the shape or at its own name.
+    fn object_order(
+        &mut self,
+        integrator: &dyn Integrator,
+        view: &View<'_>,
+    ) -> Result<Option<Box<dyn ObjectOrder>>, SceneErrors> {
+        let description = self.description;
+        let found = integrator.object_order(view, self);
+        found.map_err(|Refused { shape, error }| {
+            let shape = shape.and_then(|shape| description.shapes.get(shape as usize));
+            let plugin = shape.map_or(&description.integrator, |shape| &shape.plugin);
+            SceneErrors::from(error).or_at(&plugin.name_span)
         })
     }
 

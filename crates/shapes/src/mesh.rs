@@ -2,17 +2,20 @@
 //!
 //! - Formats: Wavefront OBJ (polygons and their texture coordinates and normals; see `obj`), and PLY (Turk,
 //!   *The PLY polygon file format*, 1994; see `ply`).
-//! - Twin: Mitsuba `obj` and `ply` meshes (native), with `face_normals` where the file has no normals.
+//! - Refined on demand into the smooth surface of its triangles (Loop 1987; see `subdivision`).
+//! - Twin: Mitsuba `obj` and `ply` meshes (native), with `face_normals` where the file has no normals; subdivided by the driver.
 //! - Example: `scenes/shapes/mesh.toml`.
 
 mod obj;
 mod ply;
+mod subdivision;
 
 use crate::lower::{Lowered, Triangles, lower};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::borrow::Cow;
 use std::path::Path;
+use subdivision::Subdivision;
 use whitstone_core::config::FilePath;
 use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
 
@@ -25,6 +28,10 @@ pub struct Config {
     /// Whether the normals in the file are used.
     #[serde(default)]
     shading: Shading,
+    /// Refines the mesh into a smooth surface, which forgets the normals in the file.
+    #[serde(default)]
+    #[schemars(with = "Subdivision")]
+    subdivision: Option<Subdivision>,
 }
 
 /// How normals vary over a triangle.
@@ -69,7 +76,11 @@ impl Plugin<Shapes> for Mesh {
     type Config = Config;
 
     fn build(config: Config, transform: Transform, context: &mut dyn Context) -> Result<Shape, SceneErrors> {
-        let Config { file, shading } = config;
+        let Config {
+            file,
+            shading,
+            subdivision,
+        } = config;
         let error = |message: String| SceneError::at(file.span.clone(), message);
         let path = context.file(&file)?;
         // The bytes of the file and what is made of them: about as much in every format.
@@ -79,6 +90,9 @@ impl Plugin<Shapes> for Mesh {
             Some(line) => error(format!("{}, line {line}: {message}", file.path)),
             None => error(format!("{}: {message}", file.path)),
         })?;
+        if let Some(how) = &subdivision {
+            object = subdivision::subdivide(object, how, context)?;
+        }
         if shading == Shading::Flat {
             object.normals.clear();
         }
@@ -185,6 +199,43 @@ mod tests {
             "b.obj: 1 of 5 triangles have no area and are never hit"
         );
         assert_eq!(warning.span, Some(7..14));
+    }
+
+    #[test]
+    fn subdivided_meshes_are_shapes_as_others_and_know_their_size_before() {
+        let more = "subdivision = { scheme = \"loop\", levels = 2 }";
+        let (shape, context) = load("h.obj", SMALL.as_bytes(), more);
+        let Ok(Shape::Triangles(mesh)) = shape else {
+            panic!("a mesh is triangles")
+        };
+        // The one without an area is left out before.
+        assert_eq!(mesh.triangles.len(), 4 * 16);
+        assert_eq!(mesh.normals.len(), mesh.positions.len());
+        assert!(context.warnings.is_empty());
+        shape_laws(Shape::Triangles(mesh), 4_000);
+        // 8 levels of 4 triangles, then of too many.
+        let fan: String = (0..2049).map(|k| format!("v {k} {} 0\n", k * k)).collect();
+        let faces: String = (2..2049).map(|k| format!("f 1 {k} {}\n", k + 1)).collect();
+        let file = format!("{fan}{faces}{faces}");
+        let more = "subdivision = { scheme = \"loop\", levels = 8 }";
+        let errors = load("i.obj", file.as_bytes(), more).0.err().unwrap();
+        assert_eq!(
+            errors.0[0].message,
+            "8 levels make 268304384 triangles, more than 134217728"
+        );
+        let point = load("j.obj", b"v 0 0 0\nv 0 0 0\nv 1 0 0\nf 1 2 3\n", more)
+            .0
+            .err()
+            .unwrap();
+        assert!(point.0[0].message.contains("two corners at one position"));
+        for wrong in [
+            "{ scheme = \"butterfly\", levels = 1 }",
+            "{ scheme = \"loop\", levels = 9 }",
+            "2",
+        ] {
+            let more = format!("subdivision = {wrong}");
+            assert!(load("k.obj", SMALL.as_bytes(), &more).0.is_err(), "{wrong}");
+        }
     }
 
     #[test]

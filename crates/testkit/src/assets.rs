@@ -11,6 +11,7 @@ pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("corners.png", corners()),
         ("icosphere.ply", icosphere()),
+        ("star.obj", star().into_bytes()),
         ("terrain.ply", terrain().into_bytes()),
         ("torus.obj", torus().into_bytes()),
     ]
@@ -60,6 +61,50 @@ fn torus() -> String {
         }
     }
     text + &uvs + &normals + &faces
+}
+
+/// A coarse pot to be subdivided: walls over a star of six points, with a bottom and without a lid; an OBJ with texture coordinates,
+/// which start anew at one upright edge and at the bottom.
+fn star() -> String {
+    const AROUND: usize = 12;
+    const HIGH: usize = 2;
+    let mut text = String::from("# A pot over a star of six points, open at the top.\no star\n");
+    let (mut uvs, mut faces) = (String::new(), String::new());
+    for j in 0..=HIGH {
+        for i in 0..AROUND {
+            let (sin, cos) = (TAU * i as f64 / AROUND as f64).sin_cos();
+            let radius = if i % 2 == 0 { 1.0 } else { 0.5 };
+            line(&mut text, "v", &[radius * cos, radius * sin, 0.6 * j as f64]);
+        }
+    }
+    line(&mut text, "v", &[0.0, 0.0, 0.0]);
+    for j in 0..=HIGH {
+        for i in 0..=AROUND {
+            line(
+                &mut uvs,
+                "vt",
+                &[i as f64 / AROUND as f64, j as f64 / HIGH as f64],
+            );
+        }
+    }
+    for j in 0..HIGH {
+        for i in 0..AROUND {
+            let corner =
+                |i: usize, j: usize| format!(" {}/{}", 1 + j * AROUND + i % AROUND, 1 + j * (AROUND + 1) + i);
+            let [a, b, c, d] = [
+                corner(i, j),
+                corner(i + 1, j),
+                corner(i + 1, j + 1),
+                corner(i, j + 1),
+            ];
+            faces += &format!("f{a}{b}{c}\nf{a}{c}{d}\n");
+        }
+    }
+    for i in 0..AROUND {
+        let (middle, next) = ((HIGH + 1) * AROUND + 1, 1 + (i + 1) % AROUND);
+        faces += &format!("f {middle}/1 {next}/{} {}/{}\n", 2 + i, 1 + i, 1 + i);
+    }
+    text + &uvs + &faces
 }
 
 /// A unit sphere of 1280 triangles: a little-endian PLY with normals.

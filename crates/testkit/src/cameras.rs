@@ -3,9 +3,9 @@
 use crate::streams::camera_streams;
 use whitstone_core::{Camera, DMat4, DVec2, FilmSize, Ray};
 
-/// Rays are finite and of unit direction, a function of the position alone, different at different
-/// corners, the same one by one and in streams, and show the world as it is rather than mirrored or upside down. The
-/// projection, if there is one, takes every point of a ray back to where the ray came from.
+/// Rays are finite and of unit direction, a function of the position alone, different in different quarters of the image, the same one by
+/// one and in streams, from every point of the lens, and show the world as it is rather than mirrored or upside down. The projection, if there is
+/// one, takes every point of a ray back to where the ray came from.
 ///
 /// # Panics
 ///
@@ -13,48 +13,59 @@ use whitstone_core::{Camera, DMat4, DVec2, FilmSize, Ray};
 pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
     let size = DVec2::new(f64::from(film.width), f64::from(film.height));
     let mut rasters = Vec::new();
+    assert!(camera.lens_points() > 0, "a lens has at least one point");
     let steps = [0.0, 1e-9, 0.1, 0.25, 0.5, 0.5 + 1e-12, 0.9, 1.0];
     for x in steps {
         for y in steps {
             let raster = size * DVec2::new(x, y);
             rasters.extend((0..5).map(|k| raster + 0.01 * f64::from(k)));
             let ray = camera.ray(raster);
-            assert!(
-                ray.origin.is_finite(),
-                "the origin of {ray:?} through {raster} is finite"
-            );
-            let length = ray.direction.length();
-            assert!(
-                (length - 1.0).abs() < 1e-14,
-                "the ray through {raster} has unit direction, found {length}"
-            );
+            sound(&ray, raster);
             assert_eq!(
                 camera.ray(raster),
                 ray,
                 "the ray through {raster} is always the same"
             );
+            for point in 0..camera.lens_points() {
+                let ray = camera.lens_ray(raster, point);
+                sound(&ray, raster);
+                let again = camera.lens_ray(raster, point);
+                assert_eq!(again, ray, "a ray through {raster} is always the same");
+            }
+            let near = camera.near(raster);
+            assert!(
+                near.is_finite(),
+                "the ray through {raster} starts somewhere, found {near}"
+            );
             if let Some(projection) = camera.projection() {
-                goes_back(&projection, &ray, raster, size);
+                goes_back(&projection, &ray, near, raster, size);
             }
         }
     }
     let broken = camera_streams(camera, &rasters).err();
     assert_eq!(broken, None, "rays of a stream");
-    // A point in front of the camera stands for its ray: what has parallel rays has different origins.
+    // A point in front of the camera stands for its ray: what has parallel rays has different origins. Not the borders: those of a
+    // view all around are seen twice.
     let point = |x: f64, y: f64| {
         let ray: Ray = camera.ray(size * DVec2::new(x, y));
         ray.origin + ray.direction
     };
-    let corners = [point(0.0, 0.0), point(1.0, 0.0), point(1.0, 1.0), point(0.0, 1.0)];
+    let (low, high) = (0.25, 0.75);
+    let corners = [
+        point(low, low),
+        point(high, low),
+        point(high, high),
+        point(low, high),
+    ];
     for i in 0..4 {
         assert_ne!(
             corners[i],
             corners[(i + 1) % 4],
-            "neighbouring corners of the image are different rays"
+            "neighbouring quarters of the image are different rays"
         );
     }
-    let right = point(1.0, 0.5) - point(0.0, 0.5);
-    let down = point(0.5, 1.0) - point(0.5, 0.0);
+    let right = point(high, 0.5) - point(low, 0.5);
+    let down = point(0.5, high) - point(0.5, low);
     let forward = camera.ray(0.5 * size).direction;
     assert!(
         right.cross(down).dot(forward) > 0.0,
@@ -62,10 +73,23 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
     );
 }
 
-/// Holds points of a ray, and one behind its start, to where a projection puts them.
-fn goes_back(projection: &DMat4, ray: &Ray, raster: DVec2, size: DVec2) {
+/// Holds a ray to what every one must be.
+fn sound(ray: &Ray, raster: DVec2) {
+    assert!(
+        ray.origin.is_finite(),
+        "the origin of {ray:?} through {raster} is finite"
+    );
+    let length = ray.direction.length();
+    assert!(
+        (length - 1.0).abs() < 1e-14,
+        "the ray through {raster} has unit direction, found {length}"
+    );
+}
+
+/// Holds points of a ray that starts `near` in front of the camera, and one behind the camera, to where a projection puts them.
+fn goes_back(projection: &DMat4, ray: &Ray, near: f64, raster: DVec2, size: DVec2) {
     for t in [0.25, 1.0, 1e3] {
-        let projected = *projection * ray.at(t).extend(1.0);
+        let projected = *projection * ray.at(t - near.min(0.0)).extend(1.0);
         assert!(
             projected.z > 0.0,
             "{ray:?} goes forward, to depth {}",
@@ -78,7 +102,7 @@ fn goes_back(projection: &DMat4, ray: &Ray, raster: DVec2, size: DVec2) {
             "the point at {t} of {ray:?} projects to {back}, not to {raster}"
         );
     }
-    let behind = *projection * ray.at(-0.25).extend(1.0);
+    let behind = *projection * ray.at(-0.25 - near).extend(1.0);
     assert!(
         behind.z < 0.0,
         "what is behind has negative depth, found {}",
@@ -136,6 +160,44 @@ mod tests {
         let [x, y, z, w] = right_projection();
         let off = x + 1e-6 * w;
         camera_laws(&Projected(DMat4::from_cols(off, y, z, w).transpose()), FILM);
+    }
+
+    #[test]
+    #[should_panic(expected = "what is behind")]
+    fn a_near_limit_that_is_not_there_is_found() {
+        struct Far;
+        impl Camera for Far {
+            fn ray(&self, raster: DVec2) -> Ray {
+                Pinhole(|a, c| DVec3::new(a, c, -1.0).normalize()).ray(raster)
+            }
+            fn near(&self, _: DVec2) -> f64 {
+                -0.5
+            }
+            fn projection(&self) -> Option<DMat4> {
+                let [x, y, z, w] = right_projection();
+                Some(DMat4::from_cols(x, y, z, w).transpose())
+            }
+        }
+        camera_laws(&Far, FILM);
+    }
+
+    #[test]
+    #[should_panic(expected = "unit direction")]
+    fn a_long_direction_of_one_point_of_a_lens_is_found() {
+        struct Lens;
+        impl Camera for Lens {
+            fn ray(&self, raster: DVec2) -> Ray {
+                Pinhole(|a, c| DVec3::new(a, c, -1.0).normalize()).ray(raster)
+            }
+            fn lens_points(&self) -> u32 {
+                2
+            }
+            fn lens_ray(&self, raster: DVec2, point: u32) -> Ray {
+                let ray = self.ray(raster);
+                Ray::new(ray.origin, (1.0 + f64::from(point)) * ray.direction)
+            }
+        }
+        camera_laws(&Lens, FILM);
     }
 
     #[test]

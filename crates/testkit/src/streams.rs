@@ -121,15 +121,24 @@ pub(crate) fn camera_streams(camera: &dyn Camera, raster: &[DVec2]) -> Checked {
         rays.len = raster.len();
         camera.ray_stream(&lanes, &mut rays);
         for (lane, raster) in raster.iter().enumerate() {
-            let (expected, found) = (camera.ray(*raster), rays.ray(lane));
-            let right = same_vectors(expected.origin, found.origin)
-                && same_vectors(expected.direction, found.direction);
-            law(right, || {
-                format!("through {raster}: expected {expected:?}, found {found:?}")
-            })?;
+            same_rays(&camera.ray(*raster), &rays.ray(lane), *raster)?;
+        }
+        for point in 0..camera.lens_points() {
+            camera.lens_stream(&lanes, point, &mut rays);
+            for (lane, raster) in raster.iter().enumerate() {
+                same_rays(&camera.lens_ray(*raster, point), &rays.ray(lane), *raster)?;
+            }
         }
     }
     Ok(())
+}
+
+fn same_rays(expected: &Ray, found: &Ray, raster: DVec2) -> Checked {
+    let right =
+        same_vectors(expected.origin, found.origin) && same_vectors(expected.direction, found.direction);
+    law(right, || {
+        format!("through {raster}: expected {expected:?}, found {found:?}")
+    })
 }
 
 pub(crate) fn light_streams(light: &dyn Light, points: &[DVec3]) -> Checked {

@@ -569,7 +569,7 @@ impl<'a> Validator<'a> {
             text: &ours.flattened.text,
             base: &ours.flattened.base,
         };
-        let samples = ours.pipeline.sampler.count();
+        let samples = ours.pipeline.samples();
         for sample in 0..samples {
             let theirs = match live.tree(text, pixel, sample) {
                 Ok(theirs) => theirs,

@@ -56,8 +56,8 @@ class Case(unittest.TestCase):
     def value(self, scene, x=0, y=0, base=".", **setting):
         return np.array(self.ask("probe", scene, base, pixels=[[x, y]], settings=[setting])["values"][0][0])
 
-    def nodes(self, scene, x=0, y=0, base=".", **setting):
-        return self.ask("tree", scene, base, pixel=[x, y], setting=setting)["nodes"]
+    def nodes(self, scene, x=0, y=0, base=".", sample=0, **setting):
+        return self.ask("tree", scene, base, pixel=[x, y], sample=sample, setting=setting)["nodes"]
 
     def render(self, scene, base=".", **more):
         """(channels by name, the answer)."""

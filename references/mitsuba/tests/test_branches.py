@@ -45,6 +45,34 @@ class Mirrors(Case):
         scene = HEAD + integrator("max_depth = 100000") + SKY + FLOOR + 'material = { type = "mirror" }\n'
         self.near(self.value(scene), [1, 2, 4])
 
+    def test_a_rasterizer_sees_what_ray_casting_sees(self):
+        triangle = '[[shape]]\ntype = "triangle"\nvertices = [[-9, 0, 0], [9, 0, 9], [9, 0, -9]]\n'
+        light = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 2\n'
+        for material in ('material = { type = "mirror" }\n', 'material = { type = "matte" }\n'):
+            values = [self.value(HEAD + f'[integrator]\ntype = "{kind}"\n' + SKY + light + triangle + material) for kind in ("rasterizer", "appel")]
+            self.assertEqual(values[0].tolist(), values[1].tolist())
+        self.refuse(HEAD + '[integrator]\ntype = "rasterizer"\n' + FLOOR, "scene", "triangles only", "plane")
+
+    def test_interpolated_colours(self):
+        """A triangle under a lamp close above its middle, which Gouraud's interpolation cannot see."""
+        corners = np.array([[-3, 0, 0], [3, 0, 3], [3, 0, -3.0]])
+        eye, lamp, middle = np.array([0, 5, 1.0]), np.array([1, 0.5, 0]), corners.mean(axis=0)
+        look = f"look_at = {{ origin = {eye.tolist()}, target = {middle.tolist()}, up = [0, 0, -1] }}"
+        scene = film() + f'[camera]\ntype = "perspective"\n{look}\n'
+        scene += f'[[light]]\ntype = "point"\nposition = {lamp.tolist()}\nintensity = 2\nfalloff = "none"\n'
+        shape = f'[[shape]]\ntype = "triangle"\nvertices = {corners.tolist()}\nmaterial = {{ type = "phong", k_d = 0.5, k_s = 0.25, exponent = 4 }}\n'
+
+        def local(p):
+            light, view = (lamp - p) / np.linalg.norm(lamp - p), (eye - p) / np.linalg.norm(eye - p)
+            mirrored = 2 * light[1] * np.array([0, 1, 0]) - light
+            return 2 * (0.5 * light[1] + 0.25 * max(0.0, mirrored @ view) ** 4)
+
+        kinds = '[integrator]\ntype = "rasterizer"\nshadows = "none"\ninterpolation = "{}"\n'
+        self.near(self.value(scene + shape + kinds.format("phong")), [local(middle)] * 3)
+        expected = np.mean([local(corner) for corner in corners])
+        self.near(self.value(scene + shape + kinds.format("gouraud")), [expected] * 3, rel=1e-5)
+        self.refuse(scene + shape + kinds.format("gouraud").replace("none", "opaque"), "scene", "interpolation")
+
     def test_appel_follows_nothing(self):
         scene = HEAD + '[integrator]\ntype = "appel"\n' + SKY + FLOOR + 'material = { type = "mirror" }\n'
         self.assertEqual(list(self.value(scene)), [0, 0, 0])

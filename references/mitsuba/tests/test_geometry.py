@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 from support import DOWN, FLOOR, Case, film
 
-from whitstone_mitsuba import meshes
+from whitstone_mitsuba import meshes, subdivision
 from whitstone_mitsuba.runtime import mi
 
 AOVS = ("depth", "normal", "uv", "shape_id", "primitive_id")
@@ -73,6 +73,55 @@ class Cameras(Case):
             self.near(channels["uv.V"], np.broadcast_to(c[:, None], (4, 8)))
             self.near(channels["depth.Z"], np.full((4, 8), 3.0))
             self.assertEqual(answer["twin"], "native")
+
+    def test_near_limits(self):
+        walls = "".join(f'[[shape]]\ntype = "plane"\ntransform = {{ translate = [0, 0, {z}] }}\n' for z in (2.5, 0))
+        look = 'look_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n'
+        x = (np.arange(8) + 0.5) / 4 - 1
+        y = 0.5 - (np.arange(4) + 0.5) / 4
+        # Of a ray of perspective through a pixel, the length for each metre along the view.
+        longer = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
+        for text, far, metres in (
+            ('type = "perspective"\nfov = 90\nnear = 2.49\n', longer > 9, longer),
+            ('type = "perspective"\nfov = 90\nnear = 2.51\n', longer > 0, longer),
+            ('type = "perspective"\nfov = 90\nnear = 3\nnear_kind = "spherical"\n', 2.5 * longer < 3, longer),
+            ('type = "perspective"\nwindow = { l = -1, r = 1, b = -0.5, t = 0.5 }\nnear = 2.49\n', longer > 9, longer),
+            ('type = "orthographic"\nnear = 2.49\n', longer > 9, 1),
+            ('type = "orthographic"\nnear = 2.51\n', longer > 0, 1),
+            ('type = "orthographic"\nnear = -9\n', longer > 9, 1),
+        ):
+            channels, answer = self.render(film(8, 4, ["shape_id", "depth"]) + "[camera]\n" + look + text + walls)
+            np.testing.assert_array_equal(channels["shape_id.I"], far)
+            self.near(channels["depth.Z"], np.where(far, 5, 2.5) * metres)
+            self.assertEqual(answer["twin"], "formula")
+
+    def test_thin_lens(self):
+        look = 'look_at = { origin = [0, 0, 5], target = [0, 0, 0] }\naperture = 0.5\nfocus_distance = 2.5\n'
+        half = math.sqrt(0.5)
+        # By hand, of 3 x 3 points: radius 2/3 of the aperture but for the one in the middle.
+        ring = {0: (-half, -half), 1: (0, -1), 2: (half, -half), 3: (-1, 0), 5: (1, 0), 6: (-half, half), 7: (0, 1), 8: (half, half)}
+        for window, twin in (("fov = 90", "native"), ("window = { l = -1, r = 1, b = -2, t = 2 }", "formula")):
+            scene = film() + f'[camera]\ntype = "thin_lens"\n{look}{window}\nlens_samples = 3\n[[shape]]\ntype = "plane"\n'
+            for sample in range(9):
+                x, y = ring.get(sample, (0, 0))
+                # In focus halfway, so the plane is met on the other side.
+                node = self.nodes(scene, sample=sample)[0]
+                self.near(node["p"], [-x / 3, -y / 3, 0], atol=1e-6)
+                self.near(node["t"], 2 * math.hypot(2.5, math.hypot(x, y) / 3))
+            channels, answer = self.render(scene.replace("aovs = []", 'aovs = ["depth"]'))
+            self.near(channels["depth.Z"], [[5.0]])
+            self.assertEqual((answer["twin"], answer["samples"]), (twin, 9))
+
+    def test_environment(self):
+        look = 'type = "environment"\nlook_at = { origin = [1, 2, 3], target = [1, 2, 0] }\n'
+        found, depth, answer = self.directions("[camera]\n" + look)
+        phi = (np.arange(8)[None, :] + 0.5) / 8 * 2 * math.pi - math.pi
+        theta = math.pi / 2 - (np.arange(4)[:, None] + 0.5) / 4 * math.pi
+        level = np.cos(theta)
+        expected = np.stack(np.broadcast_arrays(level * np.sin(phi), np.sin(theta), -level * np.cos(phi)), axis=2)
+        self.near(found, expected, atol=1e-6)
+        self.near(depth, np.full((4, 8), 100.0))
+        self.assertEqual(answer["twin"], "formula")
 
     def test_nothing_is_too_near(self):
         near = '[[shape]]\ntype = "plane"\ntransform = { translate = [0, 0, 2.999] }\n'
@@ -261,6 +310,24 @@ f 1 1 1
 """
 
 
+OCTAHEDRON = """
+v 1 0 0
+v 0 1 0
+v 0 0 1
+v -1 0 0
+v 0 -1 0
+v 0 0 -1
+f 1 2 3
+f 2 4 3
+f 4 5 3
+f 5 1 3
+f 2 1 6
+f 4 2 6
+f 5 4 6
+f 1 5 6
+"""
+
+
 class Meshes(Case):
     def setUp(self):
         folder = tempfile.TemporaryDirectory()
@@ -271,6 +338,25 @@ class Meshes(Case):
         with open(os.path.join(self.base, name), "wb") as file:
             file.write(text.encode() if isinstance(text, str) else text)
         return os.path.join(self.base, name)
+
+    def test_subdivision(self):
+        closed = subdivision.loop(meshes.load(self.write("c.obj", OCTAHEDRON)), 1)
+        self.assertEqual((closed.positions.shape, closed.faces.shape), ((18, 3), (32, 3)))
+        # By hand: 1 - 4 beta = 33/64, and 3/8 of both ends (what is opposite cancels).
+        corners = closed.positions[closed.faces]
+        self.near(corners[0], [[33 / 64, 0, 0], [3 / 8, 3 / 8, 0], [3 / 8, 0, 3 / 8]])
+        self.near(corners[3], [[3 / 8, 3 / 8, 0], [0, 3 / 8, 3 / 8], [3 / 8, 0, 3 / 8]])
+        # One triangle is all border: a spline.
+        open_ = subdivision.loop(meshes.Triangles(np.array([[0, 0, 0], [8, 0, 0], [0, 8, 0.0]]), np.array([[0, 1, 2], [0, 0, 1]])), 1)
+        self.near(open_.positions[open_.faces][0], [[1, 1, 0], [4, 0, 0], [0, 4, 0]])
+        self.assertEqual(len(open_.faces), 4)
+        shape = f'[[shape]]\ntype = "mesh"\nfile = "c.obj"\n{"subdivision = {{ scheme = {}, levels = {} }}"}\n'
+        found = self.nodes(looking([0, 0, 5], (0.01, 0.02, 0)) + shape.format('"loop"', 5), base=self.base)[0]
+        # In the limit a point v goes to (w v + sum of its k neighbours)/(w + k) with w = 3/(8 beta): 24/55 of this one.
+        self.assertLess(abs(5 - found["t"] - 24 / 55), 3e-3)
+        self.near(found["n_s"], [0, 0, 1], atol=0.1)
+        self.refuse(looking([0, 0, 5]) + shape.format('"butterfly"', 1), "scene", "scheme", base=self.base)
+        self.refuse(looking([0, 0, 5]) + shape.format('"loop"', 9), "scene", "levels", base=self.base)
 
     def test_obj(self):
         triangles = meshes.load(self.write("a.obj", OBJ))

@@ -18,6 +18,8 @@ def render(tracer: Tracer, x: np.ndarray, y: np.ndarray) -> Dict[str, np.ndarray
     for first in range(0, len(x), LANES):
         span = slice(first, first + LANES)
         count = len(x[span])
+        camera = tracer.document.camera
+        near = camera.starts(camera.formula(x[span] + 0.5, y[span] + 0.5)[1])
         hits = tracer.intersect(tracer.camera_rays(x[span], y[span], np.zeros(count, dtype=np.int64), CENTRE))
         valid = hits.valid.numpy()[:count]
 
@@ -26,7 +28,7 @@ def render(tracer: Tracer, x: np.ndarray, y: np.ndarray) -> Dict[str, np.ndarray
             parts.setdefault(name, []).append(shown.astype(np.float32))
 
         if "depth" in wanted:
-            add("depth.Z", hits.t.numpy())
+            add("depth.Z", hits.t.numpy()[:count] + near)
         if "normal" in wanted:
             for axis, letter in enumerate("XYZ"):
                 add(f"normal.{letter}", hits.n_raw[axis].numpy())

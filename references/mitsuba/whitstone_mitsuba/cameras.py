@@ -1,7 +1,8 @@
-"""Cameras: perspective and orthographic (model §4).
+"""Cameras: perspective, orthographic, thin_lens and environment (model §4).
 
 Where Mitsuba has the same sensor, it makes the rays; a perspective window whose pixels are not square has no twin (`fov` fixes
-square pixels), and its rays come from the model's formula in float64.
+square pixels), nor has a lens behind a window that is not centred, nor the view all around: their rays come from the model's formula in float64.
+The near limit is the driver's own: Mitsuba's near clip is a plane only.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any, List, Optional, Tuple
 
 import numpy as np
 
+from .errors import Unsupported
 from .fields import REQUIRED, Fields, nearest
 from .runtime import dr, mi
 
@@ -20,6 +22,34 @@ NEAR = 2.0**-7
 FAR = 1e4
 
 Hosted = Optional[Tuple[str, str]]
+
+KINDS = ("perspective", "orthographic", "thin_lens", "environment")
+# Those that look through a window at a distance.
+WINDOWED = ("perspective", "thin_lens")
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Radius and distance of the plane in focus, in metres; n x n points."""
+
+    aperture: float
+    focus: float
+    n: int
+
+    def squares(self) -> np.ndarray:
+        """(n², 2): the model's points before the map to the disk, in [0, 1]."""
+        steps = (np.arange(self.n) + 0.5) / self.n
+        return np.column_stack([np.tile(steps, self.n), np.repeat(steps, self.n)])
+
+    def points(self) -> np.ndarray:
+        """(n², 2): to the right and up, in metres."""
+        p, q = (2 * self.squares() - 1).T
+        wide = np.abs(p) > np.abs(q)
+        s = np.where(wide, p, q)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            phi = np.where(wide, math.pi / 4 * (q / p), math.pi / 2 - math.pi / 4 * (p / q))
+        phi = np.where(s == 0, 0.0, phi)
+        return self.aperture * np.column_stack([s * np.cos(phi), s * np.sin(phi)])
 
 
 @dataclass(frozen=True)
@@ -32,6 +62,9 @@ class Camera:
     window: Tuple[float, float, float, float, float]
     width: int
     height: int
+    near: float = 0.0
+    spherical: bool = False
+    lens: Optional[Lens] = None
 
     def square_pixels(self) -> bool:
         left, right, bottom, top, _ = self.window
@@ -39,10 +72,23 @@ class Camera:
 
     def native(self) -> bool:
         """Whether Mitsuba has this sensor."""
+        left, right, bottom, top, _ = self.window
+        if self.kind == "environment":
+            return False
+        if self.lens is not None:
+            # Mitsuba's lens has a size, and looks straight ahead.
+            centred = abs(left + right) <= 1e-12 * (right - left) and abs(bottom + top) <= 1e-12 * (top - bottom)
+            return self.lens.aperture > 0 and centred and self.square_pixels()
         return self.kind == "orthographic" or self.square_pixels()
 
     def hosted(self) -> Hosted:
-        return None if self.native() else ("perspective", "a window with pixels that are not square has no native sensor")
+        if self.kind == "environment":
+            return self.kind, "Mitsuba has no sensor that looks all around"
+        if not self.native():
+            return self.kind, "a window with pixels that are not square, or a lens behind one that is not centred, has no native sensor"
+        if self.near != 0:
+            return self.kind, "the driver moves the starts of the rays to the near limit"
+        return None
 
     def plugin(self) -> dict:
         """The native sensor (of an equivalent square-pixel window where it has none: for timing only)."""
@@ -51,8 +97,14 @@ class Camera:
         # Mitsuba's cameras look along +Z with +X to the left.
         matrix[:3, :3] = self.axes * [-1, 1, -1]
         matrix[:3, 3] = self.origin
-        sensor: dict = {"type": self.kind, "near_clip": NEAR, "far_clip": FAR}
-        if self.kind == "perspective":
+        if self.kind == "environment":
+            raise Unsupported("camera: Mitsuba has no sensor that looks all around")
+        sensor: dict = {"type": "thinlens" if self.lens is not None else self.kind, "near_clip": NEAR, "far_clip": FAR}
+        if self.lens is not None:
+            sensor.update(aperture_radius=self.lens.aperture, focus_distance=self.lens.focus)
+            sensor["fov"] = math.degrees(2 * math.atan2((right - left) / 2, distance))
+            sensor["fov_axis"] = "x"
+        elif self.kind == "perspective":
             sensor["fov"] = math.degrees(2 * math.atan2((right - left) / 2, distance))
             sensor["fov_axis"] = "x"
             sensor["principal_point_offset_x"] = (left + right) / 2 / (right - left)
@@ -78,24 +130,62 @@ class Camera:
         }
         return mi.load_dict({**self.plugin(), "film": film, "sampler": {"type": "independent", "sample_count": samples}})
 
-    def rays(self, sensor: Optional["mi.Sensor"], x: np.ndarray, y: np.ndarray) -> Tuple[Any, Any]:
-        """Origins and directions of the rays through raster positions (float64, pixels, y down)."""
-        fx, fy = x / self.width, y / self.height
-        if sensor is None:
-            left, right, bottom, top, distance = self.window
-            a, c = left + (right - left) * fx, top - (top - bottom) * fy
-            d = np.outer(self.axes[:, 0], a) + np.outer(self.axes[:, 1], c) - distance * self.axes[:, 2:3]
-            d /= np.linalg.norm(d, axis=0)
-            return self._eye(len(fx)), mi.Vector3f(np.ascontiguousarray(d, dtype=np.float32))
-        film = mi.Point2f(mi.Float(fx.astype(np.float32)), mi.Float(fy.astype(np.float32)))
-        ray, _ = sensor.sample_ray(0.0, 0.5, film, mi.Point2f(0.5))
-        if self.kind == "perspective":
-            # The model's rays start at the eye, not on the near clip.
-            return self._eye(len(fx)), mi.Vector3f(ray.d)
-        return mi.Point3f(ray.o - NEAR * ray.d), mi.Vector3f(ray.d)
+    def samples(self, positions: np.ndarray) -> np.ndarray:
+        """The model's samples: each position in a pixel, for a lens through each of its points (the third column is its number)."""
+        if self.lens is None:
+            return positions
+        count = self.lens.n**2
+        return np.column_stack([np.repeat(positions, count, axis=0), np.tile(np.arange(count), len(positions))])
 
-    def _eye(self, count: int) -> "mi.Point3f":
-        return mi.Point3f(*[dr.full(mi.Float, float(np.float32(value)), count) for value in self.origin])
+    def formula(self, x: np.ndarray, y: np.ndarray, point: Optional[np.ndarray] = None) -> Tuple[np.ndarray, np.ndarray]:
+        """(3, n) float64: origins without a near limit, and directions, by the model; `point` numbers the point of the lens."""
+        fx, fy = x / self.width, y / self.height
+        u, v, w = (self.axes[:, axis : axis + 1] for axis in range(3))
+        eye = np.repeat(self.origin[:, None], len(fx), axis=1)
+        if self.kind == "environment":
+            phi, theta = math.pi * (2 * fx - 1), math.pi * (0.5 - fy)
+            return eye, np.cos(theta) * (np.sin(phi) * u - np.cos(phi) * w) + np.sin(theta) * v
+        left, right, bottom, top, distance = self.window
+        a, c = left + (right - left) * fx, top - (top - bottom) * fy
+        if self.kind == "orthographic":
+            return eye + a * u + c * v, np.repeat(-w, len(fx), axis=1)
+        d = a * u + c * v - distance * w
+        if self.lens is not None and point is not None:
+            lens = self.lens.points()[point.astype(np.int64)]
+            off = lens[:, 0] * u + lens[:, 1] * v
+            eye = eye + off
+            d = self.lens.focus / distance * d - off
+        return eye, d / np.linalg.norm(d, axis=0)
+
+    def starts(self, directions: np.ndarray) -> np.ndarray:
+        """Distances from the origin at which rays start: the near limit."""
+        if self.spherical or self.near == 0:
+            return np.full(directions.shape[1], self.near)
+        return self.near / -(self.axes[:, 2] @ directions)
+
+    def rays(self, sensor: Optional["mi.Sensor"], x: np.ndarray, y: np.ndarray, point: Optional[np.ndarray] = None) -> Tuple[Any, Any]:
+        """Origins and directions of the rays through raster positions (float64, pixels, y down) and points of the lens."""
+        o, d = self.formula(x, y, point)
+        if sensor is not None:
+            fx, fy = x / self.width, y / self.height
+            film = mi.Point2f(mi.Float(fx.astype(np.float32)), mi.Float(fy.astype(np.float32)))
+            aperture = mi.Point2f(0.5)
+            if self.lens is not None and point is not None:
+                square = self.lens.squares()[point.astype(np.int64)].astype(np.float32)
+                # Mitsuba's x runs to the left.
+                aperture = mi.Point2f(mi.Float(np.ascontiguousarray(1 - square[:, 0])), mi.Float(np.ascontiguousarray(square[:, 1])))
+            ray, _ = sensor.sample_ray(0.0, 0.5, film, aperture)
+            if self.near == 0:
+                # The model's rays start at the eye or on the lens, not on the near clip.
+                start = mi.Point3f(ray.o - NEAR * ray.d) if self.kind == "orthographic" else _points(o)
+                return start, mi.Vector3f(ray.d)
+            d = mi.Vector3f(ray.d).numpy().astype(np.float64).reshape(3, -1)
+        o = o + self.starts(d) * d
+        return _points(o), mi.Vector3f(np.ascontiguousarray(d, dtype=np.float32))
+
+
+def _points(values: np.ndarray) -> "mi.Point3f":
+    return mi.Point3f(np.ascontiguousarray(values, dtype=np.float32))
 
 
 def read(table: Any, width: int, height: int, errors: List[str], unsupported: List[str]) -> Optional[Camera]:
@@ -105,16 +195,27 @@ def read(table: Any, width: int, height: int, errors: List[str], unsupported: Li
         return None
     fields = Fields(table, "camera", errors)
     kind = fields.kind()
-    if kind not in ("perspective", "orthographic"):
+    if kind not in KINDS:
         if kind is not None:
-            known = ["perspective", "orthographic"]
-            unsupported.append(f"camera: no twin for a camera of type {kind!r}; {nearest(kind, known)}")
+            unsupported.append(f"camera: no twin for a camera of type {kind!r}; {nearest(kind, KINDS)}")
         return None
     look = Fields(fields.take("look_at", REQUIRED) or {}, "camera.look_at", errors)
     origin, target = np.array(look.vector("origin", REQUIRED)), np.array(look.vector("target", REQUIRED))
     up = np.array(look.vector("up", (0.0, 1.0, 0.0)))
     look.close()
-    window = _window(fields, kind, width, height)
+    window = _window(fields, kind, width, height) if kind != "environment" else (-1.0, 1.0, -1.0, 1.0, 1.0)
+    near, spherical, lens = 0.0, False, None
+    if kind == "orthographic":
+        near = fields.number("near", 0.0)
+    if kind == "perspective":
+        near = fields.number("near", 0.0, lambda metres: metres >= 0, "a distance >= 0 in metres")
+        spherical = fields.choice("near_kind", "planar", ("planar", "spherical")) == "spherical"
+    if kind == "thin_lens":
+        lens = Lens(
+            fields.number("aperture", REQUIRED, lambda metres: metres >= 0, "a radius >= 0 in metres"),
+            fields.number("focus_distance", REQUIRED, lambda metres: metres > 0, "a distance > 0 in metres"),
+            fields.integer("lens_samples", 4, 1, 64),
+        )
     fields.close()
     backwards = origin - target
     if errors:
@@ -128,25 +229,25 @@ def read(table: Any, width: int, height: int, errors: List[str], unsupported: Li
         look.error("up", "must not be parallel to the view")
         return None
     u /= np.linalg.norm(u)
-    return Camera(kind, origin, np.column_stack([u, np.cross(w, u), w]), window, width, height)
+    return Camera(kind, origin, np.column_stack([u, np.cross(w, u), w]), window, width, height, near, spherical, lens)
 
 
 def _window(fields: Fields, kind: str, width: int, height: int) -> Tuple[float, float, float, float, float]:
     """l, r, b, t, d from `window`, or from `fov` or `width`."""
-    size_key = "fov" if kind == "perspective" else "width"
+    size_key = "fov" if kind in WINDOWED else "width"
     if fields.has("window"):
         for key in (size_key, "fov_axis"):
-            if fields.has(key) and (key != "fov_axis" or kind == "perspective"):
+            if fields.has(key) and (key != "fov_axis" or kind in WINDOWED):
                 fields.take(key)
                 fields.error(key, "cannot be given together with window")
         inner = Fields(fields.take("window"), fields.where + ".window", fields.errors)
         left, right, bottom, top = (inner.number(key, REQUIRED) for key in "lrbt")
-        distance = inner.number("d", 1.0, lambda d: d > 0, "a distance > 0") if kind == "perspective" else 1.0
+        distance = inner.number("d", 1.0, lambda d: d > 0, "a distance > 0") if kind in WINDOWED else 1.0
         inner.close()
         if not fields.errors and not (left < right and bottom < top):
             inner.error(None, "expected l < r and b < t")
         return left, right, bottom, top, distance
-    if kind == "perspective":
+    if kind in WINDOWED:
         fov = fields.number("fov", 45.0, lambda angle: 0 < angle < 180, "an angle between 0 and 180 degrees")
         axis = fields.choice("fov_axis", "x", ("x", "y", "smaller", "larger"))
         half = math.tan(math.radians(fov) / 2)

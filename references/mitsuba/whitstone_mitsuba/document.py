@@ -31,6 +31,7 @@ class Integrator:
     min_contribution: float
     limit_background: bool
     shadows: bool
+    gouraud: bool = False
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Document:
     width: int
     height: int
     aovs: Tuple[str, ...]
-    # (n, 2): positions inside the pixel, in the model's order.
+    # (n, 2): positions inside the pixel, in the model's order; (n, 3) with the point of the lens.
     samples: np.ndarray
     camera: cameras.Camera
     integrator: Integrator
@@ -60,6 +61,8 @@ class Document:
         camera = self.camera.hosted()
         if camera is not None:
             found[camera[0]] = {"type": camera[0], "twin": "formula", "reason": camera[1]}
+        if self.integrator.gouraud:
+            found["rasterizer"] = {"type": "rasterizer", "twin": "formula", "reason": "the driver interpolates the colours of vertices"}
         if self.lights.ambients and any(self.materials[number].ambient is not None for number in used):
             reason = "Mitsuba has no ambient term: the driver multiplies the reflectance by the ambient radiance"
             found["ambient"] = {"type": "ambient", "twin": "formula", "reason": reason}
@@ -105,9 +108,9 @@ def _sampler(table: Any, errors: List[str], unsupported: List[str]) -> np.ndarra
 def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Optional[Integrator]:
     fields = Fields(table, "integrator", errors)
     kind = fields.kind()
-    if kind not in ("whitted", "appel"):
+    if kind not in ("whitted", "appel", "rasterizer"):
         if kind is not None:
-            known = ["whitted", "appel"]
+            known = ["whitted", "appel", "rasterizer"]
             unsupported.append(f"integrator: no twin for an integrator of type {kind!r}; {nearest(kind, known)}")
         return None
     shadows = fields.choice("shadows", "opaque", ("opaque", "none")) == "opaque"
@@ -116,8 +119,20 @@ def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Option
         depth = fields.integer("max_depth", 6, 0, 100000)
         cut = fields.number("min_contribution", 0.0, lambda value: value >= 0, "a number >= 0")
         limit = fields.choice("at_max_depth", "background", ("background", "black")) == "background"
+    gouraud = kind == "rasterizer" and fields.choice("interpolation", "phong", ("phong", "gouraud")) == "gouraud"
+    if gouraud and shadows:
+        fields.error("interpolation", 'colours of vertices have no shadows: add shadows = "none"')
     fields.close()
-    return Integrator(kind == "whitted", depth, cut, limit, shadows)
+    return Integrator(kind == "whitted", depth, cut, limit, shadows, gouraud)
+
+
+def _only_triangles(tables: Any, camera: Optional[cameras.Camera], errors: List[str]) -> None:
+    """What a rasterizer can show."""
+    kinds = {table.get("type") for table in tables if isinstance(table, dict)} - {"triangle", "mesh", "heightfield"}
+    if kinds:
+        errors.append(f"integrator: a rasterizer shows triangles only, found {', '.join(sorted(map(str, kinds)))}")
+    if camera is not None and camera.kind not in ("perspective", "orthographic"):
+        errors.append(f"integrator: a rasterizer needs a camera with straight lines and no lens, found {camera.kind}")
 
 
 def _shared(value: Any, name: str, errors: List[str]) -> dict:
@@ -143,6 +158,10 @@ def parse(text: str, base: str) -> Document:
     camera = cameras.read(root.get("camera"), width, height, errors, unsupported)
     samples = _sampler(root.get("sampler", {"type": "center"}), errors, unsupported)
     integrator = _integrator(root.get("integrator", {"type": "whitted"}), errors, unsupported)
+    if isinstance(root.get("integrator"), dict) and root["integrator"].get("type") == "rasterizer":
+        _only_triangles(root.get("shape", []), camera, errors)
+        if integrator is not None and integrator.gouraud and camera is not None and (camera.kind != "perspective" or camera.near != 0):
+            errors.append("integrator.interpolation: colours of vertices need a perspective camera without a near limit")
     lamps = lights.read(root.get("light", []), errors, unsupported)
     texture_reader = textures.Textures(_shared(root.get("texture", {}), "texture", errors), folder, errors, unsupported)
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
@@ -154,4 +173,4 @@ def parse(text: str, base: str) -> Document:
     if unsupported:
         raise Unsupported("\n".join(unsupported))
     assert camera is not None and integrator is not None
-    return Document(width, height, aovs, samples, camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder)
+    return Document(width, height, aovs, camera.samples(samples), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder)

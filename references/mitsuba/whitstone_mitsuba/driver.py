@@ -18,6 +18,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from . import gouraud
 from .runtime import ULP, dr, mi
 from .scene import NOTHING, Built, geometry
 from .settings import Setting
@@ -209,7 +210,9 @@ class Tracer:
         return radiance.numpy().T[: len(x) * len(samples)].reshape(len(x), len(samples), 3)
 
     def camera_rays(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: np.ndarray, first: int = 0) -> Rays:
-        """Rays through positions `samples` (numbered from `first`) of pixels, samples of a pixel side by side."""
+        """Rays through positions `samples` (numbered from `first`) of pixels, samples of a pixel side by side.
+
+        A third column numbers points of the camera's lens; without it, rays go through the middle of the lens."""
         count = len(x) * len(samples)
         shift = np.array([(s.dx, s.dy) for s in self.settings])[setting]
         raster_x = (x[:, None] + samples[None, :, 0] + shift[:, None, 0]).ravel()
@@ -217,10 +220,13 @@ class Tracer:
         number = np.tile(np.arange(first, first + len(samples)), len(x))
         pixel = np.repeat(y.astype(np.int64) * self.document.width + x, len(samples))
         which = np.repeat(setting, len(samples))
+        point = np.tile(samples[:, 2], len(x)) if samples.shape[1] > 2 else np.full(count, -1)
         if count == 1:
-            raster_x, raster_y, number, pixel, which = (np.repeat(a, 2) for a in (raster_x, raster_y, number, pixel, which))
+            raster_x, raster_y, number, pixel, which, point = (
+                np.repeat(a, 2) for a in (raster_x, raster_y, number, pixel, which, point)
+            )
         width = len(raster_x)
-        o, d = self.document.camera.rays(self.built.sensor, raster_x, raster_y)
+        o, d = self.document.camera.rays(self.built.sensor, raster_x, raster_y, point if samples.shape[1] > 2 else None)
         key = mix(mi.UInt32(pixel.astype(np.uint32)) + mix(mi.UInt32(number.astype(np.uint32))))
         rays = Rays(
             o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),
@@ -298,7 +304,8 @@ class Tracer:
             for number in range(len(self.document.materials))
             if starts[number + 1] > starts[number]
         }
-        self._local(level, {number: lanes for number, lanes in groups.items() if self.document.materials[number].smooth})
+        local = self._gouraud if self.document.integrator.gouraud else self._local
+        local(level, {number: lanes for number, lanes in groups.items() if self.document.materials[number].smooth})
         children = self._branches(level, groups, depth) if self.document.integrator.follow else None
         return level, children
 
@@ -391,6 +398,29 @@ class Tracer:
                     level.lamps.append((lanes, self.document.lights.lamps[lamp].index, seen, value))
             dr.scatter(level.local, total, here)
             dr.eval(level.local)
+
+    def _gouraud(self, level: Level, groups: Dict[int, np.ndarray]) -> None:
+        """Adds the interpolated local terms of the corners of the triangles."""
+        hits, rays = level.hits, level.rays
+        where = [array.numpy() for array in (hits.valid, hits.shape, hits.primitive)]
+        points = np.array(hits.p).reshape(3, -1).T.astype(np.float64)
+        total = mi.Color3f(hits.local)
+        for position, normal, uv, weight in gouraud.corners(self.built, *where, points):
+            p = mi.Point3f(np.ascontiguousarray(position.T, dtype=np.float32))
+            n_raw = mi.Vector3f(np.ascontiguousarray(normal.T, dtype=np.float32))
+            v = dr.normalize(rays.o - p)
+            n_raw = dr.select(dr.dot(n_raw, n_raw) > 0, dr.normalize(n_raw), hits.n_g)
+            n_s = dr.select(dr.dot(v, n_raw) * dr.dot(v, hits.n_g) < 0, -n_raw, n_raw)
+            place = mi.Point2f(np.ascontiguousarray(uv.T, dtype=np.float32))
+            dark = mi.Color3f(dr.zeros(mi.Float, dr.width(p)))
+            dr.make_opaque(dark)
+            direction = mi.Vector3f(-v)
+            dr.eval(p, direction, n_s, place)
+            corner = Level(replace(rays, d=direction), replace(hits, p=p, n_s=n_s, uv=place, local=dark), dark, hits.transmittance)
+            self._local(corner, groups)
+            total = total + mi.Float(weight.astype(np.float32)) * corner.local
+        dr.eval(total)
+        hits.local = level.local = total
 
     def _lamp(self, level: Level, number: int, lanes_here: np.ndarray) -> Tuple[Any, Any, Any]:
         """(direction, irradiance, visible) of a lamp at some lanes; the irradiance is 0 where it does not count (rule G)."""

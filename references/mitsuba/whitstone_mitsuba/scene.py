@@ -76,6 +76,11 @@ class Built:
         self.scene, self._shapes = load_shapes(document, self.bsdfs, setting)
         self._tables()
 
+    @property
+    def meshes(self) -> Sequence["mi.Mesh"]:
+        """The shapes in the document's order."""
+        return self._shapes
+
     def _tables(self) -> None:
         shapes = self.document.shapes
         rules = [shape.rules for shape in shapes] + [shape_module.Rules()] * 2

@@ -12,6 +12,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 import numpy as np
 
 from . import meshes, patches, rounding, transforms
+from . import meshes, rounding, subdivision, transforms
 from .errors import SceneError
 from .fields import REQUIRED, Fields, nearest
 from .files import Folder
@@ -230,6 +231,15 @@ def _mesh(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
             triangles = meshes.load(base.path(name))
         except SceneError as error:
             fields.error("file", str(error))
+    if fields.has("subdivision"):
+        inner = Fields(fields.take("subdivision"), f"{fields.where}.subdivision", fields.errors)
+        inner.choice("scheme", REQUIRED, ("loop",))
+        levels = inner.integer("levels", REQUIRED, 1, 8)
+        inner.close()
+        if len(triangles.faces) * 4**levels > 2 * MAX_QUADS:
+            place.unsupported.append(f"{fields.where}: no twin for more than {2 * MAX_QUADS} triangles")
+        elif not fields.errors:
+            triangles = subdivision.loop(triangles, levels)
     smooth = shading == "smooth" and triangles.normals is not None
     return Rules(smooth=smooth, primitive=PRIMITIVE_NATIVE), _triangles(triangles, place, smooth)
 

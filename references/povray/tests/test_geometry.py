@@ -38,6 +38,22 @@ class Cameras(Case):
         ortho = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 2], target = [0, 0, 0] }\n'
         self.assertEqual(self.spot(ortho + "window = { l = 0, r = 4, b = 0, t = 4 }\n", 0.75, 3.5), [(1, 0)])
 
+    def test_lenses(self):
+        # In focus halfway to the ball, so it is seen moved by as much as the point of the lens is: here by a pixel, half a metre.
+        look = 'look_at = { origin = [0, 0, 2], target = [0, 0, 0] }\nfov = 90\nfocus_distance = 1\n'
+        lens = f'[camera]\ntype = "thin_lens"\n{look}aperture = {2**0.5}\nlens_samples = 2\n'
+        ball = '[[shape]]\ntype = "sphere"\ncenter = [-0.25, 0.25, 0]\nradius = 0.1\n' + SEEN
+        pixels = [(i, j) for j in range(4) for i in range(8)]
+        found = self.values(film(8, 4) + lens + WHITE + ball, pixels)
+        seen = {pixel: round(value[0], 2) for pixel, value in zip(pixels, found) if value[0] > 0.01}
+        self.assertEqual(seen, {(2, 0): 0.25, (4, 0): 0.25, (2, 2): 0.25, (4, 2): 0.25})
+        self.assertEqual(self.spot(lens.replace("= 2\n", "= 1\n"), -0.25, 0.25), [(3, 1)])
+
+    def test_near_limits_are_refused(self):
+        look = 'look_at = { origin = [0, 0, 2], target = [0, 0, 0] }\nnear = 0.5\n'
+        for kind in ("perspective", "orthographic"):
+            self.refuse(film() + f'[camera]\ntype = "{kind}"\n{look}', "unsupported", "camera.near")
+
     def test_shifts_are_in_pixels_to_the_right_and_down(self):
         ortho = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\nwidth = 4\n'
         self.assertEqual(self.spot(ortho, 1.25, 0.75, dx=1.0), [(5, 0)])

@@ -29,8 +29,8 @@ class Document:
 
     width: int
     height: int
-    # Positions inside the pixel, x to the right, y down.
-    samples: List[Tuple[float, float]]
+    # Positions inside the pixel, x to the right, y down, and numbers of points of the lens.
+    samples: List[Tuple[float, float, int]]
     camera: cameras.Camera
     setting: Setting
     head: str
@@ -38,10 +38,10 @@ class Document:
     # What POV-Ray's own model lacks, by plugin: (type, reason).
     formulas: List[Tuple[str, str]]
 
-    def write(self, sample: Tuple[float, float]) -> str:
-        """In POV-Ray's scene language, through one position in every pixel. POV-Ray looks through the middle by itself."""
+    def write(self, sample: Tuple[float, float, int]) -> str:
+        """In POV-Ray's scene language, through one position in every pixel and one point of the lens. POV-Ray looks through the middle by itself."""
         dx, dy = sample[0] - 0.5 + self.setting.dx, sample[1] - 0.5 + self.setting.dy
-        return "\n".join([self.head, self.camera.write(self.setting, dx, dy), self.body, ""])
+        return "\n".join([self.head, self.camera.write(self.setting, dx, dy, sample[2]), self.body, ""])
 
 
 @dataclass
@@ -175,8 +175,12 @@ def _integrator(table: Any, context: Context) -> _Integrator:
         if fields.number("min_contribution", 0.0, lambda value: value >= 0, "a number >= 0") > 0:
             fields.unsupported("POV-Ray cuts off faint branches by another rule", "min_contribution")
         shown = fields.choice("at_max_depth", "background", ("background", "black")) == "background"
+    elif kind == "rasterizer":
+        if fields.choice("interpolation", "phong", ("phong", "gouraud")) == "gouraud":
+            fields.unsupported("POV-Ray does not interpolate colours of vertices", "interpolation")
     elif kind != "appel":
-        fields.unsupported(f"POV-Ray has no twin of the integrator type {kind!r}; {nearest(str(kind), ['appel', 'whitted'])}")
+        known = ["appel", "rasterizer", "whitted"]
+        fields.unsupported(f"POV-Ray has no twin of the integrator type {kind!r}; {nearest(str(kind), known)}")
         return _Integrator(1, True, False)
     fields.close()
     return _Integrator(level, shadows, shown)
@@ -235,4 +239,4 @@ def parse(text: str, base: str, setting: Setting, channel: Optional[int] = None)
         f"background {{ {sdl.rgb(lit.background)} }}"
     )
     body = "\n".join([*lit.objects, *scene.declarations, *scene.objects])
-    return Document(width, height, samples, camera, setting, head, body, _formulas(root))
+    return Document(width, height, camera.samples(samples), camera, setting, head, body, _formulas(root))

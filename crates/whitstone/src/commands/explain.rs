@@ -126,10 +126,10 @@ fn trace(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Result<PixelTre
             "pixel {x},{y} is outside of the image of {width} x {height}"
         )));
     }
-    let count = pipeline.sampler.count();
+    let count = pipeline.samples();
     if sample >= count {
         return Err(Failure::usage(format!(
-            "sample {sample}: the sampler has {count}, counted from 0"
+            "sample {sample}: a pixel has {count}, counted from 0"
         )));
     }
     Ok(PixelTree {
@@ -221,7 +221,7 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         .flat_map(|aov| aov.channels())
         .copied()
         .collect();
-    let samples = pipeline.sampler.count();
+    let samples = pipeline.samples();
     row(
         "film",
         &format!("{} x {}, layers: {}", size.width, size.height, or_none(layers)),
@@ -351,7 +351,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>) -> Value
         "layers": pipeline.film.aovs.iter().flat_map(|aov| aov.channels()).collect::<Vec<_>>(),
         "camera": names.camera,
         "sampler": names.sampler,
-        "samples": pipeline.sampler.count(),
+        "samples": pipeline.samples(),
         "integrator": names.integrator,
         "accelerator": {
             "type": pipeline.accelerator.0,

@@ -1,5 +1,7 @@
 """Cameras (model §4): `twin(fields, width, height)` gives a `Camera`.
 
+A lens is a camera for each of its points: from there, what is in focus fills the same window of the plane in focus.
+
 POV-Ray shows the point `location + direction + x right + y up` at x, y from -1/2 to 1/2 across the image. Given outright, without
 `look_at` and `angle`, these vectors are taken as they are, so a right-handed world needs no mirroring.
 """
@@ -7,7 +9,7 @@ POV-Ray shows the point `location + direction + x right + y up` at x, y from -1/
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Optional, Tuple
+from typing import Any, List, Optional, Tuple
 
 from .. import registry, sdl
 from ..fields import REQUIRED, Context, Fields, Vector
@@ -28,16 +30,26 @@ class Camera:
     distance: float
     width: int
     height: int
+    # Points of the lens, in metres to the right and up, and the distance of the plane in focus.
+    lens: Tuple[Tuple[float, float], ...] = ((0.0, 0.0),)
+    focus: float = 1.0
 
-    def write(self, setting: Setting, dx: float, dy: float) -> str:
-        """Moved by so many pixels, to the right and downwards."""
+    def samples(self, positions: List[Tuple[float, float]]) -> List[Tuple[float, float, int]]:
+        """Each position in a pixel through each point of the lens, by its number."""
+        return [(x, y, point) for x, y in positions for point in range(len(self.lens))]
+
+    def write(self, setting: Setting, dx: float, dy: float, point: int = 0) -> str:
+        """Moved by so many pixels, to the right and downwards, and to a point of the lens."""
         left, right, bottom, top = self.window
         u, v, w = self.axes
         a = (left + right) / 2 + dx * (right - left) / self.width
         c = (bottom + top) / 2 - dy * (top - bottom) / self.height
         if self.kind == "perspective":
-            location = self.origin
-            direction = tuple(a * p + c * q - self.distance * r for p, q, r in zip(u, v, w))
+            x, y = self.lens[point]
+            location = tuple(e + x * p + y * q for e, p, q in zip(self.origin, u, v))
+            # The part of the window's size that a metre of the lens is, seen from the plane in focus.
+            part = self.distance / self.focus
+            direction = tuple((a - part * x) * p + (c - part * y) * q - self.distance * r for p, q, r in zip(u, v, w))
             size = 1.0
         else:
             location = tuple(e + a * p + c * q for e, p, q in zip(self.origin, u, v))
@@ -65,6 +77,12 @@ def window_of(fields: Fields, other: str) -> Optional[Tuple[Window, float]]:
     if fields.has(other):
         fields.error(other, "cannot be given together with window")
     return (left, right, bottom, top), distance
+
+
+def no_near(fields: Fields) -> None:
+    """Refuses a near limit: POV-Ray has none."""
+    if fields.number("near", 0.0) != 0:
+        fields.unsupported("POV-Ray sees what is near", "near")
 
 
 def placed(fields: Fields, kind: str, window: Window, distance: float, width: int, height: int) -> Camera:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from . import Camera, Fields, placed, window_of
+from . import Camera, Fields, no_near, placed, window_of
 
 
 def twin(fields: Fields, width: int, height: int) -> Camera:
-    """`width` or `window`."""
+    """`width` or `window`; no near limit."""
+    no_near(fields)
     given = window_of(fields, "width")
     if given is not None:
         return placed(fields, "orthographic", given[0], 1.0, width, height)

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import math
 
-from . import Camera, Fields, placed, window_of
+from . import Camera, Fields, no_near, placed, window_of
 
 
 def twin(fields: Fields, width: int, height: int) -> Camera:
+    """`fov` or `window`; no near limit."""
+    no_near(fields)
+    fields.choice("near_kind", "planar", ("planar", "spherical"))
+    return view(fields, width, height)
+
+
+def view(fields: Fields, width: int, height: int) -> Camera:
     """`fov` or `window`."""
     given = window_of(fields, "fov")
     if given is not None:

@@ -1,0 +1,303 @@
+//! Rasterization: each triangle is projected to the image, and a depth buffer keeps the nearest at each pixel; shading as ray casting.
+//!
+//! Catmull, *A subdivision algorithm for computer display of curved surfaces*, 1974 (the depth buffer); Pineda, *A parallel algorithm for
+//! polygon rasterization*, 1988 (edge functions); Olano and Greer, *Triangle scan conversion using 2D homogeneous coordinates*,
+//! 1997 (their form before the division); Gouraud, *Continuous shading of curved surfaces*, 1971; Blinn and Newell, *Clipping using homogeneous coordinates*, 1978. The steps of the
+//! lecture notes, one after the other: `project`, `Bins`, `Depths::draw`, and `Depths::hits` with what is shaded.
+//!
+//! - Twin: the driver at depth 0, without branches: what is seen is the same.
+//! - Example: `scenes/integrators/rasterizer.toml`.
+
+mod bins;
+mod fill;
+mod gouraud;
+
+use crate::rules::Rules;
+use crate::shadows::Shadows;
+use bins::Bins;
+use fill::{Depths, Projected, project};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use toml::Spanned;
+use whitstone_core::stream::{Colors, HitStream, Lanes, RayStream};
+use whitstone_core::{
+    Context, DMat4, DVec2, DVec3, DVec4, Integrator, Integrators, Interval, ObjectOrder, Plugin, Ray,
+    Refused, Rgb, SceneError, SceneErrors, Scratch, Shape, Skip, View, World,
+};
+
+/// Rasterization of triangles with a depth buffer, and local shading with shadows.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// "opaque": surfaces hide lights; "none": every light is visible.
+    #[serde(default)]
+    shadows: Shadows,
+    /// What is interpolated over a triangle: "phong", normals, or "gouraud", colours, which goes with `shadows = "none"` only.
+    #[serde(default)]
+    #[schemars(with = "Interpolation")]
+    interpolation: Option<Spanned<Interpolation>>,
+}
+
+/// What is interpolated over a triangle.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
+#[serde(rename_all = "snake_case")]
+enum Interpolation {
+    /// Normals: each pixel is shaded.
+    #[default]
+    Phong,
+    /// Colours: vertices are shaded.
+    Gouraud,
+}
+
+/// See the module.
+#[derive(Clone, Copy)]
+pub struct Rasterizer {
+    shadows: Shadows,
+    interpolation: Interpolation,
+}
+
+impl Rasterizer {
+    /// At what is nearest, local shading.
+    fn rules(&self) -> Rules {
+        Rules {
+            shadows: self.shadows,
+            branches: None,
+        }
+    }
+
+    /// Radiance along rays whose nearest hits are known; they are no longer after it.
+    fn shade(
+        &self,
+        world: &World,
+        rays: &RayStream,
+        hits: &mut Box<HitStream>,
+        scratch: &mut Scratch,
+        out: &mut Colors,
+    ) {
+        match self.interpolation {
+            Interpolation::Phong => self.rules().shade_stream(world, rays, hits, scratch, out),
+            Interpolation::Gouraud => {
+                for lane in 0..rays.len {
+                    out.set(
+                        lane,
+                        gouraud::radiance(world, &rays.ray(lane), hits.get(lane), scratch),
+                    );
+                }
+            }
+        }
+    }
+}
+
+impl Plugin<Integrators> for Rasterizer {
+    const TYPE: &'static str = "rasterizer";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Integrator>, SceneErrors> {
+        let interpolation = config.interpolation.as_ref();
+        let rasterizer = Self {
+            shadows: config.shadows,
+            interpolation: interpolation.map_or(Interpolation::Phong, |found| *found.get_ref()),
+        };
+        if let Some(place) = interpolation
+            && rasterizer.interpolation == Interpolation::Gouraud
+            && rasterizer.shadows.hide()
+        {
+            let error = SceneError::at(place.span(), "shadows cannot be interpolated between vertices");
+            return Err(error.with_help("add shadows = \"none\"").into());
+        }
+        Ok(Box::new(rasterizer))
+    }
+}
+
+impl Integrator for Rasterizer {
+    fn follows_branches(&self) -> bool {
+        false
+    }
+
+    /// By ray casting: for a single ray there is nothing to project all triangles for.
+    fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
+        match self.interpolation {
+            Interpolation::Phong => self.rules().radiance(world, ray, scratch),
+            Interpolation::Gouraud => {
+                scratch.counters.closest += 1;
+                let hit = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING);
+                gouraud::radiance(world, ray, hit, scratch)
+            }
+        }
+    }
+
+    fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
+        let mut hits = Box::<HitStream>::default();
+        scratch.counters.closest += rays.len as u64;
+        world.accelerator.closest_stream(rays, &mut hits);
+        self.shade(world, rays, &mut hits, scratch, out);
+    }
+
+    fn object_order(
+        &self,
+        view: &View<'_>,
+        context: &mut dyn Context,
+    ) -> Result<Option<Box<dyn ObjectOrder>>, Refused> {
+        let refuse = |shape, message: &str, help: &str| Refused {
+            shape,
+            error: SceneError::anywhere(message).with_help(help),
+        };
+        let to_image = view
+            .camera
+            .projection()
+            .filter(|_| view.camera.lens_points() == 1);
+        let to_image = to_image.ok_or_else(|| {
+            let help = "use the camera \"perspective\" or \"orthographic\", or the integrator \"appel\"";
+            refuse(
+                None,
+                "the camera does not project straight lines to straight lines",
+                help,
+            )
+        })?;
+        if self.interpolation == Interpolation::Gouraud {
+            // Where the rays start is where the viewer is.
+            let parallel = to_image.row(3).truncate() == DVec3::ZERO;
+            let limited = view.camera.near(DVec2::ZERO) != 0.0;
+            if parallel || limited {
+                let help = "use the camera \"perspective\" without `near`, or interpolation = \"phong\"";
+                let message = "colours at vertices need a viewer at one place";
+                return Err(refuse(None, message, help));
+            }
+        }
+        let (mut vertices, mut triangles) = (0, 0);
+        for (shape, number) in view.geometry.shapes().iter().zip(0..) {
+            let Shape::Triangles(mesh) = shape else {
+                let help = "draw a mesh instead, or use the integrator \"appel\", which shows the same by casting rays";
+                return Err(refuse(Some(number), "only triangles can be rasterized", help));
+            };
+            vertices += mesh.positions.len();
+            triangles += mesh.triangles.len();
+        }
+        let bytes = vertices * size_of::<DVec4>() + triangles * Bins::BYTES_A_TRIANGLE;
+        context.reserve(bytes as u64).map_err(|mut errors| Refused {
+            shape: None,
+            error: errors
+                .0
+                .pop()
+                .unwrap_or_else(|| SceneError::anywhere("too little memory")),
+        })?;
+        let projected = project(view.geometry, &to_image);
+        let bins = Bins::new(view.geometry, &projected, view.film);
+        Ok(Some(Box::new(Frame {
+            rasterizer: *self,
+            to_image,
+            projected,
+            bins,
+            film: DVec2::new(f64::from(view.film.width), f64::from(view.film.height)),
+        })))
+    }
+}
+
+/// All triangles in the image.
+struct Frame {
+    rasterizer: Rasterizer,
+    to_image: DMat4,
+    projected: Projected,
+    bins: Bins,
+    film: DVec2,
+}
+
+impl ObjectOrder for Frame {
+    fn radiance_stream(
+        &self,
+        world: &World,
+        raster: &Lanes<DVec2>,
+        rays: &RayStream,
+        scratch: &mut Scratch,
+        out: &mut Colors,
+    ) {
+        let mut depths = Depths::new(raster, rays, &self.to_image);
+        let (low, high) = depths.bounds();
+        for names in self.bins.around(low, high) {
+            depths.draw(world.geometry.shapes(), &self.projected, self.film, names);
+        }
+        let mut hits = depths.hits(&world.geometry, rays);
+        self.rasterizer.shade(world, rays, &mut hits, scratch, out);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::{Camera, FilmSize, Geometry, TriangleMesh};
+    use whitstone_testkit::{TestContext, Wall, build, floor, integrator_laws};
+
+    #[test]
+    fn laws() {
+        for (text, shadows) in [
+            ("", true),
+            ("shadows = \"none\"", false),
+            ("shadows = \"none\"\ninterpolation = \"gouraud\"", false),
+        ] {
+            integrator_laws(&*build::<Integrators, Rasterizer>(text, ()).unwrap(), shadows);
+        }
+    }
+
+    #[test]
+    fn interpolated_colours_have_no_shadows() {
+        let text = "interpolation = \"gouraud\"";
+        let error = build::<Integrators, Rasterizer>(text, ())
+            .err()
+            .unwrap()
+            .0
+            .remove(0);
+        assert_eq!(error.span, Some(16..text.len()));
+    }
+
+    /// One that projects to the image, or does not, with so many points of a lens.
+    struct Eye(Option<DMat4>, u32);
+
+    impl Camera for Eye {
+        fn ray(&self, raster: DVec2) -> Ray {
+            Ray::new(raster.extend(0.0), DVec3::Z)
+        }
+
+        fn lens_points(&self) -> u32 {
+            self.1
+        }
+
+        fn projection(&self) -> Option<DMat4> {
+            self.0
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_projected_is_refused() {
+        let integrator = build::<Integrators, Rasterizer>("", ()).unwrap();
+        let mesh = || Shape::Triangles(TriangleMesh::default());
+        let wall: Wall = floor(0.0);
+        let film = FilmSize { width: 4, height: 4 };
+        let refused = |shapes: Vec<Shape>, eye: &Eye| {
+            let view = View {
+                geometry: &Geometry::new(shapes),
+                camera: eye,
+                film,
+            };
+            let found = integrator.object_order(&view, &mut TestContext::default());
+            found.err().map(|refused| (refused.shape, refused.error.message))
+        };
+        let straight = Eye(Some(DMat4::IDENTITY), 1);
+        assert_eq!(refused(vec![mesh()], &straight), None);
+        let (shape, message) = refused(vec![mesh(), Shape::Opaque(Box::new(wall))], &straight).unwrap();
+        assert_eq!((shape, &*message), (Some(1), "only triangles can be rasterized"));
+        for eye in [Eye(None, 1), Eye(Some(DMat4::IDENTITY), 4)] {
+            assert_eq!(refused(vec![mesh()], &eye).unwrap().0, None);
+        }
+        let text = "shadows = \"none\"\ninterpolation = \"gouraud\"";
+        let view = View {
+            geometry: &Geometry::new(Vec::new()),
+            camera: &straight,
+            film,
+        };
+        let found = build::<Integrators, Rasterizer>(text, ())
+            .unwrap()
+            .object_order(&view, &mut TestContext::default());
+        let message = found.err().unwrap().error.message;
+        assert_eq!(message, "colours at vertices need a viewer at one place");
+    }
+}

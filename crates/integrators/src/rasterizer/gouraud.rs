@@ -1,0 +1,112 @@
+//! Colours at the corners of triangles, interpolated.
+//!
+//! Gouraud, *Continuous shading of curved surfaces*, 1971. With the perspective: the weights are those of the point in the world.
+
+use crate::shadows::Shadows;
+use whitstone_core::{DVec2, Lobes, PathState, RawHit, Ray, Rgb, Scratch, Shape, Skip, World};
+
+/// Radiance along a camera ray that starts where the viewer is.
+pub(super) fn radiance(world: &World, ray: &Ray, hit: Option<RawHit>, scratch: &mut Scratch) -> Rgb {
+    let path = PathState::camera(*ray);
+    let Some(hit) = hit else {
+        let background = world.background(ray.direction);
+        scratch.note(&path, None, Rgb::WHITE, background);
+        return background;
+    };
+    // What is no triangle has no corners: it is as if all were where it is hit.
+    let triangle = matches!(
+        world.geometry.shapes().get(hit.shape as usize),
+        Some(Shape::Triangles(_))
+    );
+    let DVec2 { x: u, y: v } = hit.params;
+    let corners = [(1.0 - u - v, DVec2::ZERO), (u, DVec2::X), (v, DVec2::Y)];
+    let here = [(1.0, hit.params)];
+    let material = &*world.materials[hit.shape as usize];
+    let mut sum = Rgb::BLACK;
+    for &(weight, params) in if triangle { &corners[..] } else { &here[..] } {
+        let corner = RawHit { params, ..hit };
+        let point = world.surface(ray, &corner);
+        let view = if triangle {
+            (ray.origin - point.position).normalize()
+        } else {
+            -ray.direction
+        };
+        let point = point.seen_from(view);
+        if material.lobes().contains(Lobes::LOCAL) {
+            sum += Shadows::None.local(world, material, &point, view, Skip::leaving(&hit), scratch) * weight;
+        }
+    }
+    let point = world.surface(ray, &hit).seen_from(-ray.direction);
+    scratch.note(&path, Some((&hit, &point)), Rgb::WHITE, sum);
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+    use whitstone_core::{
+        Accelerator, DVec3, Geometry, Interval, Material, Statistics, TriangleMesh, triangle::ShearedRay,
+    };
+    use whitstone_testkit::{Lamp, Simple};
+
+    /// Over the one triangle of the geometry.
+    struct One(Arc<Geometry>);
+
+    impl Accelerator for One {
+        fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+            let element = self.0.elements().next()?;
+            self.0
+                .intersect(element, ray, &ShearedRay::new(ray), interval, skip)
+        }
+
+        fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+            self.closest(ray, interval, skip).is_some()
+        }
+
+        fn statistics(&self) -> Statistics {
+            Statistics::default()
+        }
+    }
+
+    /// Under a lamp close above the middle, corners are dark, and so is the middle of what lies between them.
+    #[test]
+    fn the_middle_is_the_mean_of_the_corners() {
+        let positions = vec![
+            DVec3::new(-3.0, 0.0, 0.0),
+            DVec3::new(3.0, 0.0, 3.0),
+            DVec3::new(3.0, 0.0, -3.0),
+        ];
+        let middle = (positions[0] + positions[1] + positions[2]) / 3.0;
+        let lamp = DVec3::new(1.0, 0.5, 0.0);
+        let cosine = |p: &DVec3| (lamp - *p).normalize().y;
+        let mean = positions.iter().map(cosine).sum::<f64>() / 3.0;
+        let geometry = Arc::new(Geometry::new(vec![Shape::Triangles(TriangleMesh {
+            positions,
+            triangles: vec![[0, 1, 2]],
+            orientation: 1.0,
+            ..TriangleMesh::default()
+        })]));
+        let material: Arc<dyn Material> = Arc::new(Simple {
+            diffuse: 1.0,
+            ..Simple::default()
+        });
+        let light = Lamp {
+            lamp: Some((lamp, 2.0)),
+            ..Lamp::default()
+        };
+        let world = World::new(
+            geometry.clone(),
+            Box::new(One(geometry)),
+            vec![material],
+            vec![Arc::new(light)],
+        );
+        let eye = DVec3::new(0.0, 5.0, 1.0);
+        let ray = Ray::new(eye, (middle - eye).normalize());
+        let hit = world.accelerator.closest(&ray, Interval::FORWARD, Skip::NOTHING);
+        let found = radiance(&world, &ray, hit, &mut Scratch::default());
+        assert!((found.g - 2.0 * mean).abs() < 1e-14, "{found:?} {mean}");
+        // Shaded where it is, it would be bright.
+        assert!(2.0 * cosine(&middle) > 3.0 * found.g, "{}", cosine(&middle));
+    }
+}

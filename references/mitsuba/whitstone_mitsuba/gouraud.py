@@ -1,0 +1,41 @@
+"""The corners of the triangles that were hit, and how much each counts (model §6, rasterizer)."""
+
+from __future__ import annotations
+
+from typing import List, Tuple
+
+import numpy as np
+
+from .runtime import mi
+from .scene import Built
+
+# Position, normal (zero where there is none), texture coordinates and weight: one row a lane.
+Corner = Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def corners(built: Built, valid: np.ndarray, shape: np.ndarray, primitive: np.ndarray, p: np.ndarray) -> List[Corner]:
+    """Three corners for each lane, which hit this triangle of this shape at p; weights are 0 where nothing is hit."""
+    count = len(valid)
+    found = [(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2)), np.zeros(count)) for _ in range(3)]
+    for number in np.unique(shape[valid]):
+        lanes = np.flatnonzero(valid & (shape == number))
+        parameters = mi.traverse(built.meshes[number])
+
+        def table(name: str, width: int) -> np.ndarray:
+            return np.array(parameters[name]).reshape(-1, width)
+
+        vertices = table("faces", 3)[primitive[lanes]]
+        points = table("vertex_positions", 3).astype(np.float64)[vertices]
+        smooth = bool(built.document.shapes[number].rules.smooth)
+        across = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+        size = np.einsum("ij,ij->i", across, across)
+        for corner, (positions, normals, uvs, weights) in enumerate(found):
+            after, last = points[:, (corner + 1) % 3], points[:, (corner + 2) % 3]
+            # The part of the triangle that is opposite to the corner.
+            part = np.cross(after - p[lanes], last - p[lanes])
+            weights[lanes] = np.einsum("ij,ij->i", part, across) / size
+            positions[lanes] = points[:, corner]
+            uvs[lanes] = table("vertex_texcoords", 2)[vertices[:, corner]]
+            if smooth:
+                normals[lanes] = table("vertex_normals", 3)[vertices[:, corner]]
+    return found

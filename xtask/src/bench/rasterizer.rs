@@ -1,0 +1,86 @@
+//! `bench rasterizer`: a picture by rasterization beside the same by ray casting. Shading is the same in both: a scene without lights but ambient
+//! ones shows what finding the surfaces takes.
+
+use super::machine::{load, processor_time};
+use super::median;
+use clap::Args;
+use std::path::PathBuf;
+use whitstone::core::Registry;
+use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources};
+use whitstone::{Exit, Failure};
+
+/// Render scenes of triangles by rasterization and by ray casting, interleaved, and print both times
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// The scenes
+    #[arg(default_value = "scenes/integrators/rasterizer.toml")]
+    scenes: Vec<PathBuf>,
+    /// Columns of the image
+    #[arg(long, default_value_t = 1920)]
+    width: u32,
+    /// Rows of the image
+    #[arg(long, default_value_t = 1080)]
+    height: u32,
+    /// Rounds; each renders both once
+    #[arg(long, default_value_t = 7)]
+    rounds: usize,
+    /// Threads; 0 for one a core
+    #[arg(long, default_value_t = 1)]
+    threads: usize,
+    /// With shadow rays, which are the same in both
+    #[arg(long)]
+    shadows: bool,
+}
+
+/// Runs the verb.
+pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let options = RenderOptions {
+        threads: arguments.threads,
+        progress: None,
+    };
+    for path in &arguments.scenes {
+        let build = |integrator: &str| -> Result<Pipeline, Failure> {
+            let shadows = if arguments.shadows { "opaque" } else { "none" };
+            let overrides = [
+                format!(
+                    "film={{ width = {}, height = {} }}",
+                    arguments.width, arguments.height
+                ),
+                format!("integrator={{ type = \"{integrator}\", shadows = \"{shadows}\" }}"),
+            ];
+            let sources = Sources::load(path, &overrides)
+                .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
+            let report = |errors| Failure::usage(sources.report(&errors, false));
+            let description = Description::parse(&sources).map_err(report)?;
+            let plan = Plan::new(&description, registry).map_err(report)?;
+            Pipeline::build(&plan, registry).map_err(report)
+        };
+        let both = ["rasterizer", "appel"];
+        let (mut built, mut rendered) = ([const { Vec::new() }; 2], [const { Vec::new() }; 2]);
+        for round in 0..=arguments.rounds {
+            for (number, integrator) in both.into_iter().enumerate() {
+                let pipeline = build(integrator)?;
+                let before = processor_time();
+                pipeline.render(options);
+                // The first round touches pages.
+                if round > 0 {
+                    built[number].push(pipeline.build_seconds);
+                    rendered[number].push(processor_time() - before);
+                }
+            }
+        }
+        let [drawn, cast] = rendered.each_mut().map(|times| median(times));
+        let [drawn_build, cast_build] = built.each_mut().map(|times| median(times));
+        println!(
+            "{}: {} x {}, {} threads, {} shadows, in processor time; load {:.1}\n  rasterized  {drawn:.4} s  (build {drawn_build:.4} s, projection and accelerator)\n  ray cast    {cast:.4} s  (build {cast_build:.4} s)  {:.2} times as long",
+            path.display(),
+            arguments.width,
+            arguments.height,
+            arguments.threads,
+            if arguments.shadows { "with" } else { "without" },
+            load(),
+            cast / drawn,
+        );
+    }
+    Ok(Exit::Pass)
+}
