@@ -12,7 +12,10 @@ pub(crate) const FILE: &str = "crates/whitstone/src/plugins.json";
 /// The content of the file.
 pub(crate) fn json(registry: &Registry) -> String {
     let mut families = Map::new();
-    for entry in registry.entries().filter(|entry| entry.crate_name != peers::CRATE) {
+    for entry in registry
+        .entries()
+        .filter(|entry| entry.crate_name != peers::CRATE)
+    {
         let family = entry.family.plural();
         let path = format!("crates/{family}/src/{}.rs", entry.name);
         let source = fs::read_to_string(path).unwrap_or_default();

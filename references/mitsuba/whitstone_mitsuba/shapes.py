@@ -11,8 +11,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from . import meshes, patches, rounding, transforms
-from . import meshes, rounding, subdivision, transforms
+from . import meshes, patches, rounding, subdivision, transforms
 from .errors import SceneError
 from .fields import REQUIRED, Fields, nearest
 from .files import Folder

@@ -211,6 +211,10 @@ mod tests {
                 assert_eq!(top, expected.pop());
             }
         }
-        assert!(put_away > 500 && expected.is_empty(), "{put_away}, {}", expected.len());
+        assert!(
+            put_away > 500 && expected.is_empty(),
+            "{put_away}, {}",
+            expected.len()
+        );
     }
 }

@@ -82,7 +82,13 @@ fn notes() -> Value {
 fn describe(entry: &Entry, notes: &Value) -> Value {
     let family = entry.family.plural();
     let own = entry.crate_name == format!("whitstone-{family}");
-    let note = |key: &str| if own { &notes[family][entry.name][key] } else { &Value::Null };
+    let note = |key: &str| {
+        if own {
+            &notes[family][entry.name][key]
+        } else {
+            &Value::Null
+        }
+    };
     json!({
         "family": entry.family.singular(),
         "type": entry.name,
