@@ -5,6 +5,7 @@
 
 pub use crate::instance::GroupRef;
 pub use crate::solid::SolidRef;
+pub use crate::steps::Steps;
 use crate::{Rgb, SceneError, SceneErrors, SourceSpan, nearest};
 use glam::{DVec2, DVec3};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};

@@ -1,37 +1,13 @@
 //! The `transform` of a shape.
 
 use crate::document::type_name;
-use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
-use whitstone_core::config::{Finite, Vector3, decode};
-use whitstone_core::{DAffine3, DMat3, DVec3, SceneError, SceneErrors, Transform};
+use whitstone_core::config::decode;
+use whitstone_core::steps::{SINGULAR, Step};
+use whitstone_core::{DAffine3, SceneError, SceneErrors, Transform};
 
 use crate::document::Value;
-
-/// One step; exactly one key.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Step {
-    translate: Option<Vector3>,
-    scale: Option<Scale>,
-    rotate: Option<Rotate>,
-    matrix: Option<[[Finite; 4]; 3]>,
-}
-
-#[derive(Deserialize)]
-#[serde(untagged, expecting = "expected a number or an array of three numbers")]
-enum Scale {
-    Uniform(Finite),
-    PerAxis(Vector3),
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Rotate {
-    axis: Vector3,
-    degrees: Finite,
-}
 
 /// Steps are applied in the order in which they are written.
 pub(crate) fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
@@ -56,13 +32,9 @@ pub(crate) fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
     }
     let transform = Transform::new(world_from_object);
     if transform.is_none() && errors.0.is_empty() {
-        errors.0.push(
-            SceneError::at(
-                value.span(),
-                "the transform is singular: it flattens the shape or is not finite",
-            )
-            .with_help("every scale must be other than 0"),
-        );
+        errors
+            .0
+            .push(SceneError::at(value.span(), SINGULAR).with_help("every scale must be other than 0"));
     }
     errors.into_result(transform.unwrap_or(Transform::IDENTITY))
 }
@@ -77,63 +49,20 @@ fn parse_step(step: &Value<'_>) -> Result<DAffine3, SceneErrors> {
         );
     };
     let table: Spanned<DeTable<'_>> = Spanned::new(step.span(), table.clone());
-    let Step {
-        translate,
-        scale,
-        rotate,
-        matrix,
-    } = decode(&table)?;
-    match (translate, scale, rotate, matrix) {
-        (Some(v), None, None, None) => Ok(DAffine3::from_translation(v.get())),
-        (None, Some(Scale::Uniform(s)), None, None) => Ok(DAffine3::from_scale(DVec3::splat(s.get()))),
-        (None, Some(Scale::PerAxis(s)), None, None) => Ok(DAffine3::from_scale(s.get())),
-        (None, None, Some(Rotate { axis, degrees }), None) => {
-            let axis = axis.get().try_normalize().ok_or_else(|| {
-                SceneError::at(
-                    step.span(),
-                    "the axis of a rotation must not be zero or nearly so",
-                )
-            })?;
-            Ok(DAffine3::from_mat3(rotation(axis, degrees.get())))
+    let step_read: Step = decode(&table)?;
+    step_read.map().map_err(|fault| {
+        let error = SceneError::at(step.span(), fault.message);
+        match fault.help {
+            Some(help) => error.with_help(help).into(),
+            None => error.into(),
         }
-        (None, None, None, Some(rows)) => {
-            let [x, y, z] = rows.map(|row| row.map(Finite::get));
-            Ok(DAffine3::from_cols_array(&[
-                x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2], x[3], y[3], z[3],
-            ]))
-        }
-        _ => Err(SceneError::at(
-            step.span(),
-            "expected exactly one of translate, scale, rotate, matrix",
-        )
-        .with_help("write several steps as a list: they are applied in order")
-        .into()),
-    }
-}
-
-/// Counter-clockwise looking against the axis. Multiples of a right angle are exact, so that floors
-/// and walls lie exactly where they should.
-fn rotation(axis: DVec3, degrees: f64) -> DMat3 {
-    let (sin, cos) = match degrees.rem_euclid(360.0) {
-        0.0 => (0.0, 1.0),
-        90.0 => (1.0, 0.0),
-        180.0 => (0.0, -1.0),
-        270.0 => (-1.0, 0.0),
-        other => other.to_radians().sin_cos(),
-    };
-    // Rodrigues' formula.
-    let cross = DMat3::from_cols(
-        DVec3::new(0.0, axis.z, -axis.y),
-        DVec3::new(-axis.z, 0.0, axis.x),
-        DVec3::new(axis.y, -axis.x, 0.0),
-    );
-    let outer = DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
-    DMat3::IDENTITY * cos + cross * sin + outer * (1.0 - cos)
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_core::DVec3;
 
     fn parse_text(text: &str) -> Result<Transform, SceneErrors> {
         parse(&DeValue::parse(text).unwrap())

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::{IntegerIn, NonNegative};
+use whitstone_core::hash::mix;
 use whitstone_core::{Context, DVec3, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
 
 /// Most quads: twice as many triangles still fit the numbers of the accelerators.
@@ -155,15 +156,6 @@ impl Octave {
 
 fn ease(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
-}
-
-/// `lowbias32`.
-fn mix(mut x: u32) -> u32 {
-    x ^= x >> 16;
-    x = x.wrapping_mul(0x7feb_352d);
-    x ^= x >> 15;
-    x = x.wrapping_mul(0x846c_a68b);
-    x ^ (x >> 16)
 }
 
 #[cfg(test)]

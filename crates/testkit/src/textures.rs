@@ -3,7 +3,7 @@
 use crate::streams::texture_streams;
 use whitstone_core::{DVec2, DVec3, Needs, Rgb, SurfacePoint, Texture};
 
-/// Values are finite and not negative whatever the texture coordinates are, always the same, one by one and in
+/// Values are finite and not negative whatever the texture coordinates and the position are, always the same, one by one and in
 /// streams, depend on the coordinates only if the texture says that it needs them, and are the constant that it says it is.
 ///
 /// # Panics
@@ -71,6 +71,35 @@ pub fn texture_laws(texture: &dyn Texture) {
             );
         }
     }
+    // Textures in space: a third coordinate from elsewhere in the list.
+    let places: Vec<SurfacePoint> = (0..coordinates.len())
+        .flat_map(|i| coordinates.map(|y| (i, y)))
+        .enumerate()
+        .map(|(number, (i, y))| {
+            let z = coordinates[7 * number % coordinates.len()];
+            let mut point = at(0.7, 0.2);
+            point.position = DVec3::new(coordinates[i], y, z);
+            point
+        })
+        .collect();
+    let broken = texture_streams(texture, &places).err();
+    assert_eq!(broken, None, "values of a stream of places");
+    for point in places {
+        let (place, found) = (point.position, texture.value(&point));
+        assert!(
+            is_colour(found),
+            "the value at {place} is finite and not negative, found {found:?}"
+        );
+        assert_eq!(
+            texture.value(&point),
+            found,
+            "the value at {place} is always the same"
+        );
+        assert!(
+            texture.constant().is_none_or(|constant| constant == found),
+            "a texture that says that it is constant is so at {place}"
+        );
+    }
 }
 
 /// Finite and not negative.
@@ -108,6 +137,23 @@ mod tests {
     #[should_panic(expected = "finite and not negative")]
     fn a_negative_value_is_found() {
         texture_laws(&Made(Needs::NOTHING, |_| -0.1));
+    }
+
+    struct InSpace;
+
+    impl Texture for InSpace {
+        fn needs(&self) -> Needs {
+            Needs::NOTHING
+        }
+        fn value(&self, point: &SurfacePoint) -> Rgb {
+            Rgb::splat(point.position.z.abs().fract())
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "finite and not negative")]
+    fn a_place_without_a_value_is_found() {
+        texture_laws(&InSpace);
     }
 
     #[test]

@@ -3,14 +3,12 @@
 //! - Twin: Mitsuba `checkerboard` (native).
 //! - Example: `scenes/textures/checker.toml`.
 
+use crate::mapping::{Mapping, Pattern, Projection};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Color, Scale2, Vector2};
-use whitstone_core::stream::{Colors, LANES, PointStream};
-use whitstone_core::{
-    Context, DVec2, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, Texture, Textures, simd,
-};
+use whitstone_core::{Context, DVec2, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures};
 
 /// Two colours in squares, like a chessboard.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -28,6 +26,9 @@ pub struct Config {
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
+    /// Where the texture lies; by (u, v) if left out.
+    #[serde(default)]
+    mapping: Mapping,
 }
 
 fn light() -> Color {
@@ -59,45 +60,31 @@ impl Plugin<Textures> for Checker {
     type Config = Config;
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
-        Ok(Arc::new(Self {
+        let pattern = Self {
             a: config.a.get(),
             b: config.b.get(),
             scale: config.scale.get(),
             offset: config.offset.get(),
-        }))
+        };
+        Ok(config.mapping.put(Projection::Uv, pattern))
     }
 }
 
-impl Texture for Checker {
-    fn needs(&self) -> Needs {
-        Needs::UV
-    }
-
+impl Pattern for Checker {
     #[inline(always)]
-    fn value(&self, point: &SurfacePoint) -> Rgb {
-        let cell = (point.uv * self.scale + self.offset).floor();
+    fn at(&self, q: DVec3) -> Rgb {
+        let cell = (q.truncate() * self.scale + self.offset).floor();
         // The remainder after division by 2, exact for every finite number; a sum of cell numbers could
         // round. Without a cell (NaN) the colour is b.
         let odd = cell - 2.0 * (0.5 * cell).floor();
         if odd.x == odd.y { self.a } else { self.b }
-    }
-
-    fn value_stream(&self, points: &PointStream, out: &mut Colors) {
-        simd::dispatch(
-            #[inline(always)]
-            || {
-                for lane in 0..points.len.min(LANES) {
-                    out.set(lane, self.value(&points.get(lane)));
-                }
-            },
-        );
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::DVec3;
+    use whitstone_core::SurfacePoint;
     use whitstone_testkit::{build, texture_laws};
 
     fn at(text: &str, u: f64, v: f64) -> f64 {

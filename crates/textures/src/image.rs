@@ -7,13 +7,13 @@
 //! - Twin: Mitsuba `bitmap` (native).
 //! - Example: `scenes/textures/image.toml`.
 
+use crate::mapping::{Mapping, Pattern, Projection};
+use crate::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{FilePath, Scale2, Vector2};
-use whitstone_core::{
-    Context, DVec2, Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint, Texture, Textures,
-};
+use whitstone_core::{Context, DVec2, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, Textures};
 use whitstone_image::limits::Limits;
 use whitstone_image::texels::{self, Encoding, Texels};
 use whitstone_image::tone::srgb_to_linear;
@@ -39,6 +39,9 @@ pub struct Config {
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
+    /// Where the texture lies; by (u, v) if left out.
+    #[serde(default)]
+    mapping: Mapping,
 }
 
 fn one() -> Scale2 {
@@ -58,19 +61,6 @@ enum Filter {
     Bilinear,
     /// The texel whose square it is.
     Nearest,
-}
-
-/// What lies outside of the picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-enum Wrap {
-    /// The picture again.
-    #[default]
-    Repeat,
-    /// Its border.
-    Clamp,
-    /// Its mirror image.
-    Mirror,
 }
 
 /// What the values in a file are.
@@ -175,7 +165,7 @@ impl Plugin<Textures> for Image {
             let (x, y) = (at % texels.width, at / texels.width);
             return Err(refuse(format!("a colour is negative at column {x}, row {y}")));
         }
-        Ok(Arc::new(Self {
+        let pattern = Self {
             width: texels.width,
             height: texels.height,
             store: Store::new(texels, config.color_space),
@@ -183,32 +173,8 @@ impl Plugin<Textures> for Image {
             wrap: config.wrap,
             scale: config.scale.get(),
             offset: config.offset.get(),
-        }))
-    }
-}
-
-impl Wrap {
-    /// The texel that stands at an index, which is a whole number of any size, or none at all.
-    fn index(self, index: f64, count: usize) -> usize {
-        let n = count as f64;
-        if index >= 0.0 && index < n {
-            return index as usize;
-        }
-        // In floating-point numbers, where nothing overflows: the remainder of whole numbers is exact.
-        let inside = match self {
-            Self::Repeat => index.rem_euclid(n),
-            Self::Clamp => index.clamp(0.0, n - 1.0),
-            Self::Mirror => {
-                let folded = index.rem_euclid(2.0 * n);
-                if folded < n {
-                    folded
-                } else {
-                    2.0 * n - 1.0 - folded
-                }
-            }
         };
-        // NaN, from an infinite index, becomes 0.
-        inside as usize
+        Ok(config.mapping.put(Projection::Uv, pattern))
     }
 }
 
@@ -222,13 +188,9 @@ impl Image {
     }
 }
 
-impl Texture for Image {
-    fn needs(&self) -> Needs {
-        Needs::UV
-    }
-
-    fn value(&self, point: &SurfacePoint) -> Rgb {
-        let uv = point.uv * self.scale + self.offset;
+impl Pattern for Image {
+    fn at(&self, q: DVec3) -> Rgb {
+        let uv = q.truncate() * self.scale + self.offset;
         let (x, y) = (uv.x * self.width as f64, (1.0 - uv.y) * self.height as f64);
         if self.filter == Filter::Nearest {
             return self.texel(x.floor(), y.floor());
@@ -245,7 +207,7 @@ impl Texture for Image {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::DVec3;
+    use whitstone_core::SurfacePoint;
     use whitstone_image::planes;
     use whitstone_image::png::Raster;
     use whitstone_testkit::{TestContext, build_in, texture_laws};

@@ -15,6 +15,8 @@ pub mod checker;
 pub mod constant;
 #[cfg(feature = "image")]
 pub mod image;
+mod mapping;
+mod wrap;
 
 /// Adds every texture whose feature is on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {

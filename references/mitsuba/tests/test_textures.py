@@ -41,6 +41,24 @@ class Textures(Case):
         even = (i + 3 + (3 - j)) % 2 == 0
         self.near(found, np.where(even, 1, 0.25))
 
+    def test_mappings(self):
+        """Cells of a checker by the place in the world, on the square from -1 to 1 at z = 0."""
+        j, i = np.mgrid[0:8, 0:8]
+        x, y = (i + 0.5) / 4 - 1, 1 - (j + 0.5) / 4
+        turn = np.arctan2(y, x) / (2 * np.pi) % 1
+        for mapping, u, v in (
+            ('projection = "planar"', x, y),
+            ('projection = "solid", transform = [{ translate = [5, 0, 0] }, { scale = 2 }]', 2 * (x + 5), 2 * y),
+            ('projection = "uv", transform = { scale = 3 }', 3 * (x + 1) / 2, 3 * (y + 1) / 2),
+            ('projection = "spherical", transform = { translate = [0, 0, 0.7] }', turn, 1 - np.arctan2(np.hypot(x, y), 0.7) / np.pi),
+            ('projection = "cylindrical", transform = { translate = [0, 0, 0.7] }', turn, np.full_like(x, 0.7)),
+            ('projection = "cube", transform = { translate = [0, 0, 5] }', (x / 5 + 1) / 2, (y / 5 + 1) / 2),
+        ):
+            found = self.seen(8, 8, f'{{ type = "checker", a = 1, b = 0.25, scale = 3, offset = [0.05, 0.05], mapping = {{ {mapping} }} }}')
+            even = (np.floor(3 * u + 0.05) + np.floor(3 * v + 0.05)) % 2 == 0
+            self.near(found[:, :, 0], np.where(even, 1, 0.25))
+        self.refuse(scene(1, 1, '{ type = "checker", mapping = { projection = "round" } }'), "scene", "mapping.projection")
+
     def test_texel_centres(self):
         for filtering in ("bilinear", "nearest"):
             found = self.seen(4, 3, f'{{ type = "image", file = "t.png", filter = "{filtering}" }}')

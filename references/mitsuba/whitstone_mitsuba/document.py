@@ -58,6 +58,10 @@ class Document:
         for entry in sources:
             if entry is not None:
                 found[entry[0]] = {"type": entry[0], "twin": "hosted", "reason": entry[1]}
+        textures = [texture for number in used for texture in (*self.materials[number].textures.values(), self.materials[number].ambient)]
+        if any(not texture.mapping.usual() for texture in textures if hasattr(texture, "mapping")):
+            reason = "where a texture lies is computed in Python; Mitsuba's own textures look at (u, v) only"
+            found["mapping"] = {"type": "mapping", "twin": "hosted", "reason": reason}
         camera = self.camera.hosted()
         if camera is not None:
             found[camera[0]] = {"type": camera[0], "twin": "formula", "reason": camera[1]}

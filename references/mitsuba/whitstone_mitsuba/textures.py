@@ -11,7 +11,7 @@ from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
-from . import images
+from . import images, mappings
 from .errors import SceneError
 from .fields import REQUIRED, Fields, Vector, as_color, is_number, nearest
 from .files import Folder
@@ -21,6 +21,11 @@ from .runtime import mi
 def _to_uv(scale: Vector, offset: Vector) -> "mi.ScalarTransform3f":
     """(u, v) -> scale * (u, v) + offset."""
     return mi.ScalarTransform3f(np.array([[scale[0], 0, offset[0]], [0, scale[1], offset[1]], [0, 0, 1]]))
+
+
+def _mapped(texture: "mi.Texture", mapping: mappings.Mapping) -> "mi.Texture":
+    """The texture itself where it lies by (u, v)."""
+    return texture if mapping.usual() else mappings.Mapped(texture, mapping)
 
 
 def _color(value: Vector) -> Dict[str, Any]:
@@ -49,15 +54,15 @@ class Checker:
     b: Vector
     scale: Vector
     offset: Vector
+    mapping: mappings.Mapping
 
     def range(self) -> Tuple[float, float]:
         return min(self.a + self.b), max(self.a + self.b)
 
     def build(self) -> "mi.Texture":
         half = [0.5 * number for number in self.scale], [0.5 * number for number in self.offset]
-        return mi.load_dict(
-            {"type": "checkerboard", "color0": _color(self.a), "color1": _color(self.b), "to_uv": _to_uv(*half)}
-        )
+        checkerboard = {"type": "checkerboard", "color0": _color(self.a), "color1": _color(self.b), "to_uv": _to_uv(*half)}
+        return _mapped(mi.load_dict(checkerboard), self.mapping)
 
 
 @dataclass(frozen=True)
@@ -69,12 +74,13 @@ class Image:
     wrap: str
     scale: Vector
     offset: Vector
+    mapping: mappings.Mapping
 
     def range(self) -> Tuple[float, float]:
         return float(self.pixels.min()), float(self.pixels.max())
 
     def build(self) -> "mi.Texture":
-        return mi.load_dict(
+        bitmap = mi.load_dict(
             {
                 "type": "bitmap",
                 "bitmap": mi.Bitmap(self.pixels),
@@ -84,6 +90,7 @@ class Image:
                 "to_uv": _to_uv((self.scale[0], -self.scale[1]), (self.offset[0], 1 - self.offset[1])),
             }
         )
+        return _mapped(bitmap, self.mapping)
 
 
 class Textures:
@@ -159,6 +166,7 @@ def _checker(fields: Fields, base: Folder) -> Checker:
         fields.color("b", 0.2, -float("inf")),
         _pair(fields, "scale", (1.0, 1.0), True),
         _pair(fields, "offset", (0.0, 0.0), False),
+        mappings.read(fields, "uv"),
     )
 
 
@@ -169,10 +177,11 @@ def _image(fields: Fields, base: Folder) -> Any:
     space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
     scale = _pair(fields, "scale", (1.0, 1.0), True)
     offset = _pair(fields, "offset", (0.0, 0.0), False)
+    mapping = mappings.read(fields, "uv")
     if not name:
         return Constant((0.0, 0.0, 0.0))
     try:
-        return Image(images.load(base.path(name), space), filtering, wrap, scale, offset)
+        return Image(images.load(base.path(name), space), filtering, wrap, scale, offset, mapping)
     except SceneError as error:
         fields.error("file", str(error))
         return Constant((0.0, 0.0, 0.0))

@@ -1,0 +1,218 @@
+//! A `transform` as it is written: one step, or a list of steps in the order in which they are applied.
+
+use crate::Transform;
+use crate::config::{Finite, Vector3};
+use glam::{DAffine3, DMat3, DVec3};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::{Error, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use std::borrow::Cow;
+use std::fmt;
+
+/// One step; exactly one key. Section 9 of the model says what each means.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Step {
+    translate: Option<Vector3>,
+    scale: Option<Scale>,
+    rotate: Option<Rotate>,
+    matrix: Option<[[Finite; 4]; 3]>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(untagged, expecting = "expected a number or an array of three numbers")]
+enum Scale {
+    Uniform(Finite),
+    PerAxis(Vector3),
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Rotate {
+    axis: Vector3,
+    degrees: Finite,
+}
+
+/// What is wrong with a step as a whole, and what helps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StepFault {
+    /// The fault.
+    pub message: &'static str,
+    /// A hint, where there is one.
+    pub help: Option<&'static str>,
+}
+
+/// What is wrong with steps that cannot be undone.
+pub const SINGULAR: &str = "the transform is singular: it flattens the shape or is not finite";
+
+impl Step {
+    /// The map.
+    ///
+    /// # Errors
+    ///
+    /// If there is not exactly one key, or the axis of a rotation is zero.
+    pub fn map(&self) -> Result<DAffine3, StepFault> {
+        match (self.translate, self.scale, self.rotate, self.matrix) {
+            (Some(v), None, None, None) => Ok(DAffine3::from_translation(v.get())),
+            (None, Some(Scale::Uniform(s)), None, None) => Ok(DAffine3::from_scale(DVec3::splat(s.get()))),
+            (None, Some(Scale::PerAxis(s)), None, None) => Ok(DAffine3::from_scale(s.get())),
+            (None, None, Some(Rotate { axis, degrees }), None) => {
+                let axis = axis.get().try_normalize().ok_or(StepFault {
+                    message: "the axis of a rotation must not be zero or nearly so",
+                    help: None,
+                })?;
+                Ok(DAffine3::from_mat3(rotation(axis, degrees.get())))
+            }
+            (None, None, None, Some(rows)) => {
+                let [x, y, z] = rows.map(|row| row.map(Finite::get));
+                Ok(DAffine3::from_cols_array(&[
+                    x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2], x[3], y[3], z[3],
+                ]))
+            }
+            _ => Err(StepFault {
+                message: "expected exactly one of translate, scale, rotate, matrix",
+                help: Some("write several steps as a list: they are applied in order"),
+            }),
+        }
+    }
+}
+
+/// Counter-clockwise looking against the axis. Multiples of a right angle are exact, so that floors
+/// and walls lie exactly where they should.
+fn rotation(axis: DVec3, degrees: f64) -> DMat3 {
+    let (sin, cos) = match degrees.rem_euclid(360.0) {
+        0.0 => (0.0, 1.0),
+        90.0 => (1.0, 0.0),
+        180.0 => (0.0, -1.0),
+        270.0 => (-1.0, 0.0),
+        other => other.to_radians().sin_cos(),
+    };
+    // Rodrigues' formula.
+    let cross = DMat3::from_cols(
+        DVec3::new(0.0, axis.z, -axis.y),
+        DVec3::new(-axis.z, 0.0, axis.x),
+        DVec3::new(axis.y, -axis.x, 0.0),
+    );
+    let outer = DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+    DMat3::IDENTITY * cos + cross * sin + outer * (1.0 - cos)
+}
+
+/// The `transform` of a part of a plugin's table, such as the mapping of a texture: an invertible map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steps(Transform);
+
+impl Steps {
+    /// No steps.
+    pub const NONE: Self = Self(Transform::IDENTITY);
+
+    /// The map of all steps together; its `world_from_object` is that of the space where the steps start to that where they end.
+    pub const fn get(self) -> Transform {
+        self.0
+    }
+
+    fn of<E: Error>(map: DAffine3) -> Result<Self, E> {
+        Transform::new(map).map(Self).ok_or_else(|| E::custom(SINGULAR))
+    }
+}
+
+impl<'de> Deserialize<'de> for Steps {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        /// A step that is refused at its place if it makes no map.
+        struct Map(DAffine3);
+
+        impl<'de> Deserialize<'de> for Map {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let map = Step::deserialize(deserializer)?.map();
+                map.map(Self).map_err(|fault| D::Error::custom(fault.message))
+            }
+        }
+
+        struct OneOrMore;
+
+        impl<'de> Visitor<'de> for OneOrMore {
+            type Value = Steps;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a transform step or a list of them")
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Steps, A::Error> {
+                let step = Map::deserialize(serde::de::value::MapAccessDeserializer::new(map))?;
+                Steps::of(step.0)
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Steps, A::Error> {
+                let mut all = DAffine3::IDENTITY;
+                while let Some(step) = seq.next_element::<Map>()? {
+                    all = step.0 * all;
+                }
+                Steps::of(all)
+            }
+        }
+
+        deserializer.deserialize_any(OneOrMore)
+    }
+}
+
+impl JsonSchema for Steps {
+    fn schema_name() -> Cow<'static, str> {
+        "Steps".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        // The schema of whole scenes defines the step.
+        json_schema!({ "anyOf": [
+            { "$ref": "#/$defs/transform_step" },
+            { "type": "array", "items": { "$ref": "#/$defs/transform_step" } }
+        ] })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::decode;
+    use toml::de::DeTable;
+
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Table {
+        transform: Steps,
+    }
+
+    #[test]
+    fn a_step_and_a_list_of_steps() {
+        let apply = |text: &str| {
+            let table: Table = decode(&DeTable::parse(text).unwrap()).unwrap();
+            table.transform.get().point_to_world(DVec3::X)
+        };
+        assert_eq!(apply("transform = []"), DVec3::X);
+        assert_eq!(apply("transform = { scale = 3 }"), DVec3::new(3.0, 0.0, 0.0));
+        let steps =
+            "[{ scale = 2 }, { rotate = { axis = [0, 0, 1], degrees = 90 } }, { translate = [1, 0, 0] }]";
+        assert_eq!(apply(&format!("transform = {steps}")), DVec3::new(1.0, 2.0, 0.0));
+    }
+
+    #[test]
+    fn faults_are_told_at_their_places() {
+        for (value, place, why) in [
+            ("{ scale = 0 }", "{ scale = 0 }", "singular"),
+            ("[{ scale = 2 }, { turn = 1 }]", "turn", "unknown key"),
+            ("[{ translate = [1, nan, 0] }]", "nan", "a finite number"),
+            (
+                "[{ scale = 2, translate = [0, 0, 0] }]",
+                "{ scale = 2, translate = [0, 0, 0] }",
+                "exactly one",
+            ),
+            ("7", "7", "expected a transform step or a list of them"),
+        ] {
+            let text = format!("transform = {value}");
+            let error = decode::<Table>(&DeTable::parse(&text).unwrap())
+                .err()
+                .unwrap()
+                .0
+                .remove(0);
+            assert_eq!(&text[error.span.unwrap()], place, "{value}");
+            assert!(error.message.contains(why), "{}", error.message);
+        }
+    }
+}

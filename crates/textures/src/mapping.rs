@@ -1,0 +1,248 @@
+//! Where a texture is: the point of texture space that belongs to a point of a surface.
+//!
+//! A texture is a [`Pattern`], a function of a point of texture space and of nothing else; a [`Mapping`] finds that point, from
+//! the surface's own (u, v) or from its place in the world. So each texture is written once and can be put on by each
+//! mapping, and only a mapping that reads (u, v) makes shapes compute it. The solid textures of Peachey 1985 and Perlin 1985 are patterns
+//! that look at all three coordinates; the projections are those of Bier and Sloan, *Two-part texture mappings*, 1986.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+use whitstone_core::config::Steps;
+use whitstone_core::stream::{Colors, LANES, PointStream};
+use whitstone_core::{DAffine3, DVec3, Needs, Rgb, SurfacePoint, Texture, Transform, simd};
+
+/// A colour for each point of texture space.
+pub(crate) trait Pattern: Send + Sync {
+    /// The linear value at a point; finite and not negative whatever the point is. Mark it `#[inline(always)]` if it is
+    /// straight-line.
+    fn at(&self, q: DVec3) -> Rgb;
+}
+
+/// How texture space lies on surfaces.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Mapping {
+    /// "uv": by the texture coordinates of the shape; "solid": by the place in the world; "planar", "spherical", "cylindrical",
+    /// "cube": by the place in the world, projected. Textures of (u, v) have "uv" by default, solid ones "solid".
+    projection: Option<Projection>,
+    /// From the space of the shape's (u, v, 0), or from world space, to that of the texture or of the projection: one step, or steps in the
+    /// order in which they are applied.
+    #[serde(default = "none")]
+    transform: Steps,
+}
+
+const fn none() -> Steps {
+    Steps::NONE
+}
+
+/// See [`Mapping`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Projection {
+    /// The texture coordinates of the shape.
+    Uv,
+    /// The point itself.
+    Solid,
+    /// Along z.
+    Planar,
+    /// From the origin to a sphere around z.
+    Spherical,
+    /// From the z axis to a cylinder.
+    Cylindrical,
+    /// From the origin to the faces of a cube.
+    Cube,
+}
+
+impl Default for Mapping {
+    fn default() -> Self {
+        Self {
+            projection: None,
+            transform: Steps::NONE,
+        }
+    }
+}
+
+impl Mapping {
+    /// A texture of this pattern; `usual` is the projection where none is written.
+    pub(crate) fn put<P: Pattern + 'static>(self, usual: Projection, pattern: P) -> Arc<dyn Texture> {
+        let transform = self.transform.get();
+        Arc::new(Mapped {
+            pattern,
+            projection: self.projection.unwrap_or(usual),
+            moved: (transform != Transform::IDENTITY).then_some(*transform.world_from_object()),
+        })
+    }
+}
+
+/// A pattern on surfaces.
+struct Mapped<P> {
+    pattern: P,
+    projection: Projection,
+    /// The transform, where it does something.
+    moved: Option<DAffine3>,
+}
+
+impl<P: Pattern> Mapped<P> {
+    #[inline(always)]
+    fn place(&self, point: &SurfacePoint) -> DVec3 {
+        let source = match self.projection {
+            Projection::Uv => point.uv.extend(0.0),
+            _ => point.position,
+        };
+        let q = match self.moved {
+            Some(map) => map.transform_point3(source),
+            None => source,
+        };
+        self.projection.project(q)
+    }
+
+    /// The values at the points of a stream, each at the place that the function says.
+    #[inline(always)]
+    fn stream(&self, points: &PointStream, out: &mut Colors, place: impl Fn(&SurfacePoint) -> DVec3) {
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in 0..points.len.min(LANES) {
+                    out.set(lane, self.pattern.at(place(&points.get(lane))));
+                }
+            },
+        );
+    }
+}
+
+impl Projection {
+    #[inline(always)]
+    fn project(self, q: DVec3) -> DVec3 {
+        match self {
+            Self::Uv | Self::Solid => q,
+            Self::Planar => DVec3::new(q.x, q.y, 0.0),
+            Self::Spherical => {
+                // As the inverse tangent, which is exact near the poles, where the inverse cosine is not.
+                let theta = q.truncate().length().atan2(q.z);
+                DVec3::new(turn(q), (PI - theta) / PI, 0.0)
+            }
+            Self::Cylindrical => DVec3::new(turn(q), q.z, 0.0),
+            Self::Cube => {
+                let size = q.abs();
+                let (far, b, c) = if size.x >= size.y && size.x >= size.z {
+                    (size.x, q.y, q.z)
+                } else if size.y >= size.z {
+                    (size.y, q.z, q.x)
+                } else {
+                    (size.z, q.x, q.y)
+                };
+                DVec3::new((b / far + 1.0) / 2.0, (c / far + 1.0) / 2.0, 0.0)
+            }
+        }
+    }
+}
+
+/// The angle around z from the x axis, in turns from 0 to 1.
+fn turn(q: DVec3) -> f64 {
+    let phi = q.y.atan2(q.x);
+    (if phi < 0.0 { phi + TAU } else { phi }) / TAU
+}
+
+impl<P: Pattern> Texture for Mapped<P> {
+    fn needs(&self) -> Needs {
+        match self.projection {
+            Projection::Uv => Needs::UV,
+            _ => Needs::NOTHING,
+        }
+    }
+
+    fn value(&self, point: &SurfacePoint) -> Rgb {
+        self.pattern.at(self.place(point))
+    }
+
+    fn value_stream(&self, points: &PointStream, out: &mut Colors) {
+        // The choice is made once for a stream, so that it keeps no loop from becoming vector code.
+        match (self.projection, self.moved) {
+            (Projection::Uv, None) => self.stream(points, out, |point| point.uv.extend(0.0)),
+            (Projection::Solid, None) => self.stream(points, out, |point| point.position),
+            _ => self.stream(points, out, |point| self.place(point)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::DVec2;
+    use whitstone_core::config::decode;
+    use whitstone_testkit::texture_laws;
+
+    /// The point of texture space, as a colour; the pole of no pattern is hidden.
+    struct Place;
+
+    impl Pattern for Place {
+        fn at(&self, q: DVec3) -> Rgb {
+            let keep = |x: f64| if x.is_finite() { x.abs() } else { 0.0 };
+            Rgb::new(keep(q.x), keep(q.y), keep(q.z))
+        }
+    }
+
+    fn put(text: &str) -> Arc<dyn Texture> {
+        let mapping: Mapping = decode(&toml::de::DeTable::parse(text).unwrap()).unwrap();
+        mapping.put(Projection::Uv, Place)
+    }
+
+    fn at(text: &str, position: [f64; 3]) -> DVec3 {
+        let mut point = SurfacePoint::new(position.into(), 0.0, DVec3::Z);
+        point.uv = DVec2::new(0.25, 0.75);
+        put(text).value(&point).to_array().into()
+    }
+
+    #[test]
+    fn every_projection_obeys_the_laws() {
+        for projection in ["uv", "solid", "planar", "spherical", "cylindrical", "cube"] {
+            for transform in [
+                "",
+                "transform = [{ scale = [2, 3, 4] }, { translate = [1, 0, 0] }]",
+            ] {
+                texture_laws(&*put(&format!("projection = \"{projection}\"\n{transform}")));
+            }
+        }
+    }
+
+    #[test]
+    fn only_what_reads_uv_needs_it() {
+        assert_eq!(put("").needs(), Needs::UV);
+        assert_eq!(put("projection = \"spherical\"").needs(), Needs::NOTHING);
+    }
+
+    #[test]
+    fn points_are_where_the_model_says() {
+        let half = 0.5f64.sqrt();
+        for (text, position, expected) in [
+            ("", [5.0, 6.0, 7.0], [0.25, 0.75, 0.0]),
+            ("transform = { scale = 4 }", [5.0, 6.0, 7.0], [1.0, 3.0, 0.0]),
+            ("projection = \"solid\"", [5.0, 6.0, 7.0], [5.0, 6.0, 7.0]),
+            ("projection = \"planar\"", [5.0, 6.0, 7.0], [5.0, 6.0, 0.0]),
+            (
+                "projection = \"planar\"\ntransform = [{ translate = [1, 0, 0] }, { scale = 2 }]",
+                [5.0, 6.0, 7.0],
+                [12.0, 12.0, 0.0],
+            ),
+            ("projection = \"spherical\"", [0.0, 0.0, 3.0], [0.0, 1.0, 0.0]),
+            ("projection = \"spherical\"", [0.0, 2.0, 2.0], [0.25, 0.75, 0.0]),
+            ("projection = \"spherical\"", [0.0, -2.0, 0.0], [0.75, 0.5, 0.0]),
+            (
+                "projection = \"cylindrical\"",
+                [-half, -half, 9.0],
+                [0.625, 9.0, 0.0],
+            ),
+            ("projection = \"cube\"", [-4.0, 2.0, 0.0], [0.75, 0.5, 0.0]),
+            ("projection = \"cube\"", [1.0, 4.0, 2.0], [0.75, 0.625, 0.0]),
+            ("projection = \"cube\"", [2.0, 0.0, -4.0], [0.75, 0.5, 0.0]),
+        ] {
+            let found = at(text, position);
+            assert!(
+                found.abs_diff_eq(expected.into(), 1e-15),
+                "{text} {position:?}: {found}"
+            );
+        }
+    }
+}

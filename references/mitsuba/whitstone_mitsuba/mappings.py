@@ -1,0 +1,87 @@
+"""The point of texture space that belongs to a point of a surface (model §10, `mapping`), in float64."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from . import transforms
+from .fields import Fields
+from .runtime import mi
+
+PROJECTIONS = ("uv", "solid", "planar", "spherical", "cylindrical", "cube")
+
+
+def _turn(q: np.ndarray) -> np.ndarray:
+    """phi/2pi in [0, 1)."""
+    phi = np.arctan2(q[:, 1], q[:, 0])
+    return np.where(phi < 0, phi + 2 * np.pi, phi) / (2 * np.pi)
+
+
+def project(projection: str, q: np.ndarray) -> np.ndarray:
+    """(n, 3) points of texture space for (n, 3) points after the transform."""
+    nothing = np.zeros(len(q))
+    if projection in ("uv", "solid"):
+        return q
+    if projection == "planar":
+        return np.column_stack([q[:, 0], q[:, 1], nothing])
+    if projection == "spherical":
+        theta = np.arctan2(np.hypot(q[:, 0], q[:, 1]), q[:, 2])
+        return np.column_stack([_turn(q), (np.pi - theta) / np.pi, nothing])
+    if projection == "cylindrical":
+        return np.column_stack([_turn(q), q[:, 2], nothing])
+    lanes, a = np.arange(len(q)), np.argmax(np.abs(q), axis=1)
+    m = np.abs(q[lanes, a])
+    with np.errstate(invalid="ignore"):
+        return np.column_stack([(q[lanes, (a + 1) % 3] / m + 1) / 2, (q[lanes, (a + 2) % 3] / m + 1) / 2, nothing])
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """Projection and transform as read."""
+
+    projection: str
+    matrix: np.ndarray = field(default_factory=lambda: np.eye(4))
+
+    def usual(self) -> bool:
+        """Whether it is that of textures of (u, v), which Mitsuba's own do by themselves."""
+        return self.projection == "uv" and np.array_equal(self.matrix, np.eye(4))
+
+    def points(self, si: Any) -> np.ndarray:
+        """(n, 3) points of texture space at Mitsuba's surface interactions."""
+        uv = self.projection == "uv"
+        source = np.array(si.uv if uv else si.p, dtype=np.float64).T
+        if uv:
+            source = np.column_stack([source, np.zeros(len(source))])
+        return project(self.projection, source @ self.matrix[:3, :3].T + self.matrix[:3, 3])
+
+
+def read(fields: Fields, usual: str) -> Mapping:
+    """The key `mapping`; `usual` is the projection where none is written."""
+    table = fields.take("mapping")
+    if table is None:
+        return Mapping(usual)
+    inner = Fields(table, f"{fields.where}.mapping", fields.errors)
+    projection = inner.choice("projection", usual, PROJECTIONS)
+    matrix = transforms.read(inner.take("transform"), f"{inner.where}.transform", fields.errors)
+    inner.close()
+    return Mapping(projection, matrix)
+
+
+class Mapped(mi.Texture):
+    """A texture of Mitsuba's, looked up where a mapping says."""
+
+    def __init__(self, inner: "mi.Texture", mapping: Mapping) -> None:
+        mi.Texture.__init__(self, mi.Properties())
+        self.inner, self.mapping = inner, mapping
+
+    def eval(self, si: Any, active: Any = True) -> Any:
+        points = self.mapping.points(si).astype(np.float32)
+        place = mi.SurfaceInteraction3f(si)
+        place.uv = mi.Point2f(np.ascontiguousarray(points[:, :2].T))
+        return self.inner.eval(place, active)
+
+    def to_string(self) -> str:
+        return f"Mapped[{self.mapping.projection}]"
