@@ -13,9 +13,17 @@ use whitstone_core::{DuplicateType, Registry, Textures};
 pub mod checker;
 #[cfg(feature = "constant")]
 pub mod constant;
+#[cfg(feature = "grid_lines")]
+pub mod grid_lines;
 #[cfg(feature = "image")]
 pub mod image;
 mod mapping;
+#[cfg(feature = "noise")]
+pub mod noise;
+#[cfg(feature = "solid")]
+pub mod solid;
+#[cfg(feature = "worley")]
+pub mod worley;
 mod wrap;
 
 /// Adds every texture whose feature is on.
@@ -25,7 +33,15 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Textures, checker::Checker>(from)?;
     #[cfg(feature = "constant")]
     registry.add::<Textures, constant::Constant>(from)?;
+    #[cfg(feature = "grid_lines")]
+    registry.add::<Textures, grid_lines::GridLines>(from)?;
     #[cfg(feature = "image")]
     registry.add::<Textures, image::Image>(from)?;
+    #[cfg(feature = "noise")]
+    registry.add::<Textures, noise::Noise>(from)?;
+    #[cfg(feature = "solid")]
+    registry.add::<Textures, solid::Solid>(from)?;
+    #[cfg(feature = "worley")]
+    registry.add::<Textures, worley::Worley>(from)?;
     Ok(())
 }

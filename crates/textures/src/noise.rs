@@ -1,0 +1,330 @@
+//! Perlin's noise, in octaves, and as marble and wood.
+//!
+//! Perlin, *Improving noise*, 2002: gradients to the edges of a cube chosen by a table, eased by a polynomial of degree five. The sums of octaves and marble
+//! are those of Perlin, *An image synthesizer*, 1985; wood is rings, after Peachey in Ebert et al., *Texturing and Modeling*, 1994.
+//!
+//! - Twin: Mitsuba, hosted: a Python texture, written from the model.
+//! - Example: `scenes/textures/noise.toml`.
+
+use crate::mapping::{Mapping, Pattern, Projection};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::f64::consts::TAU;
+use std::sync::Arc;
+use toml::Spanned;
+use whitstone_core::config::{Color, Finite, IntegerIn, Positive};
+use whitstone_core::hash::mix;
+use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, Textures};
+
+/// Perlin's noise, in octaves, and as marble and wood.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// "perlin": one octave; "fbm": a sum of octaves; "turbulence": of their absolute values; "marble": waves along x that turbulence distorts; "wood":
+    /// rings around the z axis that fbm distorts.
+    #[serde(default)]
+    kind: Kind,
+    /// Colour where the noise is least.
+    #[serde(default = "dark")]
+    a: Color,
+    /// Colour where the noise is greatest.
+    #[serde(default = "light")]
+    b: Color,
+    /// Cells of the first octave in a unit of texture space (a metre, if nothing else is said); of marble and wood also the waves.
+    #[serde(default = "one")]
+    scale: Positive,
+    /// How many octaves; not of "perlin", which is one.
+    #[schemars(with = "Option<IntegerIn<1, 16>>")]
+    octaves: Option<Spanned<IntegerIn<1, 16>>>,
+    /// Factor on the scale from one octave to the next.
+    #[schemars(with = "Option<Positive>")]
+    lacunarity: Option<Spanned<Positive>>,
+    /// Factor on the strength from one octave to the next.
+    #[schemars(with = "Option<Positive>")]
+    gain: Option<Spanned<Positive>>,
+    /// How far "marble" and "wood" are moved by noise, in waves.
+    #[schemars(with = "Option<Finite>")]
+    distortion: Option<Spanned<Finite>>,
+    /// Shuffles the table of gradients; Perlin's own if left out.
+    seed: Option<IntegerIn<0, { u32::MAX }>>,
+    /// Where the texture lies; by the place in the world if left out.
+    #[serde(default)]
+    mapping: Mapping,
+}
+
+fn dark() -> Color {
+    Color::grey(0.2)
+}
+
+fn light() -> Color {
+    Color::grey(0.8)
+}
+
+fn one() -> Positive {
+    Positive::new(1.0).expect("1 is positive")
+}
+
+/// What is made of the octaves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum Kind {
+    /// One octave.
+    #[default]
+    Perlin,
+    /// Fractional Brownian motion: a sum.
+    Fbm,
+    /// A sum of absolute values.
+    Turbulence,
+    /// Waves along x, distorted by turbulence.
+    Marble,
+    /// Rings around z, distorted by fbm.
+    Wood,
+}
+
+/// See the module.
+pub struct Noise {
+    kind: Kind,
+    a: Rgb,
+    b: Rgb,
+    scale: f64,
+    octaves: u32,
+    lacunarity: f64,
+    gain: f64,
+    /// 1 over the sum of the strengths of all octaves.
+    share: f64,
+    distortion: f64,
+    table: Table,
+}
+
+impl Plugin<Textures> for Noise {
+    const TYPE: &'static str = "noise";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let mut useless = |written: Option<std::ops::Range<usize>>, kinds: &str| {
+            if let Some(span) = written {
+                errors.0.push(SceneError::at(
+                    span,
+                    format!("only noise of kind {kinds} has this key"),
+                ));
+            }
+        };
+        if config.kind == Kind::Perlin {
+            let kinds = "\"fbm\", \"turbulence\", \"marble\" or \"wood\"";
+            useless(config.octaves.as_ref().map(Spanned::span), kinds);
+            useless(config.lacunarity.as_ref().map(Spanned::span), kinds);
+            useless(config.gain.as_ref().map(Spanned::span), kinds);
+        }
+        if !matches!(config.kind, Kind::Marble | Kind::Wood) {
+            useless(
+                config.distortion.as_ref().map(Spanned::span),
+                "\"marble\" or \"wood\"",
+            );
+        }
+        let octaves = match config.kind {
+            Kind::Perlin => 1,
+            _ => config.octaves.map_or(4, |octaves| octaves.into_inner().get()),
+        };
+        let gain = config.gain.map_or(0.5, |gain| gain.into_inner().get());
+        let strengths: f64 = (0..octaves).map(|k| gain.powi(k as i32)).sum();
+        let pattern = Self {
+            kind: config.kind,
+            a: config.a.get(),
+            b: config.b.get(),
+            scale: config.scale.get(),
+            octaves,
+            lacunarity: config
+                .lacunarity
+                .map_or(2.0, |lacunarity| lacunarity.into_inner().get()),
+            gain,
+            share: 1.0 / strengths,
+            distortion: config
+                .distortion
+                .map_or(1.0, |distortion| distortion.into_inner().get()),
+            table: Table::new(config.seed.map(IntegerIn::get)),
+        };
+        errors.into_result(config.mapping.put(Projection::Solid, pattern))
+    }
+}
+
+impl Noise {
+    /// The mean of all octaves by their strengths, each after `shape`.
+    #[inline(always)]
+    fn octaves(&self, q: DVec3, shape: impl Fn(f64) -> f64) -> f64 {
+        let (mut q, mut strength, mut sum) = (q, 1.0, 0.0);
+        for _ in 0..self.octaves {
+            sum += strength * shape(self.table.noise(q));
+            q *= self.lacunarity;
+            strength *= self.gain;
+        }
+        sum * self.share
+    }
+}
+
+impl Pattern for Noise {
+    #[inline(always)]
+    fn at(&self, q: DVec3) -> Rgb {
+        let q = q * self.scale;
+        let wave = |s: f64| 0.5 + 0.5 * (TAU * s).sin();
+        let t = match self.kind {
+            Kind::Perlin | Kind::Fbm => 0.5 + 0.5 * self.octaves(q, |n| n),
+            Kind::Turbulence => self.octaves(q, f64::abs),
+            Kind::Marble => wave(q.x + self.distortion * self.octaves(q, f64::abs)),
+            Kind::Wood => wave(q.truncate().length() + self.distortion * self.octaves(q, |n| n)),
+        };
+        // What is no number, far outside of every scene, becomes 0.
+        let t = t.max(0.0).min(1.0);
+        self.a * (1.0 - t) + self.b * t
+    }
+}
+
+/// A permutation of the numbers below 256.
+struct Table([u8; 256]);
+
+impl Table {
+    fn new(seed: Option<u32>) -> Self {
+        let Some(seed) = seed else {
+            return Self(PERLIN);
+        };
+        // Fisher and Yates.
+        let mut table: [u8; 256] = std::array::from_fn(|i| i as u8);
+        for i in (1..256u32).rev() {
+            let j = mix(seed.wrapping_add(mix(i))) % (i + 1);
+            table.swap(i as usize, j as usize);
+        }
+        Self(table)
+    }
+
+    /// Noise at a point: 0 at whole numbers, between about -1 and 1.
+    #[inline(always)]
+    fn noise(&self, q: DVec3) -> f64 {
+        let cell = q.floor();
+        let p = q - cell;
+        // The remainder is exact for every finite number; what is none becomes 0.
+        let corner = (cell - 256.0 * (cell / 256.0).floor())
+            .to_array()
+            .map(|x| x as usize);
+        let at = |i: usize| usize::from(self.0[i & 255]);
+        let ease = |t: f64| t * t * t * (t * (t * 6.0 - 15.0) + 10.0);
+        let between = |t: f64, a: f64, b: f64| a + t * (b - a);
+        let slope = |i: usize, j: usize, k: usize| {
+            let hash = at(at(at(corner[0] + i) + corner[1] + j) + corner[2] + k);
+            let (x, y, z) = (p.x - i as f64, p.y - j as f64, p.z - k as f64);
+            let [gx, gy, gz] = GRADIENTS[hash & 15];
+            gx * x + gy * y + gz * z
+        };
+        let (u, v, w) = (ease(p.x), ease(p.y), ease(p.z));
+        let along_x = |j: usize, k: usize| between(u, slope(0, j, k), slope(1, j, k));
+        let along_y = |k: usize| between(v, along_x(0, k), along_x(1, k));
+        between(w, along_y(0), along_y(1))
+    }
+}
+
+/// To the middles of the twelve edges of a cube, four of them twice.
+const GRADIENTS: [[f64; 3]; 16] = [
+    [1.0, 1.0, 0.0],
+    [-1.0, 1.0, 0.0],
+    [1.0, -1.0, 0.0],
+    [-1.0, -1.0, 0.0],
+    [1.0, 0.0, 1.0],
+    [-1.0, 0.0, 1.0],
+    [1.0, 0.0, -1.0],
+    [-1.0, 0.0, -1.0],
+    [0.0, 1.0, 1.0],
+    [0.0, -1.0, 1.0],
+    [0.0, 1.0, -1.0],
+    [0.0, -1.0, -1.0],
+    [1.0, 1.0, 0.0],
+    [0.0, -1.0, 1.0],
+    [-1.0, 1.0, 0.0],
+    [0.0, -1.0, -1.0],
+];
+
+/// The permutation of Perlin's reference implementation, 2002.
+#[rustfmt::skip]
+const PERLIN: [u8; 256] = [
+    151, 160, 137, 91, 90, 15, 131, 13, 201, 95, 96, 53, 194, 233, 7, 225, 140, 36, 103, 30, 69, 142, 8, 99, 37, 240, 21, 10, 23, 190, 6, 148,
+    247, 120, 234, 75, 0, 26, 197, 62, 94, 252, 219, 203, 117, 35, 11, 32, 57, 177, 33, 88, 237, 149, 56, 87, 174, 20, 125, 136, 171, 168, 68, 175,
+    74, 165, 71, 134, 139, 48, 27, 166, 77, 146, 158, 231, 83, 111, 229, 122, 60, 211, 133, 230, 220, 105, 92, 41, 55, 46, 245, 40, 244, 102, 143, 54,
+    65, 25, 63, 161, 1, 216, 80, 73, 209, 76, 132, 187, 208, 89, 18, 169, 200, 196, 135, 130, 116, 188, 159, 86, 164, 100, 109, 198, 173, 186, 3, 64,
+    52, 217, 226, 250, 124, 123, 5, 202, 38, 147, 118, 126, 255, 82, 85, 212, 207, 206, 59, 227, 47, 16, 58, 17, 182, 189, 28, 42, 223, 183, 170, 213,
+    119, 248, 152, 2, 44, 154, 163, 70, 221, 153, 101, 155, 167, 43, 172, 9, 129, 22, 39, 253, 19, 98, 108, 110, 79, 113, 224, 232, 178, 185, 112, 104,
+    218, 246, 97, 228, 251, 34, 242, 193, 238, 210, 144, 12, 191, 179, 162, 241, 81, 51, 145, 235, 249, 14, 239, 107, 49, 192, 214, 31, 181, 199, 106, 157,
+    184, 84, 204, 176, 115, 121, 50, 45, 127, 4, 150, 254, 138, 236, 205, 93, 222, 114, 67, 29, 24, 72, 243, 141, 128, 195, 78, 66, 215, 61, 156, 180,
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::SurfacePoint;
+    use whitstone_testkit::{build, texture_laws};
+
+    #[test]
+    fn laws() {
+        for kind in ["perlin", "fbm", "turbulence", "marble", "wood"] {
+            for more in ["", "scale = 1e200", "seed = 7\nmapping = { projection = \"uv\" }"] {
+                let text = format!("kind = \"{kind}\"\n{more}");
+                texture_laws(&*build::<Textures, Noise>(&text, ()).unwrap());
+            }
+        }
+    }
+
+    #[test]
+    fn noise_is_that_of_perlins_program() {
+        // What Perlin's Java program of 2002 gives.
+        let found = Table::new(None).noise(DVec3::new(3.14, 42.0, 7.0));
+        assert!((found - 0.136_919_958_784_000_12).abs() < 1e-15, "{found}");
+    }
+
+    #[test]
+    fn tables_are_permutations_and_differ() {
+        let tables = [None, Some(0), Some(1)].map(|seed| Table::new(seed).0);
+        for mut table in tables {
+            table.sort_unstable();
+            assert!(table.iter().enumerate().all(|(i, x)| i == usize::from(*x)));
+        }
+        assert!(tables[0] != tables[1] && tables[1] != tables[2]);
+    }
+
+    #[test]
+    fn noise_repeats_after_256_cells_and_is_smooth_across_them() {
+        let table = Table::new(Some(3));
+        for i in 0..200 {
+            let q = DVec3::new(0.37, 0.61, 0.83) * f64::from(i) - DVec3::splat(40.0);
+            let far = table.noise(q + DVec3::new(256.0, -512.0, 1024.0));
+            assert!((table.noise(q) - far).abs() < 1e-11, "{q}");
+            let edge = DVec3::new(q.x.floor(), q.y, q.z);
+            let slope = |d: f64| (table.noise(edge + DVec3::X * d) - table.noise(edge)) / d;
+            assert!((slope(1e-6) - slope(-1e-6)).abs() < 1e-4, "{edge}");
+            assert!(table.noise(q).abs() <= 1.1);
+        }
+    }
+
+    #[test]
+    fn octaves_are_a_mean_and_colours_lie_between_both() {
+        let value = |text: &str, x: f64| {
+            let point = SurfacePoint::new(DVec3::new(x, 0.4, 0.7), 0.0, DVec3::Z);
+            let texture = build::<Textures, Noise>(&format!("a = 0\nb = 1\n{text}"), ()).unwrap();
+            texture.value(&point).g
+        };
+        for i in 0..20 {
+            let x = 0.173 * f64::from(i);
+            let single = value("", x);
+            assert_eq!(value("kind = \"fbm\"\noctaves = 1", x), single);
+            // All octaves alike: their mean is each of them.
+            let alike = value("kind = \"fbm\"\noctaves = 3\nlacunarity = 1\ngain = 0.7", x);
+            assert!((alike - single).abs() < 1e-15);
+            let turbulence = value("kind = \"turbulence\"\noctaves = 1", x);
+            assert!((turbulence - (2.0 * single - 1.0).abs()).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn keys_without_effect_are_refused_at_their_places() {
+        let text = "octaves = 3\ndistortion = 1";
+        let errors = build::<Textures, Noise>(text, ()).err().unwrap().0;
+        let places: Vec<&str> = errors.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
+        assert_eq!(places, ["3", "1"]);
+    }
+}

@@ -1,0 +1,360 @@
+//! A block of values in space, out of which shapes are carved.
+//!
+//! Peachey, *Solid texturing of complex surfaces*, 1985, section 3.
+//!
+//! - Twin: Mitsuba, hosted: a Python texture, written from the model.
+//! - Example: `scenes/textures/solid.toml`.
+
+use crate::mapping::{Mapping, Pattern, Projection};
+use crate::wrap::Wrap;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::path::Path;
+use std::sync::Arc;
+use toml::Spanned;
+use whitstone_core::config::{FilePath, IntegerIn, NonNegative};
+use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, Textures};
+
+/// A block of values in space, out of which shapes are carved.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Voxels along x, y and z: together they are the unit cube of texture space.
+    #[schemars(with = "[IntegerIn<1, 4096>; 3]")]
+    size: Spanned<[IntegerIn<1, 4096>; 3]>,
+    /// Numbers in a voxel: 1, a grey, or 3, linear RGB.
+    #[serde(default)]
+    #[schemars(with = "u8")]
+    channels: Channels,
+    /// The numbers, each at least 0: those of a voxel side by side, voxels along x first, then y, then z.
+    #[schemars(with = "Option<Vec<NonNegative>>")]
+    values: Option<Spanned<Vec<NonNegative>>>,
+    /// A file of the numbers and nothing else, relative to the scene.
+    file: Option<FilePath>,
+    /// What the file holds: "u8", bytes of which 255 means 1, or "f32", little-endian.
+    #[schemars(with = "Option<Format>")]
+    format: Option<Spanned<Format>>,
+    /// Between the middles of voxels: "trilinear" interpolation, or the "nearest" voxel.
+    #[serde(default)]
+    filter: Filter,
+    /// Outside of the block: "repeat" it, "clamp" to its border, or "mirror" it.
+    #[serde(default)]
+    wrap: Wrap,
+    /// Where the texture lies; by the place in the world if left out.
+    #[serde(default)]
+    mapping: Mapping,
+}
+
+/// Numbers in a voxel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "u8")]
+enum Channels {
+    /// A grey.
+    #[default]
+    One,
+    /// Linear RGB.
+    Three,
+}
+
+impl TryFrom<u8> for Channels {
+    type Error = String;
+    fn try_from(count: u8) -> Result<Self, String> {
+        match count {
+            1 => Ok(Self::One),
+            3 => Ok(Self::Three),
+            _ => Err(format!("expected 1 or 3, found {count}")),
+        }
+    }
+}
+
+/// What a file holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum Format {
+    /// Bytes.
+    #[default]
+    U8,
+    /// Little-endian floating-point numbers of single precision.
+    F32,
+}
+
+/// What lies between the middles of voxels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum Filter {
+    /// A mean of the eight voxels around.
+    #[default]
+    Trilinear,
+    /// The voxel whose cube it is.
+    Nearest,
+}
+
+/// See the module.
+pub struct Solid {
+    size: [usize; 3],
+    channels: Channels,
+    store: Store,
+    filter: Filter,
+    wrap: Wrap,
+}
+
+/// The numbers as they came, so that they take no more memory than there.
+enum Store {
+    U8(Vec<u8>),
+    F32(Vec<f32>),
+    F64(Vec<f64>),
+}
+
+impl Store {
+    #[inline(always)]
+    fn number(&self, index: usize) -> f64 {
+        match self {
+            Self::U8(codes) => f64::from(codes[index]) / 255.0,
+            Self::F32(values) => f64::from(values[index]),
+            Self::F64(values) => values[index],
+        }
+    }
+}
+
+impl Plugin<Textures> for Solid {
+    const TYPE: &'static str = "solid";
+    type Config = Config;
+
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
+        let size = config.size.get_ref().map(|n| n.get() as usize);
+        let channels = match config.channels {
+            Channels::One => 1,
+            Channels::Three => 3,
+        };
+        // Below 2^38: no overflow.
+        let count = channels * size[0] * size[1] * size[2];
+        let store = match (config.values, config.file, config.format) {
+            (Some(values), None, None) => {
+                let found = values.get_ref().len();
+                if found != count {
+                    let message = format!("expected {count} numbers by `size` and `channels`, found {found}");
+                    return Err(SceneError::at(values.span(), message).into());
+                }
+                Store::F64(values.into_inner().into_iter().map(NonNegative::get).collect())
+            }
+            (None, Some(file), format) => {
+                let path = context.file(&file)?;
+                let format = format.map_or(Format::U8, Spanned::into_inner);
+                let width = match format {
+                    Format::U8 => 1,
+                    Format::F32 => 4,
+                };
+                let bytes = (width * count) as u64;
+                let refuse = |why: String| {
+                    let message = format!("\"{}\" is no such block: {why}", file.path);
+                    SceneErrors::from(SceneError::at(file.span.clone(), message))
+                };
+                // Before it is read: a file of another size is not taken into memory.
+                let found = std::fs::metadata(&path)
+                    .map_err(|error| refuse(error.to_string()))?
+                    .len();
+                if found != bytes {
+                    return Err(refuse(format!("expected {bytes} bytes, found {found}")));
+                }
+                context.reserve(bytes)?;
+                read(&path, format).map_err(refuse)?
+            }
+            (Some(_), None, Some(format)) => {
+                return Err(SceneError::at(format.span(), "only a `file` has a format").into());
+            }
+            _ => {
+                let message = "expected either `values` or `file`";
+                return Err(SceneError::at(config.size.span(), message).into());
+            }
+        };
+        let pattern = Self {
+            size,
+            channels: config.channels,
+            store,
+            filter: config.filter,
+            wrap: config.wrap,
+        };
+        Ok(config.mapping.put(Projection::Solid, pattern))
+    }
+}
+
+/// The numbers of a file, or what is wrong with one of them.
+fn read(path: &Path, format: Format) -> Result<Store, String> {
+    let bytes = std::fs::read(path).map_err(|error| error.to_string())?;
+    match format {
+        Format::U8 => Ok(Store::U8(bytes)),
+        Format::F32 => {
+            let values: Vec<f32> = bytes
+                .as_chunks::<4>()
+                .0
+                .iter()
+                .map(|value| f32::from_le_bytes(*value))
+                .collect();
+            match values.iter().position(|x| !(x.is_finite() && *x >= 0.0)) {
+                Some(at) => Err(format!(
+                    "number {at} (from 0) is {}, expected a finite number of at least 0",
+                    values[at]
+                )),
+                None => Ok(Store::F32(values)),
+            }
+        }
+    }
+}
+
+impl Solid {
+    /// The voxel at whole numbers of any size.
+    fn voxel(&self, i: f64, j: f64, k: f64) -> Rgb {
+        let [nx, ny, nz] = self.size;
+        let (i, j, k) = (
+            self.wrap.index(i, nx),
+            self.wrap.index(j, ny),
+            self.wrap.index(k, nz),
+        );
+        let index = (k * ny + j) * nx + i;
+        match self.channels {
+            Channels::One => Rgb::splat(self.store.number(index)),
+            Channels::Three => {
+                let number = |channel| self.store.number(3 * index + channel);
+                Rgb::new(number(0), number(1), number(2))
+            }
+        }
+    }
+}
+
+impl Pattern for Solid {
+    fn at(&self, q: DVec3) -> Rgb {
+        let p = q * DVec3::from_array(self.size.map(|n| n as f64));
+        if self.filter == Filter::Nearest {
+            let p = p.floor();
+            return self.voxel(p.x, p.y, p.z);
+        }
+        let p = p - 0.5;
+        let low = p.floor();
+        // Infinite coordinates have no part.
+        let part = (p - low).to_array().map(|t| if t.is_finite() { t } else { 0.0 });
+        let between = |a: Rgb, b: Rgb, t: f64| a * (1.0 - t) + b * t;
+        let along_x =
+            |j: f64, k: f64| between(self.voxel(low.x, j, k), self.voxel(low.x + 1.0, j, k), part[0]);
+        let along_y = |k: f64| between(along_x(low.y, k), along_x(low.y + 1.0, k), part[1]);
+        between(along_y(low.z), along_y(low.z + 1.0), part[2])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::SurfacePoint;
+    use whitstone_testkit::{TestContext, build, build_in, texture_laws};
+
+    const VALUES: &str = "size = [2, 3, 1]\nvalues = [0, 1, 2, 3, 4, 5]\n";
+
+    fn at(texture: &dyn Texture, position: [f64; 3]) -> f64 {
+        texture
+            .value(&SurfacePoint::new(position.into(), 0.0, DVec3::Z))
+            .g
+    }
+
+    fn fault(text: &str, context: &mut TestContext) -> (String, String) {
+        let error = build_in::<Textures, Solid>(text, (), context)
+            .err()
+            .unwrap()
+            .0
+            .remove(0);
+        (text[error.span.unwrap()].to_owned(), error.message)
+    }
+
+    #[test]
+    fn laws() {
+        for filter in ["nearest", "trilinear"] {
+            for wrap in ["repeat", "clamp", "mirror"] {
+                let text = format!("{VALUES}filter = \"{filter}\"\nwrap = \"{wrap}\"");
+                texture_laws(&*build::<Textures, Solid>(&text, ()).unwrap());
+            }
+        }
+    }
+
+    #[test]
+    fn voxels_have_their_middles_where_the_model_says() {
+        for filter in ["nearest", "trilinear"] {
+            let texture = build::<Textures, Solid>(&format!("{VALUES}filter = \"{filter}\""), ()).unwrap();
+            for i in 0..2 {
+                for j in 0..3 {
+                    let middle = [(f64::from(i) + 0.5) / 2.0, (f64::from(j) + 0.5) / 3.0, 0.5];
+                    let found = at(&*texture, middle);
+                    assert!((found - f64::from(2 * j + i)).abs() < 1e-14, "{filter} {i} {j}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn between_the_middles_lies_a_mean() {
+        let texture = build::<Textures, Solid>(&format!("{VALUES}wrap = \"clamp\""), ()).unwrap();
+        // A linear function is interpolated exactly: 4y'/... = 2 (3y - 1/2) + (2x - 1/2).
+        for (x, y) in [(0.3, 0.2), (0.5, 0.5), (0.7, 0.8)] {
+            let expected = 2.0 * (3.0 * y - 0.5) + (2.0 * x - 0.5);
+            assert!((at(&*texture, [x, y, -7.0]) - expected).abs() < 1e-14);
+        }
+        assert_eq!(at(&*texture, [-9.0, -9.0, 0.0]), 0.0);
+        assert_eq!(at(&*texture, [9.0, 9.0, 0.0]), 5.0);
+    }
+
+    #[test]
+    fn files_hold_bytes_or_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut context = TestContext::in_folder(folder.path());
+        std::fs::write(folder.path().join("bytes"), [0, 51, 255]).unwrap();
+        let numbers: Vec<u8> = [0.5f32, 7.0, 0.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+        std::fs::write(folder.path().join("numbers"), &numbers).unwrap();
+        let mut value = |text: &str| {
+            let texture = build_in::<Textures, Solid>(text, (), &mut context).unwrap();
+            at(&*texture, [0.5, 0.5, 0.5])
+        };
+        assert_eq!(value("size = [3, 1, 1]\nfile = \"bytes\""), 0.2);
+        assert_eq!(
+            value("size = [1, 1, 1]\nchannels = 3\nfile = \"numbers\"\nformat = \"f32\""),
+            7.0
+        );
+    }
+
+    #[test]
+    fn bad_blocks_are_refused_at_their_places() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut context = TestContext::in_folder(folder.path());
+        std::fs::write(folder.path().join("a"), f32::NAN.to_le_bytes()).unwrap();
+        for (text, place, why) in [
+            (
+                "size = [2, 1, 1]\nvalues = [1]",
+                "[1]",
+                "expected 2 numbers by `size` and `channels`, found 1",
+            ),
+            ("size = [1, 1, 1]\nvalues = [nan]", "nan", "at least 0"),
+            ("size = [0, 1, 1]\nvalues = []", "0", "an integer from 1"),
+            (
+                "size = [1, 1, 1]\nchannels = 2\nvalues = [1, 1]",
+                "2",
+                "expected 1 or 3",
+            ),
+            (
+                "size = [1, 1, 1]\nfile = \"a\"",
+                "\"a\"",
+                "expected 1 bytes, found 4",
+            ),
+            (
+                "size = [1, 1, 1]\nfile = \"a\"\nformat = \"f32\"",
+                "\"a\"",
+                "number 0 (from 0) is NaN",
+            ),
+            ("size = [1, 1, 1]", "[1, 1, 1]", "either `values` or `file`"),
+            (
+                "size = [1, 1, 1]\nvalues = [1]\nformat = \"u8\"",
+                "\"u8\"",
+                "only a `file`",
+            ),
+        ] {
+            let (found, message) = fault(text, &mut context);
+            assert_eq!(found, place, "{text}: {message}");
+            assert!(message.contains(why), "{text}: {message}");
+        }
+    }
+}

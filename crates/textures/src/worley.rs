@@ -1,0 +1,263 @@
+//! Cells around scattered points.
+//!
+//! Worley, *A cellular texture basis function*, 1996, with one feature point in each cell of a grid, where Worley's are several.
+//!
+//! - Twin: Mitsuba, hosted: a Python texture, written from the model.
+//! - Example: `scenes/textures/worley.toml`.
+
+use crate::mapping::{Mapping, Pattern, Projection};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::{Color, IntegerIn, Positive};
+use whitstone_core::hash::mix;
+use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures};
+
+/// Cells around scattered points.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// What is shown: "f1", the distance to the nearest point; "f2", that to the second nearest; "f2_minus_f1", which is 0 between the cells.
+    #[serde(default)]
+    value: Value,
+    /// Colour where the value is 0.
+    #[serde(default = "dark")]
+    a: Color,
+    /// Colour where the value is 1 cell or more.
+    #[serde(default = "light")]
+    b: Color,
+    /// Cells of the grid in a unit of texture space (a metre, if nothing else is said).
+    #[serde(default = "one")]
+    scale: Positive,
+    /// Scatters the points otherwise.
+    #[serde(default = "first")]
+    seed: IntegerIn<0, { u32::MAX }>,
+    /// Where the texture lies; by the place in the world if left out.
+    #[serde(default)]
+    mapping: Mapping,
+}
+
+fn dark() -> Color {
+    Color::grey(0.2)
+}
+
+fn light() -> Color {
+    Color::grey(0.8)
+}
+
+fn one() -> Positive {
+    Positive::new(1.0).expect("1 is positive")
+}
+
+fn first() -> IntegerIn<0, { u32::MAX }> {
+    IntegerIn::new(0).expect("0 is in range")
+}
+
+/// What is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum Value {
+    /// The distance to the nearest point.
+    #[default]
+    F1,
+    /// That to the second nearest.
+    F2,
+    /// Their difference.
+    F2MinusF1,
+}
+
+/// See the module.
+pub struct Worley {
+    value: Value,
+    a: Rgb,
+    b: Rgb,
+    scale: f64,
+    seed: u32,
+}
+
+impl Plugin<Textures> for Worley {
+    const TYPE: &'static str = "worley";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
+        let pattern = Self {
+            value: config.value,
+            a: config.a.get(),
+            b: config.b.get(),
+            scale: config.scale.get(),
+            seed: mix(config.seed.get()),
+        };
+        Ok(config.mapping.put(Projection::Solid, pattern))
+    }
+}
+
+/// Cells as far as two from one, those that may hold nearer points first, each with the square of the distance that its points
+/// have at least.
+///
+/// **These suffice.** Let x be the point's place in its own cell and a_k = max(x_k, 1 - x_k), at least 1/2, for each axis k. The feature point of its
+/// own cell is no farther than sqrt(a_1^2 + a_2^2 + a_3^2) <= sqrt(3). The cell beside it on the nearer side along the axis of the largest a_k, say a_1, holds another, no farther than
+/// sqrt((2 - a_1)^2 + a_2^2 + a_3^2) <= sqrt((2 - a_1)^2 + 2 a_1^2), which for a_1 from 1/2 to 1 is at most sqrt(3) as well. So the two
+/// nearest are within sqrt(3), and whatever is three cells away is farther than 2.
+const AROUND: [([i8; 3], u8); 125] = around();
+
+const fn around() -> [([i8; 3], u8); 125] {
+    let mut cells = [([0; 3], 0); 125];
+    let mut count = 0;
+    // A cell two away along n axes is farther than n whole cells in square; others touch.
+    let mut least = 0;
+    while least <= 3 {
+        // Its own cell comes first, then those with a common face, edge and corner.
+        let mut steps = 0;
+        while steps <= 6 {
+            let mut number = 0;
+            while number < 125 {
+                let cell = [number % 5 - 2, number / 5 % 5 - 2, number / 25 - 2];
+                let (mut far, mut sum) = (0, 0);
+                let mut axis = 0;
+                while axis < 3 {
+                    far += (cell[axis] == 2 || cell[axis] == -2) as u8;
+                    sum += if cell[axis] < 0 { -cell[axis] } else { cell[axis] };
+                    axis += 1;
+                }
+                if far == least && sum == steps {
+                    cells[count] = ([cell[0] as i8, cell[1] as i8, cell[2] as i8], least);
+                    count += 1;
+                }
+                number += 1;
+            }
+            steps += 1;
+        }
+        least += 1;
+    }
+    assert!(count == 125);
+    cells
+}
+
+impl Worley {
+    /// Where the feature point of a cell lies in it.
+    #[inline(always)]
+    fn feature(&self, cell: [u32; 3]) -> DVec3 {
+        let [i, j, k] = cell;
+        let plane = mix(self.seed.wrapping_add(k));
+        let hash = mix(mix(plane.wrapping_add(j)).wrapping_add(i));
+        let part = |axis: u32| f64::from(mix(hash.wrapping_add(axis))) / 2f64.powi(32);
+        DVec3::new(part(1), part(2), part(3))
+    }
+
+    /// The distances to the two nearest feature points, in cells.
+    #[inline(always)]
+    fn nearest(&self, q: DVec3) -> [f64; 2] {
+        let cell = q.floor();
+        let p = q - cell;
+        // The remainder is exact for every finite number; what is none becomes 0.
+        let number = cell.to_array().map(|x| x.rem_euclid(2f64.powi(32)) as u32);
+        let [mut first, mut second] = [f64::INFINITY; 2];
+        for (step, least) in AROUND {
+            if f64::from(least) >= second {
+                break;
+            }
+            // What lies between the point and the cell, along each axis.
+            let apart: f64 = (0..3)
+                .map(|k| {
+                    let from = f64::from(step[k]) - p[k];
+                    from.max(-1.0 - from).max(0.0).powi(2)
+                })
+                .sum();
+            if apart >= second {
+                continue;
+            }
+            let there = std::array::from_fn(|k| number[k].wrapping_add_signed(i32::from(step[k])));
+            let corner = DVec3::from_array(step.map(f64::from));
+            let distance = (corner + self.feature(there) - p).length_squared();
+            second = second.min(first.max(distance));
+            first = first.min(distance);
+        }
+        [first.sqrt(), second.sqrt()]
+    }
+}
+
+impl Pattern for Worley {
+    fn at(&self, q: DVec3) -> Rgb {
+        let [first, second] = self.nearest(q * self.scale);
+        let t = match self.value {
+            Value::F1 => first,
+            Value::F2 => second,
+            Value::F2MinusF1 => second - first,
+        };
+        // What is no number, far outside of every scene, becomes 0.
+        let t = t.max(0.0).min(1.0);
+        self.a * (1.0 - t) + self.b * t
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::{build, texture_laws};
+
+    #[test]
+    fn laws() {
+        for value in ["f1", "f2", "f2_minus_f1"] {
+            for more in ["", "scale = 1e200", "seed = 7\nmapping = { projection = \"uv\" }"] {
+                let text = format!("value = \"{value}\"\n{more}");
+                texture_laws(&*build::<Textures, Worley>(&text, ()).unwrap());
+            }
+        }
+    }
+
+    fn worley(seed: u32) -> Worley {
+        Worley {
+            value: Value::F1,
+            a: Rgb::BLACK,
+            b: Rgb::WHITE,
+            scale: 1.0,
+            seed: mix(seed),
+        }
+    }
+
+    /// All points of cells up to so many away, one by one.
+    fn naive(texture: &Worley, q: DVec3, reach: i32) -> [f64; 2] {
+        let cell = q.floor().as_ivec3();
+        let mut distances = Vec::new();
+        for k in -reach..=reach {
+            for j in -reach..=reach {
+                for i in -reach..=reach {
+                    let there = [cell.x + i, cell.y + j, cell.z + k];
+                    let feature =
+                        DVec3::from_array(there.map(f64::from)) + texture.feature(there.map(|x| x as u32));
+                    distances.push(feature.distance(q));
+                }
+            }
+        }
+        distances.sort_by(f64::total_cmp);
+        [distances[0], distances[1]]
+    }
+
+    #[test]
+    fn the_two_nearest_are_found_and_neighbours_alone_do_not_suffice() {
+        let texture = worley(5);
+        let mut missed = 0;
+        for i in 0..20_000 {
+            let q = DVec3::new(0.6180339887, 0.7548776662, 0.5698402910) * f64::from(i) - DVec3::splat(3e3);
+            let (found, all) = (texture.nearest(q), naive(&texture, q, 3));
+            assert!(
+                (0..2).all(|k| (found[k] - all[k]).abs() < 1e-11),
+                "{q}: {found:?}, not {all:?}"
+            );
+            assert!(all[1] <= 3f64.sqrt());
+            missed += usize::from(naive(&texture, q, 1)[1] > all[1] + 1e-9);
+        }
+        assert!(missed > 0, "the 27 cells around are too few for some points");
+    }
+
+    #[test]
+    fn distances_are_continuous_across_cells() {
+        let texture = worley(0);
+        for i in 0..500 {
+            let q = DVec3::new(f64::from(i % 9), 0.37 * f64::from(i), -0.21 * f64::from(i));
+            let step = 1e-9 * DVec3::X;
+            let (left, right) = (texture.nearest(q - step), texture.nearest(q + step));
+            assert!((0..2).all(|k| (left[k] - right[k]).abs() < 1e-8), "{q}");
+        }
+    }
+}
