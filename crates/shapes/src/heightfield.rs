@@ -6,6 +6,7 @@
 //! - Twin: Mitsuba mesh (native) with the same vertices.
 //! - Example: `scenes/shapes/heightfield.toml`.
 
+use crate::hash::mix;
 use crate::lower::{Triangles, lower};
 use rayon::prelude::*;
 use schemars::JsonSchema;
@@ -155,15 +156,6 @@ impl Octave {
 
 fn ease(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
-}
-
-/// `lowbias32`.
-fn mix(mut x: u32) -> u32 {
-    x ^= x >> 16;
-    x = x.wrapping_mul(0x7feb_352d);
-    x ^= x >> 15;
-    x = x.wrapping_mul(0x846c_a68b);
-    x ^ (x >> 16)
 }
 
 #[cfg(test)]
