@@ -13,6 +13,7 @@ mod rasterizer;
 mod rays;
 mod scale;
 mod scaling;
+mod shapes;
 
 use clap::{Args, Subcommand};
 use whitstone::core::Registry;
@@ -34,6 +35,7 @@ enum What {
     Rasterizer(rasterizer::Arguments),
     Scale(scale::Arguments),
     Scaling(scaling::Arguments),
+    Shapes(shapes::Arguments),
 }
 
 /// Runs the verb.
@@ -44,6 +46,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         Some(What::Rasterizer(arguments)) => rasterizer::run(arguments, registry),
         Some(What::Scale(arguments)) => scale::run(arguments, registry),
         Some(What::Scaling(arguments)) => scaling::run(arguments, registry),
+        Some(What::Shapes(arguments)) => shapes::run(arguments, registry),
     }
 }
 

@@ -67,12 +67,14 @@ impl<R: Real> Conic<R> {
         Self::new(shape.coefficients(), slabs, shape.caps)
     }
 
+    #[inline]
     fn value(&self, p: Vector<R>) -> R {
         let [a, b, c, d, e, f, g, h, i, j] = self.coefficients;
         let [x, y, z] = p;
         a * x * x + b * y * y + c * z * z + d * x * y + e * x * z + f * y * z + g * x + h * y + i * z + j
     }
 
+    #[inline]
     fn holds(&self, p: Vector<R>, but: usize) -> bool {
         let within = |axis: usize| {
             let slab = self.slabs[axis].filter(|_| axis != but);
@@ -82,6 +84,7 @@ impl<R: Real> Conic<R> {
     }
 
     /// Calls with all places, in no order.
+    #[inline]
     fn each(&self, o: Vector<R>, d: Vector<R>, mut found: impl FnMut(R)) {
         let [a, b, c, xy, xz, yz, g, h, i, _] = self.coefficients;
         let two = R::of(2.0);

@@ -5,6 +5,7 @@ use super::{Real, Roots, Textbook, Vector, at, cross, dot, minus, vector};
 /// z = 0.
 pub(super) struct Plane;
 
+#[inline]
 fn meet<R: Real>(o: Vector<R>, d: Vector<R>) -> Option<(R, Vector<R>)> {
     let t = -o[2] / d[2];
     (t > R::of(0.0)).then(|| (t, at(o, d, t)))

@@ -53,24 +53,31 @@ pub trait Real:
 macro_rules! real {
     ($($float:ident)*) => { $(
         impl Real for $float {
+            #[inline]
             fn of(x: f64) -> Self {
                 x as Self
             }
+            #[inline]
             fn to_f64(self) -> f64 {
                 f64::from(self)
             }
+            #[inline]
             fn sqrt(self) -> Self {
                 self.sqrt()
             }
+            #[inline]
             fn abs(self) -> Self {
                 self.abs()
             }
+            #[inline]
             fn cbrt(self) -> Self {
                 self.cbrt()
             }
+            #[inline]
             fn cos(self) -> Self {
                 self.cos()
             }
+            #[inline]
             fn acos(self) -> Self {
                 self.acos()
             }
@@ -83,18 +90,22 @@ real!(f32 f64);
 /// A point or a direction.
 pub type Vector<R> = [R; 3];
 
+#[inline]
 fn vector<R: Real>(v: [f64; 3]) -> Vector<R> {
     v.map(R::of)
 }
 
+#[inline]
 fn dot<R: Real>(a: Vector<R>, b: Vector<R>) -> R {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+#[inline]
 fn minus<R: Real>(a: Vector<R>, b: Vector<R>) -> Vector<R> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+#[inline]
 fn cross<R: Real>(a: Vector<R>, b: Vector<R>) -> Vector<R> {
     [
         a[1] * b[2] - a[2] * b[1],
@@ -103,6 +114,7 @@ fn cross<R: Real>(a: Vector<R>, b: Vector<R>) -> Vector<R> {
     ]
 }
 
+#[inline]
 fn at<R: Real>(o: Vector<R>, d: Vector<R>, t: R) -> Vector<R> {
     [o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]]
 }
@@ -127,6 +139,7 @@ pub trait Textbook<R: Real>: Send + Sync {
 }
 
 /// The lesser one that is positive; the first is not greater than the second.
+#[inline]
 fn first_positive<R: Real>(first: R, second: R) -> Option<R> {
     let zero = R::of(0.0);
     if first > zero {
@@ -150,10 +163,15 @@ impl<R: Real> IntoObject<R> {
         }))
     }
 
+    #[inline]
     fn ray(&self, o: Vector<R>, d: Vector<R>) -> (Vector<R>, Vector<R>) {
-        let direction = |[a, b, c, _]: [R; 4]| a * d[0] + b * d[1] + c * d[2];
-        let point = |[a, b, c, e]: [R; 4]| a * o[0] + b * o[1] + c * o[2] + e;
-        (self.0.map(point), self.0.map(direction))
+        let direction = |[a, b, c, _]: &[R; 4]| *a * d[0] + *b * d[1] + *c * d[2];
+        let point = |[a, b, c, e]: &[R; 4]| *a * o[0] + *b * o[1] + *c * o[2] + *e;
+        let [x, y, z] = &self.0;
+        (
+            [point(x), point(y), point(z)],
+            [direction(x), direction(y), direction(z)],
+        )
     }
 }
 

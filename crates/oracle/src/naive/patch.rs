@@ -18,6 +18,7 @@ impl<R: Real> Patches<R> {
 }
 
 /// A point and both derivatives.
+#[inline]
 fn surface<R: Real>(net: &[Vector<R>; 16], u: R, v: R) -> [Vector<R>; 3] {
     let basis = |t: R| {
         let (one, two, three) = (R::of(1.0), R::of(2.0), R::of(3.0));

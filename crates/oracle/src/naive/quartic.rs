@@ -36,6 +36,7 @@ pub(super) fn quartic<R: Real>([c0, c1, c2, c3, c4]: [R; 5]) -> Roots<R> {
 }
 
 /// The largest root of `c0 + c1 x + c2 x² + c3 x³`, by Cardano's formula.
+#[inline]
 fn cubic<R: Real>([c0, c1, c2, c3]: [R; 4]) -> R {
     let (third, zero) = (R::of(1.0 / 3.0), R::of(0.0));
     let [a, b, c] = [c2 / c3, c1 / c3, c0 / c3];

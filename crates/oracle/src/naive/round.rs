@@ -17,6 +17,7 @@ impl<R: Real> Sphere<R> {
         }
     }
 
+    #[inline]
     fn both(&self, o: Vector<R>, d: Vector<R>) -> Option<[R; 2]> {
         let l = minus(o, self.center);
         let a = dot(d, d);

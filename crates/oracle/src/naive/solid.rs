@@ -6,6 +6,7 @@ use super::{Real, Roots, Textbook, Vector, first_positive};
 pub(super) struct Cuboid;
 
 impl Cuboid {
+    #[inline]
     fn both<R: Real>(o: Vector<R>, d: Vector<R>) -> Option<[R; 2]> {
         let one = R::of(1.0);
         let (mut enter, mut exit) = (R::of(f64::NEG_INFINITY), R::of(f64::INFINITY));

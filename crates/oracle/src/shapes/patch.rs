@@ -2,8 +2,8 @@
 //!
 //! A line is two planes that hold it, so the patch is met where two bicubic functions are zero at once. A piece of the patch on which
 //! all control values of one of them, or of a combination of both, have one sign holds no root. One on which the functions,
-//! combined so that their derivatives are nearly those of the parameters, have opposite signs on opposite sides (Miranda's
-//! theorem) and derivatives that dominate their mixed ones holds exactly one. Others are cut in two. The one root is
+//! combined so that they are nearly the parameters themselves, have opposite signs on opposite sides (Miranda's theorem) holds
+//! exactly one. Others are cut in two. The one root is
 //! enclosed by Krawczyk's operator (Moore, Kearfott, Cloud, *Introduction to Interval Analysis*, 2009, 8.2 and 8.3).
 
 use super::Surface;
@@ -84,8 +84,8 @@ fn meet(points: &[[f64; 3]; 16], number: u32, line: &Line) -> Decided<Vec<Root>>
         };
         match piece.look() {
             Look::Nothing => {}
-            Look::One => {
-                let [u, v] = piece.refine()?;
+            Look::One(straight) => {
+                let [u, v] = straight.refine()?;
                 roots.push(root(&surface, &u, &v, number, line)?);
             }
             Look::Cut => waiting.extend(piece.cut()),
@@ -197,9 +197,9 @@ impl Net {
             .into_iter()
     }
 
-    fn cut(&self, way: Way) -> [Self; 2] {
+    /// Both parts, by de Casteljau's steps.
+    fn cut(&self, way: Way, at: &Interval) -> [Self; 2] {
         let (mut low, mut high) = (self.clone(), self.clone());
-        let at = self.0[0].like(CUT);
         for places in self.rows(way) {
             let mut row: Vec<Interval> = places.iter().map(|place| self.0[*place].clone()).collect();
             for k in 0..4 {
@@ -207,7 +207,7 @@ impl Net {
                 high.0[places[3 - k]] = row[row.len() - 1].clone();
                 row = row
                     .windows(2)
-                    .map(|pair| &pair[0] + (&pair[1] - &pair[0]) * &at)
+                    .map(|pair| &pair[0] + (&pair[1] - &pair[0]) * at)
                     .collect();
             }
         }
@@ -229,7 +229,8 @@ fn between([from, to]: &[Interval; 2], at: &Interval) -> Interval {
 
 enum Look {
     Nothing,
-    One,
+    /// The same with combined functions.
+    One(Piece),
     Cut,
 }
 
@@ -264,13 +265,21 @@ impl Piece {
             let side = |high| Net::sign(straight[k].side(ways[k], high));
             matches!((side(false), side(true)), (Some(low), Some(high)) if low != high)
         });
-        let dominant = (0..2).all(|k| {
-            let own = straight[k].slope(ways[k]).abs();
-            let other = straight[k].slope(ways[1 - k]).abs();
-            // Each more than the largest of the other.
-            own.from().compare(&other.to()) == Ok(Ordering::Greater)
+        // Nearly the parameters themselves, so that steps contract fourfold.
+        let quarter = slopes[0][0].like(0.25);
+        let straightened = (0..2).all(|k| {
+            let own = straight[k].slope(ways[k]) - quarter.like(1.0);
+            let off = own.abs() + straight[k].slope(ways[1 - k]).abs();
+            off.to().compare(&quarter) == Ok(Ordering::Less)
         });
-        if crossed && dominant { Look::One } else { Look::Cut }
+        if !(crossed && straightened) {
+            return Look::Cut;
+        }
+        Look::One(Self {
+            seen: straight,
+            u: self.u.clone(),
+            v: self.v.clone(),
+        })
     }
 
     /// The derivatives of both functions by both parameters, everywhere on the piece.
@@ -278,53 +287,62 @@ impl Piece {
         [0, 1].map(|k| [self.seen[k].slope(Way::U), self.seen[k].slope(Way::V)])
     }
 
+    /// In two, across the longer way.
     fn cut(&self) -> [Self; 2] {
         let length = |[from, to]: &[Interval; 2]| to - from;
         let longer_v = length(&self.u).compare(&length(&self.v)) == Ok(Ordering::Less);
-        let way = if longer_v { Way::V } else { Way::U };
-        let [f, g] = [0, 1].map(|k| self.seen[k].cut(way));
-        let halves = |whole: &[Interval; 2]| {
-            let middle = between(whole, &whole[0].like(CUT));
-            let [from, to] = whole.clone();
-            [[from, middle.clone()], [middle, to]]
+        self.cut_at(if longer_v { Way::V } else { Way::U }, &self.u[0].like(CUT))
+    }
+
+    fn cut_at(&self, way: Way, at: &Interval) -> [Self; 2] {
+        let [[f0, f1], [g0, g1]] = [0, 1].map(|k| self.seen[k].cut(way, at));
+        let parts = |whole: &[Interval; 2]| {
+            let middle = between(whole, at);
+            [[whole[0].clone(), middle.clone()], [middle, whole[1].clone()]]
         };
-        let (us, vs) = match way {
-            Way::U => (halves(&self.u), [self.v.clone(), self.v.clone()]),
-            Way::V => ([self.u.clone(), self.u.clone()], halves(&self.v)),
+        let ([u0, u1], [v0, v1]) = match way {
+            Way::U => (parts(&self.u), [self.v.clone(), self.v.clone()]),
+            Way::V => ([self.u.clone(), self.u.clone()], parts(&self.v)),
         };
-        let ([f0, f1], [g0, g1], [u0, u1], [v0, v1]) = (f, g, us, vs);
         let piece = |f, g, u, v| Self { seen: [f, g], u, v };
         [piece(f0, g0, u0, v0), piece(f1, g1, u1, v1)]
     }
 
+    /// What lies between two places along a way, the second of which is not 0.
+    fn part(&self, way: Way, from: &Interval, to: &Interval) -> Decided<Self> {
+        let [low, _] = self.cut_at(way, to);
+        let [_, part] = low.cut_at(way, &from.over(to)?);
+        Ok(part)
+    }
+
     /// The parameters of the only root, on the whole patch.
-    fn refine(&self) -> Decided<[Interval; 2]> {
-        let unit = self.u[0].like(0.0).hull(&self.u[0].like(1.0));
-        let mut at = [unit.clone(), unit];
-        let mut widths: Option<Interval> = None;
+    fn refine(mut self) -> Decided<[Interval; 2]> {
+        let zero = self.u[0].like(0.0);
+        let unit = zero.hull(&zero.like(1.0));
+        let half = zero.like(0.5);
         loop {
-            let middle = at.clone().map(|x| x.within(0.5));
-            let slopes =
-                [0, 1].map(|k| [Way::U, Way::V].map(|way| self.seen[k].derivative_at(way, &at[0], &at[1])));
+            let slopes = self.slopes();
             let inverse = inverse(&slopes).ok_or(Undecided)?;
-            let values = [0, 1].map(|k| self.seen[k].at(&middle[0], &middle[1]));
+            let values = [0, 1].map(|k| self.seen[k].at(&half, &half));
+            let mut at = [unit.clone(), unit.clone()];
             for k in 0..2 {
                 let [a, b] = &inverse[k];
                 // m - Y f(m) + (1 - Y F'(X)) (X - m).
-                let mut next = &middle[k] - (a * &values[0] + b * &values[1]);
-                for (j, whole) in at.clone().iter().enumerate() {
-                    let rest =
-                        at[k].like(f64::from(u8::from(j == k))) - (a * &slopes[0][j] + b * &slopes[1][j]);
-                    next = next + rest * (whole - &middle[j]);
+                let mut next = &half - (a * &values[0] + b * &values[1]);
+                for j in 0..2 {
+                    let same = zero.like(f64::from(u8::from(j == k)));
+                    next = next + (same - (a * &slopes[0][j] + b * &slopes[1][j])) * (&unit - &half);
                 }
-                at[k] = at[k].common(&next).ok_or(Undecided)?;
+                at[k] = unit.common(&next).ok_or(Undecided)?;
             }
-            let width = at[0].width().max(&at[1].width());
-            let stuck = widths.is_some_and(|before| (&width + &width).compare(&before) != Ok(Ordering::Less));
-            if stuck {
-                return Ok([between(&self.u, &at[0]), between(&self.v, &at[1])]);
+            // No better than three quarters: that is all that these digits give.
+            let stuck = |at: &Interval| at.width().compare(&zero.like(0.75)) != Ok(Ordering::Less);
+            if at.iter().all(stuck) {
+                return Ok([&self.u, &self.v].map(|[from, to]| from.hull(to)));
             }
-            widths = Some(width);
+            for (way, at) in [Way::U, Way::V].into_iter().zip(&at) {
+                self = self.part(way, &at.from(), &at.to())?;
+            }
         }
     }
 }
