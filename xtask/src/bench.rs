@@ -14,6 +14,7 @@ mod rays;
 mod scale;
 mod scaling;
 mod shapes;
+mod shapes_mitsuba;
 
 use clap::{Args, Subcommand};
 use whitstone::core::Registry;

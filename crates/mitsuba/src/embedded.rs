@@ -1,6 +1,7 @@
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use std::io::Write;
 use std::path::Path;
 use whitstone_core::Ray;
 use whitstone_validate::environment::Environment;
@@ -29,12 +30,24 @@ impl Mitsuba {
                 let packages = environment.folder().join(folder);
                 python.import("site")?.call_method1("addsitedir", (packages,))?;
                 let path = python.import("sys")?.getattr("path")?;
-                path.call_method1("insert", (0, &environment.package))?;
+                // Python looks for packages in texts only, not in paths.
+                path.call_method1("insert", (0, environment.package.as_os_str()))?;
                 python.import("whitstone_mitsuba.rays")
             };
             let rays = import().map_err(|error| error.to_string())?;
             Ok(Self { rays: rays.unbind() })
         })
+    }
+
+    /// Ends the process with this code, and at once: the libraries of Mitsuba ask Python for its state when they are unloaded, and then there
+    /// is none.
+    pub fn exit(&self, code: u8) -> ! {
+        let _ = std::io::stdout().flush();
+        Python::attach(|python| {
+            let os = python.import("os");
+            let _ = os.and_then(|os| os.call_method1("_exit", (code,)));
+        });
+        std::process::abort()
     }
 
     /// The nearest hit of every ray, in single precision, with the shapes of a scene; `None` where the driver has no twin
