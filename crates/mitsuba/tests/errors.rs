@@ -120,11 +120,14 @@ fn main() {
         .collect();
     assert_eq!(worse, Vec::<&str>::new(), "{table}");
     // The textbook form in our place would not pass.
-    assert!(
-        all.iter()
-            .filter(|set| is_worse(&set.textbook, &set.mitsuba))
-            .count()
-            > 5,
-        "{table}"
+    let count = all
+        .iter()
+        .filter(|set| is_worse(&set.textbook, &set.mitsuba))
+        .count();
+    assert!(count > 5, "{table}");
+    println!(
+        "{} sets of rays: ours is never worse than Mitsuba, the textbook form in {count}",
+        all.len()
     );
+    mitsuba.exit(0)
 }

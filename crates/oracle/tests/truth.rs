@@ -193,13 +193,15 @@ fn composites_follow_from_their_parts() {
 
 type Number = FBig;
 
+type Function = fn([Number; 3]) -> Number;
+
 /// Exactly: sums and products of unlimited precision.
 fn exactly(x: f64) -> Number {
     Number::try_from(x).unwrap().with_precision(0).value()
 }
 
 /// Functions that are zero on the surface, of x, y and z, in exact arithmetic and not in that of the oracle.
-const FUNCTIONS: [(&str, fn([Number; 3]) -> Number); 6] = [
+const FUNCTIONS: [(&str, Function); 6] = [
     ("type = \"sphere\"\nradius = 1.5", |[x, y, z]| {
         &x * &x + &y * &y + &z * &z - exactly(2.25)
     }),

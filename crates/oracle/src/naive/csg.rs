@@ -19,7 +19,7 @@ impl<R: Real> Csg<R> {
         let mut inside: SmallVec<[bool; 8]> = SmallVec::new();
         let mut ends: SmallVec<[(R, usize); 16]> = SmallVec::new();
         for (number, operand) in self.operands.iter().enumerate() {
-            inside.push(operand.from_inside(o, d));
+            inside.push(operand.starts_inside(o, d));
             ends.extend(operand.roots(o, d).into_iter().map(|t| (t, number)));
         }
         ends.sort_by(|a, b| a.0.partial_cmp(&b.0).unwrap_or(std::cmp::Ordering::Equal));
@@ -54,11 +54,11 @@ impl<R: Real> Textbook<R> for Csg<R> {
         roots
     }
 
-    fn from_inside(&self, o: Vector<R>, d: Vector<R>) -> bool {
+    fn starts_inside(&self, o: Vector<R>, d: Vector<R>) -> bool {
         let inside: SmallVec<[bool; 8]> = self
             .operands
             .iter()
-            .map(|operand| operand.from_inside(o, d))
+            .map(|operand| operand.starts_inside(o, d))
             .collect();
         self.operation.inside(&inside)
     }

@@ -20,7 +20,7 @@ impl<R: Real> Textbook<R> for Plane {
         std::iter::once(-o[2] / d[2]).collect()
     }
 
-    fn from_inside(&self, _: Vector<R>, d: Vector<R>) -> bool {
+    fn starts_inside(&self, _: Vector<R>, d: Vector<R>) -> bool {
         d[2] > R::of(0.0)
     }
 }
@@ -107,7 +107,8 @@ impl<R: Real> Polygon<R> {
 impl<R: Real> Textbook<R> for Polygon<R> {
     fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R> {
         let t = dot(self.normal, minus(self.vertices[0], o)) / dot(self.normal, d);
-        if !(t > R::of(0.0)) {
+        let ahead = t > R::of(0.0);
+        if !ahead {
             return None;
         }
         let hit = at(o, d, t);

@@ -133,7 +133,7 @@ pub trait Textbook<R: Real>: Send + Sync {
     }
 
     /// Whether the line comes from inside.
-    fn from_inside(&self, _: Vector<R>, _: Vector<R>) -> bool {
+    fn starts_inside(&self, _: Vector<R>, _: Vector<R>) -> bool {
         false
     }
 }
@@ -192,9 +192,9 @@ impl<R: Real, S: Textbook<R>> Textbook<R> for Placed<R, S> {
         self.shape.roots(o, d)
     }
 
-    fn from_inside(&self, o: Vector<R>, d: Vector<R>) -> bool {
+    fn starts_inside(&self, o: Vector<R>, d: Vector<R>) -> bool {
         let (o, d) = self.into.ray(o, d);
-        self.shape.from_inside(o, d)
+        self.shape.starts_inside(o, d)
     }
 }
 

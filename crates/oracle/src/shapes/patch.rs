@@ -230,7 +230,7 @@ fn between([from, to]: &[Interval; 2], at: &Interval) -> Interval {
 enum Look {
     Nothing,
     /// The same with combined functions.
-    One(Piece),
+    One(Box<Piece>),
     Cut,
 }
 
@@ -275,11 +275,11 @@ impl Piece {
         if !(crossed && straightened) {
             return Look::Cut;
         }
-        Look::One(Self {
+        Look::One(Box::new(Self {
             seen: straight,
             u: self.u.clone(),
             v: self.v.clone(),
-        })
+        }))
     }
 
     /// The derivatives of both functions by both parameters, everywhere on the piece.
