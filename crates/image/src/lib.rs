@@ -8,7 +8,7 @@
 //! | [`tone`] | exposure and the sRGB transfer functions |
 //! | [`png`] | 8-bit rasters for people to look at |
 //! | [`metrics`] | numbers between an image and its reference |
-//! | [`flip`] | how visible a difference is |
+//! | [`mod@flip`] | how visible a difference is |
 //! | [`layers`] | numbers between two AOV layers |
 //! | [`error_map`] | pictures of the difference, with a legend |
 //! | [`mask`] | sets of pixels |
