@@ -13,6 +13,8 @@ mod rasterizer;
 mod rays;
 mod scale;
 mod scaling;
+mod shapes;
+mod shapes_mitsuba;
 
 use clap::{Args, Subcommand};
 use whitstone::core::Registry;
@@ -34,6 +36,7 @@ enum What {
     Rasterizer(rasterizer::Arguments),
     Scale(scale::Arguments),
     Scaling(scaling::Arguments),
+    Shapes(shapes::Arguments),
 }
 
 /// Runs the verb.
@@ -44,6 +47,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         Some(What::Rasterizer(arguments)) => rasterizer::run(arguments, registry),
         Some(What::Scale(arguments)) => scale::run(arguments, registry),
         Some(What::Scaling(arguments)) => scaling::run(arguments, registry),
+        Some(What::Shapes(arguments)) => shapes::run(arguments, registry),
     }
 }
 

@@ -122,8 +122,23 @@ impl<'de> Deserialize<'de> for Steps {
 
         impl<'de> Deserialize<'de> for Map {
             fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-                let map = Step::deserialize(deserializer)?.map();
-                map.map(Self).map_err(|fault| D::Error::custom(fault.message))
+                // Inside of a visitor, so that an error about the step as a whole gets its place.
+                deserializer.deserialize_any(One)
+            }
+        }
+
+        struct One;
+
+        impl<'de> Visitor<'de> for One {
+            type Value = Map;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a transform step")
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Map, A::Error> {
+                let step = Step::deserialize(serde::de::value::MapAccessDeserializer::new(map))?;
+                step.map()
+                    .map(Map)
+                    .map_err(|fault| A::Error::custom(fault.message))
             }
         }
 
@@ -135,8 +150,7 @@ impl<'de> Deserialize<'de> for Steps {
                 f.write_str("a transform step or a list of them")
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Steps, A::Error> {
-                let step = Map::deserialize(serde::de::value::MapAccessDeserializer::new(map))?;
-                Steps::of(step.0)
+                Steps::of(One.visit_map(map)?.0)
             }
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Steps, A::Error> {
                 let mut all = DAffine3::IDENTITY;
@@ -203,6 +217,7 @@ mod tests {
                 "{ scale = 2, translate = [0, 0, 0] }",
                 "exactly one",
             ),
+            ("[7]", "7", "expected a transform step"),
             ("7", "7", "expected a transform step or a list of them"),
         ] {
             let text = format!("transform = {value}");

@@ -8,6 +8,7 @@
 //! | [`tone`] | exposure and the sRGB transfer functions |
 //! | [`png`] | 8-bit rasters for people to look at |
 //! | [`metrics`] | numbers between an image and its reference |
+//! | [`mod@flip`] | how visible a difference is |
 //! | [`layers`] | numbers between two AOV layers |
 //! | [`error_map`] | pictures of the difference, with a legend |
 //! | [`mask`] | sets of pixels |
@@ -24,6 +25,7 @@
 pub mod atomic;
 pub mod error_map;
 pub mod exr_io;
+pub mod flip;
 pub mod layers;
 pub mod limits;
 pub mod mask;
@@ -38,6 +40,7 @@ pub mod tone;
 mod test_data;
 
 pub use error_map::{ErrorView, Quantity, Scale};
+pub use flip::{Flip, flip};
 pub use limits::{Limits, ReadError, ReadFault};
 pub use mask::Mask;
 pub use metrics::{CompareError, CompareOptions, Metrics, Side, Tolerance, compare};

@@ -11,6 +11,8 @@
 //! | `max_abs` | max \|d\| |
 //! | `signed_mean` | (1/N) sum d |
 //! | `relmse` | (1/N) sum d²/(reference² + 0.01) |
+//! | `mape` | (1/N) sum \|d\|/(\|reference\| + 0.01) |
+//! | `smape` | (1/N) sum 2 \|d\|/(\|ours\| + \|reference\| + 0.01) |
 //! | `psnr` | 20 log10(peak/rmse) dB |
 //! | relative residual | r = d/(\|reference\| + mean_reference) |
 //! | `rel_rmse_interior` | sqrt of the mean of r² over the pixels that are not excluded, and RGB |
@@ -32,6 +34,9 @@ pub const BLOCK: usize = 16;
 
 /// Added to the squared reference in `relmse`.
 pub const RELMSE_EPSILON: f64 = 0.01;
+
+/// Added to the denominators of `mape` and `smape`.
+pub const MAPE_EPSILON: f64 = 0.01;
 
 /// Smallest denominator of a relative residual.
 const SMALLEST_DENOMINATOR: f64 = f32::MIN_POSITIVE as f64;
@@ -182,6 +187,10 @@ pub struct Metrics {
     pub interior_pixels: usize,
     /// Mean of the squared difference over (reference² + 0.01).
     pub relmse: f64,
+    /// Mean of the absolute difference over (|reference| + 0.01).
+    pub mape: f64,
+    /// Mean of twice the absolute difference over (|ours| + |reference| + 0.01), less than 2.
+    pub smape: f64,
     /// Mean of the absolute difference.
     pub mae: f64,
     /// Largest absolute difference.
@@ -249,7 +258,9 @@ pub fn compare(ours: &Image, reference: &Image, options: &CompareOptions) -> Res
         mut absolutes,
         mut differences,
         mut interior,
-    ] = [Sum::default(); 5];
+        mut percents,
+        mut symmetric_percents,
+    ] = [Sum::default(); 7];
     let (mut max_abs, mut largest) = (0.0_f64, f64::NEG_INFINITY);
     let mut interior_pixels = 0;
     for index in 0..pair.pixels() {
@@ -260,6 +271,9 @@ pub fn compare(ours: &Image, reference: &Image, options: &CompareOptions) -> Res
             squares.add(difference * difference);
             relative_squares.add(difference * difference / (reference * reference + RELMSE_EPSILON));
             absolutes.add(difference.abs());
+            percents.add(difference.abs() / (reference.abs() + MAPE_EPSILON));
+            let both = ours.abs() + reference.abs() + MAPE_EPSILON;
+            symmetric_percents.add(2.0 * difference.abs() / both);
             differences.add(difference);
             max_abs = max_abs.max(difference.abs());
             largest = largest.max(reference);
@@ -278,6 +292,8 @@ pub fn compare(ours: &Image, reference: &Image, options: &CompareOptions) -> Res
             .then(|| (interior.total() / (RGB.len() * interior_pixels) as f64).sqrt()),
         interior_pixels,
         relmse: relative_squares.total() / count,
+        mape: percents.total() / count,
+        smape: symmetric_percents.total() / count,
         mae: absolutes.total() / count,
         max_abs,
         signed_mean: differences.total() / count,
@@ -440,7 +456,7 @@ impl<'a> Pair<'a> {
         }
     }
 
-    fn check_finite(&self) -> Result<(), CompareError> {
+    pub(crate) fn check_finite(&self) -> Result<(), CompareError> {
         let first = |planes: [&[f32]; 3]| {
             (0..self.pixels()).find(|&index| planes.iter().any(|plane| !plane[index].is_finite()))
         };

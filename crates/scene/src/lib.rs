@@ -26,3 +26,4 @@ pub use pipeline::{BuildOptions, Pipeline};
 pub use plan::{LeftOut, Plan};
 pub use schema::{scene_schema, table_schema};
 pub use sources::{LoadError, Position, Sources};
+pub use transform::parse as parse_transform;

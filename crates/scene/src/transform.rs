@@ -9,8 +9,12 @@ use whitstone_core::{DAffine3, SceneError, SceneErrors, Transform};
 
 use crate::document::Value;
 
-/// Steps are applied in the order in which they are written.
-pub(crate) fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
+/// The transform that a value of the key `transform` says. Steps are applied in the order in which they are written.
+///
+/// # Errors
+///
+/// All that is wrong with the steps, each at its place; also a singular result.
+pub fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
     let mut errors = SceneErrors::default();
     let one = std::slice::from_ref(value);
     let steps = match value.get_ref() {

@@ -10,7 +10,10 @@
 use whitstone_core::{DuplicateType, Registry, Shapes};
 
 mod conic;
+mod crossings;
+mod enclosure;
 mod frame;
+mod level;
 mod lower;
 mod near;
 mod revolution;
@@ -28,12 +31,18 @@ pub mod cylinder;
 pub mod disk;
 #[cfg(feature = "ellipsoid")]
 pub mod ellipsoid;
+#[cfg(feature = "fractal")]
+pub mod fractal;
 #[cfg(feature = "heightfield")]
 pub mod heightfield;
 #[cfg(feature = "hyperboloid")]
 pub mod hyperboloid;
+#[cfg(feature = "implicit")]
+pub mod implicit;
 #[cfg(feature = "instance")]
 pub mod instance;
+#[cfg(feature = "isosurface")]
+pub mod isosurface;
 #[cfg(feature = "mesh")]
 pub mod mesh;
 #[cfg(feature = "paraboloid")]
@@ -70,12 +79,18 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Shapes, disk::Disk>(from)?;
     #[cfg(feature = "ellipsoid")]
     registry.add::<Shapes, ellipsoid::Ellipsoid>(from)?;
+    #[cfg(feature = "fractal")]
+    registry.add::<Shapes, fractal::Fractal>(from)?;
     #[cfg(feature = "heightfield")]
     registry.add::<Shapes, heightfield::Heightfield>(from)?;
     #[cfg(feature = "hyperboloid")]
     registry.add::<Shapes, hyperboloid::Hyperboloid>(from)?;
+    #[cfg(feature = "implicit")]
+    registry.add::<Shapes, implicit::Implicit>(from)?;
     #[cfg(feature = "instance")]
     registry.add::<Shapes, instance::Placed>(from)?;
+    #[cfg(feature = "isosurface")]
+    registry.add::<Shapes, isosurface::Isosurface>(from)?;
     #[cfg(feature = "mesh")]
     registry.add::<Shapes, mesh::Mesh>(from)?;
     #[cfg(feature = "paraboloid")]

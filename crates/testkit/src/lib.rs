@@ -18,7 +18,7 @@ mod solids;
 pub use accelerators::{accelerator_agrees, accelerator_laws, random_rays};
 pub use instances::Naive;
 pub use random::Random;
-pub use shapes::{placements, shape_laws, shape_laws_everywhere};
+pub use shapes::{Aim, placements, shape_laws, shape_laws_everywhere};
 
 mod cameras;
 mod integrators;

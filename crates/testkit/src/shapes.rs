@@ -40,16 +40,28 @@ pub fn placements() -> Vec<(&'static str, Transform)> {
     .collect()
 }
 
+/// Most rays of one batch: all are remembered until their streams have been compared.
+const BATCH: u32 = 20_000;
+
+/// How many rays each of `parts` gets: `samples`, or its part of the number in the variable `WHITSTONE_LAW_RAYS`, if that is more.
+fn rays_of_part(samples: u32, parts: usize) -> u32 {
+    let wished = std::env::var("WHITSTONE_LAW_RAYS").ok();
+    let wished: usize = wished.map_or(0, |rays| rays.parse().expect("WHITSTONE_LAW_RAYS is a number"));
+    samples.max(wished.div_ceil(parts) as u32)
+}
+
 /// Builds the shape in every one of the [`placements`] that it accepts and holds it to [`shape_laws`].
 ///
 /// # Panics
 ///
 /// If a law is broken, or if the shape cannot be built where nothing is transformed.
 pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
-    for (name, transform) in placements() {
+    let placements = placements();
+    let rays = rays_of_part(samples, placements.len());
+    for (name, transform) in placements {
         match crate::build::<Shapes, P>(text, transform) {
             Ok(shape) => {
-                let broken = first_broken(shape, samples).err();
+                let broken = first_broken(shape, rays).err();
                 assert_eq!(broken, None, "{} that is {name}", P::TYPE);
             }
             Err(error) if name == "as it is" => panic!("{}: {error}", P::TYPE),
@@ -64,22 +76,35 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
 /// the interval, and not on what was asked before. Streams of rays get the same bits. What says that it is a solid is
 /// one: entries and exits alternate, and what lies between them is inside from everywhere.
 ///
+/// The variable `WHITSTONE_LAW_RAYS` asks for more rays than `samples`.
+///
 /// # Panics
 ///
 /// If the shape breaks one of these laws; the message says which and where.
 pub fn shape_laws(shape: Shape, samples: u32) {
-    let broken = first_broken(shape, samples).err();
+    let broken = first_broken(shape, rays_of_part(samples, 1)).err();
     assert_eq!(broken, None);
 }
 
 fn first_broken(shape: Shape, samples: u32) -> Result<(), String> {
     let bench = Bench::new(shape);
     let mut random = Random::new(u64::from(samples));
+    let mut from = 0;
+    while from < samples {
+        let to = samples.min(from + BATCH);
+        check_batch(&bench, from..to, &mut random)?;
+        from = to;
+    }
+    Ok(())
+}
+
+fn check_batch(bench: &Bench, numbers: std::ops::Range<u32>, random: &mut Random) -> Result<(), String> {
+    let samples = numbers.end - numbers.start;
     let (mut hits, mut queries, mut surfaces) = (0, Vec::new(), Vec::new());
-    for i in 0..samples {
-        let ray = bench.aim(i, &mut random);
+    for i in numbers {
+        let ray = bench.aim.ray(i, random);
         if let Some(solid) = bench.solid() {
-            let checked = check_solid(solid, &ray, bench.size(), &mut random);
+            let checked = check_solid(solid, &ray, bench.size(), random);
             checked.map_err(|law| format!("{law}; {ray:?}"))?;
         }
         queries.push((ray, f64::INFINITY, Skip::NOTHING));
@@ -99,12 +124,12 @@ fn first_broken(shape: Shape, samples: u32) -> Result<(), String> {
         let checked = bench
             .pure(&ray, &hit)
             .and_then(|()| bench.scales(&ray, &hit))
-            .and_then(|()| bench.on_surface(&ray, &hit, &mut random));
+            .and_then(|()| bench.on_surface(&ray, &hit, random));
         checked.map_err(|law| format!("{law}; {ray:?}, {hit:?}"))?;
     }
-    accelerator_streams(&bench, &queries)?;
+    accelerator_streams(bench, &queries)?;
     surface_streams(&bench.geometry, &surfaces)?;
-    if hits < samples / 50 {
+    if samples >= 50 && hits < samples / 50 {
         return Err(format!("too few of {samples} rays hit to tell: {hits}"));
     }
     Ok(())
@@ -155,27 +180,57 @@ impl Accelerator for Bench {
     }
 }
 
+/// Where rays are aimed.
+#[derive(Clone, Copy, Debug)]
+pub struct Aim {
+    center: DVec3,
+    /// Half the edge lengths.
+    half: DVec3,
+}
+
+impl Aim {
+    /// At a box; at the middle of the world where it is endless.
+    pub fn at(bounds: Aabb) -> Self {
+        let endless = Aabb::around([DVec3::splat(-10.0), DVec3::splat(10.0)]);
+        let aim = if bounds.is_finite() { bounds } else { endless };
+        Self {
+            center: aim.center(),
+            half: 0.5 * aim.extent(),
+        }
+    }
+
+    /// Half the longest edge.
+    pub fn size(&self) -> f64 {
+        self.half.max_element()
+    }
+
+    /// A ray from around, from inside, from near or from very far, to the box or a little beside it.
+    pub fn ray(&self, number: u32, random: &mut Random) -> Ray {
+        let target = self.center + 1.05 * self.half * random.cube();
+        let distance = [0.5, 3.0, 30.0, 1e5][number as usize % 4];
+        let origin = self.center + distance * self.size() * random.direction();
+        let direction = target - origin;
+        let length = [1.0, 0.01, 77.0][number as usize % 3];
+        Ray::new(origin, length * direction.normalize())
+    }
+}
+
 /// A shape alone in its world.
 struct Bench {
     geometry: Geometry,
     bounds: Aabb,
-    center: DVec3,
-    /// Half the edge lengths of where rays are aimed.
-    half: DVec3,
+    aim: Aim,
 }
 
 impl Bench {
     fn new(shape: Shape) -> Self {
-        let endless = Aabb::around([DVec3::splat(-10.0), DVec3::splat(10.0)]);
         let geometry = Geometry::new(vec![shape]);
         let elements = geometry.elements().map(|element| geometry.bounds(element));
         let bounds = elements.fold(Aabb::EMPTY, Aabb::union);
-        let aim = if bounds.is_finite() { bounds } else { endless };
         Self {
             geometry,
             bounds,
-            center: aim.center(),
-            half: 0.5 * aim.extent(),
+            aim: Aim::at(bounds),
         }
     }
 
@@ -187,17 +242,7 @@ impl Bench {
     }
 
     fn size(&self) -> f64 {
-        self.half.max_element()
-    }
-
-    /// A ray from around, from inside, from near or from very far, to the box or a little beside it.
-    fn aim(&self, number: u32, random: &mut Random) -> Ray {
-        let target = self.center + 1.05 * self.half * random.cube();
-        let distance = [0.5, 3.0, 30.0, 1e5][number as usize % 4];
-        let origin = self.center + distance * self.size() * random.direction();
-        let direction = target - origin;
-        let length = [1.0, 0.01, 77.0][number as usize % 3];
-        Ray::new(origin, length * direction.normalize())
+        self.aim.size()
     }
 
     fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Optional, Tuple
 
 from . import cameras, lights, registry, sdl, transforms
@@ -93,8 +93,9 @@ class _Scene:
             # The model drops a branch that leaves for the wrong side of the surface (rule G).
             fields.unsupported("POV-Ray bends reflections back that interpolated normals send into the surface; the model drops them")
         if solid.matrix is None:
-            solid = Solid(solid.body, solid.surface, solid.closed, own, solid.smooth)
+            solid = replace(solid, matrix=own)
         name = f"S{len(self.known)}"
+        self.declarations += [solid.head] if solid.head else []
         self.declarations.append(f"#declare {name} = {solid.body} }}")
         self.used.append(material)
         return name, solid, material

@@ -74,6 +74,16 @@ fn closed_forms_for_constants() {
         max_relative = 1e-14
     );
     assert_relative_eq!(
+        metrics.mape,
+        (0.25 / 0.51 + 0.5 / 1.01) / 3.0,
+        max_relative = 1e-14
+    );
+    assert_relative_eq!(
+        metrics.smape,
+        (0.5 / 1.26 + 1.0 / 1.51) / 3.0,
+        max_relative = 1e-14
+    );
+    assert_relative_eq!(
         metrics.psnr.unwrap(),
         20.0 * (2.0 / metrics.rmse).log10(),
         max_relative = 1e-15

@@ -5,6 +5,7 @@ use clap::Args;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use whitstone_image::error_map::trio;
+use whitstone_image::flip::{flip, flip_ldr};
 use whitstone_image::metrics::{self, NotFinite, WorstPixel};
 use whitstone_image::{
     CompareOptions, ErrorView, Image, Limits, Metrics, Tolerance, ToneMap, compare, exr_io,
@@ -54,6 +55,12 @@ pub struct Arguments {
     /// Tolerance of a pixel, as a fraction of the mean of the reference
     #[arg(long, value_name = "ABSOLUTE", default_value_t = Tolerance::default().absolute, value_parser = at_least_0)]
     absolute: f64,
+    /// Also how visible the difference is (FLIP), over exposures and as shown at the exposure 0: seconds a megapixel
+    #[arg(long)]
+    flip: bool,
+    /// Largest mean of FLIP over exposures that passes, 0 to 1
+    #[arg(long, value_name = "X", value_parser = at_least_0)]
+    max_flip: Option<f64>,
     /// How many of the worst pixels to list
     #[arg(long, value_name = "N", default_value_t = 10)]
     worst: usize,
@@ -71,6 +78,8 @@ struct Comparison {
     not_finite: NotFinite,
     /// Absent where values are not finite.
     metrics: Option<Metrics>,
+    /// Means of FLIP over exposures and of what is shown as it is, if wanted.
+    flip: Option<[f64; 2]>,
     over: usize,
     worst: Vec<WorstPixel>,
     /// Each limit that was not kept, with the value.
@@ -115,11 +124,20 @@ fn measure(arguments: &Arguments, ours: &Image, reference: &Image) -> Result<Com
     } else {
         None
     };
+    let wanted = metrics.is_some() && (arguments.flip || arguments.max_flip.is_some());
+    let flip = match wanted {
+        true => Some([
+            flip(ours, reference).map_err(Failure::usage)?.mean,
+            flip_ldr(ours, reference).map_err(Failure::usage)?.mean,
+        ]),
+        false => None,
+    };
     let over = metrics::over_tolerance(ours, reference, tolerance).map_err(Failure::usage)?;
     let worst = metrics::worst(ours, reference, arguments.worst, Some(&over)).map_err(Failure::usage)?;
     let mut comparison = Comparison {
         not_finite,
         metrics,
+        flip,
         over: over.count(),
         worst,
         broken: Vec::new(),
@@ -142,6 +160,7 @@ fn broken_limits(arguments: &Arguments, comparison: &Comparison) -> Vec<String> 
                 metrics.rel_rmse_interior,
                 arguments.max_rel_rmse_interior,
             ),
+            ("flip", comparison.flip.map(|[hdr, _]| hdr), arguments.max_flip),
         ];
         for (name, value, limit) in limits {
             if let (Some(value), Some(limit)) = (value, limit)
@@ -163,7 +182,13 @@ fn broken_limits(arguments: &Arguments, comparison: &Comparison) -> Vec<String> 
 }
 
 fn max_over(arguments: &Arguments) -> Option<usize> {
-    let other_limits = arguments.max_rmse.is_some() || arguments.max_rel_rmse_interior.is_some();
+    let other_limits = [
+        arguments.max_rmse,
+        arguments.max_rel_rmse_interior,
+        arguments.max_flip,
+    ]
+    .iter()
+    .any(Option::is_some);
     arguments.max_over.or((!other_limits).then_some(0))
 }
 
@@ -186,6 +211,8 @@ fn print(comparison: &Comparison, ours: &Image, reference: &Image) {
             &format!("{} (no pixel excluded)", optional(metrics.rel_rmse_interior)),
         );
         row("relmse", &format!("{:.6e}", metrics.relmse));
+        row("mape", &format!("{:.6e}", metrics.mape));
+        row("smape", &format!("{:.6e}", metrics.smape));
         row("mae", &format!("{:.6e}", metrics.mae));
         row("max_abs", &format!("{:.6e}", metrics.max_abs));
         row("signed_mean", &format!("{:.6e}", metrics.signed_mean));
@@ -201,6 +228,12 @@ fn print(comparison: &Comparison, ours: &Image, reference: &Image) {
             );
             row("signed_block_bias", &place);
         }
+    }
+    if let Some([hdr, ldr]) = comparison.flip {
+        row(
+            "flip",
+            &format!("{hdr:.6} over exposures, {ldr:.6} at exposure 0"),
+        );
     }
     row(
         "pixels over tolerance",
@@ -241,10 +274,13 @@ fn report(arguments: &Arguments, comparison: &Comparison) -> Value {
             "max_rmse": arguments.max_rmse,
             "max_rel_rmse_interior": arguments.max_rel_rmse_interior,
             "max_over": max_over(arguments),
+            "max_flip": arguments.max_flip,
         },
         "tolerance": { "relative": arguments.relative, "absolute": arguments.absolute },
         "nonfinite": comparison.not_finite,
         "metrics": comparison.metrics,
+        "flip": comparison.flip.map(|[hdr, _]| hdr),
+        "flip_ldr": comparison.flip.map(|[_, ldr]| ldr),
         "pixels_over_tolerance": comparison.over,
         "worst": comparison.worst,
     })

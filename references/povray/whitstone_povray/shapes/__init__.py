@@ -48,6 +48,8 @@ class Solid:
     matrix: Optional[Matrix] = None
     # Whether its normals are interpolated.
     smooth: bool = False
+    # What must be declared before the object.
+    head: str = ""
 
 
 def axes(place: Place) -> List[str]:

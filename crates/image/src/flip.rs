@@ -1,0 +1,446 @@
+//! FLIP: how visible the difference of two images is when one flips between them on a screen.
+//!
+//! Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild, *FLIP: A Difference Evaluator for Alternating Images*,
+//! PACMCGIT 3(2), 2020 (section 4: colour and feature pipelines), and Andersson, Nilsson, Shirley, Akenine-Möller, *Visualizing Errors
+//! in Rendered High Dynamic Range Images*, Eurographics 2021 short papers, for [`flip`]: the largest value over tone-mapped exposures.
+//!
+//! Written from the papers, in double precision; the tests hold values of `flip-evaluator` 1.7.
+
+use crate::metrics::{CompareError, Pair};
+use crate::planes::Image;
+use crate::sum::Sum;
+use serde::Serialize;
+use std::f64::consts::PI;
+
+/// Pixels in a degree of the visual field that the values are meant for: a screen of 3840 pixels and 0.7 m seen from 0.7 m.
+pub const PIXELS_PER_DEGREE: f64 = 0.7 * (3840.0 / 0.7) * (PI / 180.0);
+
+/// How visible a difference is.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Flip {
+    /// Mean over all pixels, 0 (nothing to see) to 1.
+    pub mean: f64,
+    /// Row by row, each 0 to 1.
+    #[serde(skip)]
+    pub map: Vec<f64>,
+    /// First and last exposure looked at, in stops, and how many; `None` for [`flip_ldr`].
+    pub exposures: Option<(f64, f64, usize)>,
+}
+
+/// HDR-FLIP: of linear values of any range. Negative values count as 0.
+///
+/// # Errors
+/// [`CompareError`]: sizes, placements or channels that differ, values that are not finite.
+pub fn flip(ours: &Image, reference: &Image) -> Result<Flip, CompareError> {
+    let pair = Pair::new(ours, reference)?;
+    pair.check_finite()?;
+    let [ours, reference] = both(&pair);
+    let (start, stop) = exposures(&reference);
+    let count = (stop - start).ceil().max(2.0) as usize;
+    let filters = Filters::new(PIXELS_PER_DEGREE);
+    let mut map = vec![0.0_f64; pair.pixels()];
+    for i in 0..count {
+        let exposure = start + (stop - start) * i as f64 / (count - 1) as f64;
+        let shown = |image: &[Vec3]| -> Vec<Vec3> {
+            let factor = exposure.exp2();
+            image.iter().map(|rgb| rgb.map(|x| tone(x * factor))).collect()
+        };
+        let of_exposure = filters.map(&shown(&ours), &shown(&reference), pair.width);
+        for (worst, value) in map.iter_mut().zip(of_exposure) {
+            *worst = worst.max(value);
+        }
+    }
+    Ok(Flip {
+        mean: mean(&map),
+        map,
+        exposures: Some((start, stop, count)),
+    })
+}
+
+/// LDR-FLIP: of linear values, shown as they are; what is outside [0, 1] is limited to it.
+///
+/// # Errors
+/// [`CompareError`]: sizes, placements or channels that differ, values that are not finite.
+pub fn flip_ldr(ours: &Image, reference: &Image) -> Result<Flip, CompareError> {
+    let pair = Pair::new(ours, reference)?;
+    pair.check_finite()?;
+    let [ours, reference] = both(&pair).map(|image| {
+        let limited = image.into_iter().map(|rgb| rgb.map(|x| x.clamp(0.0, 1.0)));
+        limited.collect::<Vec<Vec3>>()
+    });
+    let map = Filters::new(PIXELS_PER_DEGREE).map(&ours, &reference, pair.width);
+    Ok(Flip {
+        mean: mean(&map),
+        map,
+        exposures: None,
+    })
+}
+
+type Vec3 = [f64; 3];
+
+fn both(pair: &Pair<'_>) -> [Vec<Vec3>; 2] {
+    let image = |of: fn((f64, f64)) -> f64| {
+        let pixels = (0..pair.pixels()).map(|index| pair.at(index).map(|values| of(values).max(0.0)));
+        pixels.collect()
+    };
+    [image(|(ours, _)| ours), image(|(_, reference)| reference)]
+}
+
+fn mean(map: &[f64]) -> f64 {
+    let mut sum = Sum::default();
+    map.iter().for_each(|&value| sum.add(value));
+    sum.total() / map.len().max(1) as f64
+}
+
+/// The fit to the ACES curve by Narkowicz (2016), with the exposure of 0.6 that belongs to it: numerator and denominator.
+const ACES: [f64; 6] = [0.36 * 2.51, 0.6 * 0.03, 0.0, 0.36 * 2.43, 0.6 * 0.59, 0.14];
+
+fn tone(x: f64) -> f64 {
+    let [a, b, c, d, e, f] = ACES;
+    ((a * x * x + b * x + c) / (d * x * x + e * x + f)).clamp(0.0, 1.0)
+}
+
+/// The exposures in stops at which the brightest and the median pixel are shown at 0.85 (2021, section 3.1).
+fn exposures(reference: &[Vec3]) -> (f64, f64) {
+    const SHOWN: f64 = 0.85;
+    let [a, b, c] = [0, 1, 2].map(|i| ACES[i] - SHOWN * ACES[i + 3]);
+    let half = -0.5 * b / a;
+    let value = half + (half * half - c / a).sqrt();
+    let mut luminance: Vec<f64> = reference.iter().map(luminance_of).collect();
+    let brightest = luminance.iter().copied().fold(0.0, f64::max);
+    let middle = luminance.len() / 2;
+    let median = match luminance.is_empty() {
+        true => 0.0,
+        false => {
+            luminance.sort_unstable_by(f64::total_cmp);
+            0.5 * (luminance[middle] + luminance[(luminance.len() - 1) / 2])
+        }
+    };
+    // What is black is black at every exposure.
+    let stops = |luminance: f64| (value / luminance.max(f64::from(f32::EPSILON))).log2();
+    (stops(brightest), stops(median))
+}
+
+/// Rec. 709.
+fn luminance_of([r, g, b]: &Vec3) -> f64 {
+    0.2126 * r + 0.7152 * g + 0.0722 * b
+}
+
+/// CIE XYZ of linear Rec. 709 (IEC 61966-2-1), so that white has Y = 1.
+fn xyz([r, g, b]: Vec3) -> Vec3 {
+    [
+        (10_135_552.0 * r + 8_788_810.0 * g + 4_435_075.0 * b) / 24_577_794.0,
+        (2_613_072.0 * r + 8_788_810.0 * g + 887_015.0 * b) / 12_288_897.0,
+        (1_425_312.0 * r + 8_788_810.0 * g + 70_074_185.0 * b) / 73_733_382.0,
+    ]
+}
+
+/// Linear Rec. 709 of CIE XYZ: the inverse of [`xyz`].
+fn rgb([x, y, z]: Vec3) -> Vec3 {
+    [
+        3.241_003_232_976_358_7 * x - 1.537_398_969_488_785_5 * y - 0.498_615_881_996_362_9 * z,
+        -0.969_224_252_202_516_6 * x + 1.875_929_983_695_176 * y + 0.041_554_226_340_084_724 * z,
+        0.055_639_419_851_975_444 * x - 0.204_011_206_123_909_97 * y + 1.057_148_977_187_533_5 * z,
+    ]
+}
+
+/// XYZ over that of white.
+fn relative(xyz_value: Vec3) -> Vec3 {
+    let white = xyz([1.0; 3]);
+    [0, 1, 2].map(|i| xyz_value[i] / white[i])
+}
+
+/// An opponent space that is linear in light: Zhang and Wandell's, with Y, Cx and Cz.
+fn ycxcz(rgb: Vec3) -> Vec3 {
+    let [x, y, z] = relative(xyz(rgb));
+    [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+fn from_ycxcz([y, cx, cz]: Vec3) -> Vec3 {
+    let y = (y + 16.0) / 116.0;
+    let white = xyz([1.0; 3]);
+    rgb([
+        (y + cx / 500.0) * white[0],
+        y * white[1],
+        (y - cz / 200.0) * white[2],
+    ])
+}
+
+/// CIELAB with Hunt's effect: colours count less where it is dark.
+fn hunt_lab(rgb: Vec3) -> Vec3 {
+    const DELTA: f64 = 6.0 / 29.0;
+    let [x, y, z] = relative(xyz(rgb)).map(|t| {
+        if t > DELTA * DELTA * DELTA {
+            t.cbrt()
+        } else {
+            t / (3.0 * DELTA * DELTA) + 4.0 / 29.0
+        }
+    });
+    let l = 116.0 * y - 16.0;
+    [l, 0.01 * l * 500.0 * (x - y), 0.01 * l * 200.0 * (y - z)]
+}
+
+/// The distance of Abasi, Amani Tehrani and Fairchild (2020), for large differences, to the power of 0.7.
+fn distance(a: Vec3, b: Vec3) -> f64 {
+    ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
+}
+
+/// A kernel of one dimension; its middle is the middle element.
+type Kernel = Vec<f64>;
+
+/// The filters for one distance from the screen.
+struct Filters {
+    /// Contrast sensitivity: for each channel, sums of products of a kernel across and the same down.
+    sensitivity: [Vec<(f64, Kernel)>; 3],
+    /// A Gaussian and its first two derivatives, as wide as a feature that is noticed.
+    feature: [Kernel; 3],
+    /// The distance that counts as the largest: from green to blue.
+    farthest: f64,
+}
+
+impl Filters {
+    fn new(per_degree: f64) -> Self {
+        // Movshon and Kiorpes (1988), as in table 1 of the paper: amplitude and width of each Gaussian.
+        const SENSITIVITY: [&[(f64, f64)]; 3] =
+            [&[(1.0, 0.0047)], &[(1.0, 0.0053)], &[(34.1, 0.04), (13.5, 0.025)]];
+        let widest = 0.04_f64;
+        let radius = (3.0 * (widest / (2.0 * PI * PI)).sqrt() * per_degree).ceil() as i64;
+        let sensitivity = SENSITIVITY.map(|gaussians| {
+            let mut parts: Vec<(f64, Kernel)> = Vec::new();
+            for &(amplitude, width) in gaussians {
+                let at = |i: i64| (-PI * PI * (i as f64 / per_degree).powi(2) / width).exp();
+                parts.push((
+                    amplitude * (PI / width).sqrt(),
+                    (-radius..=radius).map(at).collect(),
+                ));
+            }
+            let total: f64 = parts
+                .iter()
+                .map(|(factor, kernel)| factor * kernel.iter().sum::<f64>().powi(2))
+                .sum();
+            parts.iter_mut().for_each(|(factor, _)| *factor /= total);
+            parts
+        });
+        // Half of the width of 0.082 degrees that edges seem to have.
+        let deviation = 0.5 * 0.082 * per_degree;
+        let reach = (3.0 * deviation).ceil() as i64;
+        let gaussian = |i: i64| (-((i * i) as f64) / (2.0 * deviation * deviation)).exp();
+        let first = |i: i64| -(i as f64) * gaussian(i);
+        let second = |i: i64| ((i * i) as f64 / (deviation * deviation) - 1.0) * gaussian(i);
+        let kernel = |of: &dyn Fn(i64) -> f64| balanced((-reach..=reach).map(of).collect());
+        Self {
+            sensitivity,
+            feature: [kernel(&gaussian), kernel(&first), kernel(&second)],
+            farthest: distance(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0])),
+        }
+    }
+
+    /// The values of two images with values in [0, 1].
+    fn map(&self, ours: &[Vec3], reference: &[Vec3], width: usize) -> Vec<f64> {
+        let (ours, reference) = (self.seen(ours, width), self.seen(reference, width));
+        let value = |(ours, reference): (&Seen, &Seen)| {
+            let colour = self.spread(distance(ours.color, reference.color));
+            let edge = (ours.edge - reference.edge).abs();
+            let point = (ours.point - reference.point).abs();
+            let feature = (edge.max(point) / 2.0_f64.sqrt()).sqrt();
+            colour.powf(1.0 - feature)
+        };
+        ours.iter().zip(&reference).map(value).collect()
+    }
+
+    /// Distances to [0, 1]: 0.4 of the largest one becomes 0.95, and the rest shares what is above.
+    fn spread(&self, distance: f64) -> f64 {
+        const KNEE: (f64, f64) = (0.4, 0.95);
+        let knee = KNEE.0 * self.farthest;
+        if distance < knee {
+            KNEE.1 / knee * distance
+        } else {
+            KNEE.1 + (distance - knee) / (self.farthest - knee) * (1.0 - KNEE.1)
+        }
+    }
+
+    fn seen(&self, image: &[Vec3], width: usize) -> Vec<Seen> {
+        let opponent: Vec<Vec3> = image.iter().map(|&rgb| ycxcz(rgb)).collect();
+        let plane = |i: usize| -> Vec<f64> { opponent.iter().map(|pixel| pixel[i]).collect() };
+        let filtered = [0, 1, 2].map(|i| {
+            let plane = plane(i);
+            let mut sum = vec![0.0; plane.len()];
+            for (factor, kernel) in &self.sensitivity[i] {
+                let part = separable(&plane, width, kernel, kernel);
+                sum.iter_mut()
+                    .zip(part)
+                    .for_each(|(sum, part)| *sum += factor * part);
+            }
+            sum
+        });
+        let grey: Vec<f64> = opponent.iter().map(|pixel| (pixel[0] + 16.0) / 116.0).collect();
+        let [gaussian, first, second] = &self.feature;
+        let both = |kernel: &Kernel| {
+            let across = separable(&grey, width, kernel, gaussian);
+            let down = separable(&grey, width, gaussian, kernel);
+            across
+                .into_iter()
+                .zip(down)
+                .map(|(x, y)| x.hypot(y))
+                .collect::<Vec<f64>>()
+        };
+        let (edges, points) = (both(first), both(second));
+        let pixel = |i: usize| Seen {
+            color: hunt_lab(from_ycxcz(filtered.each_ref().map(|plane| plane[i])).map(|x| x.clamp(0.0, 1.0))),
+            edge: edges[i],
+            point: points[i],
+        };
+        (0..image.len()).map(pixel).collect()
+    }
+}
+
+/// A pixel as it is seen from the distance.
+struct Seen {
+    color: Vec3,
+    edge: f64,
+    point: f64,
+}
+
+/// Positive weights made to sum to 1, and negative ones to -1.
+fn balanced(kernel: Kernel) -> Kernel {
+    let positive: f64 = kernel.iter().filter(|&&x| x > 0.0).sum();
+    let negative: f64 = kernel.iter().filter(|&&x| x < 0.0).sum();
+    let scale = |x: f64| {
+        if x > 0.0 {
+            x / positive
+        } else {
+            -x / negative.min(-f64::MIN_POSITIVE)
+        }
+    };
+    kernel.into_iter().map(scale).collect()
+}
+
+/// A plane filtered across and down. Beyond the border it goes on as at the border.
+fn separable(plane: &[f64], width: usize, across: &[f64], down: &[f64]) -> Vec<f64> {
+    let height = plane.len() / width.max(1);
+    let near = |i: usize, k: usize, radius: usize, size: usize| (i + k).saturating_sub(radius).min(size - 1);
+    let radius = across.len() / 2;
+    let mut rows = vec![0.0; plane.len()];
+    for (row, out) in plane.chunks(width).zip(rows.chunks_mut(width)) {
+        for (x, out) in out.iter_mut().enumerate() {
+            let sum = across
+                .iter()
+                .enumerate()
+                .map(|(k, weight)| weight * row[near(x, k, radius, width)]);
+            *out = sum.sum();
+        }
+    }
+    let radius = down.len() / 2;
+    let mut result = vec![0.0; plane.len()];
+    for (y, out) in result.chunks_mut(width).enumerate() {
+        for (k, weight) in down.iter().enumerate() {
+            let row = &rows[width * near(y, k, radius, height)..][..width];
+            out.iter_mut()
+                .zip(row)
+                .for_each(|(out, value)| *out += weight * value);
+        }
+    }
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_abs_diff_eq;
+
+    const SIZE: (usize, usize) = (40, 30);
+
+    fn image(of: impl Fn(usize, usize, usize) -> f32) -> Image {
+        let pixels: Vec<[f32; 3]> = (0..SIZE.0 * SIZE.1)
+            .map(|i| [0, 1, 2].map(|c| of(i % SIZE.0, i / SIZE.0, c)))
+            .collect();
+        Image::from_rgb(SIZE.0, SIZE.1, &pixels).unwrap()
+    }
+
+    fn pattern(k: usize) -> impl Fn(usize, usize, usize) -> f32 {
+        move |x, y, c| {
+            let blocks = (x / 8 + y / 6) % 2 * 12;
+            (blocks + (x * 7 + y * 13 + c * 5 + k * (x / 5) + k * c * 3) % 20) as f32 / 32.0
+        }
+    }
+
+    fn dot(x: usize, y: usize, c: usize) -> f32 {
+        if (12..14).contains(&y) && (20..22).contains(&x) {
+            [1.0, 0.0, 0.0][c]
+        } else {
+            pattern(0)(x, y, c)
+        }
+    }
+
+    fn shifted(x: usize, y: usize, c: usize) -> f32 {
+        pattern(0)((x + SIZE.0 - 1) % SIZE.0, y, c)
+    }
+
+    fn high(of: impl Fn(usize, usize, usize) -> f32) -> impl Fn(usize, usize, usize) -> f32 {
+        move |x, y, c| (of(x, y, c) * 8.0).powi(2) + 0.01
+    }
+
+    /// The mean, three pixels and the largest value, as `flip_evaluator.evaluate(reference, test, range, inputsRGB=False,
+    /// applyMagma=False)` of version 1.7 tells them.
+    fn agrees(found: &Flip, expected: [f64; 5]) {
+        let at = |x: usize, y: usize| found.map[y * SIZE.0 + x];
+        let largest = found.map.iter().copied().fold(0.0, f64::max);
+        let values = [found.mean, at(20, 12), at(0, 0), at(39, 29), largest];
+        for (found, expected) in values.into_iter().zip(expected) {
+            assert_abs_diff_eq!(found, expected, epsilon = 1e-4);
+        }
+    }
+
+    #[test]
+    fn low_range_as_the_authors_program() {
+        let reference = image(pattern(0));
+        let flip = |of: &dyn Fn(usize, usize, usize) -> f32| flip_ldr(&image(of), &reference).unwrap();
+        agrees(
+            &flip(&pattern(1)),
+            [0.318156451, 0.18955265, 0.3981472, 0.43624064, 0.783674],
+        );
+        agrees(&flip(&dot), [0.008647039, 0.35936, 0.0, 0.0, 0.40440708]);
+        agrees(
+            &flip(&shifted),
+            [0.2131771, 0.10066833, 0.5989294, 0.5225336, 0.6271329],
+        );
+    }
+
+    #[test]
+    fn high_range_as_the_authors_program() {
+        let reference = image(high(pattern(0)));
+        let found = flip(&image(high(pattern(1))), &reference).unwrap();
+        let (start, stop, count) = found.exposures.unwrap();
+        assert_abs_diff_eq!(start, -4.647458076, epsilon = 1e-5);
+        assert_abs_diff_eq!(stop, -3.006349325, epsilon = 1e-5);
+        assert_eq!(count, 2);
+        agrees(&found, [0.336236686, 0.26055157, 0.4748305, 0.6303607, 0.9328241]);
+        let found = flip(&image(high(dot)), &reference).unwrap();
+        agrees(&found, [0.010069047, 0.40759432, 0.0, 0.0, 0.47584397]);
+        let found = flip(&image(high(shifted)), &reference).unwrap();
+        agrees(
+            &found,
+            [0.240154669, 0.11054143, 0.78709537, 0.66894776, 0.78709537],
+        );
+    }
+
+    #[test]
+    fn the_same_image_has_nothing_to_see_and_black_is_no_trouble() {
+        let same = image(pattern(0));
+        assert_eq!(flip(&same, &same).unwrap().mean, 0.0);
+        let black = image(|_, _, _| 0.0);
+        assert_eq!(flip(&black, &black).unwrap().mean, 0.0);
+        let found = flip(&same, &black).unwrap();
+        assert!(found.mean > 0.1 && found.map.iter().all(|x| (0.0..=1.0).contains(x)));
+        assert!(flip(&image(|_, _, _| f32::NAN), &same).is_err());
+    }
+
+    #[test]
+    fn back_from_the_opponent_space() {
+        for color in [[0.2, 0.5, 0.9], [1.0, 1.0, 1.0], [0.0, 1.0, 0.0]] {
+            for (found, expected) in from_ycxcz(ycxcz(color)).into_iter().zip(color) {
+                assert_abs_diff_eq!(found, expected, epsilon = 1e-12);
+            }
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Where both have the shape, our largest error against the oracle is never above Mitsuba's. No harness, as the process must end by
+//! [`Mitsuba::exit`].
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use whitstone::core::{Aabb, DVec3, Interval, Ray, Skip, Transform};
+use whitstone::validate::environment::Environment;
+use whitstone_mitsuba::Mitsuba;
+use whitstone_oracle::agreement::{Errors, Subject};
+use whitstone_oracle::cases::CASES;
+use whitstone_testkit::{Aim, Random, placements};
+
+/// Rays of one case at one place.
+const RAYS: u32 = 600;
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// Numbers that single precision has, and unit length as far as it goes: the same ray for everyone.
+fn rounded(ray: &Ray) -> Ray {
+    let [origin, direction] = [ray.origin, ray.direction.normalize()].map(|v| v.as_vec3().as_dvec3());
+    Ray::new(origin, direction)
+}
+
+/// Errors of one set of rays: ours, those of the textbook form in single precision, and Mitsuba's.
+struct Compared {
+    name: String,
+    ours: Errors,
+    textbook: Errors,
+    mitsuba: Errors,
+}
+
+fn compare(mitsuba: &Mitsuba, scene: &str, name: String) -> Option<Compared> {
+    let registry = whitstone::registry();
+    let scenes = repository().join("scenes");
+    let subject = Subject::new(scene, &scenes, &registry).ok()?;
+    let world = &subject.pipeline.world;
+    let elements = world
+        .geometry
+        .elements()
+        .map(|element| world.geometry.bounds(element));
+    let aim = Aim::at(elements.fold(Aabb::EMPTY, Aabb::union));
+    let mut random = Random::new(41);
+    let rays: Vec<Ray> = (0..RAYS)
+        .map(|number| rounded(&aim.ray(number, &mut random)))
+        .collect();
+    let camera =
+        "camera = { type = \"perspective\", look_at = { origin = [0, 0, 9], target = [0, 0, 0] } }\n";
+    let found = mitsuba
+        .closest(&format!("{camera}{scene}"), &scenes, &rays)
+        .expect("Mitsuba answers")?;
+    let mut compared = Compared {
+        name,
+        ours: Errors::default(),
+        textbook: Errors::default(),
+        mitsuba: Errors::default(),
+    };
+    for (ray, theirs) in rays.iter().zip(found) {
+        let truth = subject.oracle.nearest(ray, Interval::FORWARD);
+        let ours = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING);
+        compared.ours.add(&truth, ours.map(|hit| hit.t));
+        let [o, d] = [ray.origin, ray.direction].map(|v: DVec3| v.as_vec3().to_array());
+        compared
+            .textbook
+            .add(&truth, subject.textbook_f32.closest(o, d).map(f64::from));
+        compared.mitsuba.add(&truth, theirs);
+    }
+    Some(compared)
+}
+
+fn is_worse(one: &Errors, other: &Errors) -> bool {
+    one.most_ulps > other.most_ulps || one.wrong_class > other.wrong_class
+}
+
+fn main() {
+    let target = repository().join("target/whitstone");
+    let references = repository().join("references");
+    let environment = Environment::ensure(&target, &references, &|what| println!("{what}"));
+    let mitsuba = Mitsuba::start(&environment.expect("there is an environment")).expect("Python starts");
+    let places: Vec<(&str, Transform)> = placements();
+    let mut all = Vec::new();
+    for case in CASES {
+        for (place, transform) in &places {
+            let name = format!(
+                "{} ({}), {place}",
+                case.shape,
+                case.keys.lines().next().unwrap_or_default()
+            );
+            all.extend(compare(
+                &mitsuba,
+                &case.scene(transform.world_from_object()),
+                name,
+            ));
+        }
+    }
+    let mut table = String::new();
+    for Compared {
+        name,
+        ours,
+        textbook,
+        mitsuba,
+    } in &all
+    {
+        let part = |errors: &Errors| format!("{:.2e} ulp, {} wrong", errors.most_ulps, errors.wrong_class);
+        let _ = writeln!(
+            table,
+            "{name}: {}; textbook {}; Mitsuba {}",
+            part(ours),
+            part(textbook),
+            part(mitsuba)
+        );
+    }
+    println!("{table}");
+    assert!(all.len() > 30, "{} sets of rays", all.len());
+    let worse: Vec<&str> = all
+        .iter()
+        .filter(|set| is_worse(&set.ours, &set.mitsuba))
+        .map(|set| set.name.as_str())
+        .collect();
+    assert_eq!(worse, Vec::<&str>::new(), "{table}");
+    // The textbook form in our place would not pass.
+    let count = all
+        .iter()
+        .filter(|set| is_worse(&set.textbook, &set.mitsuba))
+        .count();
+    assert!(count > 5, "{table}");
+    println!(
+        "{} sets of rays: ours is never worse than Mitsuba, the textbook form in {count}",
+        all.len()
+    );
+    mitsuba.exit(0)
+}

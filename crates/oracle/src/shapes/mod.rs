@@ -1,0 +1,121 @@
+//! Where lines meet each shape of the model, section 9. One file is one shape.
+//!
+//! A shape without a file here is one that the oracle does not know; what is met by root finding of other kinds (isosurfaces, implicit
+//! surfaces, fractals) finds the intervals of [`crate::interval`] and the polynomials of [`crate::polynomial`] ready.
+
+pub(crate) mod cone;
+mod conic;
+pub(crate) mod csg;
+pub(crate) mod cuboid;
+pub(crate) mod cylinder;
+pub(crate) mod disk;
+pub(crate) mod ellipsoid;
+pub(crate) mod heightfield;
+pub(crate) mod hyperboloid;
+pub(crate) mod instance;
+pub(crate) mod mesh;
+pub(crate) mod paraboloid;
+pub(crate) mod patch;
+pub(crate) mod plane;
+pub(crate) mod polygon;
+pub(crate) mod quadric;
+pub(crate) mod rectangle;
+pub(crate) mod sphere;
+pub(crate) mod torus;
+pub(crate) mod triangle;
+
+use crate::interval::Decided;
+use crate::root::Roots;
+use crate::vector::Line;
+use std::path::Path;
+use whitstone_core::config::{FilePath, Table, decode};
+use whitstone_core::{DAffine3, SceneError, SceneErrors};
+use whitstone_scene::{Description, PluginTable};
+
+/// The types that the oracle knows.
+pub(crate) const KNOWN: [&str; 19] = [
+    "box",
+    "cone",
+    "csg",
+    "cylinder",
+    "disk",
+    "ellipsoid",
+    "heightfield",
+    "hyperboloid",
+    "instance",
+    "mesh",
+    "paraboloid",
+    "patch",
+    "plane",
+    "polygon",
+    "quadric",
+    "rectangle",
+    "sphere",
+    "torus",
+    "triangle",
+];
+
+/// A shape in its own space.
+pub(crate) trait Surface: Send + Sync {
+    /// All places where a line meets it.
+    fn meet(&self, line: &Line) -> Decided<Roots>;
+}
+
+/// A shape and where it stands.
+pub(crate) struct Placed {
+    pub(crate) surface: Box<dyn Surface>,
+    pub(crate) map: DAffine3,
+}
+
+impl Surface for Placed {
+    fn meet(&self, line: &Line) -> Decided<Roots> {
+        let inside = line.inside(&self.map)?;
+        let mut roots = self.surface.meet(&inside)?;
+        let placed = roots.all.drain(..).map(|root| root.placed(&self.map, &inside));
+        roots.all = placed.collect();
+        Ok(roots)
+    }
+}
+
+/// The shape of a table.
+pub(crate) fn surface(
+    description: &Description<'_>,
+    plugin: &PluginTable<'_>,
+) -> Result<Box<dyn Surface>, SceneErrors> {
+    let table: &Table<'_> = &plugin.table;
+    Ok(match plugin.name.as_str() {
+        "box" => Box::new(decode::<cuboid::Cuboid>(table)?),
+        "cone" => Box::new(decode::<cone::Cone>(table)?),
+        "csg" => Box::new(csg::Csg::new(description, &decode(table)?)?),
+        "cylinder" => Box::new(decode::<cylinder::Cylinder>(table)?),
+        "disk" => Box::new(decode::<disk::Disk>(table)?),
+        "ellipsoid" => Box::new(decode::<ellipsoid::Ellipsoid>(table)?),
+        "heightfield" => Box::new(decode::<heightfield::Heightfield>(table)?.triangles()),
+        "hyperboloid" => Box::new(decode::<hyperboloid::Hyperboloid>(table)?),
+        "instance" => Box::new(instance::Instance::new(description, &decode(table)?)?),
+        "mesh" => Box::new(mesh::read(description, &decode(table)?)?),
+        "paraboloid" => Box::new(decode::<paraboloid::Paraboloid>(table)?),
+        "patch" => Box::new(decode::<patch::Patches>(table)?.read()?),
+        "plane" => Box::new(decode::<plane::Plane>(table)?),
+        "polygon" => Box::new(decode::<polygon::Polygon>(table)?),
+        "quadric" => Box::new(decode::<quadric::Quadric>(table)?),
+        "rectangle" => Box::new(decode::<rectangle::Rectangle>(table)?),
+        "sphere" => Box::new(decode::<sphere::Sphere>(table)?),
+        "torus" => Box::new(decode::<torus::Torus>(table)?),
+        "triangle" => Box::new(decode::<triangle::Triangle>(table)?),
+        other => {
+            let message = format!("the oracle does not know the shape \"{other}\"");
+            return Err(SceneError::at(plugin.name_span.clone(), message).into());
+        }
+    })
+}
+
+/// The text of a file that a shape names.
+fn text(description: &Description<'_>, file: &FilePath) -> Result<String, SceneError> {
+    let path = description.sources.base().join(Path::new(&file.path));
+    std::fs::read_to_string(&path).map_err(|error| SceneError::at(file.span.clone(), error.to_string()))
+}
+
+fn yes() -> bool {
+    true
+}

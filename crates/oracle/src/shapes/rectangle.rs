@@ -1,0 +1,18 @@
+//! z = 0, -1 <= x, y <= 1.
+
+use super::{Surface, plane};
+use crate::interval::{Decided, Interval};
+use crate::root::Roots;
+use crate::vector::Line;
+use serde::Deserialize;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Rectangle {}
+
+impl Surface for Rectangle {
+    fn meet(&self, line: &Line) -> Decided<Roots> {
+        let near = |x: &Interval| (x.abs() - line.number(1.0)).is_at_most_zero();
+        plane::part(line, |x, y| Ok(near(x)? && near(y)?))
+    }
+}

@@ -1,0 +1,87 @@
+//! Triangles; those of a shape are numbered in their order.
+
+use super::Surface;
+use crate::interval::{Decided, Undecided};
+use crate::root::{Root, Roots};
+use crate::vector::Line;
+use serde::Deserialize;
+use std::cmp::Ordering;
+use whitstone_core::DVec3;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Triangle {
+    pub(crate) vertices: [[f64; 3]; 3],
+    #[serde(default, rename = "normals")]
+    _normals: Option<[[f64; 3]; 3]>,
+    #[serde(default, rename = "uvs")]
+    _uvs: Option<[[f64; 2]; 3]>,
+}
+
+impl Surface for Triangle {
+    fn meet(&self, line: &Line) -> Decided<Roots> {
+        let root = meet(self.vertices, 0, line)?;
+        Ok(Roots::new(root.into_iter().collect()))
+    }
+}
+
+/// Many of them.
+#[derive(Debug)]
+pub(crate) struct Triangles(pub(crate) Vec<[[f64; 3]; 3]>);
+
+impl Surface for Triangles {
+    fn meet(&self, line: &Line) -> Decided<Roots> {
+        let (o, d) = (line.origin.nearest(), line.direction.nearest());
+        let mut all = Vec::new();
+        for (vertices, number) in self.0.iter().zip(0..) {
+            if may_meet(vertices, o, d) {
+                all.extend(meet(*vertices, number, line)?);
+            }
+        }
+        Ok(Roots::new(all))
+    }
+}
+
+/// False only if the line certainly passes by: by far more than the rounding of these few operations.
+fn may_meet(vertices: &[[f64; 3]; 3], o: DVec3, d: DVec3) -> bool {
+    let [a, b, c] = vertices.map(DVec3::from_array);
+    let radius = (b - a).length().max((c - a).length());
+    let across = (a - o).cross(d).length();
+    let rounding = 1e-9 * (a.abs() + o.abs()).length() * d.length();
+    across <= 1.000_001 * radius * d.length() + rounding
+}
+
+/// The place where a line meets a triangle, its edges included; one without an area is never met.
+fn meet(vertices: [[f64; 3]; 3], number: u32, line: &Line) -> Decided<Option<Root>> {
+    let corners = vertices.map(|vertex| line.point(vertex));
+    let [a, b, c] = &corners;
+    let normal = b.minus(a).cross(&c.minus(a));
+    let along = normal.dot(&line.direction);
+    let to_plane = normal.dot(&a.minus(&line.origin));
+    let side = along.sign()?;
+    if side == Ordering::Equal {
+        let is_flat = normal.0.iter().all(|x| x.sign() == Ok(Ordering::Equal));
+        return match to_plane.sign()? {
+            // The line lies in its plane.
+            Ordering::Equal if !is_flat => Err(Undecided),
+            _ => Ok(None),
+        };
+    }
+    // Twice the volumes between the line and each edge: their signs say on which side it passes.
+    let [pa, pb, pc] = [a, b, c].map(|corner| corner.minus(&line.origin));
+    let mut volumes = [0.0; 3];
+    for (k, [p, q]) in [[&pb, &pc], [&pc, &pa], [&pa, &pb]].into_iter().enumerate() {
+        let volume = line.direction.dot(&p.cross(q));
+        let sign = volume.sign()?;
+        if sign != Ordering::Equal && sign != side {
+            return Ok(None);
+        }
+        volumes[k] = volume.nearest();
+    }
+    let t = to_plane.over(&along)?;
+    let sum: f64 = volumes.iter().sum();
+    let corners = vertices.map(|vertex| DVec3::from_array(vertex).abs());
+    let weighted = (0..3).map(|k| volumes[k] / sum * corners[k]).sum();
+    let n = normal.nearest();
+    Ok(Some(Root::new(t, number, &along, n, n.abs().dot(weighted))?))
+}

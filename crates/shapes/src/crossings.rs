@@ -1,0 +1,238 @@
+//! Where a function of one variable changes its sign: all places, in order, by bisection of ranges.
+//!
+//! Mitchell, *Robust ray intersection with interval arithmetic*, Graphics Interface 1990: a range on which the function
+//! keeps its sign is left out, one on which its slope does is a bracket with at most one root, for Newton's method; all
+//! others are halved.
+
+use std::ops::ControlFlow;
+
+/// A function of s in [0, 1], negative inside.
+pub(crate) trait Along {
+    /// Value and slope; the slope only helps.
+    fn at(&self, s: f64) -> (f64, f64);
+
+    /// What is known of it from `lo` to `hi`.
+    fn over(&self, lo: f64, hi: f64) -> Known;
+}
+
+/// What is known of a function on a range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Known {
+    /// It keeps its sign.
+    Apart,
+    /// Its sign changes once at most; or where else it changes does not matter.
+    OnceAtMost,
+    Nothing,
+}
+
+/// A change of sign.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Crossing {
+    pub s: f64,
+    /// From positive (or zero) to negative.
+    pub enters: bool,
+}
+
+/// So many ranges are looked at in full; those that are still open then, [`DEPTH`] at most, are searched for one root each.
+pub(crate) const STEPS: u32 = 1 << 13;
+/// Halvings of one range at most.
+const DEPTH: usize = 46;
+/// What is not wider is searched for one root.
+const NARROWEST: f64 = 1.0 / (1u64 << DEPTH) as f64;
+/// Steps to a root: every third one halves the bracket, whatever the slopes are, to its 53 digits.
+const REFINEMENTS: u32 = 159;
+
+/// Calls `visit` for every crossing in order, until it breaks. Crossings alternate. At most [`STEPS`] + [`DEPTH`] + 1 ranges and
+/// [`REFINEMENTS`] values for each crossing.
+pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> ControlFlow<()>) -> u32 {
+    // The range in work reaches from `lo` to the last of the ends, the next one to the one before, ...
+    let mut ends = [1.0; DEPTH + 1];
+    let (mut last, mut lo, mut steps) = (0, 0.0, 0);
+    let mut inside = f.at(lo).0 < 0.0;
+    loop {
+        let hi = ends[last];
+        steps += 1;
+        let known = if steps > STEPS || hi - lo <= NARROWEST {
+            Known::OnceAtMost
+        } else {
+            f.over(lo, hi)
+        };
+        match known {
+            Known::Apart => {}
+            Known::Nothing => {
+                last += 1;
+                ends[last] = 0.5 * (lo + hi);
+                continue;
+            }
+            Known::OnceAtMost => {
+                let then = f.at(hi).0 < 0.0;
+                if then != inside {
+                    inside = then;
+                    let crossing = Crossing {
+                        s: refine(f, lo, hi, inside),
+                        enters: inside,
+                    };
+                    if visit(crossing).is_break() {
+                        return steps;
+                    }
+                }
+            }
+        }
+        if last == 0 {
+            return steps;
+        }
+        last -= 1;
+        lo = hi;
+    }
+}
+
+/// The place between `lo` and `hi` where the sign changes to that of `hi`.
+pub(crate) fn refine(f: &impl Along, mut lo: f64, mut hi: f64, hi_is_inside: bool) -> f64 {
+    let mut s = 0.5 * (lo + hi);
+    for step in 1..=REFINEMENTS {
+        let (value, slope) = f.at(s);
+        if (value < 0.0) == hi_is_inside {
+            hi = s;
+        } else {
+            lo = s;
+        }
+        let newton = s - value / slope;
+        let middle = 0.5 * (lo + hi);
+        // Newton's method may be slow, or out of the bracket (or not a number).
+        let useful = slope.is_finite() && newton >= lo && newton <= hi;
+        let next = if step % 3 != 0 && useful { newton } else { middle };
+        let done = next == s || middle <= lo || middle >= hi;
+        s = next;
+        if done {
+            break;
+        }
+    }
+    s
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::enclosure::{Dual, Enclosure, Number};
+    use whitstone_testkit::Random;
+
+    /// The product of s - root over some roots.
+    struct Polynomial(Vec<f64>);
+
+    impl Polynomial {
+        fn eval<N: Number>(&self, s: N) -> N {
+            let factors = self.0.iter().map(|root| s.plus(-root));
+            factors.fold(N::constant(1.0), |product, factor| product * factor)
+        }
+    }
+
+    impl Along for Polynomial {
+        fn at(&self, s: f64) -> (f64, f64) {
+            let found = self.eval(Dual {
+                value: s,
+                slopes: [1.0],
+            });
+            (found.value, found.slopes[0])
+        }
+
+        fn over(&self, lo: f64, hi: f64) -> Known {
+            let slopes = [Enclosure::constant(1.0)];
+            let found = self.eval(Dual {
+                value: Enclosure::new(lo, hi),
+                slopes,
+            });
+            if !found.value.has_zero() {
+                Known::Apart
+            } else if !found.slopes[0].has_zero() {
+                Known::OnceAtMost
+            } else {
+                Known::Nothing
+            }
+        }
+    }
+
+    fn all(f: &impl Along) -> (Vec<Crossing>, u32) {
+        let mut found = Vec::new();
+        let steps = crossings(f, |crossing| {
+            found.push(crossing);
+            ControlFlow::Continue(())
+        });
+        (found, steps)
+    }
+
+    #[test]
+    fn all_roots_of_polynomials_are_found_in_order() {
+        let mut random = Random::new(3);
+        let (mut most, mut missed_by_samples) = (0, 0);
+        for case in 0..2_000 {
+            let count = 1 + random.below(6);
+            let mut roots: Vec<f64> = (0..count).map(|_| random.unit()).collect();
+            // Pairs that lie close.
+            if case % 2 == 0 && count > 1 {
+                roots[1] = (roots[0] + 10f64.powf(-8.0 * random.unit())).min(0.999);
+            }
+            roots.sort_by(f64::total_cmp);
+            if roots.windows(2).any(|pair| pair[1] - pair[0] < 1e-9) {
+                continue;
+            }
+            let f = Polynomial(roots.clone());
+            let (found, steps) = all(&f);
+            assert_eq!(found.len(), count, "{roots:?} {found:?}");
+            for (found, root) in found.iter().zip(&roots) {
+                // A root is as good as the slope there is steep.
+                let gap = roots.iter().map(|r| (r - root).abs()).filter(|d| *d > 0.0);
+                let slope: f64 = gap.product();
+                assert!((found.s - root).abs() < 1e-14 / slope, "{found:?} {root}");
+            }
+            assert!(
+                found
+                    .windows(2)
+                    .all(|pair| pair[0].enters != pair[1].enters && pair[0].s < pair[1].s)
+            );
+            most = most.max(steps);
+            // The check bites: a thousand samples do not see pairs that lie close.
+            let signs: Vec<bool> = (0..=1000).map(|i| f.at(f64::from(i) / 1000.0).0 < 0.0).collect();
+            missed_by_samples += usize::from(signs.windows(2).filter(|s| s[0] != s[1]).count() < count);
+        }
+        assert!(most < 2_000, "{most}");
+        assert!(missed_by_samples > 100, "{missed_by_samples}");
+    }
+
+    #[test]
+    fn roots_that_only_touch_are_no_crossings_and_take_bounded_steps() {
+        let (found, steps) = all(&Polynomial(vec![0.3, 0.3]));
+        assert_eq!(found, []);
+        assert!(steps <= STEPS + DEPTH as u32 + 1);
+        // Zero everywhere.
+        struct Nothing;
+        impl Along for Nothing {
+            fn at(&self, _: f64) -> (f64, f64) {
+                (0.0, f64::NAN)
+            }
+            fn over(&self, _: f64, _: f64) -> Known {
+                Known::Nothing
+            }
+        }
+        let (found, steps) = all(&Nothing);
+        assert_eq!(found, []);
+        assert!(steps <= STEPS + DEPTH as u32 + 1, "{steps}");
+    }
+
+    #[test]
+    fn a_bracket_is_closed_whatever_the_slope_says() {
+        struct Step(f64);
+        impl Along for Step {
+            fn at(&self, s: f64) -> (f64, f64) {
+                (if s < 0.123 { 1.0 } else { -1.0 }, self.0)
+            }
+            fn over(&self, _: f64, _: f64) -> Known {
+                Known::OnceAtMost
+            }
+        }
+        for slope in [0.0, f64::NAN, f64::INFINITY, -1e-300, 3.0, -3.0] {
+            let (found, _) = all(&Step(slope));
+            assert_eq!(found.len(), 1);
+            assert!((found[0].s - 0.123).abs() < 1e-9, "{slope}: {found:?}");
+        }
+    }
+}

@@ -1,0 +1,365 @@
+//! `bench shapes`: every shape by itself, its time beside the textbook form and its error against the oracle.
+
+use super::machine::load;
+use super::median;
+use super::shapes_mitsuba::Peer;
+use clap::Args;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::hint::black_box;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use whitstone::core::triangle::ShearedRay;
+use whitstone::core::{Aabb, DAffine3, DVec3, FamilyName, Geometry, Interval, Ray, Registry, Shape, Skip};
+use whitstone::image::atomic;
+use whitstone::{Exit, Failure};
+use whitstone_oracle::agreement::{Agreement, Errors, MOST_ULPS, Subject};
+use whitstone_oracle::cases::{CASES, Case};
+use whitstone_testkit::{Aim, Random};
+
+/// Where the table stands in the documentation.
+const PAGE: &str = "docs/shapes.md";
+const BEGIN: &str = "<!-- figures: written by `cargo xtask bench shapes --page` -->";
+const END: &str = "<!-- end of figures -->";
+
+/// How often the textbook form's time a shape may take without a reason.
+const MOST_TIMES: f64 = 2.0;
+
+/// Why a shape takes longer than [`MOST_TIMES`] of the textbook form; sources are in the files of the shapes.
+const REASONS: [(&str, &str); 13] = [
+    (
+        "sphere",
+        "the discriminant is chosen for each ray, and both roots are found without cancellation, in double precision",
+    ),
+    ("triangle", WATERTIGHT),
+    ("mesh", WATERTIGHT),
+    ("heightfield", WATERTIGHT),
+    ("ellipsoid", CONIC),
+    ("cylinder", CONIC),
+    ("cone", CONIC),
+    ("paraboloid", CONIC),
+    ("hyperboloid", CONIC),
+    (
+        "torus",
+        "roots are bracketed between the turns of the quartic, from where the ray passes nearest, instead of by Ferrari's formula (see the last columns)",
+    ),
+    (
+        "polygon",
+        "edge functions have exact signs, so that of two polygons with an edge in common a ray hits one",
+    ),
+    ("csg", "that of its operands, and spans carry their primitives"),
+    ("instance", "that of its shapes, and an accelerator in between"),
+];
+
+const WATERTIGHT: &str =
+    "the test is watertight, in double precision, and the ray is sheared before; streams share that";
+const CONIC: &str = "the ray is moved to where it comes nearest, and the discriminant is Kahan's, whose fused products are calls \
+                     where the processor is not known; streams have them in registers";
+
+/// Time every shape beside the textbook form in single precision, and compare both with the oracle
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// Which shapes; all that are registered by default
+    shapes: Vec<String>,
+    /// Rays of each kind, those that hit and those that miss
+    #[arg(long, default_value_t = 4096)]
+    rays: usize,
+    /// How many of them are shown to the oracle
+    #[arg(long, default_value_t = 1024)]
+    checked: usize,
+    /// Rounds; each times everything once
+    #[arg(long, default_value_t = 15)]
+    rounds: usize,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the table into docs/shapes.md
+    #[arg(long)]
+    page: bool,
+}
+
+/// A ray in both precisions, which are the same numbers.
+pub(super) struct Both {
+    pub(super) ray: Ray,
+    o: [f32; 3],
+    d: [f32; 3],
+}
+
+impl Both {
+    /// Of unit length, and rounded to single precision, so that every program can be asked about it.
+    fn new(ray: &Ray) -> Self {
+        let [o, d] = [ray.origin, ray.direction.normalize()].map(|v| v.as_vec3().to_array());
+        Self {
+            ray: Ray::new(
+                DVec3::from_array(o.map(f64::from)),
+                DVec3::from_array(d.map(f64::from)),
+            ),
+            o,
+            d,
+        }
+    }
+}
+
+/// One line of the table.
+struct Row {
+    shape: &'static str,
+    hit: bool,
+    rays: usize,
+    ns: f64,
+    ns_textbook: f64,
+    ours: Agreement,
+    textbook: Errors,
+    /// Or why there are none.
+    mitsuba: Result<Errors, &'static str>,
+}
+
+impl Row {
+    fn times(&self) -> f64 {
+        self.ns / self.ns_textbook
+    }
+
+    fn reason(&self) -> Option<&'static str> {
+        let reason = REASONS.iter().find(|(shape, _)| *shape == self.shape);
+        (self.times() > MOST_TIMES).then(|| reason.map_or("no reason is known", |(_, why)| why))
+    }
+
+    fn json(&self) -> Value {
+        json!({
+            "shape": self.shape,
+            "case": if self.hit { "hit" } else { "miss" },
+            "rays": self.rays,
+            "ns_per_ray": self.ns,
+            "ns_textbook_f32": self.ns_textbook,
+            "reason": self.reason(),
+            "max_error_ulp": self.hit.then_some(self.ours.most_ulps),
+            "max_error_ulp_by_condition": self.hit.then_some(self.ours.most_ulps_by_condition),
+            "wrong": self.ours.wrong,
+            "ill_posed": self.ours.ill_posed,
+            "unknown": self.ours.unknown,
+            "textbook_f32_wrong_class": self.textbook.wrong_class,
+            "textbook_f32_max_error_ulp": self.hit.then_some(self.textbook.most_ulps),
+            "mitsuba_max_error_ulp": self.mitsuba.ok().filter(|_| self.hit).map(|errors| errors.most_ulps),
+            "mitsuba_wrong_class": self.mitsuba.ok().map(|errors| errors.wrong_class),
+            "why": self.mitsuba.err(),
+        })
+    }
+}
+
+/// Runs the verb.
+pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let entries = registry
+        .entries()
+        .filter(|entry| entry.family == FamilyName::Shape);
+    let known: Vec<&str> = entries.map(|entry| entry.name).collect();
+    if let Some(unknown) = arguments
+        .shapes
+        .iter()
+        .find(|name| !known.contains(&name.as_str()))
+    {
+        return Err(Failure::usage(format!("there is no shape \"{unknown}\"")));
+    }
+    let mitsuba = Peer::start()?;
+    let (mut rows, mut unmeasured) = (Vec::new(), BTreeMap::new());
+    for shape in known {
+        if !arguments.shapes.is_empty() && !arguments.shapes.iter().any(|name| name == shape) {
+            continue;
+        }
+        match CASES.iter().find(|case| case.shape == shape) {
+            Some(case) => rows.extend(measure(case, arguments, registry, &mitsuba)?),
+            None => {
+                unmeasured.insert(shape, "the oracle does not know it yet");
+            }
+        }
+    }
+    let table = table(&rows, &unmeasured);
+    println!("{table}");
+    println!(
+        "by the clock on one thread, {} rounds; load {:.1}",
+        arguments.rounds,
+        load()
+    );
+    if arguments.page {
+        write_page(&table)?;
+    }
+    if let Some(path) = &arguments.json {
+        let mut lines: Vec<Value> = rows.iter().map(Row::json).collect();
+        lines.extend(
+            unmeasured
+                .iter()
+                .map(|(shape, why)| json!({ "shape": shape, "why": why })),
+        );
+        let report = json!({ "rounds": arguments.rounds, "load": load(), "rows": lines });
+        atomic::write_bytes(path, format!("{report:#}\n").as_bytes()).map_err(Failure::environment)?;
+    }
+    let wrong: u64 = rows.iter().map(|row| row.ours.wrong).sum();
+    Ok(mitsuba.end(if wrong == 0 { Exit::Pass } else { Exit::Differs }))
+}
+
+fn measure(
+    case: &Case,
+    arguments: &Arguments,
+    registry: &Registry,
+    mitsuba: &Peer,
+) -> Result<[Row; 2], Failure> {
+    let scene = case.scene(&DAffine3::IDENTITY);
+    let subject = Subject::new(&scene, Path::new("scenes"), registry).map_err(Failure::usage)?;
+    let geometry = &*subject.pipeline.world.geometry;
+    let elements = geometry.elements().map(|element| geometry.bounds(element));
+    let bounds = elements.fold(Aabb::EMPTY, Aabb::union);
+    let kinds = rays_of(geometry, &bounds, arguments.rays);
+    let textbook = &*subject.textbook_f32;
+    let mut times = [const { [const { Vec::new() }; 2] }; 2];
+    for round in 0..=arguments.rounds {
+        for (kind, rays) in kinds.iter().enumerate() {
+            let ours = per_ray(rays, |both| closest(geometry, &both.ray).is_some());
+            let theirs = per_ray(rays, |both| textbook.closest(both.o, both.d).is_some());
+            // The first round warms up.
+            if round > 0 {
+                times[kind][0].push(ours);
+                times[kind][1].push(theirs);
+            }
+        }
+    }
+    let [hits, misses] = kinds;
+    let row = |hit: bool, rays: &[Both], times: &mut [Vec<f64>; 2]| {
+        let (mut ours, mut theirs) = (Agreement::default(), Errors::default());
+        let checked = &rays[..arguments.checked.min(rays.len())];
+        for both in checked {
+            ours.add(&subject.oracle, &both.ray, closest(geometry, &both.ray), &bounds);
+            let found = textbook.closest(both.o, both.d).map(f64::from);
+            theirs.add(&subject.oracle.nearest(&both.ray, Interval::FORWARD), found);
+        }
+        let [ns, ns_textbook] = times.each_mut().map(|times| median(times));
+        Row {
+            shape: case.shape,
+            hit,
+            rays: rays.len(),
+            ns,
+            ns_textbook,
+            ours,
+            textbook: theirs,
+            mitsuba: mitsuba.errors(&scene, &subject.oracle, checked),
+        }
+    };
+    let [hit_times, miss_times] = &mut times;
+    Ok([row(true, &hits, hit_times), row(false, &misses, miss_times)])
+}
+
+/// Rays that hit and rays that miss, aimed as the laws of shapes aim.
+fn rays_of(geometry: &Geometry, bounds: &Aabb, count: usize) -> [Vec<Both>; 2] {
+    let aim = Aim::at(*bounds);
+    let mut random = Random::new(11);
+    let mut kinds = [Vec::new(), Vec::new()];
+    // Of a shape that every ray hits, or hardly any, there are fewer of the other kind.
+    for number in 0..64 * count as u32 {
+        let both = Both::new(&aim.ray(number, &mut random));
+        let kind = &mut kinds[usize::from(closest(geometry, &both.ray).is_none())];
+        if kind.len() < count {
+            kind.push(both);
+        }
+        if kinds.iter().all(|kind| kind.len() == count) {
+            break;
+        }
+    }
+    kinds
+}
+
+/// The nearest hit, by the scalar code, without an accelerator.
+fn closest(geometry: &Geometry, ray: &Ray) -> Option<f64> {
+    match &geometry.shapes()[0] {
+        Shape::Opaque(primitive) => primitive.closest(ray, Interval::FORWARD, None).map(|hit| hit.t),
+        Shape::Triangles(mesh) => {
+            let sheared = ShearedRay::new(ray);
+            let all = 0..mesh.triangles.len() as u32;
+            let hits = all.filter_map(|triangle| mesh.intersect(&sheared, triangle));
+            let ahead = hits.map(|hit| hit.t).filter(|t| *t > 0.0);
+            ahead.reduce(f64::min)
+        }
+        Shape::Instance(instance) => {
+            let hit = instance.closest(ray, Interval::FORWARD, Skip::NOTHING);
+            hit.map(|hit| hit.t)
+        }
+        _ => None,
+    }
+}
+
+/// Nanoseconds.
+fn per_ray(rays: &[Both], hits: impl Fn(&Both) -> bool) -> f64 {
+    let start = Instant::now();
+    let count = rays.iter().filter(|both| hits(black_box(both))).count();
+    black_box(count);
+    start.elapsed().as_secs_f64() * 1e9 / rays.len() as f64
+}
+
+fn table(rows: &[Row], unmeasured: &BTreeMap<&str, &str>) -> String {
+    let mut text = String::from(
+        "| shape | rays | ns | textbook f32, ns | times | error, ulp | by condition | wrong | ill-posed | unknown | textbook f32: wrong class | error, ulp | Mitsuba: wrong class | error, ulp |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+    );
+    for row in rows {
+        let _ = writeln!(
+            text,
+            "| {} | {} {} | {:.0} | {:.0} | {:.1} | {} | {} | {} | {} | {} | {} of {} | {} | {} | {} |",
+            row.shape,
+            row.rays,
+            if row.hit { "hit" } else { "miss" },
+            row.ns,
+            row.ns_textbook,
+            row.times(),
+            of_hits(row, format!("{:.1}", row.ours.most_ulps)),
+            of_hits(row, format!("{:.2}", row.ours.most_ulps_by_condition)),
+            row.ours.wrong,
+            row.ours.ill_posed,
+            row.ours.unknown,
+            row.textbook.wrong_class,
+            row.textbook.rays,
+            of_hits(row, format!("{:.0e}", row.textbook.most_ulps)),
+            row.mitsuba.map_or("–".to_owned(), |errors| format!(
+                "{} of {}",
+                errors.wrong_class, errors.rays
+            )),
+            row.mitsuba.map_or("–".to_owned(), |errors| of_hits(
+                row,
+                format!("{:.0e}", errors.most_ulps)
+            )),
+        );
+    }
+    let mut told = Vec::new();
+    for row in rows {
+        if let Some(reason) = row.reason().filter(|_| !told.contains(&row.shape)) {
+            told.push(row.shape);
+            let _ = write!(
+                text,
+                "\n- {}: more than {MOST_TIMES} times the textbook form: {reason}.",
+                row.shape
+            );
+        }
+    }
+    for (shape, why) in unmeasured {
+        let _ = write!(text, "\n- {shape}: not measured: {why}.");
+    }
+    let _ = write!(
+        text,
+        "\n\nA hit is wrong if its class is, or if t is off by more than {MOST_ULPS} ulp times the condition, also for every ray beside it."
+    );
+    text
+}
+
+/// What a miss has none of.
+fn of_hits(row: &Row, figure: String) -> String {
+    if row.hit { figure } else { "–".to_owned() }
+}
+
+fn write_page(table: &str) -> Result<(), Failure> {
+    let page = std::fs::read_to_string(PAGE).map_err(Failure::environment)?;
+    let (Some(begin), Some(end)) = (page.find(BEGIN), page.find(END)) else {
+        return Err(Failure::usage(format!(
+            "{PAGE}: the marks {BEGIN} and {END} are missing"
+        )));
+    };
+    let page = format!("{}{BEGIN}\n\n{table}\n\n{}", &page[..begin], &page[end..]);
+    atomic::write_bytes(Path::new(PAGE), page.as_bytes()).map_err(Failure::environment)?;
+    println!("{PAGE}: written");
+    Ok(())
+}

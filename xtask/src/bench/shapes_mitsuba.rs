@@ -1,0 +1,71 @@
+//! Mitsuba in `bench shapes`, where this program was built with it.
+
+use super::shapes::Both;
+use whitstone::{Exit, Failure};
+use whitstone_oracle::Oracle;
+use whitstone_oracle::agreement::Errors;
+
+/// Mitsuba inside this process.
+#[cfg(feature = "mitsuba")]
+pub(super) struct Peer(whitstone_mitsuba::Mitsuba);
+
+#[cfg(feature = "mitsuba")]
+impl Peer {
+    /// In the environment of the harness, which is made where it is not there.
+    pub(super) fn start() -> Result<Self, Failure> {
+        use std::path::Path;
+        use whitstone::validate::environment::Environment;
+        let [target, references] = ["target/whitstone", "references"].map(Path::new);
+        let environment = Environment::ensure(target, references, &|what| eprintln!("{what}"));
+        let environment = environment.map_err(Failure::environment)?;
+        let mitsuba = whitstone_mitsuba::Mitsuba::start(&environment).map_err(Failure::environment)?;
+        Ok(Self(mitsuba))
+    }
+
+    /// What the errors of Mitsuba's hits come to.
+    pub(super) fn errors(&self, scene: &str, oracle: &Oracle, rays: &[Both]) -> Result<Errors, &'static str> {
+        use std::path::Path;
+        use whitstone::core::{Interval, Ray};
+        let camera =
+            "camera = { type = \"perspective\", look_at = { origin = [0, 0, 9], target = [0, 0, 0] } }\n";
+        let all: Vec<Ray> = rays.iter().map(|both| both.ray).collect();
+        let found = self
+            .0
+            .closest(&format!("{camera}{scene}"), Path::new("scenes"), &all);
+        let found = found
+            .map_err(|_| "Mitsuba failed")?
+            .ok_or("Mitsuba has no such shape")?;
+        let mut errors = Errors::default();
+        for (ray, t) in all.iter().zip(found) {
+            errors.add(&oracle.nearest(ray, Interval::FORWARD), t);
+        }
+        Ok(errors)
+    }
+
+    /// Python must not see the usual end of the process.
+    pub(super) fn end(&self, exit: Exit) -> Exit {
+        self.0.exit(u8::from(!matches!(exit, Exit::Pass)))
+    }
+}
+
+/// None.
+#[cfg(not(feature = "mitsuba"))]
+pub(super) struct Peer;
+
+#[cfg(not(feature = "mitsuba"))]
+impl Peer {
+    /// Nothing to start.
+    pub(super) fn start() -> Result<Self, Failure> {
+        Ok(Self)
+    }
+
+    /// Says what to do about it.
+    pub(super) fn errors(&self, _: &str, _: &Oracle, _: &[Both]) -> Result<Errors, &'static str> {
+        Err("not built with Mitsuba: cargo run --release --package xtask --features mitsuba -- bench shapes")
+    }
+
+    /// As it is.
+    pub(super) fn end(&self, exit: Exit) -> Exit {
+        exit
+    }
+}
