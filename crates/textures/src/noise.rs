@@ -81,6 +81,9 @@ enum Kind {
     Wood,
 }
 
+/// The greatest factor on the scale of the last octave, and the greatest sum of strengths.
+const MOST: f64 = 1e100;
+
 /// See the module.
 pub struct Noise {
     kind: Kind,
@@ -126,17 +129,36 @@ impl Plugin<Textures> for Noise {
             Kind::Perlin => 1,
             _ => config.octaves.map_or(4, |octaves| octaves.into_inner().get()),
         };
-        let gain = config.gain.map_or(0.5, |gain| gain.into_inner().get());
+        let number =
+            |key: &Option<Spanned<Positive>>, usual| key.as_ref().map_or(usual, |n| n.get_ref().get());
+        let (gain, lacunarity) = (number(&config.gain, 0.5), number(&config.lacunarity, 2.0));
         let strengths: f64 = (0..octaves).map(|k| gain.powi(k as i32)).sum();
+        // Neither places nor sums may overflow.
+        let finest = lacunarity.powi(octaves as i32 - 1);
+        for (key, found, what) in [
+            (
+                &config.lacunarity,
+                finest,
+                "`lacunarity` to the power of `octaves` - 1",
+            ),
+            (&config.gain, strengths, "the sum of the strengths of all octaves"),
+        ] {
+            if let Some(key) = key
+                && found > MOST
+            {
+                let message = format!("{what} is {found:e}, more than {MOST:e}");
+                errors.0.push(
+                    SceneError::at(key.span(), message).with_help("choose fewer octaves or a smaller factor"),
+                );
+            }
+        }
         let pattern = Self {
             kind: config.kind,
             a: config.a.get(),
             b: config.b.get(),
             scale: config.scale.get(),
             octaves,
-            lacunarity: config
-                .lacunarity
-                .map_or(2.0, |lacunarity| lacunarity.into_inner().get()),
+            lacunarity,
             gain,
             share: 1.0 / strengths,
             distortion: config
@@ -326,5 +348,13 @@ mod tests {
         let errors = build::<Textures, Noise>(text, ()).err().unwrap().0;
         let places: Vec<&str> = errors.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
         assert_eq!(places, ["3", "1"]);
+    }
+
+    #[test]
+    fn octaves_that_overflow_are_refused_at_their_places() {
+        let text = "kind = \"fbm\"\nlacunarity = 1e40\ngain = 1e300";
+        let errors = build::<Textures, Noise>(text, ()).err().unwrap().0;
+        let places: Vec<&str> = errors.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
+        assert_eq!(places, ["1e40", "1e300"]);
     }
 }

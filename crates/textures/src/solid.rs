@@ -156,7 +156,11 @@ impl Plugin<Textures> for Solid {
                 if found != bytes {
                     return Err(refuse(format!("expected {bytes} bytes, found {found}")));
                 }
-                context.reserve(bytes)?;
+                // Numbers are read as bytes first.
+                context.reserve(match format {
+                    Format::U8 => bytes,
+                    Format::F32 => 2 * bytes,
+                })?;
                 read(&path, format).map_err(refuse)?
             }
             (Some(_), None, Some(format)) => {

@@ -1,5 +1,7 @@
 """Textures (model §10), read off a unit rectangle lit by ambient light."""
 
+import itertools
+import math
 import os
 import tempfile
 import unittest
@@ -104,6 +106,91 @@ class Textures(Case):
         mi.Bitmap(deep, mi.Bitmap.PixelFormat.RGBA).write(os.path.join(self.base, "d.png"))
         expected = srgb_to_linear(deep[:, :, :3] / 65535.0)
         self.near(self.seen(4, 3, '{ type = "image", file = "d.png" }'), expected, rel=1e-5, atol=2e-6)
+
+    def grey(self, width, height, texture):
+        return self.seen(width, height, texture)[:, :, 0]
+
+    def test_grid_lines(self):
+        j, i = np.mgrid[0:16, 0:16]
+        u, v = (i + 0.5) / 16, 1 - (j + 0.5) / 16
+        for width, wide in (("0.3", (0.3, 0.3)), ("[0, 0.6]", (0, 0.6))):
+            text = f'{{ type = "grid_lines", a = 0.9, b = 0.1, width = {width}, scale = [3, 2], offset = [0.1, 0.2] }}'
+            # The distance from the nearest whole number.
+            x, y = 3 * u + 0.1, 2 * v + 0.2
+            line = (np.abs(x - np.round(x)) < wide[0] / 2) | (np.abs(y - np.round(y)) < wide[1] / 2)
+            self.near(self.grey(16, 16, text), np.where(line, 0.1, 0.9))
+        self.refuse(scene(1, 1, '{ type = "grid_lines", width = 2 }'), "scene", "width", "from 0 to 1")
+
+    def test_noise(self):
+        """The value that Perlin's program is known for; what noise is at whole numbers; kinds that are each other's special cases."""
+        known = '{ type = "noise", a = 0, b = 1, mapping = { transform = { translate = [3.14, 42, 7] } } }'
+        self.near(self.grey(1, 1, known), np.full((1, 1), 0.5 + 0.5 * 0.13691995878400012), rel=1e-6)
+        j, i = np.mgrid[0:8, 0:8]
+        # Pixel centres at odd numbers: noise is 0 there, in all octaves.
+        whole, x, y = "mapping = { transform = { scale = 8 } }", 2 * i - 7, 7 - 2 * j
+        ring = 0.5 + 0.5 * np.sin(2 * np.pi * np.hypot(x, y))
+        for kind, more, expected in (
+            ("perlin", "", np.full((8, 8), 0.5)),
+            ("fbm", "seed = 7,", np.full((8, 8), 0.5)),
+            ("turbulence", "seed = 7,", np.zeros((8, 8))),
+            ("marble", "distortion = 3,", np.full((8, 8), 0.5)),
+            ("wood", "distortion = 3,", ring),
+        ):
+            self.near(self.grey(8, 8, f'{{ type = "noise", kind = "{kind}", {more} a = 0, b = 1, {whole} }}'), expected, atol=2e-5)
+        one = self.grey(8, 8, '{ type = "noise", a = 0, b = 1, scale = 3, seed = 5 }')
+        self.assertGreater(one.std(), 0.05)
+        alike = self.grey(8, 8, '{ type = "noise", kind = "fbm", a = 0, b = 1, scale = 3, seed = 5, lacunarity = 1, gain = 0.7 }')
+        self.near(alike, one)
+        absolute = self.grey(8, 8, '{ type = "noise", kind = "turbulence", a = 0, b = 1, scale = 3, seed = 5, octaves = 1 }')
+        self.near(absolute, np.abs(2 * one - 1), atol=1e-6)
+        self.refuse(scene(1, 1, '{ type = "noise", octaves = 2 }'), "scene", "octaves")
+        self.refuse(scene(1, 1, '{ type = "noise", kind = "fbm", lacunarity = 1e50 }'), "scene", "1e100")
+
+    def test_worley(self):
+        """Against whole numbers of any size, point by point, over more cells than needed."""
+
+        def m(x):
+            x = (x ^ x >> 16) * 0x7FEB352D % 2**32
+            x = (x ^ x >> 15) * 0x846CA68B % 2**32
+            return x ^ x >> 16
+
+        def distances(p, seed):
+            found = []
+            for cell in itertools.product(*(range(math.floor(x) - 3, math.floor(x) + 4) for x in p)):
+                h = m((m((m((m(seed) + cell[2]) % 2**32) + cell[1]) % 2**32) + cell[0]) % 2**32)
+                found.append(math.dist(p, [cell[k] + m((h + k + 1) % 2**32) / 2**32 for k in range(3)]))
+            return sorted(found)[:2]
+
+        size = 6
+        near = [[distances((4 * ((i + 0.5) / 3 - 1), 4 * (1 - (j + 0.5) / 3), 0.5), 9) for i in range(size)] for j in range(size)]
+        f1, f2 = np.moveaxis(np.array(near), 2, 0)
+        place = "mapping = { transform = [{ scale = 2 }, { translate = [0, 0, 0.25] }] }"
+        for value, expected in (("f1", f1), ("f2", f2), ("f2_minus_f1", f2 - f1)):
+            found = self.grey(size, size, f'{{ type = "worley", value = "{value}", a = 0, b = 1, scale = 2, seed = 9, {place} }}')
+            self.near(found, np.minimum(expected, 1), rel=1e-5, atol=2e-6)
+
+    def test_solid(self):
+        numbers = [0, 0.1, 0.2, 0.3, 0.4, 0.5]
+        block = f'type = "solid", size = [2, 3, 1], values = {numbers}'
+        # The square becomes the face z = 0 of the unit cube.
+        unit = "mapping = { transform = [{ translate = [1, 1, 0] }, { scale = 0.5 }] }"
+        grid = np.array(numbers).reshape(3, 2)[::-1]
+        for filtering in ("nearest", "trilinear"):
+            self.near(self.grey(2, 3, f'{{ {block}, filter = "{filtering}", {unit} }}'), grid, atol=1e-6)
+        # Linear functions are interpolated exactly.
+        j, i = np.mgrid[0:9, 0:9]
+        x, y = np.clip(2 * (i + 0.5) / 9 - 0.5, 0, 1), np.clip(3 * (1 - (j + 0.5) / 9) - 0.5, 0, 2)
+        self.near(self.grey(9, 9, f'{{ {block}, wrap = "clamp", {unit} }}'), 0.1 * x + 0.2 * y, rel=1e-5, atol=1e-6)
+        third = "mapping = { transform = [{ translate = [0, 0, 1.75] }] }"
+        layers = 'type = "solid", size = [1, 1, 2], values = [0.2, 0.6], filter = "nearest"'
+        for wrap, expected in (("repeat", 0.6), ("clamp", 0.6), ("mirror", 0.2)):
+            self.near(self.value(scene(1, 1, f'{{ {layers}, wrap = "{wrap}", {third} }}')), [expected] * 3)
+        np.array([0, 51, 255], dtype=np.uint8).tofile(os.path.join(self.base, "bytes"))
+        np.array([0.5, 0.25, 0.125], dtype="<f4").tofile(os.path.join(self.base, "floats"))
+        for more, expected in (('channels = 3, file = "bytes"', [0, 0.2, 1]), ('channels = 3, file = "floats", format = "f32"', [0.5, 0.25, 0.125])):
+            self.near(self.value(scene(1, 1, f'{{ type = "solid", size = [1, 1, 1], {more} }}'), base=self.base), expected, atol=1e-7)
+        for bad in (", values = [1]", ', file = "bytes"', ', file = "none"', ""):
+            self.refuse(scene(1, 1, f'{{ type = "solid", size = [2, 1, 1]{bad} }}'), "scene", "expected", base=self.base)
 
     def test_shared_and_range(self):
         shared = '[texture.t]\ntype = "constant"\nvalue = [0.1, 0.2, 0.3]\n'

@@ -8,7 +8,7 @@ from typing import Any, List, Optional, Tuple
 
 import numpy as np
 
-from . import cameras, lights, materials, shapes, textures
+from . import cameras, lights, materials, patterns, shapes, textures
 from .errors import SceneError, Unsupported
 from .fields import Fields, nearest
 from .files import Folder
@@ -59,7 +59,11 @@ class Document:
             if entry is not None:
                 found[entry[0]] = {"type": entry[0], "twin": "hosted", "reason": entry[1]}
         textures = [texture for number in used for texture in (*self.materials[number].textures.values(), self.materials[number].ambient)]
-        if any(not texture.mapping.usual() for texture in textures if hasattr(texture, "mapping")):
+        if any(isinstance(texture, patterns.HOSTED) for texture in textures):
+            reason = "a texture that Mitsuba lacks: its formula is computed in Python"
+            found["pattern"] = {"type": "pattern", "twin": "hosted", "reason": reason}
+        own = [texture for texture in textures if hasattr(texture, "mapping") and not isinstance(texture, patterns.HOSTED)]
+        if any(not texture.mapping.usual() for texture in own):
             reason = "where a texture lies is computed in Python; Mitsuba's own textures look at (u, v) only"
             found["mapping"] = {"type": "mapping", "twin": "hosted", "reason": reason}
         camera = self.camera.hosted()

@@ -1,4 +1,4 @@
-"""Textures: constant, checker, image (model §10), each with its native Mitsuba twin.
+"""Textures (model §10): constant, checker and image with their native Mitsuba twins; those of `patterns` are formulas.
 
 `read` gives a small value that knows its range (to check against the material that uses it) and how to build the twin.
 Coordinates are the model's, v up; what Mitsuba has otherwise (v down in bitmaps) goes into the twin's `to_uv`.
@@ -11,7 +11,7 @@ from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
-from . import images, mappings
+from . import images, mappings, patterns
 from .errors import SceneError
 from .fields import REQUIRED, Fields, Vector, as_color, is_number, nearest
 from .files import Folder
@@ -187,4 +187,85 @@ def _image(fields: Fields, base: Folder) -> Any:
         return Constant((0.0, 0.0, 0.0))
 
 
-READERS = {"constant": _constant, "checker": _checker, "image": _image}
+def _grid_lines(fields: Fields, base: Folder) -> patterns.GridLines:
+    a, b = fields.color("a", 0.8), fields.color("b", 0.2)
+    width = _pair(fields, "width", (0.1, 0.1), True)
+    if not all(0 <= number <= 1 for number in width):
+        fields.error("width", f"expected widths from 0 to 1, found {width}")
+    scale, offset = _pair(fields, "scale", (1.0, 1.0), True), _pair(fields, "offset", (0.0, 0.0), False)
+    return patterns.GridLines(a, b, width, scale, offset, mappings.read(fields, "uv"))
+
+
+def _positive(fields: Fields, key: str, default: float) -> float:
+    return fields.number(key, default, lambda number: number > 0, "a number above 0")
+
+
+def _noise(fields: Fields, base: Folder) -> patterns.Noise:
+    kind = fields.choice("kind", "perlin", ("perlin", "fbm", "turbulence", "marble", "wood"))
+    a, b, scale = fields.color("a", 0.2), fields.color("b", 0.8), _positive(fields, "scale", 1.0)
+    octaves, lacunarity, gain, distortion = 1, 2.0, 0.5, 1.0
+    if kind != "perlin":
+        octaves = fields.integer("octaves", 4, 1, 16)
+        lacunarity, gain = _positive(fields, "lacunarity", 2.0), _positive(fields, "gain", 0.5)
+    if kind in ("marble", "wood"):
+        distortion = fields.number("distortion", 1.0)
+    try:
+        if max(lacunarity ** (octaves - 1), sum(gain**k for k in range(octaves))) > 1e100:
+            raise OverflowError
+    except OverflowError:
+        fields.error(None, "the octaves grow above 1e100")
+        lacunarity = gain = 1.0
+    seed = fields.integer("seed", 0, 0, 2**32 - 1) if fields.has("seed") else None
+    table = patterns.permutation(seed)
+    return patterns.Noise(kind, a, b, scale, octaves, lacunarity, gain, distortion, table, mappings.read(fields, "solid"))
+
+
+def _worley(fields: Fields, base: Folder) -> patterns.Worley:
+    value = fields.choice("value", "f1", ("f1", "f2", "f2_minus_f1"))
+    a, b, scale = fields.color("a", 0.2), fields.color("b", 0.8), _positive(fields, "scale", 1.0)
+    return patterns.Worley(value, a, b, scale, fields.integer("seed", 0, 0, 2**32 - 1), mappings.read(fields, "solid"))
+
+
+def _solid(fields: Fields, base: Folder) -> patterns.Solid:
+    size = fields.take("size", REQUIRED)
+    if not isinstance(size, list) or len(size) != 3 or not all(type(n) is int and 1 <= n <= 4096 for n in size):
+        fields.error("size", f"expected three integers from 1 to 4096, found {size!r}")
+        size = [1, 1, 1]
+    channels = fields.take("channels", 1)
+    if channels not in (1, 3):
+        fields.error("channels", f"expected 1 or 3, found {channels!r}")
+        channels = 1
+    kind = fields.choice("format", "u8", ("u8", "f32")) if fields.has("file") else "u8"
+    if fields.has("values") == fields.has("file"):
+        fields.error(None, "expected either values or file")
+    numbers = np.zeros(0)
+    if fields.has("file"):
+        name = base.path(fields.string("file", REQUIRED))
+        try:
+            raw = np.fromfile(name, dtype=np.uint8 if kind == "u8" else "<f4").astype(np.float64)
+            numbers = raw / 255 if kind == "u8" else raw
+        except OSError as error:
+            fields.error("file", str(error))
+    else:
+        values = fields.take("values", [])
+        if isinstance(values, list) and all(map(is_number, values)):
+            numbers = np.array(values, dtype=np.float64)
+    shape = (size[2], size[1], size[0], channels)
+    if numbers.size != np.prod(shape) or not np.all(np.isfinite(numbers)) or np.any(numbers < 0):
+        fields.error(None, f"expected {np.prod(shape)} finite numbers of at least 0")
+        shape, numbers = (1, 1, 1, 1), np.zeros(1)
+    voxels = np.broadcast_to(numbers.reshape(shape), shape[:3] + (3,))
+    filtering = fields.choice("filter", "trilinear", ("trilinear", "nearest"))
+    wrap = fields.choice("wrap", "repeat", ("repeat", "clamp", "mirror"))
+    return patterns.Solid(voxels, filtering, wrap, mappings.read(fields, "solid"))
+
+
+READERS = {
+    "constant": _constant,
+    "checker": _checker,
+    "image": _image,
+    "grid_lines": _grid_lines,
+    "noise": _noise,
+    "worley": _worley,
+    "solid": _solid,
+}
