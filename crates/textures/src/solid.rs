@@ -8,7 +8,9 @@
 use crate::mapping::{Mapping, Pattern, Projection};
 use crate::wrap::Wrap;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::de::{Error, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 use toml::Spanned;
@@ -28,7 +30,7 @@ pub struct Config {
     channels: Channels,
     /// The numbers, each at least 0: those of a voxel side by side, voxels along x first, then y, then z.
     #[schemars(with = "Option<Vec<NonNegative>>")]
-    values: Option<Spanned<Vec<NonNegative>>>,
+    values: Option<Spanned<Values>>,
     /// A file of the numbers and nothing else, relative to the scene.
     file: Option<FilePath>,
     /// What the file holds: "u8", bytes of which 255 means 1, or "f32", little-endian.
@@ -43,6 +45,36 @@ pub struct Config {
     /// Where the texture lies; by the place in the world if left out.
     #[serde(default)]
     mapping: Mapping,
+}
+
+/// A list of numbers, each refused at its place.
+#[derive(Debug)]
+struct Values(Vec<f64>);
+
+impl<'de> Deserialize<'de> for Values {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct List;
+        impl<'de> Visitor<'de> for List {
+            type Value = Values;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an array of numbers")
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Values, A::Error> {
+                let mut values = Vec::new();
+                loop {
+                    // The core finds the place of an element by these words.
+                    let next = seq
+                        .next_element::<NonNegative>()
+                        .map_err(|error| A::Error::custom(format!("element {}: {error}", values.len())))?;
+                    match next {
+                        Some(value) => values.push(value.get()),
+                        None => return Ok(Values(values)),
+                    }
+                }
+            }
+        }
+        deserializer.deserialize_seq(List)
+    }
 }
 
 /// Numbers in a voxel.
@@ -130,12 +162,12 @@ impl Plugin<Textures> for Solid {
         let count = channels * size[0] * size[1] * size[2];
         let store = match (config.values, config.file, config.format) {
             (Some(values), None, None) => {
-                let found = values.get_ref().len();
+                let found = values.get_ref().0.len();
                 if found != count {
                     let message = format!("expected {count} numbers by `size` and `channels`, found {found}");
                     return Err(SceneError::at(values.span(), message).into());
                 }
-                Store::F64(values.into_inner().into_iter().map(NonNegative::get).collect())
+                Store::F64(values.into_inner().0)
             }
             (None, Some(file), format) => {
                 let path = context.file(&file)?;
