@@ -12,6 +12,7 @@ pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
         ("corners.png", corners()),
         ("icosphere.ply", icosphere()),
         ("star.obj", star().into_bytes()),
+        ("stones.png", stones()),
         ("terrain.ply", terrain().into_bytes()),
         ("torus.obj", torus().into_bytes()),
     ]
@@ -232,6 +233,34 @@ fn corners() -> Vec<u8> {
             () => [(60 + 5 * x) as u8, (60 + 4 * y) as u8, 120],
         })
     });
+    png(&picture)
+}
+
+/// A wall of stones of several tones with dark joints, a sample for textures that are made from one.
+fn stones() -> Vec<u8> {
+    const SIZE: u32 = 48;
+    const CELL: u32 = 12;
+    let stone = |i: u32, j: u32| {
+        let hash = whitstone_core::hash::mix(64 * j + i);
+        let at = |cell: u32, bits: u32| (CELL * cell + bits % CELL) as i32;
+        ([at(i, hash), at(j, hash >> 8)], (hash >> 16) % 80)
+    };
+    let picture = image::RgbImage::from_fn(SIZE, SIZE, |x, y| {
+        // One cell further out on each side.
+        let (x, y) = ((x + CELL) as i32, (y + CELL) as i32);
+        let mut near: Vec<(i32, u32)> = (0..SIZE / CELL + 2)
+            .flat_map(|j| (0..SIZE / CELL + 2).map(move |i| stone(i, j)))
+            .map(|([a, b], tone)| ((x - a).pow(2) + (y - b).pow(2), tone))
+            .collect();
+        near.sort_unstable();
+        let tone = 90 + near[0].1 as i32 - near[0].0 / 4;
+        let tone = if near[1].0 - near[0].0 < 14 { 35 } else { tone };
+        image::Rgb([(tone + 20) as u8, tone as u8, (tone - 15) as u8])
+    });
+    png(&picture)
+}
+
+fn png(picture: &image::RgbImage) -> Vec<u8> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     let written = picture.write_to(&mut bytes, image::ImageFormat::Png);
     written.expect("memory takes all that is written");

@@ -66,7 +66,7 @@ impl Plugin<Textures> for Checker {
             scale: config.scale.get(),
             offset: config.offset.get(),
         };
-        Ok(config.mapping.put(Projection::Uv, pattern))
+        config.mapping.put(Projection::Uv, pattern)
     }
 }
 

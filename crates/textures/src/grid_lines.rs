@@ -83,7 +83,7 @@ impl Plugin<Textures> for GridLines {
             scale: config.scale.get(),
             offset: config.offset.get(),
         };
-        Ok(config.mapping.put(Projection::Uv, pattern))
+        config.mapping.put(Projection::Uv, pattern)
     }
 }
 

@@ -1,22 +1,18 @@
 //! A picture from a file.
 //!
-//! Texels are kept as they are in the file, as codes or as floating-point numbers, and decoded when looked
-//! up, by a table: so the linear value is exact in double precision, and a texel of an 8-bit file takes 3
-//! bytes.
-//!
 //! - Twin: Mitsuba `bitmap` (native).
 //! - Example: `scenes/textures/image.toml`.
 
-use crate::mapping::{Mapping, Pattern, Projection};
+use crate::mapping::{Mapping, Projection};
+use crate::raster::{ColorSpace, Filter, Raster, Store};
 use crate::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{FilePath, Scale2, Vector2};
-use whitstone_core::{Context, DVec2, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, Textures};
+use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Texture, Textures};
 use whitstone_image::limits::Limits;
-use whitstone_image::texels::{self, Encoding, Texels};
-use whitstone_image::tone::srgb_to_linear;
+use whitstone_image::texels;
 
 /// A picture from a PNG, JPEG or EXR file.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -52,99 +48,8 @@ fn zero() -> Vector2 {
     Vector2::new(0.0, 0.0)
 }
 
-/// What lies between texel centres.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-enum Filter {
-    /// A mean of the four texels around.
-    #[default]
-    Bilinear,
-    /// The texel whose square it is.
-    Nearest,
-}
-
-/// What the values in a file are.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-enum ColorSpace {
-    /// By the kind of file.
-    #[default]
-    Auto,
-    /// Encoded as in IEC 61966-2-1.
-    Srgb,
-    /// Proportional to light.
-    Linear,
-}
-
 /// See the module.
-pub struct Image {
-    width: usize,
-    height: usize,
-    store: Store,
-    filter: Filter,
-    wrap: Wrap,
-    scale: DVec2,
-    offset: DVec2,
-}
-
-/// Texels row by row, the top row first.
-enum Store {
-    /// 8-bit codes and their 256 linear values.
-    Eight(Vec<[u8; 3]>, Vec<f64>),
-    /// 16-bit codes and their 65536 linear values.
-    Sixteen(Vec<[u16; 3]>, Vec<f64>),
-    /// Linear values.
-    Linear(Vec<[f32; 3]>),
-    /// Linear values of floating-point numbers that were encoded.
-    Decoded(Vec<[f64; 3]>),
-}
-
-impl Store {
-    fn new(texels: Texels, color_space: ColorSpace) -> Self {
-        let encoded = match color_space {
-            ColorSpace::Auto => texels.encoding != Encoding::Linear,
-            ColorSpace::Srgb => true,
-            ColorSpace::Linear => false,
-        };
-        let linear = |value: f64| if encoded { srgb_to_linear(value) } else { value };
-        // Rounding gives back the code, of which the value is the nearest f32.
-        let table = |last: u32| {
-            (0..=last)
-                .map(|code| linear(f64::from(code) / f64::from(last)))
-                .collect()
-        };
-        match texels.encoding {
-            Encoding::Srgb8 => {
-                let code = |value: f32| (f64::from(value) * 255.0).round() as u8;
-                Self::Eight(
-                    texels.data.iter().map(|texel| texel.map(code)).collect(),
-                    table(255),
-                )
-            }
-            Encoding::Srgb16 => {
-                let code = |value: f32| (f64::from(value) * 65535.0).round() as u16;
-                Self::Sixteen(
-                    texels.data.iter().map(|texel| texel.map(code)).collect(),
-                    table(65535),
-                )
-            }
-            Encoding::Linear if encoded => {
-                let decode = |value: f32| linear(f64::from(value));
-                Self::Decoded(texels.data.iter().map(|texel| texel.map(decode)).collect())
-            }
-            Encoding::Linear => Self::Linear(texels.data),
-        }
-    }
-
-    fn texel(&self, index: usize) -> Rgb {
-        match self {
-            Self::Eight(codes, linear) => codes[index].map(|code| linear[usize::from(code)]).into(),
-            Self::Sixteen(codes, linear) => codes[index].map(|code| linear[usize::from(code)]).into(),
-            Self::Linear(values) => values[index].map(f64::from).into(),
-            Self::Decoded(values) => values[index].into(),
-        }
-    }
-}
+pub struct Image;
 
 impl Plugin<Textures> for Image {
     const TYPE: &'static str = "image";
@@ -165,7 +70,7 @@ impl Plugin<Textures> for Image {
             let (x, y) = (at % texels.width, at / texels.width);
             return Err(refuse(format!("a colour is negative at column {x}, row {y}")));
         }
-        let pattern = Self {
+        let pattern = Raster {
             width: texels.width,
             height: texels.height,
             store: Store::new(texels, config.color_space),
@@ -174,47 +79,22 @@ impl Plugin<Textures> for Image {
             scale: config.scale.get(),
             offset: config.offset.get(),
         };
-        Ok(config.mapping.put(Projection::Uv, pattern))
-    }
-}
-
-impl Image {
-    fn texel(&self, column: f64, row: f64) -> Rgb {
-        let (i, j) = (
-            self.wrap.index(column, self.width),
-            self.wrap.index(row, self.height),
-        );
-        self.store.texel(j * self.width + i)
-    }
-}
-
-impl Pattern for Image {
-    fn at(&self, q: DVec3) -> Rgb {
-        let uv = q.truncate() * self.scale + self.offset;
-        let (x, y) = (uv.x * self.width as f64, (1.0 - uv.y) * self.height as f64);
-        if self.filter == Filter::Nearest {
-            return self.texel(x.floor(), y.floor());
-        }
-        let (x, y) = (x - 0.5, y - 0.5);
-        let (column, row) = (x.floor(), y.floor());
-        let part = |t: f64| if t.is_finite() { t } else { 0.0 };
-        let (right, down) = (part(x - column), part(y - row));
-        let mean = |row: f64| self.texel(column, row) * (1.0 - right) + self.texel(column + 1.0, row) * right;
-        mean(row) * (1.0 - down) + mean(row + 1.0) * down
+        config.mapping.put(Projection::Uv, pattern)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::SurfacePoint;
+    use whitstone_core::{DVec2, DVec3, Rgb, SurfacePoint};
     use whitstone_image::planes;
-    use whitstone_image::png::Raster;
+    use whitstone_image::png;
+    use whitstone_image::tone::srgb_to_linear;
     use whitstone_testkit::{TestContext, build_in, texture_laws};
 
     /// 4 x 2 texels whose codes are 10 (column + 1) + row.
     fn picture(extra: &str) -> Arc<dyn Texture> {
-        let raster = Raster::from_fn(4, 2, |x, y| [(10 * (x + 1) + y) as u8, 0, 255]);
+        let raster = png::Raster::from_fn(4, 2, |x, y| [(10 * (x + 1) + y) as u8, 0, 255]);
         let folder = tempfile::tempdir().unwrap();
         raster.write_png(folder.path().join("a.png")).unwrap();
         build(folder.path(), &format!("file = \"a.png\"\n{extra}")).unwrap()

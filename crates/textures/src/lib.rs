@@ -20,8 +20,12 @@ pub mod image;
 mod mapping;
 #[cfg(feature = "noise")]
 pub mod noise;
+#[cfg(any(feature = "image", feature = "synthesized"))]
+mod raster;
 #[cfg(feature = "solid")]
 pub mod solid;
+#[cfg(feature = "synthesized")]
+pub mod synthesized;
 #[cfg(feature = "worley")]
 pub mod worley;
 mod wrap;
@@ -41,6 +45,8 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Textures, noise::Noise>(from)?;
     #[cfg(feature = "solid")]
     registry.add::<Textures, solid::Solid>(from)?;
+    #[cfg(feature = "synthesized")]
+    registry.add::<Textures, synthesized::Synthesized>(from)?;
     #[cfg(feature = "worley")]
     registry.add::<Textures, worley::Worley>(from)?;
     Ok(())

@@ -3,15 +3,19 @@
 //! A texture is a [`Pattern`], a function of a point of texture space and of nothing else; a [`Mapping`] finds that point, from
 //! the surface's own (u, v) or from its place in the world. So each texture is written once and can be put on by each
 //! mapping, and only a mapping that reads (u, v) makes shapes compute it. The solid textures of Peachey 1985 and Perlin 1985 are patterns
-//! that look at all three coordinates; the projections are those of Bier and Sloan, *Two-part texture mappings*, 1986.
+//! that look at all three coordinates; the projections are those of Bier and Sloan, *Two-part texture mappings*, 1986. The triplanar
+//! one is a mean of three planar ones by the normal (Geiss, *Generating complex procedural terrains using the GPU*, GPU Gems 3, 2007, section 1.5).
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
-use whitstone_core::config::Steps;
+use toml::Spanned;
+use whitstone_core::config::{Positive, Steps};
 use whitstone_core::stream::{Colors, LANES, PointStream};
-use whitstone_core::{DAffine3, DVec3, Needs, Rgb, SurfacePoint, Texture, Transform, simd};
+use whitstone_core::{
+    DAffine3, DMat3, DVec3, Needs, Rgb, SceneError, SceneErrors, SurfacePoint, Texture, Transform, simd,
+};
 
 /// A colour for each point of texture space.
 pub(crate) trait Pattern: Send + Sync {
@@ -21,16 +25,19 @@ pub(crate) trait Pattern: Send + Sync {
 }
 
 /// How texture space lies on surfaces.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Mapping {
     /// "uv": by the texture coordinates of the shape; "solid": by the place in the world; "planar", "spherical", "cylindrical",
-    /// "cube": by the place in the world, projected. Textures of (u, v) have "uv" by default, solid ones "solid".
+    /// "cube": by the place in the world, projected; "triplanar": by the mean of three projections, along the axes. Textures of (u, v) have "uv" by default, solid ones "solid".
     projection: Option<Projection>,
     /// From the space of the shape's (u, v, 0), or from world space, to that of the texture or of the projection: one step, or steps in the
     /// order in which they are applied.
     #[serde(default = "none")]
     transform: Steps,
+    /// Of "triplanar": the power of the normal's components by which each projection counts; 4 if left out.
+    #[schemars(with = "Option<Positive>")]
+    sharpness: Option<Spanned<Positive>>,
 }
 
 const fn none() -> Steps {
@@ -53,6 +60,8 @@ pub(crate) enum Projection {
     Cylindrical,
     /// From the origin to the faces of a cube.
     Cube,
+    /// Along each axis.
+    Triplanar,
 }
 
 impl Default for Mapping {
@@ -60,19 +69,40 @@ impl Default for Mapping {
         Self {
             projection: None,
             transform: Steps::NONE,
+            sharpness: None,
         }
     }
 }
 
 impl Mapping {
     /// A texture of this pattern; `usual` is the projection where none is written.
-    pub(crate) fn put<P: Pattern + 'static>(self, usual: Projection, pattern: P) -> Arc<dyn Texture> {
+    ///
+    /// # Errors
+    ///
+    /// If a key has no effect.
+    pub(crate) fn put<P: Pattern + 'static>(
+        self,
+        usual: Projection,
+        pattern: P,
+    ) -> Result<Arc<dyn Texture>, SceneErrors> {
         let transform = self.transform.get();
-        Arc::new(Mapped {
+        let projection = self.projection.unwrap_or(usual);
+        if let Some(sharpness) = &self.sharpness
+            && projection != Projection::Triplanar
+        {
+            let message = "only the projection \"triplanar\" has this key";
+            return Err(SceneError::at(sharpness.span(), message).into());
+        }
+        let map = *transform.world_from_object();
+        Ok(Arc::new(Mapped {
             pattern,
-            projection: self.projection.unwrap_or(usual),
-            moved: (transform != Transform::IDENTITY).then_some(*transform.world_from_object()),
-        })
+            projection,
+            moved: (transform != Transform::IDENTITY).then_some(map),
+            turned: map.matrix3.inverse().transpose(),
+            sharpness: self
+                .sharpness
+                .map_or(4.0, |sharpness| sharpness.into_inner().get()),
+        }))
     }
 }
 
@@ -82,6 +112,9 @@ struct Mapped<P> {
     projection: Projection,
     /// The transform, where it does something.
     moved: Option<DAffine3>,
+    /// What it does to normals; of "triplanar" only, like what follows.
+    turned: DMat3,
+    sharpness: f64,
 }
 
 impl<P: Pattern> Mapped<P> {
@@ -91,11 +124,40 @@ impl<P: Pattern> Mapped<P> {
             Projection::Uv => point.uv.extend(0.0),
             _ => point.position,
         };
-        let q = match self.moved {
+        self.projection.project(self.moved(source))
+    }
+
+    #[inline(always)]
+    fn moved(&self, source: DVec3) -> DVec3 {
+        match self.moved {
             Some(map) => map.transform_point3(source),
             None => source,
-        };
-        self.projection.project(q)
+        }
+    }
+
+    /// The mean of the projections along the axes.
+    fn triplanar(&self, point: &SurfacePoint) -> Rgb {
+        let q = self.moved(point.position);
+        let along = |a: usize| self.pattern.at(DVec3::new(q[(a + 1) % 3], q[(a + 2) % 3], 0.0));
+        let normal = (self.turned * point.n_s).abs();
+        // By the largest, so that not all powers vanish.
+        let shares = (normal / normal.max_element())
+            .to_array()
+            .map(|x| x.powf(self.sharpness));
+        let (mut sum, mut total) = (Rgb::BLACK, 0.0);
+        for (a, share) in shares.into_iter().enumerate() {
+            // What does not count is not looked up.
+            if share > 0.0 {
+                sum += along(a) * share;
+                total += share;
+            }
+        }
+        // No normal, after a transform that overflows.
+        if total > 0.0 {
+            sum * (1.0 / total)
+        } else {
+            along(2)
+        }
     }
 
     /// The values at the points of a stream, each at the place that the function says.
@@ -116,7 +178,7 @@ impl Projection {
     #[inline(always)]
     fn project(self, q: DVec3) -> DVec3 {
         match self {
-            Self::Uv | Self::Solid => q,
+            Self::Uv | Self::Solid | Self::Triplanar => q,
             Self::Planar => DVec3::new(q.x, q.y, 0.0),
             Self::Spherical => {
                 // As the inverse tangent, which is exact near the poles, where the inverse cosine is not.
@@ -149,12 +211,16 @@ impl<P: Pattern> Texture for Mapped<P> {
     fn needs(&self) -> Needs {
         match self.projection {
             Projection::Uv => Needs::UV,
+            Projection::Triplanar => Needs::SHADING_NORMAL,
             _ => Needs::NOTHING,
         }
     }
 
     fn value(&self, point: &SurfacePoint) -> Rgb {
-        self.pattern.at(self.place(point))
+        match self.projection {
+            Projection::Triplanar => self.triplanar(point),
+            _ => self.pattern.at(self.place(point)),
+        }
     }
 
     fn value_stream(&self, points: &PointStream, out: &mut Colors) {
@@ -162,6 +228,11 @@ impl<P: Pattern> Texture for Mapped<P> {
         match (self.projection, self.moved) {
             (Projection::Uv, None) => self.stream(points, out, |point| point.uv.extend(0.0)),
             (Projection::Solid, None) => self.stream(points, out, |point| point.position),
+            (Projection::Triplanar, _) => {
+                for lane in 0..points.len.min(LANES) {
+                    out.set(lane, self.triplanar(&points.get(lane)));
+                }
+            }
             _ => self.stream(points, out, |point| self.place(point)),
         }
     }
@@ -186,7 +257,7 @@ mod tests {
 
     fn put(text: &str) -> Arc<dyn Texture> {
         let mapping: Mapping = decode(&toml::de::DeTable::parse(text).unwrap()).unwrap();
-        mapping.put(Projection::Uv, Place)
+        mapping.put(Projection::Uv, Place).unwrap()
     }
 
     fn at(text: &str, position: [f64; 3]) -> DVec3 {
@@ -197,7 +268,15 @@ mod tests {
 
     #[test]
     fn every_projection_obeys_the_laws() {
-        for projection in ["uv", "solid", "planar", "spherical", "cylindrical", "cube"] {
+        for projection in [
+            "uv",
+            "solid",
+            "planar",
+            "spherical",
+            "cylindrical",
+            "cube",
+            "triplanar",
+        ] {
             for transform in [
                 "",
                 "transform = [{ scale = [2, 3, 4] }, { translate = [1, 0, 0] }]",
@@ -211,6 +290,40 @@ mod tests {
     fn only_what_reads_uv_needs_it() {
         assert_eq!(put("").needs(), Needs::UV);
         assert_eq!(put("projection = \"spherical\"").needs(), Needs::NOTHING);
+    }
+
+    #[test]
+    fn three_projections_count_by_the_normal() {
+        let seen = |text: &str, normal: [f64; 3]| -> DVec3 {
+            let normal = DVec3::from_array(normal).normalize();
+            let point = SurfacePoint::new(DVec3::new(1.0, 2.0, 4.0), 0.0, normal);
+            put(&format!("projection = \"triplanar\"\n{text}"))
+                .value(&point)
+                .to_array()
+                .into()
+        };
+        let [x, y, z] = [[2.0, 4.0, 0.0], [4.0, 1.0, 0.0], [1.0, 2.0, 0.0]].map(DVec3::from_array);
+        let near = |a: DVec3, b: DVec3| assert!(a.abs_diff_eq(b, 1e-14), "{a}, not {b}");
+        // Along an axis there is one; on both sides the same.
+        near(seen("", [1.0, 0.0, 0.0]), x);
+        near(seen("", [0.0, -1.0, 0.0]), y);
+        near(seen("", [1.0, 1.0, 1.0]), (x + y + z) / 3.0);
+        near(seen("", [0.0, 1.0, 2.0]), (y + 16.0 * z) / 17.0);
+        near(seen("sharpness = 1", [0.0, -1.0, 2.0]), (y + 2.0 * z) / 3.0);
+        near(seen("sharpness = 1e300", [0.0, 1.0, 2.0]), z);
+        // Twice as long along z: normals lie flatter there.
+        let long = "sharpness = 1\ntransform = { scale = [1, 1, 2] }";
+        let y2 = DVec3::new(8.0, 1.0, 0.0);
+        near(seen(long, [0.0, 1.0, 2.0]), (y2 + z) / 2.0);
+        assert_eq!(put("projection = \"triplanar\"").needs(), Needs::SHADING_NORMAL);
+    }
+
+    #[test]
+    fn sharpness_without_effect_is_refused_at_its_place() {
+        let text = "projection = \"cube\"\nsharpness = 2";
+        let mapping: Mapping = decode(&toml::de::DeTable::parse(text).unwrap()).unwrap();
+        let error = mapping.put(Projection::Uv, Place).err().unwrap().0.remove(0);
+        assert_eq!(&text[error.span.unwrap()], "2");
     }
 
     #[test]

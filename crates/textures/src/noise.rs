@@ -166,7 +166,10 @@ impl Plugin<Textures> for Noise {
                 .map_or(1.0, |distortion| distortion.into_inner().get()),
             table: Table::new(config.seed.map(IntegerIn::get)),
         };
-        errors.into_result(config.mapping.put(Projection::Solid, pattern))
+        match errors.take(config.mapping.put(Projection::Solid, pattern)) {
+            Some(texture) => errors.into_result(texture),
+            None => Err(errors),
+        }
     }
 }
 

@@ -210,7 +210,7 @@ impl Plugin<Textures> for Solid {
             filter: config.filter,
             wrap: config.wrap,
         };
-        Ok(config.mapping.put(Projection::Solid, pattern))
+        config.mapping.put(Projection::Solid, pattern)
     }
 }
 

@@ -87,7 +87,7 @@ impl Plugin<Textures> for Worley {
             scale: config.scale.get(),
             seed: mix(config.seed.get()),
         };
-        Ok(config.mapping.put(Projection::Solid, pattern))
+        config.mapping.put(Projection::Solid, pattern)
     }
 }
 

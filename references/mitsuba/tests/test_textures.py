@@ -9,7 +9,7 @@ import unittest
 import numpy as np
 from support import Case, film
 
-from whitstone_mitsuba import exr
+from whitstone_mitsuba import exr, quilting
 from whitstone_mitsuba.images import srgb_to_linear
 from whitstone_mitsuba.runtime import mi
 
@@ -60,6 +60,23 @@ class Textures(Case):
             even = (np.floor(3 * u + 0.05) + np.floor(3 * v + 0.05)) % 2 == 0
             self.near(found[:, :, 0], np.where(even, 1, 0.25))
         self.refuse(scene(1, 1, '{ type = "checker", mapping = { projection = "round" } }'), "scene", "mapping.projection")
+
+    def test_triplanar(self):
+        """Lines that only the projection along x shows, on a plane that is turned in texture space."""
+        s3 = 3**0.5
+        for more, sharpness, scale in (("", 4, 1), (", sharpness = 1", 1, 1), (", sharpness = 2", 2, 2)):
+            # By 60 degrees around y: N is (sin 60, 0, cos 60), then by the inverse transpose of the scale along z.
+            steps = f"[{{ rotate = {{ axis = [0, 1, 0], degrees = 60 }} }}, {{ scale = [1, 1, {scale}] }}]"
+            text = f'mapping = {{ projection = "triplanar", transform = {steps}{more} }}'
+            lines = f'{{ type = "grid_lines", a = 0, b = 1, width = [0.5, 0], {text} }}'
+            found = self.seen(8, 8, lines)[:, :, 0]
+            j, i = np.mgrid[0:8, 0:8]
+            x, y = (i + 0.5) / 4 - 1, 1 - (j + 0.5) / 4
+            w_x, w_z = (s3 / 2) ** sharpness, (0.5 / scale) ** sharpness
+            line = lambda u: np.abs(u - np.round(u)) < 0.25
+            # Along x the first coordinate is y, along z it is x, which the turn has halved.
+            self.near(found, (w_x * line(y) + w_z * line(0.5 * x)) / (w_x + w_z), rel=1e-5, atol=1e-6)
+        self.refuse(scene(1, 1, '{ type = "checker", mapping = { sharpness = 2 } }'), "scene", "mapping.sharpness")
 
     def test_texel_centres(self):
         for filtering in ("bilinear", "nearest"):
@@ -191,6 +208,37 @@ class Textures(Case):
             self.near(self.value(scene(1, 1, f'{{ type = "solid", size = [1, 1, 1], {more} }}'), base=self.base), expected, atol=1e-7)
         for bad in (", values = [1]", ', file = "bytes"', ', file = "none"', ""):
             self.refuse(scene(1, 1, f'{{ type = "solid", size = [2, 1, 1]{bad} }}'), "scene", "expected", base=self.base)
+
+    def test_seams(self):
+        """The cheapest path among all, and none that is cheaper."""
+        random = np.random.default_rng(3)
+        for _ in range(20):
+            d = random.integers(0, 9, (5, 3))
+            paths = [p for p in itertools.product(range(3), repeat=5) if all(abs(a - b) <= 1 for a, b in zip(p, p[1:]))]
+            cost = min(sum(d[k, p[k]] for k in range(5)) for p in paths)
+            found = quilting._seam(d)
+            self.assertIn(tuple(found), paths)
+            self.assertEqual(sum(d[k, found[k]] for k in range(5)), cost)
+
+    def test_synthesized(self):
+        """A sample no larger than a block is laid side by side, cut where it differs least; larger ones are pieces of themselves."""
+        sample = np.random.default_rng(8).integers(0, 256, (4, 4, 3), dtype=np.uint8)
+        mi.Bitmap(sample).write(os.path.join(self.base, "s.png"))
+        text = '{{ type = "synthesized", file = "{}", size = [{}, {}], block = 4, overlap = {}, filter = "nearest"{} }}'
+        found = self.seen(4, 4, text.format("s.png", 4, 4, 1, ""))
+        self.near(found, srgb_to_linear(sample / 255.0), rel=1e-5, atol=2e-6)
+        # With an overlap of 1, the seam is that column: all of each new block.
+        twice = np.concatenate([sample[:, :3], sample], axis=1)
+        found = self.seen(7, 4, text.format("s.png", 7, 4, 1, ', color_space = "linear"'))
+        self.near(found, twice / 255.0, rel=1e-5, atol=2e-6)
+        more = np.random.default_rng(9).integers(0, 256, (9, 11, 3), dtype=np.uint8)
+        mi.Bitmap(more).write(os.path.join(self.base, "m.png"))
+        one, other = (self.seen(20, 15, text.format("m.png", 20, 15, 2, f', color_space = "linear", seed = {seed}')) for seed in (0, 1))
+        self.assertGreater(np.abs(one - other).max(), 0.1)
+        known = {tuple(texel) for texel in more.reshape(-1, 3)}
+        self.assertTrue(all(tuple(texel) in known for texel in np.rint(one * 255).astype(int).reshape(-1, 3)))
+        for bad in ((20, 15, 3, ""), (0, 1, 1, ""), (4, 4, 1, ", seed = -1")):
+            self.refuse(scene(1, 1, text.format("m.png", *bad)), "scene", "expected", base=self.base)
 
     def test_shared_and_range(self):
         shared = '[texture.t]\ntype = "constant"\nvalue = [0.1, 0.2, 0.3]\n'

@@ -59,6 +59,9 @@ class Document:
             if entry is not None:
                 found[entry[0]] = {"type": entry[0], "twin": "hosted", "reason": entry[1]}
         textures = [texture for number in used for texture in (*self.materials[number].textures.values(), self.materials[number].ambient)]
+        if any(getattr(texture, "quilted", False) for texture in textures):
+            reason = "the picture is quilted in Python; Mitsuba looks it up"
+            found["synthesized"] = {"type": "synthesized", "twin": "hosted", "reason": reason}
         if any(isinstance(texture, patterns.HOSTED) for texture in textures):
             reason = "a texture that Mitsuba lacks: its formula is computed in Python"
             found["pattern"] = {"type": "pattern", "twin": "hosted", "reason": reason}

@@ -27,6 +27,21 @@ def _pick_rgb(pixels: np.ndarray, names: list, path: str) -> np.ndarray:
     raise SceneError(f"{path}: expected channels R, G, B or Y, found {', '.join(names)}")
 
 
+def codes(path: str) -> np.ndarray:
+    """(height, width, 3) codes of a file of 8 bits."""
+    if not os.path.isfile(path):
+        raise SceneError(f"{path}: there is no such file")
+    try:
+        bitmap = mi.Bitmap(path)
+        names = [field.name for field in bitmap.struct_()]
+        pixels = np.atleast_3d(np.array(bitmap))
+    except Exception as error:  # Mitsuba raises RuntimeError with its own text
+        raise SceneError(f"{path}: cannot be read as an image: {error}") from error
+    if pixels.dtype != np.uint8:
+        raise SceneError(f"{path}: expected 8 bits a channel")
+    return _pick_rgb(pixels, names, path).astype(np.int64)
+
+
 def load(path: str, color_space: str) -> np.ndarray:
     """(height, width, 3) float32, top row first. `color_space`: "auto", "srgb", "linear"."""
     extension = os.path.splitext(path)[1].lower()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Callable
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from . import transforms
 from .fields import Fields
 from .runtime import mi
 
-PROJECTIONS = ("uv", "solid", "planar", "spherical", "cylindrical", "cube")
+PROJECTIONS = ("uv", "solid", "planar", "spherical", "cylindrical", "cube", "triplanar")
 
 
 def _turn(q: np.ndarray) -> np.ndarray:
@@ -40,22 +40,33 @@ def project(projection: str, q: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Mapping:
-    """Projection and transform as read."""
+    """Projection, transform and sharpness as read."""
 
     projection: str
     matrix: np.ndarray = field(default_factory=lambda: np.eye(4))
+    sharpness: float = 4.0
 
     def usual(self) -> bool:
         """Whether it is that of textures of (u, v), which Mitsuba's own do by themselves."""
         return self.projection == "uv" and np.array_equal(self.matrix, np.eye(4))
 
-    def points(self, si: Any) -> np.ndarray:
-        """(n, 3) points of texture space at Mitsuba's surface interactions."""
+    def values(self, si: Any, at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """(n, 3) colours at Mitsuba's surface interactions; `at` gives them for (n, 3) points of texture space."""
         uv = self.projection == "uv"
         source = np.array(si.uv if uv else si.p, dtype=np.float64).T
         if uv:
             source = np.column_stack([source, np.zeros(len(source))])
-        return project(self.projection, source @ self.matrix[:3, :3].T + self.matrix[:3, 3])
+        q = source @ self.matrix[:3, :3].T + self.matrix[:3, 3]
+        if self.projection != "triplanar":
+            return at(project(self.projection, q))
+        normal = np.abs(np.array(si.sh_frame.n, dtype=np.float64).T @ np.linalg.inv(self.matrix[:3, :3]))
+        with np.errstate(invalid="ignore"):
+            weight = (normal / normal.max(axis=1, keepdims=True)) ** self.sharpness
+        total = np.zeros((len(q), 3))
+        for a in range(3):
+            place = np.column_stack([q[:, (a + 1) % 3], q[:, (a + 2) % 3], np.zeros(len(q))])
+            total += weight[:, [a]] * at(place)
+        return total / weight.sum(axis=1, keepdims=True)
 
 
 def read(fields: Fields, usual: str) -> Mapping:
@@ -66,8 +77,11 @@ def read(fields: Fields, usual: str) -> Mapping:
     inner = Fields(table, f"{fields.where}.mapping", fields.errors)
     projection = inner.choice("projection", usual, PROJECTIONS)
     matrix = transforms.read(inner.take("transform"), f"{inner.where}.transform", fields.errors)
+    sharpness = 4.0
+    if projection == "triplanar":
+        sharpness = inner.number("sharpness", 4.0, lambda number: number > 0, "a number above 0")
     inner.close()
-    return Mapping(projection, matrix)
+    return Mapping(projection, matrix, sharpness)
 
 
 class Mapped(mi.Texture):
@@ -78,10 +92,12 @@ class Mapped(mi.Texture):
         self.inner, self.mapping = inner, mapping
 
     def eval(self, si: Any, active: Any = True) -> Any:
-        points = self.mapping.points(si).astype(np.float32)
-        place = mi.SurfaceInteraction3f(si)
-        place.uv = mi.Point2f(np.ascontiguousarray(points[:, :2].T))
-        return self.inner.eval(place, active)
+        def at(points: np.ndarray) -> np.ndarray:
+            place = mi.SurfaceInteraction3f(si)
+            place.uv = mi.Point2f(np.ascontiguousarray(points[:, :2].T.astype(np.float32)))
+            return np.array(self.inner.eval(place, active), dtype=np.float64).T
+
+        return mi.Color3f(np.ascontiguousarray(self.mapping.values(si, at).T.astype(np.float32)))
 
     def to_string(self) -> str:
         return f"Mapped[{self.mapping.projection}]"

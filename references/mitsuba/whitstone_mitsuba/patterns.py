@@ -49,6 +49,11 @@ def _sum(a: np.ndarray, b: int) -> np.ndarray:
     return (np.asarray(a, dtype=np.uint64) + np.uint64(b % 2**32)).astype(np.uint32)
 
 
+def hash32(x: int) -> int:
+    """m of one whole number, modulo 2^32."""
+    return int(_hash(np.array([x % 2**32], dtype=np.uint32))[0])
+
+
 def permutation(seed: Optional[int]) -> np.ndarray:
     """P of the model."""
     if seed is None:
@@ -246,10 +251,11 @@ class Formula(mi.Texture):
         self.pattern = pattern
 
     def eval(self, si: Any, active: Any = True) -> Any:
-        # Lanes without a hit may hold anything.
-        points = np.nan_to_num(self.pattern.mapping.points(si), nan=0.0, posinf=0.0, neginf=0.0)
-        values = self.pattern.at(points).astype(np.float32)
-        return mi.Color3f(np.ascontiguousarray(values.T))
+        def at(points: np.ndarray) -> np.ndarray:
+            # Lanes without a hit may hold anything.
+            return self.pattern.at(np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0))
+
+        return mi.Color3f(np.ascontiguousarray(self.pattern.mapping.values(si, at).T.astype(np.float32)))
 
     def to_string(self) -> str:
         return f"Formula[{type(self.pattern).__name__}]"

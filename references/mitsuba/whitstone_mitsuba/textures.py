@@ -11,7 +11,7 @@ from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
-from . import images, mappings, patterns
+from . import images, mappings, patterns, quilting
 from .errors import SceneError
 from .fields import REQUIRED, Fields, Vector, as_color, is_number, nearest
 from .files import Folder
@@ -75,6 +75,8 @@ class Image:
     scale: Vector
     offset: Vector
     mapping: mappings.Mapping
+    # Whether it is not a file as it is, but quilted in Python.
+    quilted: bool = False
 
     def range(self) -> Tuple[float, float]:
         return float(self.pixels.min()), float(self.pixels.max())
@@ -187,6 +189,35 @@ def _image(fields: Fields, base: Folder) -> Any:
         return Constant((0.0, 0.0, 0.0))
 
 
+def _synthesized(fields: Fields, base: Folder) -> Any:
+    name, size = fields.string("file", REQUIRED), fields.take("size", REQUIRED)
+    if not isinstance(size, list) or len(size) != 2 or not all(type(n) is int and 1 <= n <= 4096 for n in size):
+        fields.error("size", f"expected two integers from 1 to 4096, found {size!r}")
+        size = [1, 1]
+    block = fields.integer("block", 16, 2, 256)
+    overlap = fields.integer("overlap", max(1, block // 4), 1, 128)
+    tolerance = fields.number("tolerance", 0.1, lambda number: number >= 0, "a number of at least 0")
+    seed = fields.integer("seed", 0, 0, 2**32 - 1)
+    filtering = fields.choice("filter", "bilinear", ("bilinear", "nearest"))
+    wrap = fields.choice("wrap", "repeat", ("repeat", "clamp", "mirror"))
+    space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
+    scale = _pair(fields, "scale", (1.0, 1.0), True)
+    offset = _pair(fields, "offset", (0.0, 0.0), False)
+    mapping = mappings.read(fields, "uv")
+    try:
+        sample = images.codes(base.path(name))
+    except SceneError as error:
+        fields.error("file", str(error))
+        return Constant((0.0, 0.0, 0.0))
+    if block > min(sample.shape[:2]) or 2 * overlap > block:
+        fields.error("block", f"expected a block within the sample and an overlap of at most half, found {block} and {overlap}")
+        return Constant((0.0, 0.0, 0.0))
+    values = quilting.quilt(sample, (size[0], size[1]), block, overlap, tolerance, seed) / 255.0
+    values = values if space == "linear" else images.srgb_to_linear(values)
+    pixels = np.ascontiguousarray(values, dtype=np.float32)
+    return Image(pixels, filtering, wrap, scale, offset, mapping, quilted=True)
+
+
 def _grid_lines(fields: Fields, base: Folder) -> patterns.GridLines:
     a, b = fields.color("a", 0.8), fields.color("b", 0.2)
     width = _pair(fields, "width", (0.1, 0.1), True)
@@ -268,4 +299,5 @@ READERS = {
     "noise": _noise,
     "worley": _worley,
     "solid": _solid,
+    "synthesized": _synthesized,
 }

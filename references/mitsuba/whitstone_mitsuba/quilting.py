@@ -1,0 +1,53 @@
+"""Pictures quilted out of pieces of a sample (model §10, `synthesized`), in whole numbers."""
+
+from __future__ import annotations
+
+from typing import List, Tuple
+
+import numpy as np
+
+from .patterns import hash32
+
+
+def _seam(d: np.ndarray) -> List[int]:
+    """The path along the first axis of least sum; steps across the second of at most 1."""
+    sums = [d[0]]
+    for row in d[1:]:
+        padded = np.pad(sums[-1], 1, constant_values=np.iinfo(np.int64).max)
+        sums.append(row + np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:]))
+    path = [int(np.argmin(sums[-1]))]
+    for row in sums[-2::-1]:
+        low = max(path[-1] - 1, 0)
+        path.append(low + int(np.argmin(row[low : path[-1] + 2])))
+    return path[::-1]
+
+
+def quilt(sample: np.ndarray, size: Tuple[int, int], block: int, overlap: int, tolerance: float, seed: int) -> np.ndarray:
+    """(H, W, 3) codes out of (h, w, 3)."""
+    step = block - overlap
+    columns, rows = (1 + -(-max(0, length - block) // step) for length in size)
+    canvas = np.zeros(((rows - 1) * step + block, (columns - 1) * step + block, 3), dtype=np.int64)
+    high, wide = sample.shape[0] - block + 1, sample.shape[1] - block + 1
+    for r in range(rows):
+        of_row = hash32(int(hash32(seed)) + r)
+        for c in range(columns):
+            old = canvas[r * step : r * step + block, c * step : c * step + block]
+            errors = np.zeros((high, wide), dtype=np.int64)
+            for j in range(block):
+                for i in range(block):
+                    if (c > 0 and i < overlap) or (r > 0 and j < overlap):
+                        errors += ((sample[j : j + high, i : i + wide] - old[j, i]) ** 2).sum(axis=2)
+            errors = errors.ravel()
+            least = errors[errors > 0].min() if np.any(errors > 0) else 0
+            candidates = np.flatnonzero(errors <= float(least) * (1.0 + tolerance))
+            chosen = int(candidates[int(hash32(int(of_row) + c)) % len(candidates)])
+            y, x = divmod(chosen, wide)
+            piece = sample[y : y + block, x : x + block]
+            d = ((piece - old) ** 2).sum(axis=2)
+            new = np.ones((block, block), dtype=bool)
+            if c > 0:
+                new &= np.arange(block)[None, :] >= np.array(_seam(d[:, :overlap]))[:, None]
+            if r > 0:
+                new &= np.arange(block)[:, None] >= np.array(_seam(d[:overlap].T))[None, :]
+            old[new] = piece[new]
+    return canvas[: size[1], : size[0]]
