@@ -252,7 +252,7 @@ impl Quilt {
             difference(old, sample.data[(y + j) * sample.width + x + i])
         };
         let left = from_left.then(|| self.seam(|along, across| error(across, along)));
-        let top = from_top.then(|| self.seam(|along, across| error(along, across)));
+        let top = from_top.then(|| self.seam(error));
         for j in 0..self.block {
             for i in 0..self.block {
                 let inside = left.as_ref().is_none_or(|seam| i >= seam[j])

@@ -185,7 +185,7 @@ impl Pattern for Worley {
             Value::F2MinusF1 => second - first,
         };
         // What is no number, far outside of every scene, becomes 0.
-        let t = t.max(0.0).min(1.0);
+        let t = if t > 0.0 { t.min(1.0) } else { 0.0 };
         self.a * (1.0 - t) + self.b * t
     }
 }
