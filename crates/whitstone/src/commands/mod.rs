@@ -8,6 +8,7 @@ pub mod list;
 pub mod reference;
 pub mod render;
 pub mod schema;
+pub mod stress;
 pub mod validate;
 
 use crate::terminal::{self, Exit, Failure};
@@ -38,6 +39,7 @@ pub enum Command {
     Validate(validate::Arguments),
     Compare(compare::Arguments),
     Explain(explain::Arguments),
+    Stress(stress::Arguments),
     List(list::Arguments),
     Schema(schema::Arguments),
     Doctor(doctor::Arguments),
@@ -53,6 +55,7 @@ impl Command {
             Self::Validate(arguments) => validate::run(arguments, registry, program),
             Self::Compare(arguments) => compare::run(arguments),
             Self::Explain(arguments) => explain::run(arguments, registry),
+            Self::Stress(arguments) => stress::run(arguments, registry),
             Self::List(arguments) => list::run(arguments, registry),
             Self::Schema(arguments) => schema::run(arguments, registry),
             Self::Doctor(arguments) => doctor::run(arguments, registry),
