@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use whitstone_core::{DVec3, Ray, Registry, Rgb, Scratch, TreeNode};
 use whitstone_oracle::agreement::Subject;
+use whitstone_oracle::naive::{Real, Textbook, textbook};
 use whitstone_scene::{Description, Pipeline, Plan, Sources};
 use whitstone_validate::driver::{Driver, DriverError};
 
@@ -92,10 +93,25 @@ fn with_camera(scene: &str) -> String {
     }
 }
 
+/// The textbook form of a shape of a scene.
+pub(crate) fn textbook_of<R: Real>(scene: &str, number: usize) -> Result<Box<dyn Textbook<R>>, String> {
+    let text = with_camera(scene);
+    let sources = Sources::from_text("stress", &text, Path::new("scenes"), &[]);
+    let sources = sources.map_err(|error| error.sources.report(&error.errors, false))?;
+    let report = |errors| sources.report(&errors, false);
+    let description = Description::parse(&sources).map_err(report)?;
+    textbook(&description, number).map_err(report)
+}
+
 /// As the protocol writes rays.
 pub(crate) fn rows(rays: &[Ray]) -> Vec<[f64; 6]> {
     rays.iter()
-        .map(|Ray { origin: o, direction: d }| [o.x, o.y, o.z, d.x, d.y, d.z])
+        .map(
+            |Ray {
+                 origin: o,
+                 direction: d,
+             }| [o.x, o.y, o.z, d.x, d.y, d.z],
+        )
         .collect()
 }
 

@@ -49,8 +49,10 @@ impl Family for RayFamily {
         if rays.len() < lab.rays {
             return Err(format!("only {} rays of {} could be aimed", rays.len(), lab.rays));
         }
-        let truths: Vec<Nearest> =
-            rays.iter().map(|ray| subject.oracle.nearest(ray, Interval::FORWARD)).collect();
+        let truths: Vec<Nearest> = rays
+            .iter()
+            .map(|ray| subject.oracle.nearest(ray, Interval::FORWARD))
+            .collect();
 
         let world = &subject.pipeline.world;
         let (ours, ns) = timed(&rays, |ray| {
@@ -72,7 +74,9 @@ impl Family for RayFamily {
         }
 
         let (double, ns) = timed(&rays, |ray| {
-            subject.textbook_f64.closest(ray.origin.to_array(), ray.direction.to_array())
+            subject
+                .textbook_f64
+                .closest(ray.origin.to_array(), ray.direction.to_array())
         });
         let mut naive_f64 = self.judge(knob, &truths, &double);
         naive_f64.ns_per_op = Some(ns);
@@ -80,7 +84,9 @@ impl Family for RayFamily {
             .iter()
             .map(|ray| [ray.origin, ray.direction].map(|v| v.as_vec3().to_array()))
             .collect();
-        let (found, ns) = timed(&singles, |[o, d]| subject.textbook_f32.closest(*o, *d).map(f64::from));
+        let (found, ns) = timed(&singles, |[o, d]| {
+            subject.textbook_f32.closest(*o, *d).map(f64::from)
+        });
         let mut naive_f32 = self.judge(knob, &truths, &found);
         naive_f32.ns_per_op = Some(ns);
         let mitsuba = lab.mitsuba_closest(&scene, &rays).map(|(found, ns)| {

@@ -116,16 +116,27 @@ impl FamilyReport {
     }
 
     fn judge(about: &About, knobs: Vec<f64>, engines: Vec<EngineReport>) -> Self {
-        let of = |engine| engines.iter().find(|report: &&EngineReport| report.engine == engine);
+        let of = |engine| {
+            engines
+                .iter()
+                .find(|report: &&EngineReport| report.engine == engine)
+        };
         let takes_part = |report: &&EngineReport| !report.steps.is_empty();
         // The textbook in single precision never keeps a promise that is made for doubles: what it must fail is to be usable.
-        let naive_fails = of(Engine::NaiveF64).filter(takes_part).is_some_and(|report| !report.passes)
-            || of(Engine::NaiveF32).filter(takes_part).is_some_and(|report| report.frontier.is_some());
+        let naive_fails = of(Engine::NaiveF64)
+            .filter(takes_part)
+            .is_some_and(|report| !report.passes)
+            || of(Engine::NaiveF32)
+                .filter(takes_part)
+                .is_some_and(|report| report.frontier.is_some());
         let ours = of(Engine::Whitstone);
         let theirs = of(Engine::Mitsuba).filter(takes_part);
         let verdict = if !ours.is_some_and(|report| report.passes) {
             Verdict::Fails
-        } else if ours.zip(theirs).is_some_and(|(ours, theirs)| ours.usable_steps < theirs.usable_steps) {
+        } else if ours
+            .zip(theirs)
+            .is_some_and(|(ours, theirs)| ours.usable_steps < theirs.usable_steps)
+        {
             Verdict::Behind
         } else if !naive_fails {
             Verdict::Toothless
@@ -151,7 +162,9 @@ impl FamilyReport {
         let report = self.engines.iter().find(|report| report.engine == engine);
         match report {
             Some(report) if report.steps.is_empty() => "–".to_owned(),
-            Some(EngineReport { frontier: Some(knob), .. }) => format!("{knob:.0e}"),
+            Some(EngineReport {
+                frontier: Some(knob), ..
+            }) => format!("{knob:.0e}"),
             Some(_) => "none".to_owned(),
             None => "–".to_owned(),
         }
@@ -171,7 +184,8 @@ impl EngineReport {
     }
 
     fn conclude(&mut self) {
-        self.passes = !self.steps.is_empty() && self.absent.is_none() && self.steps.iter().all(|step| step.passes);
+        self.passes =
+            !self.steps.is_empty() && self.absent.is_none() && self.steps.iter().all(|step| step.passes);
         self.usable_steps = self.steps.iter().take_while(|step| step.usable).count();
         self.frontier = self.steps.get(self.usable_steps).map(|step| step.knob);
     }

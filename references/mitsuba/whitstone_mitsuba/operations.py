@@ -194,6 +194,12 @@ def fresnel(request: Request) -> Answer:
     return {"reflectance": reflectances, "cosine": transmitted}
 
 
+def camera(request: Request) -> Answer:
+    """Mitsuba's camera rays."""
+    built = _load(request, Setting.read(request.get("setting")))
+    return {"directions": probes.camera(built, _get(request, "positions", list))}
+
+
 OPERATIONS: Dict[str, Callable[[Request], Answer]] = {
     "hello": hello,
     "render": render,
@@ -205,6 +211,7 @@ OPERATIONS: Dict[str, Callable[[Request], Answer]] = {
     "occluded": occluded,
     "walk": walk,
     "fresnel": fresnel,
+    "camera": camera,
 }
 
 

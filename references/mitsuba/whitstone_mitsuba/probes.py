@@ -10,7 +10,7 @@ from typing import Any, List, Optional, Tuple
 
 import numpy as np
 
-from .errors import DriverError
+from .errors import DriverError, Unsupported
 from .runtime import dr, mi
 from .scene import Built
 
@@ -81,3 +81,12 @@ def fresnel(cosines: Any, ior: float) -> Tuple[List[float], List[float]]:
     both = (np.broadcast_to(np.asarray(values), (count,)) for values in (reflectance, transmitted))
     first, second = ([float(value) for value in values] for values in both)
     return first, second
+
+
+def camera(built: Built, positions: Any) -> List[List[float]]:
+    """Directions of rays through places of the film, [0, 1] x [0, 1] from the top left, by Mitsuba's own sensor."""
+    if built.sensor is None:
+        raise Unsupported("camera: Mitsuba has no such sensor")
+    x, y = _columns(positions, 2, "positions")
+    ray, _ = built.sensor.sample_ray(0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5, 0.5))
+    return np.asarray(ray.d, dtype=np.float64).T.tolist()

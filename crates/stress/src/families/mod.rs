@@ -1,18 +1,34 @@
 //! The families.
 
+mod camera;
+mod gaps;
+mod optics;
+mod scale;
 mod shapes;
 mod sphere;
 
 use crate::Family;
 
 /// All of them, in the order of the catalogue.
-pub static FAMILIES: [&dyn Family; 13] = [
+pub static FAMILIES: [&dyn Family; 26] = [
     &sphere::DISTANCE,
     &sphere::PLANET,
     &sphere::TANGENT,
     &sphere::OFFSET,
+    &scale::PowerOfTwo,
+    &scale::PowerOfTen,
     &shapes::SLIVER,
+    &gaps::Leaks,
+    &gaps::ShadowGap,
+    &gaps::ThinPane,
+    &optics::IndexNearOne,
+    &optics::CriticalAngle,
+    &gaps::ParallelMirrors,
     &sphere::NEAR,
+    &camera::WideView,
+    &camera::NarrowView,
+    &optics::PhongExponent,
+    &optics::NearLamp,
     &shapes::CONDITION,
     &shapes::NEEDLE,
     &shapes::APEX,
@@ -20,4 +36,5 @@ pub static FAMILIES: [&dyn Family; 13] = [
     &shapes::FAR_RING,
     &shapes::COPY,
     &shapes::LENGTH,
+    &optics::Absorption,
 ];

@@ -3,9 +3,10 @@
 use crate::lab::single;
 use crate::rays::{RayFamily, clear, past};
 use crate::{About, decades};
-use whitstone_core::{DVec3, Ray};
+use whitstone_core::{DMat3, DVec3, Ray};
+use whitstone_testkit::Random;
 
-/// A triangle that is a unit long and hardly wide, met from above.
+/// A triangle that is a unit long and hardly wide, somewhere in space.
 pub(crate) static SLIVER: RayFamily = RayFamily {
     about: About {
         name: "sliver",
@@ -18,20 +19,31 @@ pub(crate) static SLIVER: RayFamily = RayFamily {
     },
     knobs: || decades(0, 8),
     scene: |aspect| {
-        let width = f64::from((1.0 / aspect) as f32);
-        format!("[[shape]]\ntype = \"triangle\"\nvertices = [[0, 0, 0], [1, 0, 0.25], [0.5, {width:?}, 0.125]]\n")
+        let [a, b, c] = sliver(aspect).map(|corner| format!("{:?}", corner.to_array()));
+        format!("[[shape]]\ntype = \"triangle\"\nvertices = [{a}, {b}, {c}]\n")
     },
     ray: |aspect, random| {
-        // Across the middle, inside the plane of this y, which the ray keeps.
-        let width = f64::from((1.0 / aspect) as f32);
-        let part = if random.below(4) == 0 { 1.2 + random.unit() } else { 0.05 + 0.5 * random.unit() };
-        let target = DVec3::new(0.5 + 0.1 * random.signed(), part * width, 0.125);
-        let slope = 0.5 * random.signed();
-        Some(single(target + DVec3::new(-slope, 0.0, 1.0) * 3.0, DVec3::new(slope, 0.0, -1.0)))
+        let [a, b, c] = sliver(aspect);
+        let inside = 0.2 + 0.2 * random.unit();
+        let along = 0.5 + 0.1 * random.signed();
+        let foot = a + along * (b - a);
+        let target = foot + inside * (c - a - 0.5 * (b - a));
+        let origin = (target + 3.0 * random.direction()).as_vec3().as_dvec3();
+        let ray = single(origin, target - origin);
+        // A ray almost in the plane has no clear class.
+        let normal = (b - a).cross(c - a).normalize();
+        (normal.dot(ray.direction).abs() > 0.5).then_some(ray)
     },
     unit: |_, t| t,
     one_measure: false,
 };
+
+/// Corners that single precision has.
+fn sliver(aspect: f64) -> [DVec3; 3] {
+    let turn = DMat3::from_axis_angle(DVec3::new(1.0, -2.0, 0.5).normalize(), 0.7);
+    let corners = [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 1.0 / aspect, 0.0)];
+    corners.map(|corner| (turn * corner + DVec3::new(0.3, 0.2, -0.1)).as_vec3().as_dvec3())
+}
 
 /// A thin cylinder, met across.
 pub(crate) static NEEDLE: RayFamily = RayFamily {
@@ -51,7 +63,11 @@ pub(crate) static NEEDLE: RayFamily = RayFamily {
     },
     ray: |radius, random| {
         let side = if random.below(2) == 0 { 1.0 } else { -1.0 };
-        let origin = DVec3::new(side * clear(random) * radius, -3.0 - random.unit(), 0.3 * random.signed());
+        let origin = DVec3::new(
+            side * clear(random) * radius,
+            -3.0 - random.unit(),
+            0.3 * random.signed(),
+        );
         Some(single(origin, DVec3::new(0.0, 1.0, 0.1 * random.signed())))
     },
     unit: |radius, _| radius,
@@ -124,7 +140,7 @@ fn torus(tube: f64) -> String {
 }
 
 /// At the middle line of a torus' tube, or past it, from somewhere above.
-fn at_ring(distance: f64, tube: f64, random: &mut whitstone_testkit::Random) -> Option<Ray> {
+fn at_ring(distance: f64, tube: f64, random: &mut Random) -> Option<Ray> {
     let turn = std::f64::consts::TAU * random.unit();
     let middle = DVec3::new(turn.cos(), turn.sin(), 0.0);
     let mut from = random.direction();
@@ -154,7 +170,7 @@ pub(crate) static CONDITION: RayFamily = RayFamily {
         )
     },
     ray: |condition, random| {
-        let turn = whitstone_core::DMat3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 40f64.to_radians());
+        let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 40f64.to_radians());
         let root = condition.sqrt();
         // Through a place inside.
         let inside = DVec3::new(0.7 * root * random.signed(), 0.5 * random.signed(), 0.0);
@@ -187,7 +203,11 @@ pub(crate) static COPY: RayFamily = RayFamily {
     ray: |factor, random| {
         // Through an inner point of the copy, or past its widest part.
         let miss = random.below(4) == 0;
-        let y = if miss { 1.2 + random.unit() } else { 0.5 * random.signed() };
+        let y = if miss {
+            1.2 + random.unit()
+        } else {
+            0.5 * random.signed()
+        };
         let inside = DVec3::new(0.5 * factor * random.signed(), y, 0.0);
         let direction = DVec3::new(0.3 * random.signed(), 0.0, -1.0);
         Some(single(inside - 4.0 * direction, direction))
@@ -211,7 +231,11 @@ pub(crate) static LENGTH: RayFamily = RayFamily {
     scene: |_| "[[shape]]\ntype = \"sphere\"\n".to_owned(),
     ray: |length, random| {
         let ray = past(DVec3::ZERO, 4.0 * random.direction(), clear(random), 1.0, random)?;
-        let factor = if random.below(2) == 0 { length } else { 1.0 / length };
+        let factor = if random.below(2) == 0 {
+            length
+        } else {
+            1.0 / length
+        };
         Some(single(ray.origin, ray.direction * factor))
     },
     unit: |_, t| t,

@@ -41,7 +41,10 @@ pub(crate) static PLANET: RayFamily = RayFamily {
     },
     knobs: || decades(0, 8),
     scene: |radius| {
-        format!("[[shape]]\ntype = \"sphere\"\ncenter = [0, {:?}, 0]\nradius = {radius:?}\n", -radius)
+        format!(
+            "[[shape]]\ntype = \"sphere\"\ncenter = [0, {:?}, 0]\nradius = {radius:?}\n",
+            -radius
+        )
     },
     ray: |radius, random| {
         // The eye at (0, 2, 0), which single precision has, as it has the centre and the radius.

@@ -18,7 +18,9 @@ use whitstone_validate::environment::Environment;
 /// Exit code 0 if Whitstone keeps its promise in every family, gets at least as far as Mitsuba, and the naive variants fail;
 /// 1 if not.
 #[derive(Args, Debug)]
-#[command(after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --list")]
+#[command(
+    after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --list"
+)]
 pub struct Arguments {
     /// Which families; all by default
     families: Vec<String>,
@@ -80,9 +82,16 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     if let Some(path) = &arguments.json {
         write_json(path, &json!({ "families": reports }))?;
     }
-    let good = reports.iter().filter(|report| report.verdict == Verdict::Pass).count();
+    let good = reports
+        .iter()
+        .filter(|report| report.verdict == Verdict::Pass)
+        .count();
     println!("families: {}, pass: {good}", reports.len());
-    Ok(if good == reports.len() { Exit::Pass } else { Exit::Differs })
+    Ok(if good == reports.len() {
+        Exit::Pass
+    } else {
+        Exit::Differs
+    })
 }
 
 fn chosen(names: &[String]) -> Result<Vec<&'static dyn Family>, Failure> {
@@ -90,7 +99,9 @@ fn chosen(names: &[String]) -> Result<Vec<&'static dyn Family>, Failure> {
         return Ok(FAMILIES.to_vec());
     }
     let unknown = |name: &String| {
-        Failure::usage(format!("there is no family \"{name}\"; `whitstone stress --list` shows all"))
+        Failure::usage(format!(
+            "there is no family \"{name}\"; `whitstone stress --list` shows all"
+        ))
     };
     let mut chosen = Vec::new();
     for name in names {
@@ -101,22 +112,38 @@ fn chosen(names: &[String]) -> Result<Vec<&'static dyn Family>, Failure> {
 }
 
 fn mitsuba(arguments: &Arguments) -> Result<Driver, Failure> {
-    let environment = Environment::ensure(&arguments.target, &arguments.references, &|what| eprintln!("{what}"));
+    let environment = Environment::ensure(&arguments.target, &arguments.references, &|what| {
+        eprintln!("{what}")
+    });
     let environment = environment.map_err(Failure::environment)?;
     Driver::start(&environment, Duration::from_secs(arguments.time_limit)).map_err(Failure::environment)
 }
 
 fn print(report: &FamilyReport, steps: bool, first: bool) {
-    const ENGINES: [Engine; 4] = [Engine::Whitstone, Engine::Mitsuba, Engine::NaiveF64, Engine::NaiveF32];
+    const ENGINES: [Engine; 4] = [
+        Engine::Whitstone,
+        Engine::Mitsuba,
+        Engine::NaiveF64,
+        Engine::NaiveF32,
+    ];
     if first {
-        println!("{:<20} {:>10} {:>10} {:>10} {:>10}  verdict", "frontier of", "whitstone", "mitsuba", "naive f64", "naive f32");
+        println!(
+            "{:<20} {:>10} {:>10} {:>10} {:>10}  verdict",
+            "frontier of", "whitstone", "mitsuba", "naive f64", "naive f32"
+        );
     }
     let [a, b, c, d] = ENGINES.map(|engine| report.frontier(engine));
-    println!("{:<20} {a:>10} {b:>10} {c:>10} {d:>10}  {}", report.family, report.verdict);
+    println!(
+        "{:<20} {a:>10} {b:>10} {c:>10} {d:>10}  {}",
+        report.family, report.verdict
+    );
     if !steps {
         return;
     }
-    println!("  knob: {}; error: {}; usable up to {:e}; promise: {}", report.knob, report.measure, report.usable_level, report.pass_level);
+    println!(
+        "  knob: {}; error: {}; usable up to {:e}; promise: {}",
+        report.knob, report.measure, report.usable_level, report.pass_level
+    );
     for engine in &report.engines {
         for step in &engine.steps {
             println!(
@@ -129,7 +156,11 @@ fn print(report: &FamilyReport, steps: bool, first: bool) {
                 step.nonfinite,
                 step.ns_per_op.map_or("–".to_owned(), |ns| format!("{ns:.0}")),
                 if step.usable { "" } else { "  of no use" },
-                if step.passes || engine.engine != Engine::Whitstone { "" } else { "  BREAKS ITS PROMISE" },
+                if step.passes || engine.engine != Engine::Whitstone {
+                    ""
+                } else {
+                    "  BREAKS ITS PROMISE"
+                },
             );
         }
         if let Some(why) = &engine.absent {
