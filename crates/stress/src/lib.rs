@@ -12,12 +12,13 @@
 
 pub mod families;
 mod lab;
+pub mod plot;
 mod rays;
 mod report;
 
-pub use families::FAMILIES;
+pub use families::{ELSEWHERE, FAMILIES, MISSING};
 pub use lab::Lab;
-pub use report::{EngineReport, FamilyReport, Step, Verdict};
+pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, table};
 
 use serde::{Deserialize, Serialize};
 

@@ -217,3 +217,129 @@ impl fmt::Display for Verdict {
         })
     }
 }
+
+/// The frontiers of all families as a table in Markdown.
+pub fn table(reports: &[FamilyReport]) -> String {
+    let mut text = String::from(
+        "| family | what is turned | Whitstone | Mitsuba | naive f64 | naive f32 | verdict |\n|---|---|---|---|---|---|---|\n",
+    );
+    for report in reports {
+        let of = |engine| report.frontier(engine);
+        text += &format!(
+            "| {} | {} | {} | {} | {} | {} | {} |\n",
+            report.family,
+            report.knob,
+            of(Engine::Whitstone),
+            of(Engine::Mitsuba),
+            of(Engine::NaiveF64),
+            of(Engine::NaiveF32),
+            report.verdict
+        );
+    }
+    text
+}
+
+/// Frontiers of Whitstone and Mitsuba, in the families where both take part.
+pub fn headline(reports: &[FamilyReport]) -> String {
+    let mut text = String::from(
+        "| family | what is turned, and how far | Whitstone breaks at | Mitsuba breaks at |\n|---|---|---|---|\n",
+    );
+    for report in reports {
+        let [ours, theirs] = [Engine::Whitstone, Engine::Mitsuba].map(|engine| report.frontier(engine));
+        let (Some(first), Some(last)) = (report.knobs.first(), report.knobs.last()) else {
+            continue;
+        };
+        if theirs != "–" {
+            text += &format!(
+                "| {} | {}: {first:.0e} to {last:.0e} | {ours} | {theirs} |\n",
+                report.family, report.knob
+            );
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Engines that break the usable level at these errors, over a knob of three decades; all promises are 1.
+    fn judged(errors: [(Engine, [f64; 3]); 3]) -> FamilyReport {
+        struct Fixed([(Engine, [f64; 3]); 3]);
+        impl Family for Fixed {
+            fn about(&self) -> About {
+                About {
+                    name: "fixed",
+                    catalogue: &[],
+                    knob: "nothing",
+                    measure: "none",
+                    promise: "1",
+                    pass: 1.0,
+                    usable: 10.0,
+                }
+            }
+            fn knobs(&self) -> Vec<f64> {
+                vec![1.0, 10.0, 100.0]
+            }
+            fn step(&self, knob: f64, _: &Lab<'_>) -> Result<Vec<(Engine, crate::Answer)>, String> {
+                let at = knob.log10().round() as usize;
+                Ok(self
+                    .0
+                    .iter()
+                    .map(|(engine, errors)| (*engine, Ok(Sample::new(errors[at]))))
+                    .collect())
+            }
+        }
+        let registry = whitstone_core::Registry::default();
+        let lab = Lab::new(&registry, None, true);
+        FamilyReport::measure(&Fixed(errors), &lab, &|_| ()).expect("it has no errors")
+    }
+
+    #[test]
+    fn verdicts() {
+        use Engine::{Mitsuba, NaiveF32, Whitstone};
+        let (good, naive) = ((Whitstone, [0.0, 0.5, 1.0]), (NaiveF32, [0.0, 20.0, 20.0]));
+        let report = judged([good, (Mitsuba, [2.0, 5.0, 50.0]), naive]);
+        assert_eq!(report.verdict, Verdict::Pass);
+        assert_eq!(report.frontier(Whitstone), "none");
+        assert_eq!(report.frontier(Mitsuba), "1e2");
+        assert_eq!(report.frontier(NaiveF32), "1e1");
+        // A broken promise, also where it is still of use.
+        let broken = (Whitstone, [0.0, 1.1, 1.0]);
+        assert_eq!(
+            judged([broken, (Mitsuba, [2.0; 3]), naive]).verdict,
+            Verdict::Fails
+        );
+        // No number is worse than any.
+        let none = (Whitstone, [0.0, f64::NAN, 0.0]);
+        assert_eq!(judged([none, (Mitsuba, [2.0; 3]), naive]).verdict, Verdict::Fails);
+        // Nothing that fails proves nothing.
+        assert_eq!(
+            judged([good, (Mitsuba, [2.0; 3]), (NaiveF32, [9.0; 3])]).verdict,
+            Verdict::Toothless
+        );
+    }
+
+    #[test]
+    fn a_picture_has_every_engine() {
+        use Engine::{Mitsuba, NaiveF32, Whitstone};
+        let report = judged([
+            (Whitstone, [0.0; 3]),
+            (Mitsuba, [2.0, 5.0, 50.0]),
+            (NaiveF32, [20.0; 3]),
+        ]);
+        let svg = crate::plot::svg(&report);
+        for engine in [Whitstone, Mitsuba, NaiveF32] {
+            assert!(svg.contains(&format!(
+                "{} (frontier {})",
+                engine.name(),
+                report.frontier(engine)
+            )));
+        }
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        assert!(
+            headline(std::slice::from_ref(&report)).contains("| fixed | nothing: 1e0 to 1e2 | none | 1e2 |")
+        );
+        assert!(table(&[report]).contains("| none | 1e2 | – | 1e0 | pass |"));
+    }
+}

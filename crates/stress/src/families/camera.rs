@@ -1,4 +1,4 @@
-//! Angles of view, wide and narrow.
+//! Angles of view.
 
 use crate::{About, Answer, Engine, Family, Lab, Sample};
 use serde_json::json;
@@ -9,9 +9,6 @@ const SIZE: u32 = 64;
 
 /// Almost half of the world in one image.
 pub(crate) struct WideView;
-
-/// A very long telescope.
-pub(crate) struct NarrowView;
 
 impl Family for WideView {
     fn about(&self) -> About {
@@ -32,25 +29,6 @@ impl Family for WideView {
 
     fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         look(180.0 - knob, 1.0 / (0.5 * knob).to_radians().tan(), lab)
-    }
-}
-
-impl Family for NarrowView {
-    fn about(&self) -> About {
-        About {
-            name: "narrow_view",
-            knob: "one over the angle of view in degrees",
-            ..WideView.about()
-        }
-    }
-
-    fn knobs(&self) -> Vec<f64> {
-        crate::decades(-1, 3)
-    }
-
-    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        let fov = 1.0 / knob;
-        look(fov, (0.5 * fov).to_radians().tan(), lab)
     }
 }
 

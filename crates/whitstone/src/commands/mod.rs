@@ -8,6 +8,7 @@ pub mod list;
 pub mod reference;
 pub mod render;
 pub mod schema;
+#[cfg(feature = "stress")]
 pub mod stress;
 pub mod validate;
 
@@ -39,6 +40,7 @@ pub enum Command {
     Validate(validate::Arguments),
     Compare(compare::Arguments),
     Explain(explain::Arguments),
+    #[cfg(feature = "stress")]
     Stress(stress::Arguments),
     List(list::Arguments),
     Schema(schema::Arguments),
@@ -55,6 +57,7 @@ impl Command {
             Self::Validate(arguments) => validate::run(arguments, registry, program),
             Self::Compare(arguments) => compare::run(arguments),
             Self::Explain(arguments) => explain::run(arguments, registry),
+            #[cfg(feature = "stress")]
             Self::Stress(arguments) => stress::run(arguments, registry),
             Self::List(arguments) => list::run(arguments, registry),
             Self::Schema(arguments) => schema::run(arguments, registry),

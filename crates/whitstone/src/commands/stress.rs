@@ -3,10 +3,13 @@
 use crate::terminal::{Exit, Failure, progress, write_json};
 use clap::Args;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::Registry;
-use whitstone_stress::{Engine, FAMILIES, Family, FamilyReport, Lab, Verdict};
+use whitstone_image::atomic;
+use whitstone_stress::{
+    ELSEWHERE, Engine, FAMILIES, Family, FamilyReport, Lab, MISSING, Verdict, headline, plot, table,
+};
 use whitstone_validate::driver::Driver;
 use whitstone_validate::environment::Environment;
 
@@ -39,6 +42,12 @@ pub struct Arguments {
     /// Write all figures to this file
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Draw error against the knob and against time, a file for each family, into this folder
+    #[arg(long, value_name = "DIR")]
+    plots: Option<PathBuf>,
+    /// Write the table of frontiers into this Markdown file, between its marks; may be given again
+    #[arg(long, value_name = "FILE")]
+    page: Vec<PathBuf>,
     /// Folder of the Python environment
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
@@ -57,6 +66,12 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         for family in families {
             let about = family.about();
             println!("{:<20} {}; {}", about.name, about.knob, about.measure);
+        }
+        for (number, what, file) in ELSEWHERE {
+            println!("case {number:<15} {what}: {file}");
+        }
+        for (number, why) in MISSING {
+            println!("case {number:<15} {why}");
         }
         return Ok(Exit::Pass);
     }
@@ -82,6 +97,16 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     if let Some(path) = &arguments.json {
         write_json(path, &json!({ "families": reports }))?;
     }
+    if let Some(folder) = &arguments.plots {
+        std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+        for report in &reports {
+            let path = folder.join(format!("{}.svg", report.family));
+            atomic::write_bytes(&path, plot::svg(report).as_bytes()).map_err(Failure::environment)?;
+        }
+    }
+    for page in &arguments.page {
+        write_page(page, &reports)?;
+    }
     let good = reports
         .iter()
         .filter(|report| report.verdict == Verdict::Pass)
@@ -92,6 +117,35 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     } else {
         Exit::Differs
     })
+}
+
+/// The marks around what is written into a page: the table of all families, and that of those in which Mitsuba takes part.
+const TABLE: [&str; 2] = [
+    "<!-- frontiers: written by `cargo xtask stress --page` -->",
+    "<!-- end of frontiers -->",
+];
+const HEADLINE: [&str; 2] = [
+    "<!-- headline: written by `cargo xtask stress --page` -->",
+    "<!-- end of headline -->",
+];
+
+fn write_page(path: &Path, reports: &[FamilyReport]) -> Result<(), Failure> {
+    let at = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));
+    let mut page = std::fs::read_to_string(path).map_err(|error| at(error.to_string()))?;
+    let mut written = false;
+    for ([begin, end], text) in [(TABLE, table(reports)), (HEADLINE, headline(reports))] {
+        if let (Some(from), Some(to)) = (page.find(begin), page.find(end)) {
+            page = format!("{}{begin}\n\n{text}\n{}", &page[..from], &page[to..]);
+            written = true;
+        }
+    }
+    if !written {
+        let wanted = [TABLE, HEADLINE]
+            .map(|[begin, end]| format!("{begin} and {end}"))
+            .join(", or ");
+        return Err(at(format!("there are no marks {wanted}")));
+    }
+    atomic::write_bytes(path, page.as_bytes()).map_err(Failure::environment)
 }
 
 fn chosen(names: &[String]) -> Result<Vec<&'static dyn Family>, Failure> {
