@@ -70,7 +70,8 @@ impl<'a> Lab<'a> {
         scene: &str,
         rays: &[Ray],
     ) -> Result<(Vec<Option<f64>>, f64), String> {
-        let answer = self.mitsuba(json!({ "op": "closest", "scene": scene, "rays": rows(rays) }))?;
+        let answer =
+            self.mitsuba(json!({ "op": "closest", "threads": 1, "scene": scene, "rays": rows(rays) }))?;
         let distances = answer["t"].as_array().ok_or("no distances")?;
         // "nan" counts as an answer, "inf" is a miss.
         let found = distances.iter().map(|t| match t.as_str() {
@@ -81,8 +82,7 @@ impl<'a> Lab<'a> {
         if found.len() != rays.len() {
             return Err(format!("{} answers to {} rays", found.len(), rays.len()));
         }
-        let seconds = answer["seconds"].as_f64().unwrap_or(f64::NAN);
-        Ok((found, seconds * 1e9 / rays.len() as f64))
+        Ok((found, answer["ns_per_ray"].as_f64().unwrap_or(f64::NAN)))
     }
 }
 

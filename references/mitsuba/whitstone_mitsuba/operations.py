@@ -172,8 +172,8 @@ def time_(request: Request) -> Answer:
 def closest(request: Request) -> Answer:
     """Mitsuba's nearest hits of single rays."""
     _threads(request)
-    distances, seconds = probes.closest(_load(request, Setting.read(request.get("setting"))), _get(request, "rays", list))
-    return {"t": distances, "seconds": seconds}
+    distances, nanoseconds = probes.closest(_load(request, Setting.read(request.get("setting"))), _get(request, "rays", list))
+    return {"t": distances, "ns_per_ray": nanoseconds}
 
 
 def occluded(request: Request) -> Answer:
