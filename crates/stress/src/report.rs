@@ -184,6 +184,10 @@ impl EngineReport {
     }
 
     fn conclude(&mut self) {
+        // Who cannot take every step takes no part: a frontier would say nothing.
+        if self.absent.is_some() {
+            self.steps.clear();
+        }
         self.passes =
             !self.steps.is_empty() && self.absent.is_none() && self.steps.iter().all(|step| step.passes);
         self.usable_steps = self.steps.iter().take_while(|step| step.usable).count();
