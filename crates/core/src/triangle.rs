@@ -70,15 +70,11 @@ impl ShearedRay {
     /// `None` for a degenerate triangle and for one seen edge-on.
     #[inline]
     pub fn intersect(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<TriangleHit> {
-        let [x, y, z] = self.axes;
-        let (a, b, c) = (a - self.origin, b - self.origin, c - self.origin);
-        let (ax, ay) = (a[x] - self.shear.x * a[z], a[y] - self.shear.y * a[z]);
-        let (bx, by) = (b[x] - self.shear.x * b[z], b[y] - self.shear.y * b[z]);
-        let (cx, cy) = (c[x] - self.shear.x * c[z], c[y] - self.shear.y * c[z]);
+        let (a, b, c) = (self.beside(a), self.beside(b), self.beside(c));
         // Scaled barycentric coordinates: edge functions opposite a, b and c.
-        let weight_a = cx * by - cy * bx;
-        let weight_b = ax * cy - ay * cx;
-        let weight_c = bx * ay - by * ax;
+        let weight_a = c.x * b.y - c.y * b.x;
+        let weight_b = a.x * c.y - a.y * c.x;
+        let weight_c = b.x * a.y - b.y * a.x;
         let any_negative = weight_a < 0.0 || weight_b < 0.0 || weight_c < 0.0;
         let any_positive = weight_a > 0.0 || weight_b > 0.0 || weight_c > 0.0;
         if any_negative && any_positive {
@@ -89,14 +85,37 @@ impl ShearedRay {
         if !(determinant != 0.0 && determinant.is_finite()) {
             return None;
         }
-        let reciprocal = 1.0 / determinant;
-        let depth = weight_a * a[z] + weight_b * b[z] + weight_c * c[z];
+        let place = place([a, b, c], [weight_a, weight_b, weight_c], determinant);
         Some(TriangleHit {
-            t: depth * self.shear.z * reciprocal,
-            u: weight_b * reciprocal,
-            v: weight_c * reciprocal,
+            t: place.z * self.shear.z,
+            u: place.x,
+            v: place.y,
         })
     }
+}
+
+/// Weights of b and c, and the depth, where the ray passes a triangle.
+///
+/// The edge functions are off by the rounding of products as large as the triangle is long; over a sliver's area that puts the
+/// point beside the ray, along the sliver, and so at another depth: by 1e-10 where it is a million times as long as
+/// wide. How far beside the ray the weights lead is known to 1e-16, so one step of Newton's method takes that out again. The depth stays
+/// that of a point of the triangle, which the bounds of filters rely on.
+#[inline(always)]
+fn place([a, b, c]: [DVec3; 3], weights: [f64; 3], determinant: f64) -> DVec3 {
+    let reciprocal = 1.0 / determinant;
+    let [wa, wb, wc] = weights.map(|weight| weight * reciprocal);
+    let (beside_x, beside_y) = (wa * a.x + wb * b.x + wc * c.x, wa * a.y + wb * b.y + wc * c.y);
+    let (e, f) = (b - a, c - a);
+    let u = (f.y * beside_x - f.x * beside_y) * reciprocal;
+    let v = (e.x * beside_y - e.y * beside_x) * reciprocal;
+    let depth = (wa * a.z + wb * b.z + wc * c.z) + (u * e.z + v * f.z);
+    let (least, greatest) = (a.z.min(b.z).min(c.z), a.z.max(b.z).max(c.z));
+    let within = |x: f64, low: f64, high: f64| x.max(low).min(high);
+    DVec3::new(
+        within(wb + u, 0.0, 1.0),
+        within(wc + v, 0.0, 1.0),
+        within(depth, least, greatest),
+    )
 }
 
 /// [`ShearedRay`] for every ray of a stream.
@@ -155,12 +174,11 @@ impl ShearedStream {
         let any_positive = (weight_a > 0.0) | (weight_b > 0.0) | (weight_c > 0.0);
         let determinant = weight_a + weight_b + weight_c;
         let hit = !(any_negative & any_positive) & (determinant != 0.0) & (determinant.abs() < f64::INFINITY);
-        let reciprocal = 1.0 / determinant;
-        let depth = weight_a * a.z + weight_b * b.z + weight_c * c.z;
+        let place = place([a, b, c], [weight_a, weight_b, weight_c], determinant);
         TriangleHit {
-            t: select(hit, depth * shear.z * reciprocal, f64::NAN),
-            u: weight_b * reciprocal,
-            v: weight_c * reciprocal,
+            t: select(hit, place.z * shear.z, f64::NAN),
+            u: place.x,
+            v: place.y,
         }
     }
 }

@@ -11,6 +11,7 @@ pub mod agreement;
 pub mod cases;
 mod interval;
 pub mod naive;
+pub mod optics;
 mod polynomial;
 mod quadratic;
 mod root;

@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List
 
 import numpy as np
 
-from . import aovs, check, document, exr, timing, tree
+from . import aovs, check, document, exr, probes, timing, tree
 from .driver import Tracer
 from .errors import DriverError
 from .runtime import LLVM, VARIANT, dr, mi, set_threads
@@ -169,6 +169,37 @@ def time_(request: Request) -> Answer:
     return timing.run(_load(request, setting), setting, repeats, depth)
 
 
+def closest(request: Request) -> Answer:
+    """Mitsuba's nearest hits of single rays."""
+    _threads(request)
+    distances, nanoseconds = probes.closest(_load(request, Setting.read(request.get("setting"))), _get(request, "rays", list))
+    return {"t": distances, "ns_per_ray": nanoseconds}
+
+
+def occluded(request: Request) -> Answer:
+    """Mitsuba's shadow rays."""
+    built = _load(request, Setting.read(request.get("setting")))
+    return {"blocked": probes.occluded(built, _get(request, "rays", list), _get(request, "target", list))}
+
+
+def walk(request: Request) -> Answer:
+    """Mitsuba's spawned rays, one after the other."""
+    built = _load(request, Setting.read(request.get("setting")))
+    return {"counts": probes.walk(built, _get(request, "rays", list), _get(request, "mode", str), _get(request, "limit", int))}
+
+
+def fresnel(request: Request) -> Answer:
+    """Mitsuba's Fresnel term."""
+    reflectances, transmitted = probes.fresnel(_get(request, "cosines", list), _get(request, "ior", float))
+    return {"reflectance": reflectances, "cosine": transmitted}
+
+
+def camera(request: Request) -> Answer:
+    """Mitsuba's camera rays."""
+    built = _load(request, Setting.read(request.get("setting")))
+    return {"directions": probes.camera(built, _get(request, "positions", list))}
+
+
 OPERATIONS: Dict[str, Callable[[Request], Answer]] = {
     "hello": hello,
     "render": render,
@@ -176,6 +207,11 @@ OPERATIONS: Dict[str, Callable[[Request], Answer]] = {
     "tree": tree_,
     "check": check_,
     "time": time_,
+    "closest": closest,
+    "occluded": occluded,
+    "walk": walk,
+    "fresnel": fresnel,
+    "camera": camera,
 }
 
 

@@ -228,6 +228,14 @@ fn of_table<R: Real>(
     Ok(match plugin.name.as_str() {
         "sphere" => {
             let sphere: sphere::Sphere = decode(table)?;
+            let lengths = [0, 1, 2].map(|axis| map.matrix3.col(axis).length());
+            // What is stretched is no sphere in the world.
+            if lengths
+                .iter()
+                .any(|length| (length / lengths[0] - 1.0).abs() > 1e-12)
+            {
+                return Ok(placed(map, round::Sphere::new(sphere.center, sphere.radius)));
+            }
             let radius = sphere.radius * map.matrix3.x_axis.length();
             Box::new(round::Sphere::new(world(sphere.center), radius))
         }

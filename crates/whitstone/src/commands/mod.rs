@@ -8,6 +8,8 @@ pub mod list;
 pub mod reference;
 pub mod render;
 pub mod schema;
+#[cfg(feature = "stress")]
+pub mod stress;
 pub mod validate;
 
 use crate::terminal::{self, Exit, Failure};
@@ -38,6 +40,8 @@ pub enum Command {
     Validate(validate::Arguments),
     Compare(compare::Arguments),
     Explain(explain::Arguments),
+    #[cfg(feature = "stress")]
+    Stress(stress::Arguments),
     List(list::Arguments),
     Schema(schema::Arguments),
     Doctor(doctor::Arguments),
@@ -53,6 +57,8 @@ impl Command {
             Self::Validate(arguments) => validate::run(arguments, registry, program),
             Self::Compare(arguments) => compare::run(arguments),
             Self::Explain(arguments) => explain::run(arguments, registry),
+            #[cfg(feature = "stress")]
+            Self::Stress(arguments) => stress::run(arguments, registry),
             Self::List(arguments) => list::run(arguments, registry),
             Self::Schema(arguments) => schema::run(arguments, registry),
             Self::Doctor(arguments) => doctor::run(arguments, registry),

@@ -1,0 +1,325 @@
+//! Rays that leave surfaces: shadows of what is almost there, thin panes, mirrors that almost touch, leaks of closed meshes.
+
+use crate::lab::{rows, single, textbook_of, tree};
+use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
+use serde_json::json;
+use whitstone_core::{DVec3, Interval, Ray, Shape, Skip};
+use whitstone_oracle::naive::{Real, Textbook};
+use whitstone_oracle::optics::power;
+use whitstone_testkit::Random;
+
+/// How far textbooks start a ray from the surface it leaves.
+const EPSILON: f64 = 1e-4;
+
+/// A rectangle almost lying on another: its shadow must be there, and must end where it ends.
+pub(crate) struct ShadowGap;
+
+impl ShadowGap {
+    /// A floor, a blocker at this height that begins at this x, a lamp one above the place in question.
+    fn scene(gap: f64, begins: f64) -> String {
+        let (lamp, middle) = (0.5 * gap, begins + 0.5);
+        format!(
+            "[[light]]\ntype = \"point\"\nposition = [{lamp:?}, 0, 1]\nintensity = 1\n\
+             [[shape]]\ntype = \"rectangle\"\n[[shape]]\ntype = \"rectangle\"\n\
+             transform = [{{ scale = [0.5, 1, 1] }}, {{ translate = [{middle:?}, 0, {gap:?}] }}]\n"
+        )
+    }
+
+    /// To the place half a gap under the blocker, from beside it.
+    fn ray(gap: f64) -> Ray {
+        let slope = 0.5f64.sqrt();
+        let origin = DVec3::new(-0.5 * gap, 0.0, gap);
+        Ray::new(origin, DVec3::new(slope, 0.0, -slope))
+    }
+}
+
+impl Family for ShadowGap {
+    fn about(&self) -> About {
+        About {
+            name: "shadow_gap",
+            catalogue: &[11],
+            knob: "height of a blocker above what it shades, in metres near the origin",
+            measure: "none: only whether it is dark under the blocker, and bright beside it",
+            promise: "no wrong answer",
+            pass: 0.0,
+            usable: 0.0,
+        }
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(-1, -13)
+    }
+
+    fn step(&self, gap: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        // Dark under it; bright where it begins only beyond the place.
+        let questions = [(Self::scene(gap, 0.0), true), (Self::scene(gap, gap), false)];
+        let ray = Self::ray(gap);
+        let mut ours = Sample::default();
+        let mut naive = [Sample::default(); 2];
+        let mut theirs: Answer = Ok(Sample::default());
+        for (scene, dark) in &questions {
+            let pipeline = lab.pipeline(scene)?;
+            let value = crate::lab::radiance(&pipeline, &ray).r;
+            ours.failures += u64::from((value == 0.0) != *dark);
+            let place = DVec3::new(0.5 * gap, 0.0, 0.0);
+            naive[0].failures += u64::from(shaded::<f64>(&*textbook_of(scene, 1)?, place) != *dark);
+            naive[1].failures += u64::from(shaded::<f32>(&*textbook_of(scene, 1)?, place) != *dark);
+            let request = json!({ "op": "occluded", "scene": scene, "rays": rows(&[ray]), "target": [0.5 * gap, 0.0, 1.0] });
+            theirs = theirs.and_then(|mut sample| {
+                let answer = lab.mitsuba(request)?;
+                sample.failures += u64::from(answer["blocked"][0].as_bool() != Some(*dark));
+                Ok(sample)
+            });
+        }
+        Ok(vec![
+            (Engine::Whitstone, Ok(ours)),
+            (Engine::Mitsuba, theirs),
+            (Engine::NaiveF64, Ok(naive[0])),
+            (Engine::NaiveF32, Ok(naive[1])),
+        ])
+    }
+}
+
+/// Whether a ray straight up from here, begun a constant away, meets the blocker.
+fn shaded<R: Real>(blocker: &dyn Textbook<R>, place: DVec3) -> bool {
+    let origin = (place + EPSILON * DVec3::Z).to_array().map(R::of);
+    blocker.closest(origin, [0.0, 0.0, 1.0].map(R::of)).is_some()
+}
+
+/// A pane of glass has two faces, however thin it is.
+pub(crate) struct ThinPane;
+
+impl Family for ThinPane {
+    fn about(&self) -> About {
+        About {
+            name: "thin_pane",
+            catalogue: &[13],
+            knob: "thickness of a pane of glass, in metres near the origin",
+            measure: "relative error of what passes both faces; wrong is another number of faces",
+            promise: "two faces, 1e-12",
+            pass: 1e-12,
+            usable: 1e-3,
+        }
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(0, -10)
+    }
+
+    fn step(&self, thickness: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let half = 0.5 * thickness;
+        let scene = format!(
+            "integrator = {{ type = \"whitted\", max_depth = 3 }}\n[[shape]]\ntype = \"box\"\n\
+             transform = {{ scale = [1, 1, {half:?}] }}\nmaterial = {{ type = \"dielectric\", interior_ior = 1.5 }}\n"
+        );
+        let ray = Ray::new(DVec3::new(0.125, 0.25, 2.0), DVec3::NEG_Z);
+        let pipeline = lab.pipeline(&scene)?;
+        let straight = tree(&pipeline, &ray);
+        let straight = straight
+            .iter()
+            .filter(|node| node.path.chars().all(|letter| letter == 'T'));
+        let (faces, behind): (Vec<_>, Vec<_>) = straight.partition(|node| node.shape >= 0);
+        let passes = 0.96 * 0.96;
+        let mut ours = Sample::default();
+        match &behind[..] {
+            [last] => ours.add((last.throughput.r / passes - 1.0).abs()),
+            _ => ours.failures += 1,
+        }
+        ours.failures += u64::from(faces.len() != 2);
+        let counted = |count: u64| Sample {
+            failures: u64::from(count != 2),
+            ..Sample::default()
+        };
+        let request =
+            json!({ "op": "walk", "scene": scene, "rays": rows(&[ray]), "mode": "through", "limit": 8 });
+        let theirs = lab
+            .mitsuba(request)
+            .map(|answer| counted(answer["counts"][0].as_u64().unwrap_or(0)));
+        Ok(vec![
+            (Engine::Whitstone, Ok(ours)),
+            (Engine::Mitsuba, theirs),
+            (
+                Engine::NaiveF64,
+                Ok(counted(faces_met::<f64>(&*textbook_of(&scene, 0)?, &ray))),
+            ),
+            (
+                Engine::NaiveF32,
+                Ok(counted(faces_met::<f32>(&*textbook_of(&scene, 0)?, &ray))),
+            ),
+        ])
+    }
+}
+
+/// Walks on from every face, begun a constant behind it.
+fn faces_met<R: Real>(shape: &dyn Textbook<R>, ray: &Ray) -> u64 {
+    let mut origin = ray.origin.to_array().map(R::of);
+    let direction = ray.direction.to_array().map(R::of);
+    let mut faces = 0;
+    while let Some(t) = shape.closest(origin, direction).filter(|_| faces < 8) {
+        faces += 1;
+        let on = t + R::of(EPSILON);
+        origin = [0, 1, 2].map(|i| origin[i] + on * direction[i]);
+    }
+    faces
+}
+
+/// Two mirrors that face each other, a thousand reflections between them.
+pub(crate) struct ParallelMirrors;
+
+const BOUNCES: u32 = 1000;
+const REFLECTANCE: f64 = 0.99;
+
+impl Family for ParallelMirrors {
+    fn about(&self) -> About {
+        About {
+            name: "parallel_mirrors",
+            catalogue: &[16],
+            knob: "distance of two mirrors, in metres near the origin",
+            measure: "relative error of 0.99^n after a thousand reflections; wrong is another number of them",
+            promise: "all reflections, 1e-12",
+            pass: 1e-12,
+            usable: 1e-3,
+        }
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(0, -6)
+    }
+
+    fn step(&self, spacing: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let material = format!("material = {{ type = \"mirror\", reflectance = {REFLECTANCE:?} }}");
+        let scene = format!(
+            "integrator = {{ type = \"whitted\", max_depth = {BOUNCES} }}\n\
+             [[light]]\ntype = \"background\"\nradiance = 1\n\
+             [[shape]]\ntype = \"rectangle\"\n{material}\n\
+             [[shape]]\ntype = \"rectangle\"\ntransform = {{ translate = [0, 0, {spacing:?}] }}\n{material}\n"
+        );
+        let ray = Ray::new(DVec3::new(0.125, 0.25, 0.5 * spacing), DVec3::NEG_Z);
+        let pipeline = lab.pipeline(&scene)?;
+        let expected = power(REFLECTANCE, BOUNCES + 1);
+        let met = tree(&pipeline, &ray)
+            .iter()
+            .filter(|node| node.shape >= 0)
+            .count();
+        let mut ours = Sample::new((crate::lab::radiance(&pipeline, &ray).r / expected - 1.0).abs());
+        ours.failures = u64::from(met != BOUNCES as usize + 1);
+        // What a ray that got lost brings is the background, behind as many mirrors as it met.
+        let counted = |count: u64| {
+            let mut sample = Sample::new((power(REFLECTANCE, count as u32) / expected - 1.0).abs());
+            sample.failures = u64::from(count != u64::from(BOUNCES) + 1);
+            sample
+        };
+        let request = json!({ "op": "walk", "scene": scene, "rays": rows(&[ray]), "mode": "reflect", "limit": BOUNCES + 1 });
+        let theirs = lab
+            .mitsuba(request)
+            .map(|answer| counted(answer["counts"][0].as_u64().unwrap_or(0)));
+        Ok(vec![
+            (Engine::Whitstone, Ok(ours)),
+            (Engine::Mitsuba, theirs),
+            (Engine::NaiveF64, Ok(counted(reflections::<f64>(&scene, &ray)?))),
+            (Engine::NaiveF32, Ok(counted(reflections::<f32>(&scene, &ray)?))),
+        ])
+    }
+}
+
+/// Up and down, each ray begun a constant away from the mirror it leaves.
+fn reflections<R: Real>(scene: &str, ray: &Ray) -> Result<u64, String> {
+    let mirrors: [Box<dyn Textbook<R>>; 2] = [textbook_of(scene, 0)?, textbook_of(scene, 1)?];
+    let mut origin = ray.origin.to_array().map(R::of);
+    let mut direction = ray.direction.to_array().map(R::of);
+    let mut count = 0;
+    while count <= u64::from(BOUNCES) {
+        let hits = mirrors
+            .iter()
+            .filter_map(|mirror| mirror.closest(origin, direction));
+        let Some(t) = hits.reduce(|a, b| if b < a { b } else { a }) else {
+            break;
+        };
+        count += 1;
+        origin = [0, 1, 2].map(|i| origin[i] + t * direction[i]);
+        direction[2] = -direction[2];
+        origin[2] = origin[2] + R::of(EPSILON) * direction[2];
+    }
+    Ok(count)
+}
+
+/// A closed mesh, far from the origin, seen from inside: no ray at a vertex or an edge may pass it.
+pub(crate) struct Leaks;
+
+impl Family for Leaks {
+    fn about(&self) -> About {
+        About {
+            name: "watertight",
+            catalogue: &[7],
+            knob: "distance of a closed mesh from the origin, in its radii",
+            measure: "none: only rays that leave the mesh through its vertices and edges",
+            promise: "no leak",
+            pass: 0.0,
+            usable: 0.0,
+        }
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(0, 6)
+    }
+
+    fn step(&self, offset: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let scene = format!(
+            "[[shape]]\ntype = \"mesh\"\nfile = \"assets/torus.obj\"\ntransform = {{ translate = [{offset:?}, {:?}, 0] }}\n",
+            -offset
+        );
+        let pipeline = lab.pipeline(&scene)?;
+        let Some(Shape::Triangles(mesh)) = pipeline.world.geometry.shapes().first() else {
+            return Err("the mesh is none".to_owned());
+        };
+        let center = DVec3::new(offset, -offset, 0.0);
+        let mut random = Random::new(offset.to_bits());
+        let rays: Vec<Ray> = (0..lab.rays * 100)
+            .map(|_| {
+                let corners = mesh.corners(random.below(mesh.triangles.len()) as u32);
+                let [a, b] = [corners[0], corners[1]];
+                let part = if random.below(2) == 0 { 0.0 } else { random.unit() };
+                let target = a + part * (b - a);
+                // From the middle line of its tube, 0.7 from the axis.
+                let out = (target - center) * DVec3::new(1.0, 1.0, 0.0);
+                let origin = center + 0.7 * out.normalize() + 0.05 * random.cube();
+                let origin = origin.as_vec3().as_dvec3();
+                single(origin, target - origin)
+            })
+            .collect();
+        let leaks = |count: usize| Sample {
+            failures: count as u64,
+            ..Sample::default()
+        };
+        let lost = |ray: &&Ray| {
+            pipeline
+                .world
+                .accelerator
+                .closest(ray, Interval::FORWARD, Skip::NOTHING)
+                .is_none()
+        };
+        let ours = leaks(rays.iter().filter(lost).count());
+        let theirs = lab.mitsuba_closest(&scene, &rays);
+        let theirs = theirs.map(|(found, _)| leaks(found.iter().filter(|t| t.is_none()).count()));
+        // They try all triangles: fewer rays.
+        let few = &rays[..lab.rays * 5];
+        let (double, single) = (textbook_of::<f64>(&scene, 0)?, textbook_of::<f32>(&scene, 0)?);
+        let numbers = |ray: &Ray| [ray.origin, ray.direction].map(|v| v.to_array());
+        let f64_lost = few
+            .iter()
+            .map(numbers)
+            .filter(|[o, d]| double.closest(*o, *d).is_none())
+            .count();
+        let to_single = |v: [f64; 3]| v.map(|x| x as f32);
+        let f32_lost = few.iter().map(numbers);
+        let f32_lost = f32_lost
+            .filter(|[o, d]| single.closest(to_single(*o), to_single(*d)).is_none())
+            .count();
+        Ok(vec![
+            (Engine::Whitstone, Ok(ours)),
+            (Engine::Mitsuba, theirs),
+            (Engine::NaiveF64, Ok(leaks(f64_lost))),
+            (Engine::NaiveF32, Ok(leaks(f32_lost))),
+        ])
+    }
+}

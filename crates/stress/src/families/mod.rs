@@ -1,0 +1,170 @@
+//! The families.
+
+mod ball;
+mod camera;
+mod gaps;
+mod optics;
+mod scale;
+mod shapes;
+mod sphere;
+
+use crate::Family;
+
+/// All of them, in the order of the catalogue.
+pub static FAMILIES: [&dyn Family; 26] = [
+    &sphere::DISTANCE,
+    &sphere::PLANET,
+    &sphere::TANGENT,
+    &sphere::OFFSET,
+    &scale::PowerOfTwo,
+    &scale::PowerOfTen,
+    &shapes::SLIVER,
+    &gaps::Leaks,
+    &gaps::ShadowGap,
+    &gaps::ThinPane,
+    &optics::IndexNearOne,
+    &optics::CriticalAngle,
+    &gaps::ParallelMirrors,
+    &ball::InsideBall,
+    &sphere::NEAR,
+    &camera::WideView,
+    &optics::PhongExponent,
+    &optics::NearLamp,
+    &shapes::CONDITION,
+    &shapes::NEEDLE,
+    &shapes::APEX,
+    &shapes::WIRE,
+    &shapes::FAR_RING,
+    &shapes::COPY,
+    &shapes::LENGTH,
+    &optics::Absorption,
+];
+
+/// Cases of the catalogue that have no knob of decades, and the file whose tests hold them.
+pub const ELSEWHERE: [(u32, &str, &str); 20] = [
+    (
+        8,
+        "double hits at edges and vertices",
+        "crates/testkit/src/solids.rs",
+    ),
+    (
+        9,
+        "rays along axes in the planes of faces",
+        "crates/accelerators/tests/degenerate.rs",
+    ),
+    (
+        10,
+        "rays that leave a surface do not meet it again",
+        "crates/testkit/src/shapes.rs",
+    ),
+    (
+        12,
+        "of surfaces in one plane the lowest number is met",
+        "crates/testkit/src/accelerators.rs",
+    ),
+    (
+        27,
+        "differences of solids that nearly agree",
+        "crates/shapes/src/csg.rs",
+    ),
+    (
+        28,
+        "Lipschitz bounds, true and false",
+        "crates/shapes/src/implicit.rs",
+    ),
+    (29, "depth of fractals", "crates/shapes/src/fractal.rs"),
+    (30, "densities near the level", "crates/shapes/src/isosurface.rs"),
+    (
+        31,
+        "patches with an edge of no length, and with a cusp",
+        "crates/shapes/src/patch/tests.rs",
+    ),
+    (
+        32,
+        "rays through the corners of cells",
+        "crates/accelerators/tests/degenerate.rs",
+    ),
+    (
+        33,
+        "all splits in one plane",
+        "crates/accelerators/tests/degenerate.rs",
+    ),
+    (
+        34,
+        "a million primitives at one place",
+        "crates/accelerators/tests/degenerate.rs",
+    ),
+    (
+        35,
+        "sizes from 1e-6 to 1e6 in one scene",
+        "crates/accelerators/tests/identity.rs",
+    ),
+    (
+        37,
+        "singular and mirrored copies",
+        "crates/shapes/src/instance.rs",
+    ),
+    (
+        41,
+        "numbers that are none, in meshes and scenes",
+        "tests/tests/bad_scenes.rs",
+    ),
+    (
+        42,
+        "empty scenes, meshes and solids",
+        "crates/accelerators/tests/degenerate.rs",
+    ),
+    (45, "any number of threads", "tests/tests/determinism.rs"),
+    (
+        46,
+        "all accelerators on random scenes",
+        "crates/accelerators/tests/identity.rs",
+    ),
+    (47, "furnaces", "crates/testkit/src/materials.rs"),
+    (22, "light is linear", "crates/testkit/src/materials.rs"),
+];
+
+/// Cases of the catalogue that are not there yet, and why.
+pub const MISSING: [(u32, &str); 4] = [
+    (23, "a checker to the horizon: textures are not filtered yet"),
+    (39, "denormal numbers: not written yet"),
+    (43, "poles and seam of an environment: there is no such light yet"),
+    (44, "bumps and displacement: there are none yet"),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use std::path::Path;
+
+    #[test]
+    fn every_case_of_the_catalogue_has_its_place() {
+        let here = FAMILIES.iter().flat_map(|family| family.about().catalogue);
+        let here: BTreeSet<u32> = here.copied().collect();
+        let elsewhere = ELSEWHERE.iter().map(|(number, ..)| *number);
+        let missing = MISSING.iter().map(|(number, _)| *number);
+        let mut all: Vec<u32> = here.into_iter().chain(elsewhere).chain(missing).collect();
+        all.sort_unstable();
+        assert_eq!(all, (1..=47).collect::<Vec<_>>());
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        for (_, what, file) in ELSEWHERE {
+            assert!(root.join(file).is_file(), "{what}: {file}");
+        }
+    }
+
+    #[test]
+    fn names_are_unique_and_knobs_turn_one_way() {
+        let names: BTreeSet<_> = FAMILIES.iter().map(|family| family.about().name).collect();
+        assert_eq!(names.len(), FAMILIES.len());
+        for family in FAMILIES {
+            let knobs = family.knobs();
+            let rises = knobs.is_sorted_by(|a, b| a < b);
+            assert!(
+                knobs.len() > 3 && (rises || knobs.is_sorted_by(|a, b| a > b)),
+                "{}",
+                family.about().name
+            );
+        }
+    }
+}

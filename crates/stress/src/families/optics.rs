@@ -1,0 +1,356 @@
+//! Light at surfaces: glass that is hardly there, total reflection that hardly begins, sharp highlights, black glass, near lamps.
+
+use crate::lab::{radiance, tree};
+use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
+use serde_json::json;
+use whitstone_core::{DVec3, Ray};
+use whitstone_oracle::naive::Real;
+use whitstone_oracle::optics::{decay, lobe, refract};
+use whitstone_testkit::Random;
+
+/// Fresnel's equations as they stand in books: reflectance and cosine of transmission. `None` for total reflection.
+fn fresnel<R: Real>(cosine: f64, ior: f64) -> Option<[f64; 2]> {
+    let (one, here, eta) = (R::of(1.0), R::of(cosine), R::of(ior));
+    let square = one - (one - here * here) / (eta * eta);
+    if square < R::of(0.0) {
+        return None;
+    }
+    let there = square.sqrt();
+    let s = (here - eta * there) / (here + eta * there);
+    let p = (eta * here - there) / (eta * here + there);
+    Some([(R::of(0.5) * (s * s + p * p)).to_f64(), there.to_f64()])
+}
+
+/// What Mitsuba says, as [`fresnel`].
+fn mitsuba(lab: &Lab<'_>, cosines: &[f64], ior: f64) -> Result<Vec<Option<[f64; 2]>>, String> {
+    let answer = lab.mitsuba(json!({ "op": "fresnel", "cosines": cosines, "ior": ior }))?;
+    let number = |key: &str, at: usize| answer[key][at].as_f64().unwrap_or(f64::NAN);
+    let both = (0..cosines.len()).map(|at| {
+        let cosine = number("cosine", at).abs();
+        (cosine != 0.0).then(|| [number("reflectance", at), cosine])
+    });
+    Ok(both.collect())
+}
+
+/// Glass with nearly the index of what is around it.
+pub(crate) struct IndexNearOne;
+
+impl Family for IndexNearOne {
+    fn about(&self) -> About {
+        About {
+            name: "index_near_one",
+            catalogue: &[14],
+            knob: "index of refraction less one",
+            measure: "relative error of the reflectance",
+            promise: "1e-12",
+            pass: 1e-12,
+            usable: 1e-2,
+        }
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(-1, -12)
+    }
+
+    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let ior = 1.0 + knob;
+        let pipeline = lab.pipeline(&format!(
+            "integrator = {{ type = \"whitted\", max_depth = 1 }}\n[[light]]\ntype = \"background\"\nradiance = 1\n\
+             [[shape]]\ntype = \"rectangle\"\nmaterial = {{ type = \"dielectric\", interior_ior = {ior:?} }}\n"
+        ))?;
+        let mut random = Random::new(14);
+        let directions: Vec<DVec3> = (0..lab.rays)
+            .map(|_| {
+                let mut direction = random.direction();
+                direction.z = -direction.z.abs() - 0.3;
+                direction.normalize()
+            })
+            .collect();
+        let truths: Vec<f64> = directions
+            .iter()
+            .map(|direction| refract(*direction, DVec3::Z, ior).map_or(1.0, |exact| exact.reflectance))
+            .collect();
+        let judged = |found: &mut dyn FnMut(usize) -> Option<f64>| {
+            let mut sample = Sample::default();
+            for (number, truth) in truths.iter().enumerate() {
+                match found(number) {
+                    Some(reflectance) => sample.add((reflectance / truth - 1.0).abs()),
+                    None => sample.failures += 1,
+                }
+            }
+            sample
+        };
+        let ours = judged(&mut |number| {
+            let nodes = tree(&pipeline, &Ray::new(-directions[number], directions[number]));
+            let reflected = nodes.iter().find(|node| node.path == "R");
+            reflected.map(|node| node.throughput.r)
+        });
+        let cosines: Vec<f64> = directions.iter().map(|direction| -direction.z).collect();
+        let theirs = mitsuba(lab, &cosines, ior)
+            .map(|all| judged(&mut |number| all[number].map(|[reflectance, _]| reflectance)));
+        let double = judged(&mut |number| fresnel::<f64>(cosines[number], ior).map(|[r, _]| r));
+        let single = judged(&mut |number| fresnel::<f32>(cosines[number], ior).map(|[r, _]| r));
+        Ok(vec![
+            (Engine::Whitstone, Ok(ours)),
+            (Engine::Mitsuba, theirs),
+            (Engine::NaiveF64, Ok(double)),
+            (Engine::NaiveF32, Ok(single)),
+        ])
+    }
+}
+
+/// Out of glass of index 2 at almost the angle, of 30 degrees, beyond which nothing comes out.
+pub(crate) struct CriticalAngle;
+
+impl Family for CriticalAngle {
+    fn about(&self) -> About {
+        About {
+            name: "critical_angle",
+            catalogue: &[15],
+            knob: "difference to the critical angle, in radians",
+            measure: "relative error of the cosine of transmission; wrong is total reflection or none",
+            promise: "16 ulp x condition (1 + 1/cos²), right class",
+            pass: 16.0,
+            usable: 1e-2,
+        }
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(-1, -12)
+    }
+
+    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        // The ray that comes out meets a plane one above: at a distance of 1 / cos.
+        let pipeline = lab.pipeline(
+            "integrator = { type = \"whitted\", max_depth = 1 }\n\
+             [[shape]]\ntype = \"plane\"\nmaterial = { type = \"dielectric\", interior_ior = 2 }\n\
+             [[shape]]\ntype = \"plane\"\ntransform = { translate = [0, 0, 1] }\n",
+        )?;
+        let critical = std::f64::consts::FRAC_PI_6;
+        let mut random = Random::new(knob.to_bits());
+        let directions: Vec<DVec3> = (0..lab.rays)
+            .map(|number| {
+                let side = if number % 2 == 0 { -1.0 } else { 1.0 };
+                let angle = critical + side * knob * (1.0 + random.unit());
+                let turn = std::f64::consts::TAU * random.unit();
+                DVec3::new(angle.sin() * turn.cos(), angle.sin() * turn.sin(), angle.cos())
+            })
+            .collect();
+        let judged = |found: &mut dyn FnMut(usize) -> Option<f64>| {
+            let mut sample = Sample::default();
+            for (number, direction) in directions.iter().enumerate() {
+                match (refract(*direction, DVec3::Z, 0.5), found(number)) {
+                    (Some(exact), Some(cosine)) if cosine.is_finite() => {
+                        let error = (cosine / exact.cosine - 1.0).abs();
+                        let condition = 1.0 + 1.0 / (exact.cosine * exact.cosine);
+                        sample.error = sample.error.max(error);
+                        sample.strict = sample.strict.max(error / (f64::EPSILON * condition));
+                    }
+                    (Some(_), Some(_)) => sample.nonfinite += 1,
+                    (None, None) => {}
+                    _ => sample.failures += 1,
+                }
+            }
+            sample
+        };
+        let ours = judged(&mut |number| {
+            let nodes = tree(&pipeline, &Ray::new(-directions[number], directions[number]));
+            let out = nodes.iter().find(|node| node.path == "T");
+            out.map(|node| 1.0 / node.t)
+        });
+        let cosines: Vec<f64> = directions.iter().map(|direction| direction.z).collect();
+        let theirs = mitsuba(lab, &cosines, 0.5)
+            .map(|all| judged(&mut |number| all[number].map(|[_, cosine]| cosine)));
+        let double = judged(&mut |number| fresnel::<f64>(cosines[number], 0.5).map(|[_, cosine]| cosine));
+        let single = judged(&mut |number| fresnel::<f32>(cosines[number], 0.5).map(|[_, cosine]| cosine));
+        Ok(vec![
+            (Engine::Whitstone, Ok(ours)),
+            (Engine::Mitsuba, theirs),
+            (Engine::NaiveF64, Ok(double)),
+            (Engine::NaiveF32, Ok(single)),
+        ])
+    }
+}
+
+/// A highlight as sharp as a mirror.
+pub(crate) struct PhongExponent;
+
+impl Family for PhongExponent {
+    fn about(&self) -> About {
+        About {
+            name: "phong_exponent",
+            catalogue: &[20],
+            knob: "exponent of a Phong highlight",
+            measure: "relative error of the highlight",
+            promise: "1e-7",
+            pass: 1e-7,
+            usable: 1e-3,
+        }
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(0, 8)
+    }
+
+    fn step(&self, exponent: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let mut random = Random::new(exponent.to_bits());
+        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        for _ in 0..lab.rays.min(100) {
+            // The lamp mirrored at the ground, and an eye so far beside it that about 1/e of the highlight is left.
+            let mut lamp = random.direction();
+            lamp.z = lamp.z.abs() + 0.5;
+            let mirrored = DVec3::new(-lamp.x, -lamp.y, lamp.z).normalize();
+            let angle = (2.0 / exponent).sqrt().min(0.3) * (0.5 + random.unit());
+            let side = mirrored.any_orthonormal_vector();
+            let eye = (mirrored + angle.tan() * side).normalize();
+            if eye.z < 0.05 {
+                continue;
+            }
+            let [x, y, z] = lamp.to_array();
+            let scene = |exponent: f64| {
+                format!(
+                    "[[light]]\ntype = \"point\"\nposition = [{x:?}, {y:?}, {z:?}]\nintensity = 1\n\
+                     [[shape]]\ntype = \"rectangle\"\nmaterial = {{ type = \"phong\", k_d = 0, k_s = 1, exponent = {exponent:?} }}\n"
+                )
+            };
+            // All else of the model is the same with an exponent of 1.
+            let ray = Ray::new(eye, -eye);
+            let [value, plain] = [exponent, 1.0].map(|exponent| {
+                lab.pipeline(&scene(exponent))
+                    .map(|pipeline| radiance(&pipeline, &ray).r)
+            });
+            let unmirrored = DVec3::new(-lamp.x, -lamp.y, lamp.z);
+            let [truth, base] = [exponent, 1.0].map(|exponent| lobe(unmirrored, eye, exponent));
+            ours.add(((value? / plain?) / (truth / base) - 1.0).abs());
+            let cosine = unmirrored.normalize().dot(eye);
+            double.add((cosine.powf(exponent) / truth - 1.0).abs());
+            let cosine = unmirrored.as_vec3().normalize().dot(eye.as_vec3());
+            single.add((f64::from(cosine.powf(exponent as f32)) / truth - 1.0).abs());
+        }
+        Ok(vec![
+            (Engine::Whitstone, Ok(ours)),
+            (
+                Engine::Mitsuba,
+                Err("its Phong highlight is the driver's formula".to_owned()),
+            ),
+            (Engine::NaiveF64, Ok(double)),
+            (Engine::NaiveF32, Ok(single)),
+        ])
+    }
+}
+
+/// Glass that swallows nearly everything.
+pub(crate) struct Absorption;
+
+impl Family for Absorption {
+    fn about(&self) -> About {
+        About {
+            name: "absorption",
+            catalogue: &[40],
+            knob: "optical depth of a pane",
+            measure: "relative error of what comes through",
+            promise: "16 ulp x depth, or a clean 0 below the least double",
+            pass: 16.0,
+            usable: 1e-3,
+        }
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(0, 6)
+    }
+
+    fn step(&self, depth: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let [mut ours, mut single] = [Sample::default(); 2];
+        for part in [1.0, 0.77, 0.5, 0.3] {
+            let sigma = depth * part;
+            let pipeline = lab.pipeline(&format!(
+                "integrator = {{ type = \"whitted\", max_depth = 2 }}\n[[shape]]\ntype = \"box\"\ntransform = {{ scale = [1, 1, 0.5] }}\n\
+                 material = {{ type = \"dielectric\", interior_ior = 1.5, absorption = {sigma:?} }}\n"
+            ))?;
+            let nodes = tree(&pipeline, &Ray::new(DVec3::new(0.125, 0.25, 2.0), DVec3::NEG_Z));
+            let through = nodes
+                .iter()
+                .find(|node| node.path == "TT")
+                .map_or(0.0, |node| node.throughput.r);
+            let truth = decay(sigma);
+            let judge = |sample: &mut Sample, found: f64| {
+                // What is below the normal numbers may be anything as small.
+                let error = if truth < f64::MIN_POSITIVE {
+                    (found - truth).abs() / f64::MIN_POSITIVE
+                } else {
+                    (found / truth - 1.0).abs()
+                };
+                sample.add(error);
+                sample.strict = sample.strict.max(error / (f64::EPSILON * sigma.max(1.0)));
+            };
+            judge(&mut ours, through / (0.96 * 0.96));
+            judge(&mut single, f64::from((-sigma as f32).exp()));
+        }
+        Ok(vec![
+            (Engine::Whitstone, Ok(ours)),
+            (
+                Engine::Mitsuba,
+                Err("absorption is the driver's formula".to_owned()),
+            ),
+            (Engine::NaiveF32, Ok(single)),
+        ])
+    }
+}
+
+/// A lamp just above what it lights, a metre and more from the origin.
+pub(crate) struct NearLamp;
+
+impl Family for NearLamp {
+    fn about(&self) -> About {
+        About {
+            name: "near_lamp",
+            catalogue: &[21],
+            knob: "height of a lamp above a surface, in metres",
+            measure: "relative error of the light",
+            promise: "1e-9 down to 1e-6, as coordinates of a metre have 1e-16",
+            pass: 1e-9,
+            usable: 1e-2,
+        }
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(-1, -6)
+    }
+
+    fn step(&self, height: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let level = 1.0;
+        let lamp = level + height;
+        let pipeline = lab.pipeline(&format!(
+            "[[light]]\ntype = \"point\"\nposition = [0, 0, {lamp:?}]\nintensity = 1\n\
+             [[shape]]\ntype = \"rectangle\"\ntransform = {{ translate = [0, 0, {level:?}] }}\nmaterial = {{ type = \"matte\", reflectance = 1 }}\n"
+        ))?;
+        // From the side, at the place below the lamp; the lamp itself is where the double is.
+        let (slope, exact) = (0.5f64.sqrt(), lamp - level);
+        let ray = Ray::new(DVec3::new(-1.0, 0.0, level + 1.0), DVec3::new(slope, 0.0, -slope));
+        let value = radiance(&pipeline, &ray).r * std::f64::consts::PI * exact * exact;
+        let naive = [
+            naive_lamp::<f64>(&ray, lamp, level),
+            naive_lamp::<f32>(&ray, lamp, level),
+        ];
+        let [double, single] = naive.map(|light| Sample::new((light * exact * exact - 1.0).abs()));
+        Ok(vec![
+            (Engine::Whitstone, Ok(Sample::new((value - 1.0).abs()))),
+            (Engine::Mitsuba, Err("the lamp is the driver's sum".to_owned())),
+            (Engine::NaiveF64, Ok(double)),
+            (Engine::NaiveF32, Ok(single)),
+        ])
+    }
+}
+
+/// The point by the ray's formula, begun a constant above the surface, as books do to be rid of its own shadow.
+fn naive_lamp<R: Real>(ray: &Ray, lamp: f64, level: f64) -> f64 {
+    let (o, d) = (
+        ray.origin.to_array().map(R::of),
+        ray.direction.to_array().map(R::of),
+    );
+    let t = (R::of(level) - o[2]) / d[2];
+    let [x, y, z] = [0, 1, 2].map(|i| o[i] + t * d[i]);
+    let up = R::of(lamp) - (z + R::of(1e-4));
+    let square = x * x + y * y + up * up;
+    (up / (square * square.sqrt())).to_f64()
+}

@@ -1,0 +1,243 @@
+//! Slivers, needles, thin rings and stretched copies.
+
+use crate::lab::single;
+use crate::rays::{RayFamily, clear, past};
+use crate::{About, decades};
+use whitstone_core::{DMat3, DVec3, Ray};
+use whitstone_testkit::Random;
+
+/// A triangle that is a unit long and hardly wide, somewhere in space.
+pub(crate) static SLIVER: RayFamily = RayFamily {
+    about: About {
+        name: "sliver",
+        catalogue: &[6],
+        knob: "length of a triangle over its width",
+        measure: "relative error of t",
+        promise: "16 ulp x condition, no wrong class",
+        pass: 16.0,
+        usable: 1e-3,
+    },
+    knobs: || decades(0, 8),
+    scene: |aspect| {
+        let [a, b, c] = sliver(aspect).map(|corner| format!("{:?}", corner.to_array()));
+        format!("[[shape]]\ntype = \"triangle\"\nvertices = [{a}, {b}, {c}]\n")
+    },
+    ray: |aspect, random| {
+        let [a, b, c] = sliver(aspect);
+        let inside = 0.2 + 0.2 * random.unit();
+        let along = 0.5 + 0.1 * random.signed();
+        let foot = a + along * (b - a);
+        let target = foot + inside * (c - a - 0.5 * (b - a));
+        let origin = (target + 3.0 * random.direction()).as_vec3().as_dvec3();
+        let ray = single(origin, target - origin);
+        // A ray almost in the plane has no clear class.
+        let normal = (b - a).cross(c - a).normalize();
+        (normal.dot(ray.direction).abs() > 0.5).then_some(ray)
+    },
+    unit: |_, t| t,
+    one_measure: false,
+};
+
+/// Corners that single precision has.
+fn sliver(aspect: f64) -> [DVec3; 3] {
+    let turn = DMat3::from_axis_angle(DVec3::new(1.0, -2.0, 0.5).normalize(), 0.7);
+    let corners = [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 1.0 / aspect, 0.0)];
+    corners.map(|corner| (turn * corner + DVec3::new(0.3, 0.2, -0.1)).as_vec3().as_dvec3())
+}
+
+/// A thin cylinder, met across.
+pub(crate) static NEEDLE: RayFamily = RayFamily {
+    about: About {
+        name: "thin_cylinder",
+        catalogue: &[25],
+        knob: "radius of a cylinder over half of its length",
+        measure: "error of t, in radii",
+        promise: "8 ulp x condition, no wrong class",
+        pass: 8.0,
+        usable: 1e-1,
+    },
+    knobs: || decades(-1, -8),
+    scene: |radius| {
+        let radius = f64::from(radius as f32);
+        format!("[[shape]]\ntype = \"cylinder\"\ncaps = false\nradius = {radius:?}\nz = [-1, 1]\n")
+    },
+    ray: |radius, random| {
+        let side = if random.below(2) == 0 { 1.0 } else { -1.0 };
+        let origin = DVec3::new(
+            side * clear(random) * radius,
+            -3.0 - random.unit(),
+            0.3 * random.signed(),
+        );
+        Some(single(origin, DVec3::new(0.0, 1.0, 0.1 * random.signed())))
+    },
+    unit: |radius, _| radius,
+    one_measure: false,
+};
+
+/// Close to the tip of a cone, where both of its nappes meet.
+pub(crate) static APEX: RayFamily = RayFamily {
+    about: About {
+        name: "cone_apex",
+        catalogue: &[25],
+        knob: "distance of the ray from the tip of a cone",
+        measure: "error of t, over the distance",
+        promise: "8 ulp x condition, no wrong class",
+        pass: 8.0,
+        usable: 1e-1,
+    },
+    knobs: || decades(-1, -12),
+    scene: |_| "[[shape]]\ntype = \"cone\"\ncaps = false\nradii = [1, 0]\nz = [-1, 0]\n".to_owned(),
+    ray: |distance, random| {
+        // Below the tip at the origin the cone is as wide as it is deep: a third of the rays pass above.
+        let height = if random.below(3) == 0 { 0.5 } else { -0.5 } * distance * (1.0 + random.unit());
+        Some(single(
+            DVec3::new(0.25 * height * random.signed(), -3.0 - random.unit(), height),
+            DVec3::Y,
+        ))
+    },
+    unit: |distance, _| distance,
+    one_measure: false,
+};
+
+/// A ring of thin wire.
+pub(crate) static WIRE: RayFamily = RayFamily {
+    about: About {
+        name: "torus_wire",
+        catalogue: &[26],
+        knob: "radius of a torus' tube over its own",
+        measure: "error of t, in radii of the tube",
+        promise: "1e-6 of the tube's radius, no wrong class",
+        pass: 1e-6,
+        usable: 1e-1,
+    },
+    knobs: || decades(0, -5).into_iter().map(|tube| 0.5 * tube).collect(),
+    scene: |tube| torus(f64::from(tube as f32)),
+    ray: |tube, random| at_ring(4.0, tube, random),
+    unit: |tube, _| tube,
+    one_measure: true,
+};
+
+/// The same ring, far away.
+pub(crate) static FAR_RING: RayFamily = RayFamily {
+    about: About {
+        name: "torus_distance",
+        catalogue: &[26],
+        knob: "distance of a torus, in its radii",
+        measure: "error of t, in radii of the tube, a quarter",
+        promise: "1e-6 of the tube's radius, no wrong class",
+        pass: 1e-6,
+        usable: 1e-2,
+    },
+    knobs: || decades(0, 6).into_iter().map(|distance| 4.0 * distance).collect(),
+    scene: |_| torus(0.25),
+    ray: |distance, random| at_ring(distance, 0.25, random),
+    unit: |_, _| 0.25,
+    one_measure: true,
+};
+
+fn torus(tube: f64) -> String {
+    format!("[[shape]]\ntype = \"torus\"\nmajor_radius = 1\nminor_radius = {tube:?}\n")
+}
+
+/// At the middle line of a torus' tube, or past it, from somewhere above.
+fn at_ring(distance: f64, tube: f64, random: &mut Random) -> Option<Ray> {
+    let turn = std::f64::consts::TAU * random.unit();
+    let middle = DVec3::new(turn.cos(), turn.sin(), 0.0);
+    let mut from = random.direction();
+    from.z = from.z.abs() + 0.6;
+    let origin = (middle + distance * from.normalize()).as_vec3().as_dvec3();
+    // At most 0.9 radii beside the middle line: a hit. What passes it at more may hit the other side: the oracle knows.
+    past(middle, origin, 0.9 * tube * random.unit(), tube, random)
+}
+
+/// An ellipsoid stretched and flattened.
+pub(crate) static CONDITION: RayFamily = RayFamily {
+    about: About {
+        name: "ellipsoid_condition",
+        catalogue: &[24],
+        knob: "largest over smallest half axis",
+        measure: "relative error of t",
+        promise: "16 ulp x condition, no wrong class",
+        pass: 16.0,
+        usable: 1e-3,
+    },
+    knobs: || decades(0, 12),
+    scene: |condition| {
+        let root = condition.sqrt();
+        format!(
+            "[[shape]]\ntype = \"ellipsoid\"\nradii = [{root:?}, 1, {:?}]\ntransform = {{ rotate = {{ axis = [1, 2, 3], degrees = 40 }} }}\n",
+            1.0 / root
+        )
+    },
+    ray: |condition, random| {
+        let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 40f64.to_radians());
+        let root = condition.sqrt();
+        // Through a place inside.
+        let inside = DVec3::new(0.7 * root * random.signed(), 0.5 * random.signed(), 0.0);
+        let origin = 100.0 * random.direction() * DVec3::new(0.1, 0.1, 1.0);
+        let origin = origin + DVec3::new(inside.x, 0.0, 100f64.copysign(origin.z));
+        Some(single(turn * origin, turn * (inside - origin).normalize()))
+    },
+    unit: |_, t| t,
+    one_measure: false,
+};
+
+/// A copy of a ball, stretched along one axis and flattened along another.
+pub(crate) static COPY: RayFamily = RayFamily {
+    about: About {
+        name: "instance_scale",
+        catalogue: &[36],
+        knob: "factor of a copy along x, divisor along z",
+        measure: "relative error of t",
+        promise: "16 ulp x condition, no wrong class",
+        pass: 16.0,
+        usable: 1e-3,
+    },
+    knobs: || decades(0, 6),
+    scene: |factor| {
+        format!(
+            "[[group.ball.shape]]\ntype = \"sphere\"\n[[shape]]\ntype = \"instance\"\ngroup = \"ball\"\ntransform = {{ scale = [{factor:?}, 1, {:?}] }}\n",
+            1.0 / factor
+        )
+    },
+    ray: |factor, random| {
+        // Through an inner point of the copy, or past its widest part.
+        let miss = random.below(4) == 0;
+        let y = if miss {
+            1.2 + random.unit()
+        } else {
+            0.5 * random.signed()
+        };
+        let inside = DVec3::new(0.5 * factor * random.signed(), y, 0.0);
+        let direction = DVec3::new(0.3 * random.signed(), 0.0, -1.0);
+        Some(single(inside - 4.0 * direction, direction))
+    },
+    unit: |_, t| t,
+    one_measure: false,
+};
+
+/// Directions of any length: what t is measured in.
+pub(crate) static LENGTH: RayFamily = RayFamily {
+    about: About {
+        name: "direction_length",
+        catalogue: &[38],
+        knob: "length of the direction, or its inverse",
+        measure: "relative error of t",
+        promise: "8 ulp x condition, no wrong class",
+        pass: 8.0,
+        usable: 1e-3,
+    },
+    knobs: || (0..=6).map(|number| 10f64.powi(5 * number)).collect(),
+    scene: |_| "[[shape]]\ntype = \"sphere\"\n".to_owned(),
+    ray: |length, random| {
+        let ray = past(DVec3::ZERO, 4.0 * random.direction(), clear(random), 1.0, random)?;
+        let factor = if random.below(2) == 0 {
+            length
+        } else {
+            1.0 / length
+        };
+        Some(single(ray.origin, ray.direction * factor))
+    },
+    unit: |_, t| t,
+    one_measure: false,
+};

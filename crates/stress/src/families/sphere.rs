@@ -1,0 +1,132 @@
+//! Spheres far away, huge, touched by rays, and just in front of the eye.
+
+use crate::lab::single;
+use crate::rays::{RayFamily, clear, past};
+use crate::{About, decades};
+use whitstone_core::{DVec3, Ray};
+
+const ULPS: &str = "8 ulp x condition, no wrong class";
+
+/// A unit sphere in the distance: naive discriminants lose everything where t² swamps r².
+pub(crate) static DISTANCE: RayFamily = RayFamily {
+    about: About {
+        name: "sphere_distance",
+        catalogue: &[1],
+        knob: "distance over radius",
+        measure: "error of t, in radii",
+        promise: ULPS,
+        pass: 8.0,
+        usable: 1e-3,
+    },
+    knobs: || decades(0, 7).into_iter().map(|distance| 2.0 * distance).collect(),
+    scene: |_| "[[shape]]\ntype = \"sphere\"\n".to_owned(),
+    ray: |distance, random| {
+        let origin = distance * random.direction();
+        past(DVec3::ZERO, origin, clear(random), 1.0, random)
+    },
+    unit: |_, _| 1.0,
+    one_measure: false,
+};
+
+/// A planet under the eye, which stands two units above it, whatever its radius.
+pub(crate) static PLANET: RayFamily = RayFamily {
+    about: About {
+        name: "planet",
+        catalogue: &[2],
+        knob: "radius over height of the eye, half",
+        measure: "relative error of t",
+        promise: ULPS,
+        pass: 8.0,
+        usable: 1e-3,
+    },
+    knobs: || decades(0, 8),
+    scene: |radius| {
+        format!(
+            "[[shape]]\ntype = \"sphere\"\ncenter = [0, {:?}, 0]\nradius = {radius:?}\n",
+            -radius
+        )
+    },
+    ray: |radius, random| {
+        // The eye at (0, 2, 0), which single precision has, as it has the centre and the radius.
+        let (center, miss) = (-radius * DVec3::Y, 0.95 * random.unit() * radius);
+        past(center, 2.0 * DVec3::Y, miss, radius, random)
+    },
+    unit: |_, t| t,
+    one_measure: false,
+};
+
+/// Rays that pass a sphere's top just above or below: the height is a number that single precision has, as the sphere stands below the origin.
+pub(crate) static TANGENT: RayFamily = RayFamily {
+    about: About {
+        name: "tangent",
+        catalogue: &[2],
+        knob: "distance of the ray from tangency, in radii",
+        measure: "error of t, in radii",
+        promise: ULPS,
+        pass: 8.0,
+        usable: 1e-1,
+    },
+    knobs: || decades(-1, -14),
+    scene: |_| "[[shape]]\ntype = \"sphere\"\ncenter = [0, -1, 0]\n".to_owned(),
+    ray: |height, random| {
+        let side = if random.below(3) == 0 { 1.0 } else { -1.0 };
+        let origin = DVec3::new(-3.0 - random.unit(), side * height * (1.0 + random.unit()), 0.0);
+        Some(single(origin, DVec3::X))
+    },
+    unit: |_, _| 1.0,
+    one_measure: false,
+};
+
+/// The eye just above a sphere, looking down at it.
+pub(crate) static NEAR: RayFamily = RayFamily {
+    about: About {
+        name: "near_surface",
+        catalogue: &[18],
+        knob: "height of the eye above a unit sphere",
+        measure: "error of t, over the height",
+        promise: ULPS,
+        pass: 8.0,
+        usable: 1e-3,
+    },
+    knobs: || decades(-1, -9),
+    scene: |_| "[[shape]]\ntype = \"sphere\"\ncenter = [0, -1, 0]\n".to_owned(),
+    ray: |height, random| {
+        let direction = random.direction();
+        let down = DVec3::new(direction.x, -direction.y.abs() - 0.5, direction.z).normalize();
+        Some(single(height * DVec3::Y, down))
+    },
+    unit: |height, _| height,
+    one_measure: false,
+};
+
+/// A sphere at a place that single precision has, seen from nearby.
+pub(crate) static OFFSET: RayFamily = RayFamily {
+    about: About {
+        name: "world_offset",
+        catalogue: &[3],
+        knob: "distance of everything from the origin, in radii",
+        measure: "error of t, in radii",
+        promise: ULPS,
+        pass: 8.0,
+        usable: 1e-3,
+    },
+    knobs: || decades(0, 8),
+    scene: |offset| {
+        let [x, y, z] = place(offset).to_array();
+        format!("[[shape]]\ntype = \"sphere\"\ncenter = [{x:?}, {y:?}, {z:?}]\n")
+    },
+    ray: |offset, random| {
+        let center = place(offset);
+        // Coordinates that single precision has: at 1e8 it has every eighth whole number.
+        let origin = (center + 16.0 * random.direction()).as_vec3().as_dvec3();
+        let outside = (origin - center).length() > 1.5;
+        let ray: Option<Ray> = past(center, origin, clear(random), 1.0, random);
+        ray.filter(|_| outside)
+    },
+    unit: |_, _| 1.0,
+    one_measure: false,
+};
+
+fn place(offset: f64) -> DVec3 {
+    DVec3::new(offset, -offset, 0.5 * offset).as_vec3().as_dvec3()
+}

@@ -1,0 +1,134 @@
+//! What families work with: plugins, the oracle, and Mitsuba where it runs.
+
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::Mutex;
+use whitstone_core::{DVec3, Ray, Registry, Rgb, Scratch, TreeNode};
+use whitstone_oracle::agreement::Subject;
+use whitstone_oracle::naive::{Real, Textbook, textbook};
+use whitstone_scene::{Description, Pipeline, Plan, Sources};
+use whitstone_validate::driver::{Driver, DriverError};
+
+/// Whatever is not in a scene of a family.
+const CAMERA: &str =
+    "camera = { type = \"perspective\", look_at = { origin = [0, 0, 9], target = [0, 0, 0] } }\n";
+
+/// The engines, ready to be asked.
+pub struct Lab<'a> {
+    registry: &'a Registry,
+    mitsuba: Option<Mutex<Driver>>,
+    /// How many questions a step asks.
+    pub rays: usize,
+}
+
+impl<'a> Lab<'a> {
+    /// Without a driver, Mitsuba takes no part. `quick` asks fewer questions.
+    pub fn new(registry: &'a Registry, mitsuba: Option<Driver>, quick: bool) -> Self {
+        Self {
+            registry,
+            mitsuba: mitsuba.map(Mutex::new),
+            rays: if quick { 60 } else { 400 },
+        }
+    }
+
+    /// A scene of one shape, and the oracle for it.
+    pub(crate) fn subject(&self, scene: &str) -> Result<Subject, String> {
+        Subject::new(scene, Path::new("scenes"), self.registry)
+    }
+
+    /// A scene as it is rendered. A camera need not be there.
+    pub(crate) fn pipeline(&self, scene: &str) -> Result<Pipeline, String> {
+        let text = with_camera(scene);
+        let sources = Sources::from_text("stress", &text, Path::new("scenes"), &[]);
+        let sources = sources.map_err(|error| error.sources.report(&error.errors, false))?;
+        let report = |errors| sources.report(&errors, false);
+        let description = Description::parse(&sources).map_err(report)?;
+        let plan = Plan::new(&description, self.registry).map_err(report)?;
+        Pipeline::build(&plan, self.registry).map_err(report)
+    }
+
+    /// One of the operations for single rays; why not, where Mitsuba takes no part.
+    pub(crate) fn mitsuba(&self, mut request: Value) -> Result<Value, String> {
+        let Some(driver) = &self.mitsuba else {
+            return Err("not asked for".to_owned());
+        };
+        if let Some(scene) = request["scene"].as_str() {
+            let scene = with_camera(scene);
+            request["scene"] = Value::from(scene);
+            request["base"] = Value::from("scenes");
+        }
+        let mut driver = driver.lock().map_err(|_| "its driver broke down".to_owned())?;
+        driver.request(&request).map_err(|error| match error {
+            DriverError::Unsupported(why) => format!("no twin: {why}"),
+            other => other.to_string(),
+        })
+    }
+
+    /// Its nearest hits, and nanoseconds for each.
+    pub(crate) fn mitsuba_closest(
+        &self,
+        scene: &str,
+        rays: &[Ray],
+    ) -> Result<(Vec<Option<f64>>, f64), String> {
+        let answer =
+            self.mitsuba(json!({ "op": "closest", "threads": 1, "scene": scene, "rays": rows(rays) }))?;
+        let distances = answer["t"].as_array().ok_or("no distances")?;
+        // "nan" counts as an answer, "inf" is a miss.
+        let found = distances.iter().map(|t| match t.as_str() {
+            Some("inf") => None,
+            _ => Some(t.as_f64().unwrap_or(f64::NAN)),
+        });
+        let found: Vec<_> = found.collect();
+        if found.len() != rays.len() {
+            return Err(format!("{} answers to {} rays", found.len(), rays.len()));
+        }
+        Ok((found, answer["ns_per_ray"].as_f64().unwrap_or(f64::NAN)))
+    }
+}
+
+fn with_camera(scene: &str) -> String {
+    match scene.contains("camera") {
+        true => scene.to_owned(),
+        false => format!("{CAMERA}{scene}"),
+    }
+}
+
+/// The textbook form of a shape of a scene.
+pub(crate) fn textbook_of<R: Real>(scene: &str, number: usize) -> Result<Box<dyn Textbook<R>>, String> {
+    let text = with_camera(scene);
+    let sources = Sources::from_text("stress", &text, Path::new("scenes"), &[]);
+    let sources = sources.map_err(|error| error.sources.report(&error.errors, false))?;
+    let report = |errors| sources.report(&errors, false);
+    let description = Description::parse(&sources).map_err(report)?;
+    textbook(&description, number).map_err(report)
+}
+
+/// As the protocol writes rays.
+pub(crate) fn rows(rays: &[Ray]) -> Vec<[f64; 6]> {
+    rays.iter()
+        .map(
+            |Ray {
+                 origin: o,
+                 direction: d,
+             }| [o.x, o.y, o.z, d.x, d.y, d.z],
+        )
+        .collect()
+}
+
+/// What an integrator says of a ray.
+pub(crate) fn radiance(pipeline: &Pipeline, ray: &Ray) -> Rgb {
+    let mut scratch = Scratch::default();
+    pipeline.integrator.radiance(&pipeline.world, ray, &mut scratch)
+}
+
+/// All rays that come from a ray.
+pub(crate) fn tree(pipeline: &Pipeline, ray: &Ray) -> Vec<TreeNode> {
+    let mut scratch = Scratch::recording();
+    pipeline.integrator.radiance(&pipeline.world, ray, &mut scratch);
+    scratch.record.unwrap_or_default()
+}
+
+/// The ray whose numbers single precision has, so that everyone is asked the same.
+pub(crate) fn single(origin: DVec3, direction: DVec3) -> Ray {
+    Ray::new(origin.as_vec3().as_dvec3(), direction.as_vec3().as_dvec3())
+}

@@ -1,0 +1,159 @@
+//! Families whose questions are rays at one shape: everyone says where each meets it first, and the oracle knows.
+
+use crate::lab::single;
+use crate::{About, Answer, Engine, Family, Lab, Sample};
+use std::hint::black_box;
+use std::time::Instant;
+use whitstone_core::{Aabb, DVec3, Interval, Ray, Skip};
+use whitstone_oracle::Nearest;
+use whitstone_oracle::agreement::{Agreement, Error};
+use whitstone_testkit::Random;
+
+/// How often a family may refuse a ray before the step counts as impossible.
+const TRIES: usize = 1000;
+
+/// Rays at a shape. The strict measure is units in the last place of a double, over the condition.
+pub(crate) struct RayFamily {
+    pub(crate) about: About,
+    pub(crate) knobs: fn() -> Vec<f64>,
+    /// A scene with one shape.
+    pub(crate) scene: fn(f64) -> String,
+    /// A ray whose class is clear; `None` where it came out otherwise.
+    pub(crate) ray: fn(f64, &mut Random) -> Option<Ray>,
+    /// The unit of the error.
+    pub(crate) unit: fn(f64, t: f64) -> f64,
+    /// Whether the strict measure is that of the error, not units in the last place.
+    pub(crate) one_measure: bool,
+}
+
+impl Family for RayFamily {
+    fn about(&self) -> About {
+        self.about
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        (self.knobs)()
+    }
+
+    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let scene = (self.scene)(knob);
+        let subject = lab.subject(&scene)?;
+        let mut random = Random::new(knob.to_bits());
+        let mut rays = Vec::new();
+        for _ in 0..TRIES * lab.rays {
+            rays.extend((self.ray)(knob, &mut random));
+            if rays.len() == lab.rays {
+                break;
+            }
+        }
+        if rays.len() < lab.rays {
+            return Err(format!("only {} rays of {} could be aimed", rays.len(), lab.rays));
+        }
+        let truths: Vec<Nearest> = rays
+            .iter()
+            .map(|ray| subject.oracle.nearest(ray, Interval::FORWARD))
+            .collect();
+
+        let world = &subject.pipeline.world;
+        let (ours, ns) = timed(&rays, |ray| {
+            let hit = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING);
+            hit.map(|hit| hit.t)
+        });
+        let mut whitstone = self.judge(knob, &truths, &ours);
+        whitstone.ns_per_op = Some(ns);
+        if !self.one_measure {
+            let geometry = &world.geometry;
+            let boxes = geometry.elements().map(|element| geometry.bounds(element));
+            let bounds = boxes.fold(Aabb::EMPTY, Aabb::union);
+            let mut agreement = Agreement::default();
+            for (ray, found) in rays.iter().zip(&ours) {
+                agreement.add(&subject.oracle, ray, *found, &bounds);
+            }
+            whitstone.strict = agreement.most_ulps_by_condition;
+            whitstone.failures = agreement.wrong;
+        }
+
+        let (double, ns) = timed(&rays, |ray| {
+            subject
+                .textbook_f64
+                .closest(ray.origin.to_array(), ray.direction.to_array())
+        });
+        let mut naive_f64 = self.judge(knob, &truths, &double);
+        naive_f64.ns_per_op = Some(ns);
+        let singles: Vec<_> = rays
+            .iter()
+            .map(|ray| [ray.origin, ray.direction].map(|v| v.as_vec3().to_array()))
+            .collect();
+        let (found, ns) = timed(&singles, |[o, d]| {
+            subject.textbook_f32.closest(*o, *d).map(f64::from)
+        });
+        let mut naive_f32 = self.judge(knob, &truths, &found);
+        naive_f32.ns_per_op = Some(ns);
+        let mitsuba = lab.mitsuba_closest(&scene, &rays).map(|(found, ns)| {
+            let mut sample = self.judge(knob, &truths, &found);
+            sample.ns_per_op = Some(ns);
+            sample
+        });
+        Ok(vec![
+            (Engine::Whitstone, Ok(whitstone)),
+            (Engine::Mitsuba, mitsuba),
+            (Engine::NaiveF64, Ok(naive_f64)),
+            (Engine::NaiveF32, Ok(naive_f32)),
+        ])
+    }
+}
+
+impl RayFamily {
+    fn judge(&self, knob: f64, truths: &[Nearest], found: &[Option<f64>]) -> Sample {
+        let mut sample = Sample::default();
+        for (truth, found) in truths.iter().zip(found) {
+            match (truth, found) {
+                (Nearest::Unknown, _) | (Nearest::Miss, None) => {}
+                (Nearest::Hit { t, .. }, Some(found)) if found.is_finite() => {
+                    let error = t.farthest(*found) / (self.unit)(knob, t.nearest());
+                    sample.error = sample.error.max(error);
+                    let ulps = Error::of(truth, Some(*found)).map_or(0.0, |error| error.by_condition);
+                    sample.strict = sample.strict.max(if self.one_measure { error } else { ulps });
+                }
+                (_, Some(found)) if !found.is_finite() => sample.nonfinite += 1,
+                _ => sample.failures += 1,
+            }
+        }
+        sample
+    }
+}
+
+/// All answers, and nanoseconds for each in the best of three runs.
+fn timed<Q, A>(questions: &[Q], answer: impl Fn(&Q) -> A) -> (Vec<A>, f64) {
+    let mut best = f64::INFINITY;
+    let mut answers = Vec::new();
+    for _ in 0..3 {
+        answers.clear();
+        let start = Instant::now();
+        answers.extend(questions.iter().map(|question| answer(black_box(question))));
+        best = best.min(start.elapsed().as_secs_f64());
+    }
+    (answers, best * 1e9 / questions.len() as f64)
+}
+
+/// A ray in single precision from `origin` that passes a point at the distance `miss` from the centre, in a random direction around it; `None` where
+/// rounding brought it nearer than a hundredth part to `edge`, so that its class would not be clear.
+pub(crate) fn past(center: DVec3, origin: DVec3, miss: f64, edge: f64, random: &mut Random) -> Option<Ray> {
+    let to = center - origin;
+    let distance = to.length();
+    let (side, up) = to.normalize().any_orthonormal_pair();
+    let turn = std::f64::consts::TAU * random.unit();
+    let sine = (miss / distance).min(1.0);
+    let across = side * turn.cos() + up * turn.sin();
+    let ray = single(origin, (1.0 - sine * sine).sqrt() * to / distance + sine * across);
+    let nearest = (center - ray.origin).cross(ray.direction).length() / ray.direction.length();
+    ((nearest / edge - 1.0).abs() > 0.01).then_some(ray)
+}
+
+/// In [0, 0.95) or, one time in four, in [1.05, 1.6).
+pub(crate) fn clear(random: &mut Random) -> f64 {
+    match random.below(4) {
+        0 => 1.05 + 0.55 * random.unit(),
+        _ => 0.95 * random.unit(),
+    }
+}

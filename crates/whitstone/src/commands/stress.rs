@@ -1,0 +1,224 @@
+//! `stress`: families of stiff and extreme cases.
+
+use crate::terminal::{Exit, Failure, progress, write_json};
+use clap::Args;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use whitstone_core::Registry;
+use whitstone_image::atomic;
+use whitstone_stress::{
+    ELSEWHERE, Engine, FAMILIES, Family, FamilyReport, Lab, MISSING, Verdict, headline, plot, table,
+};
+use whitstone_validate::driver::Driver;
+use whitstone_validate::environment::Environment;
+
+/// Turn knobs over decades until engines break, and say at which value each does
+///
+/// Every family asks Whitstone, its deliberately naive variants and Mitsuba the same questions, and holds the answers to the oracle or to a closed
+/// form. The frontier is the first value of the knob at which an engine is of no use any more; "none" is best.
+///
+/// Exit code 0 if Whitstone keeps its promise in every family, gets at least as far as Mitsuba, and the naive variants fail;
+/// 1 if not.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --list"
+)]
+pub struct Arguments {
+    /// Which families; all by default
+    families: Vec<String>,
+    /// Ask fewer questions at each step
+    #[arg(long)]
+    quick: bool,
+    /// List the families, and run none
+    #[arg(long)]
+    list: bool,
+    /// Print every step, not only the frontiers
+    #[arg(long)]
+    steps: bool,
+    /// Without Mitsuba
+    #[arg(long)]
+    no_mitsuba: bool,
+    /// Write all figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Draw error against the knob and against time, a file for each family, into this folder
+    #[arg(long, value_name = "DIR")]
+    plots: Option<PathBuf>,
+    /// Write the table of frontiers into this Markdown file, between its marks; may be given again
+    #[arg(long, value_name = "FILE")]
+    page: Vec<PathBuf>,
+    /// Folder of the Python environment
+    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
+    target: PathBuf,
+    /// Folder with the drivers
+    #[arg(long, default_value = "references", value_name = "DIR")]
+    references: PathBuf,
+    /// How long Mitsuba may take for one step, in seconds
+    #[arg(long, default_value_t = 120, value_name = "SECONDS")]
+    time_limit: u64,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let families = chosen(&arguments.families)?;
+    if arguments.list {
+        for family in families {
+            let about = family.about();
+            println!("{:<20} {}; {}", about.name, about.knob, about.measure);
+        }
+        for (number, what, file) in ELSEWHERE {
+            println!("case {number:<15} {what}: {file}");
+        }
+        for (number, why) in MISSING {
+            println!("case {number:<15} {why}");
+        }
+        return Ok(Exit::Pass);
+    }
+    let mitsuba = match arguments.no_mitsuba {
+        true => None,
+        false => Some(mitsuba(arguments)?),
+    };
+    let lab = Lab::new(registry, mitsuba, arguments.quick);
+    let steps: usize = families.iter().map(|family| family.knobs().len()).sum();
+    let bar = progress(steps as u64, "stress");
+    let mut reports = Vec::new();
+    for family in families {
+        let name = family.about().name;
+        let told = |knob: f64| {
+            bar.set_message(format!("{name} at {knob:.0e}"));
+            bar.inc(1);
+        };
+        let report = FamilyReport::measure(family, &lab, &told).map_err(Failure::environment)?;
+        bar.suspend(|| print(&report, arguments.steps, reports.is_empty()));
+        reports.push(report);
+    }
+    bar.finish_and_clear();
+    if let Some(path) = &arguments.json {
+        write_json(path, &json!({ "families": reports }))?;
+    }
+    if let Some(folder) = &arguments.plots {
+        std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+        for report in &reports {
+            let path = folder.join(format!("{}.svg", report.family));
+            atomic::write_bytes(&path, plot::svg(report).as_bytes()).map_err(Failure::environment)?;
+        }
+    }
+    for page in &arguments.page {
+        write_page(page, &reports)?;
+    }
+    let good = reports
+        .iter()
+        .filter(|report| report.verdict == Verdict::Pass)
+        .count();
+    println!("families: {}, pass: {good}", reports.len());
+    Ok(if good == reports.len() {
+        Exit::Pass
+    } else {
+        Exit::Differs
+    })
+}
+
+/// The marks around what is written into a page: the table of all families, and that of those in which Mitsuba takes part.
+const TABLE: [&str; 2] = [
+    "<!-- frontiers: written by `cargo xtask stress --page` -->",
+    "<!-- end of frontiers -->",
+];
+const HEADLINE: [&str; 2] = [
+    "<!-- headline: written by `cargo xtask stress --page` -->",
+    "<!-- end of headline -->",
+];
+
+fn write_page(path: &Path, reports: &[FamilyReport]) -> Result<(), Failure> {
+    let at = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));
+    let mut page = std::fs::read_to_string(path).map_err(|error| at(error.to_string()))?;
+    let mut written = false;
+    for ([begin, end], text) in [(TABLE, table(reports)), (HEADLINE, headline(reports))] {
+        if let (Some(from), Some(to)) = (page.find(begin), page.find(end)) {
+            page = format!("{}{begin}\n\n{text}\n{}", &page[..from], &page[to..]);
+            written = true;
+        }
+    }
+    if !written {
+        let wanted = [TABLE, HEADLINE]
+            .map(|[begin, end]| format!("{begin} and {end}"))
+            .join(", or ");
+        return Err(at(format!("there are no marks {wanted}")));
+    }
+    atomic::write_bytes(path, page.as_bytes()).map_err(Failure::environment)
+}
+
+fn chosen(names: &[String]) -> Result<Vec<&'static dyn Family>, Failure> {
+    if names.is_empty() {
+        return Ok(FAMILIES.to_vec());
+    }
+    let unknown = |name: &String| {
+        Failure::usage(format!(
+            "there is no family \"{name}\"; `whitstone stress --list` shows all"
+        ))
+    };
+    let mut chosen = Vec::new();
+    for name in names {
+        let family = FAMILIES.iter().find(|family| family.about().name == name);
+        chosen.push(*family.ok_or_else(|| unknown(name))?);
+    }
+    Ok(chosen)
+}
+
+fn mitsuba(arguments: &Arguments) -> Result<Driver, Failure> {
+    let environment = Environment::ensure(&arguments.target, &arguments.references, &|what| {
+        eprintln!("{what}")
+    });
+    let environment = environment.map_err(Failure::environment)?;
+    Driver::start(&environment, Duration::from_secs(arguments.time_limit)).map_err(Failure::environment)
+}
+
+fn print(report: &FamilyReport, steps: bool, first: bool) {
+    const ENGINES: [Engine; 4] = [
+        Engine::Whitstone,
+        Engine::Mitsuba,
+        Engine::NaiveF64,
+        Engine::NaiveF32,
+    ];
+    if first {
+        println!(
+            "{:<20} {:>10} {:>10} {:>10} {:>10}  verdict",
+            "frontier of", "whitstone", "mitsuba", "naive f64", "naive f32"
+        );
+    }
+    let [a, b, c, d] = ENGINES.map(|engine| report.frontier(engine));
+    println!(
+        "{:<20} {a:>10} {b:>10} {c:>10} {d:>10}  {}",
+        report.family, report.verdict
+    );
+    if !steps {
+        return;
+    }
+    println!(
+        "  knob: {}; error: {}; usable up to {:e}; promise: {}",
+        report.knob, report.measure, report.usable_level, report.pass_level
+    );
+    for engine in &report.engines {
+        for step in &engine.steps {
+            println!(
+                "  {:<10} {:>8.0e}  error {:>9.2e}  strict {:>9.2e}  wrong {:>4}  no number {:>3}  {:>7} ns{}{}",
+                engine.engine.name(),
+                step.knob,
+                step.error,
+                step.strict,
+                step.failures,
+                step.nonfinite,
+                step.ns_per_op.map_or("–".to_owned(), |ns| format!("{ns:.0}")),
+                if step.usable { "" } else { "  of no use" },
+                if step.passes || engine.engine != Engine::Whitstone {
+                    ""
+                } else {
+                    "  BREAKS ITS PROMISE"
+                },
+            );
+        }
+        if let Some(why) = &engine.absent {
+            println!("  {:<10} takes no part: {why}", engine.engine.name());
+        }
+    }
+}
