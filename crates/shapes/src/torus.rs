@@ -102,9 +102,8 @@ struct Line {
     unit: f64,
 }
 
-/// The distance of a point from the surface, positive outside, and what it is made of.
+/// What the distance of a point from the surface is made of.
 struct Distance {
-    value: f64,
     /// Its derivative along the line.
     slope: f64,
     /// Unit vector from the axis to the point; zero on the axis.
@@ -208,7 +207,6 @@ impl Line {
         let from_circle = ((rho - 1.0) * (rho - 1.0) + height * height).sqrt();
         let normal = away / from_circle;
         Distance {
-            value: from_circle - self.minor,
             slope: normal.dot(self.d),
             outward,
             normal,
@@ -258,8 +256,8 @@ impl Line {
         let (mut from, mut inside, mut width) = (ends[0], false, f64::NAN);
         stages.filter_map(move |stage| {
             let last = stage == 3;
-            // A maximum matters only between two parts.
-            if stage == 1 && !inside || last && !inside {
+            // A maximum, and the end, matter only behind a minimum inside.
+            if !inside && (stage == 1 || last) {
                 return None;
             }
             let to = if last {
@@ -270,7 +268,7 @@ impl Line {
             let before = inside;
             // The last end is outside by how it was chosen.
             inside = !last && self.value(to).0 < 0.0;
-            if inside && !before {
+            if inside && stage != 1 {
                 width = self.half_width(to, turns.scale * turns.cubic(to).1);
             }
             let start = if inside { to - width } else { from + width };
