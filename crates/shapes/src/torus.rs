@@ -83,9 +83,6 @@ impl Plugin<Shapes> for Torus {
 /// Half the distance from 1 to the next number.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
-/// Of a root whose error counts squared.
-const NEAR: f64 = 1e-8;
-
 /// More than any crossing needs: each step is half as long as the one before, or halves its bracket.
 const MOST_STEPS: u32 = 240;
 
@@ -194,6 +191,7 @@ impl Line {
             q,
             turn: (-p / 3.0).max(0.0).sqrt(),
             scale: 4.0 * a * a,
+            error: (UNIT * self.minor).sqrt(),
         }
     }
 
@@ -246,6 +244,8 @@ impl Line {
     /// All crossings, in ascending order; at most four. Each is looked for when it is asked for.
     fn crossings(&self) -> impl Iterator<Item = Crossing> + '_ {
         let turns = self.turns();
+        // How much the distance bends, near the circle and near the axis.
+        let bend = self.d.length_squared() / self.minor.min(1.0 - self.minor);
         let ends = self.reach().map(|(low, high)| {
             let turn = |at: f64| at.clamp(low, high);
             [low, turn(-turns.turn), turn(turns.turn), high]
@@ -275,7 +275,7 @@ impl Line {
             let bracket = (from, to);
             from = to;
             (before != inside).then(|| {
-                let s = root(|s| self.value(s), bracket, inside, start, 2.0 * UNIT, UNIT);
+                let s = root(|s| self.value(s), bracket, inside, start, bend, UNIT);
                 Crossing {
                     t: self.t(s),
                     s,
@@ -292,6 +292,8 @@ struct Turns {
     q: f64,
     turn: f64,
     scale: f64,
+    /// How well an extremum need be known: its height is off by the square of that.
+    error: f64,
 }
 
 impl Turns {
@@ -306,8 +308,8 @@ impl Turns {
         let falls = negative(to);
         (negative(from) != falls).then(|| {
             let start = self.near_root(0.5 * (from + to));
-            // An extremum need not be known better than that: its height is, twice as well.
-            root(|s| self.cubic(s), (from, to), falls, start, 0.0, NEAR)
+            let bend = 6.0 * from.abs().max(to.abs());
+            root(|s| self.cubic(s), (from, to), falls, start, bend, self.error)
         })
     }
 
@@ -339,15 +341,16 @@ impl Turns {
 /// The root between two places where a function (value and slope) has different signs: Newton's steps inside a
 /// bracket, from `start` if that is in it. `falls` says whether it is negative at the second place.
 ///
-/// A value of at most `noise` is as good as zero: rounding may have made it. A step of at most `step`, relative to s, or to
-/// 1/8 where s is small, is the last one.
+/// A step is the last one if what is left to go is less than `error`: by Newton's law at most half of `bend`, a bound on the
+/// second derivative, over the slope, times the square of the step; or, where the slope does not tell, if the step itself is
+/// less, relative to s or to 1/8.
 fn root(
     f: impl Fn(f64) -> (f64, f64),
     (mut from, mut to): (f64, f64),
     falls: bool,
     start: f64,
-    noise: f64,
-    step: f64,
+    bend: f64,
+    error: f64,
 ) -> f64 {
     let inside = |s: f64, from: f64, to: f64| s >= from && s <= to;
     // NaN is no place to go to either.
@@ -369,7 +372,8 @@ fn root(
         let good = inside(newton, from, to) && (newton - s).abs() <= 0.5 * before;
         let next = if good { newton } else { 0.5 * (from + to) };
         before = (next - s).abs();
-        if before <= step * s.abs().max(0.125) || good && value.abs() <= noise {
+        let done = good && 0.5 * bend * before * before <= error * slope.abs();
+        if done || before <= error * s.abs().max(0.125) {
             return next;
         }
         s = next;
