@@ -108,25 +108,7 @@ fn touched(shape: &dyn Primitive, ray: &Ray, hit: &PrimitiveHit) -> bool {
         },
         None,
     );
-    n.dot(d).abs() < 1e-6
-        || next.is_some_and(|next| next.t - hit.t < 1e-9 * hit.t)
-        || empty_from_nearby(shape, ray, hit)
-}
-
-/// Whether the ends of a span are the same number only because the ray comes from far away, as where it cuts off so little of an edge:
-/// a ray that starts in front of the hit, where numbers are finer, meets two ends, or passes by. (A rim of a paraboloid 1e-6 thick, cut
-/// from 1.9e5 away: the ends are a tenth of a unit in the last place of t apart, by arithmetic with 60 digits.)
-fn empty_from_nearby(shape: &dyn Primitive, ray: &Ray, hit: &PrimitiveHit) -> bool {
-    let (place, d) = (ray.at(hit.t), ray.direction.normalize());
-    let off = 16.0 * f64::EPSILON * (place.abs().max_element() + place.distance(ray.origin));
-    let nearby = Ray::new(place - off * d, d);
-    let mut interval = Interval::up_to(2.0 * off);
-    let mut met = 0;
-    while let Some(end) = shape.closest(&nearby, interval, None) {
-        interval.min = end.t;
-        met += 1;
-    }
-    met % 2 == 0
+    n.dot(d).abs() < 1e-6 || next.is_some_and(|next| next.t - hit.t < 1e-9 * hit.t)
 }
 
 fn normal(shape: &dyn Primitive, ray: &Ray, hit: &PrimitiveHit) -> DVec3 {
