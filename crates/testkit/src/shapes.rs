@@ -362,24 +362,18 @@ impl Bench {
         met.id() != left.id() && side * n.dot(ray.direction) < 0.0
     }
 
-    /// Looks at the place from just above: the surface must be there. `slack` is how far it may be off. At the very edge of a part, where
-    /// what comes from far away is put if it would lie beyond, a rounding decides whether the surface is met: then it must be there right
-    /// beside.
+    /// Looks at the place from just above: the surface must be there. `slack` is how far it may be off.
     fn is_on_surface(&self, position: DVec3, n: DVec3, slack: f64) -> bool {
         // A power of two near a thousandth of the size, so that it rounds as little as possible.
         let above = (0.001 * self.size()).log2().floor().exp2().max(64.0 * slack);
+        let ray = Ray::new(position + above * n, -n);
         let rounding = 16.0 * f64::EPSILON * (position.abs().max_element() + self.size());
         let tolerance = slack + rounding;
         let around = Interval {
             min: above - tolerance,
             max: above + tolerance,
         };
-        let (u, v) = n.any_orthonormal_pair();
-        let beside = [u, v, u + v, u - v].into_iter().flat_map(|side| [side, -side]);
-        std::iter::once(DVec3::ZERO).chain(beside).any(|side| {
-            let ray = Ray::new(position + tolerance * side + above * n, -n);
-            self.closest(&ray, around, Skip::NOTHING).is_some()
-        })
+        self.closest(&ray, around, Skip::NOTHING).is_some()
     }
 }
 
