@@ -107,15 +107,11 @@ fn exposures(reference: &[Vec3]) -> (f64, f64) {
     let half = -0.5 * b / a;
     let value = half + (half * half - c / a).sqrt();
     let mut luminance: Vec<f64> = reference.iter().map(luminance_of).collect();
-    let brightest = luminance.iter().copied().fold(0.0, f64::max);
-    let middle = luminance.len() / 2;
-    let median = match luminance.is_empty() {
-        true => 0.0,
-        false => {
-            luminance.sort_unstable_by(f64::total_cmp);
-            0.5 * (luminance[middle] + luminance[(luminance.len() - 1) / 2])
-        }
-    };
+    luminance.sort_unstable_by(f64::total_cmp);
+    // An image has a pixel at least.
+    let n = luminance.len();
+    let brightest = luminance[n - 1];
+    let median = 0.5 * (luminance[n / 2] + luminance[(n - 1) / 2]);
     // What is black is black at every exposure.
     let stops = |luminance: f64| (value / luminance.max(f64::from(f32::EPSILON))).log2();
     (stops(brightest), stops(median))

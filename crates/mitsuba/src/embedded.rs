@@ -20,14 +20,20 @@ impl Mitsuba {
     ///
     /// # Errors
     ///
-    /// What Python says if the driver or Mitsuba cannot be imported.
+    /// If the environment is of another Python than this program; what Python says if the driver or Mitsuba cannot be imported.
     pub fn start(environment: &Environment) -> Result<Self, String> {
         Python::initialize();
         Python::attach(|python| {
+            let version = python.version_info();
+            let linked = format!("python{}.{}", version.major, version.minor);
+            let packages = environment.folder().join(format!("lib/{linked}/site-packages"));
+            if !packages.is_dir() {
+                return Err(format!(
+                    "this program is linked with {linked}, which {} was not made by; let PYO3_PYTHON and WHITSTONE_PYTHON name the same Python",
+                    environment.folder().display()
+                ));
+            }
             let import = || -> PyResult<_> {
-                let version = python.version_info();
-                let folder = format!("lib/python{}.{}/site-packages", version.major, version.minor);
-                let packages = environment.folder().join(folder);
                 python.import("site")?.call_method1("addsitedir", (packages,))?;
                 let path = python.import("sys")?.getattr("path")?;
                 // Python looks for packages in texts only, not in paths.

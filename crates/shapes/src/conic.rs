@@ -143,10 +143,15 @@ impl Conic {
             }
         };
         // What is touched from outside counts, but not a point between two parts: that is no way in.
-        let part = |enter: End, exit: End| Part {
-            enter,
-            exit,
-            there: (enter.t < exit.t) | ((enter.t == exit.t) & !around),
+        let part = |enter: End, exit: End| {
+            // Where a face and the quadric meet at a flat angle, equal parameters of a ray from far away say nothing: the place does.
+            let rim = (enter.primitive == 0) != (exit.primitive == 0);
+            let touched = (enter.t == exit.t) & !around & (!rim | self.holds(ray.at(enter.t)));
+            Part {
+                enter,
+                exit,
+                there: (enter.t < exit.t) | touched,
+            }
         };
         [
             part(
@@ -162,6 +167,16 @@ impl Conic {
                 leave(select(around, high, low)),
             ),
         ]
+    }
+
+    /// Whether a point, moved into the box, is on the quadric or inside, but for some roundings.
+    #[inline(always)]
+    fn holds(&self, p: DVec3) -> bool {
+        let y = self.turn * (p.max(self.min).min(self.max) - self.center);
+        let (squares, lines) = (self.square * y * y, 2.0 * self.linear * y);
+        let value = squares.element_sum() + lines.element_sum() + self.constant;
+        let terms = squares.abs().element_sum() + lines.abs().element_sum() + self.constant.abs();
+        value <= 64.0 * UNIT * terms
     }
 
     /// Whether a ray that starts on a primitive goes inside.

@@ -10,11 +10,10 @@
 //! - Twin: POV-Ray `isosurface` with the iterates as nested functions.
 //! - Example: `scenes/shapes/fractal.toml`.
 
-use crate::crossings::{Along, Known, crossings};
-use crate::level::{Level, Sample, Segment, whole};
+use crate::crossings::{Along, Known};
+use crate::level::{Level, Sample, Segment};
 use schemars::JsonSchema;
 use serde::Deserialize;
-use std::ops::ControlFlow;
 use toml::Spanned;
 use whitstone_core::config::{Finite, IntegerIn};
 use whitstone_core::{
@@ -361,21 +360,12 @@ impl Primitive for Fractal {
         let ray = self.level.ray(ray);
         let segment = self.level.clip(&ray)?;
         let leaves = leaves.map(|_| self.value(ray.origin, [ray.direction]).1[0]);
-        let mut filter = self.level.filter(&ray, &segment, leaves, interval.min);
         let line = Line {
             shape: self,
             segment: &segment,
             length: segment.direction.length(),
         };
-        let mut found = None;
-        crossings(&line, |crossing| {
-            found = filter(crossing);
-            match found {
-                Some(_) => ControlFlow::Break(()),
-                None => ControlFlow::Continue(()),
-            }
-        });
-        whole(found?, interval, DVec2::ZERO)
+        self.level.closest(&ray, &segment, &line, leaves, interval)
     }
 
     fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
@@ -387,6 +377,8 @@ impl Primitive for Fractal {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::crossings::crossings;
+    use std::ops::ControlFlow;
     use whitstone_testkit::{Random, build, shape_laws_everywhere};
 
     const C: [f64; 4] = [-0.2, 0.6, 0.2, 0.2];

@@ -10,17 +10,16 @@
 
 mod tree;
 
-use crate::crossings::{Along, Known, crossings};
+use crate::crossings::{Along, Known};
 use crate::enclosure::{Dual, Enclosure};
-use crate::level::{Level, Sample, Segment, whole};
+use crate::level::{Level, Sample, Segment};
 use schemars::JsonSchema;
 use serde::Deserialize;
-use std::ops::ControlFlow;
 use toml::Spanned;
 use tree::{Field, Node};
 use whitstone_core::config::{Positive, Vector3};
 use whitstone_core::{
-    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
+    Aabb, Context, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
     SceneErrors, Shape, Shapes, SurfacePoint, Transform,
 };
 
@@ -245,16 +244,8 @@ impl Primitive for Implicit {
         let ray = self.level.ray(ray);
         let segment = self.level.clip(&ray)?;
         let leaves = leaves.map(|_| self.sample(ray.origin).gradient.dot(ray.direction));
-        let mut filter = self.level.filter(&ray, &segment, leaves, interval.min);
-        let mut found = None;
-        crossings(&self.along(&segment), |crossing| {
-            found = filter(crossing);
-            match found {
-                Some(_) => ControlFlow::Break(()),
-                None => ControlFlow::Continue(()),
-            }
-        });
-        whole(found?, interval, DVec2::ZERO)
+        let line = self.along(&segment);
+        self.level.closest(&ray, &segment, &line, leaves, interval)
     }
 
     fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
@@ -266,6 +257,8 @@ impl Primitive for Implicit {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::crossings::crossings;
+    use std::ops::ControlFlow;
     use whitstone_core::InstancePath;
     use whitstone_testkit::{Random, build, shape_laws_everywhere};
 

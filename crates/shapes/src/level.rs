@@ -1,6 +1,7 @@
 //! Where a level set stands: what isosurface, implicit and fractal have in common.
 
-use crate::crossings::Crossing;
+use crate::crossings::{Along, Crossing, crossings};
+use std::ops::ControlFlow;
 use whitstone_core::{Aabb, DMat3, DVec2, DVec3, Interval, PrimitiveHit, Ray, SurfacePoint, Transform};
 
 /// Half the distance from 1 to the next number: the relative error of one rounding.
@@ -137,6 +138,28 @@ impl Level {
             first = false;
             (t > min && !start).then_some(t)
         }
+    }
+
+    /// The nearest hit of an object-space ray: the first change of sign of `f`, the function along a segment of it, that
+    /// [`Self::filter`] lets through.
+    pub(crate) fn closest(
+        &self,
+        ray: &Ray,
+        segment: &Segment,
+        f: &impl Along,
+        leaves: Option<f64>,
+        interval: Interval,
+    ) -> Option<PrimitiveHit> {
+        let mut filter = self.filter(ray, segment, leaves, interval.min);
+        let mut found = None;
+        crossings(f, |crossing| {
+            found = filter(crossing);
+            match found {
+                Some(_) => ControlFlow::Break(()),
+                None => ControlFlow::Continue(()),
+            }
+        });
+        whole(found?, interval, DVec2::ZERO)
     }
 
     /// A hit near a point of object space: moved onto the surface, so that it is as good as coordinates allow, from

@@ -4,7 +4,8 @@
 //! origin costs no digits. There the quartic is depressed. Its extrema, found as roots of derivatives between
 //! roots of *their* derivatives (Yuksel, *High-Performance Polynomial Root Finding for Graphics*, 2022, section
 //! 3), divide the ray into pieces with at most one crossing each. The crossing itself is sought on the distance
-//! from the surface: the quartic cancels where the tube is thin.
+//! from the surface: the quartic cancels where the tube is thin. Both searches begin where a formula says and keep
+//! their bracket all the same.
 //!
 //! - Twin: POV-Ray `torus` (native).
 //! - Example: `scenes/shapes/torus.toml`.
@@ -82,7 +83,7 @@ impl Plugin<Shapes> for Torus {
 /// Half the distance from 1 to the next number.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
-/// More than any crossing needs: each fourth step halves its bracket.
+/// More than any crossing needs: each step is half as long as the one before, or halves its bracket.
 const MOST_STEPS: u32 = 240;
 
 /// A ray in units of the major radius, from where it passes the center nearest: the point at `s` is `q + s d`.
@@ -98,9 +99,8 @@ struct Line {
     unit: f64,
 }
 
-/// The distance of a point from the surface, positive outside, and what it is made of.
+/// What the distance of a point from the surface is made of.
 struct Distance {
-    value: f64,
     /// Its derivative along the line.
     slope: f64,
     /// Unit vector from the axis to the point; zero on the axis.
@@ -177,8 +177,8 @@ impl Line {
         (chord > 0.0 && low < high).then_some((low, high))
     }
 
-    /// Where the quartic turns, in ascending order, with `low` before and `high` behind.
-    fn pieces(&self, low: f64, high: f64) -> ([f64; 5], usize) {
+    /// What tells where the quartic turns.
+    fn turns(&self) -> Turns {
         let a = self.d.length_squared();
         let (h, k) = (self.q.dot(self.axis), self.d.dot(self.axis));
         let (radial, along) = (self.q - h * self.axis, self.d - k * self.axis);
@@ -186,20 +186,13 @@ impl Line {
         let w = self.q.length_squared();
         let p = ((w + (1.0 - self.minor) * (1.0 + self.minor)) - 2.0 * along.length_squared() / a) / a;
         let q = -2.0 * radial.dot(along) / (a * a);
-        let cubic = |s: f64| ((s * s + p) * s + q, 3.0 * s * s + p);
-        let turn = (-p / 3.0).max(0.0).sqrt();
-        let mut ends = [low; 5];
-        let mut count = 1;
-        let mut from = low;
-        for to in [(-turn).clamp(low, high), turn.clamp(low, high), high] {
-            if (cubic(from).0 < 0.0) != (cubic(to).0 < 0.0) {
-                ends[count] = root(cubic, from, to);
-                count += 1;
-            }
-            from = to;
+        Turns {
+            p,
+            q,
+            turn: (-p / 3.0).max(0.0).sqrt(),
+            scale: 4.0 * a * a,
+            error: (UNIT * self.minor).sqrt(),
         }
-        ends[count] = high;
-        (ends, count + 1)
     }
 
     fn distance(&self, s: f64) -> Distance {
@@ -212,7 +205,6 @@ impl Line {
         let from_circle = ((rho - 1.0) * (rho - 1.0) + height * height).sqrt();
         let normal = away / from_circle;
         Distance {
-            value: from_circle - self.minor,
             slope: normal.dot(self.d),
             outward,
             normal,
@@ -224,21 +216,66 @@ impl Line {
         self.distance((-self.start - self.more) / self.unit).slope
     }
 
-    /// All crossings, in ascending order; at most four.
+    /// The distance from the surface and its derivative, NaN on the axis and in the middle of the tube.
+    fn value(&self, s: f64) -> (f64, f64) {
+        let p = self.q + s * self.d;
+        let height = p.dot(self.axis);
+        let radial = p - height * self.axis;
+        let rho = radial.length();
+        let from_circle = ((rho - 1.0) * (rho - 1.0) + height * height).sqrt();
+        let slope = (rho - 1.0) * (radial.dot(self.d) / rho) + height * self.d.dot(self.axis);
+        (from_circle - self.minor, slope / from_circle)
+    }
+
+    /// How far it is from a minimum of the quartic inside the tube to where the parabola that fits there has its roots; NaN if
+    /// the place is outside. `curvature` is the second derivative.
+    fn half_width(&self, s: f64, curvature: f64) -> f64 {
+        let p = self.q + s * self.d;
+        let height = p.dot(self.axis);
+        let rho = (p - height * self.axis).length();
+        let squared = |x: f64| x * x + height * height;
+        // The quartic is the product of what a circle and its mirror image give.
+        let (near, far) = (squared(rho - 1.0), squared(rho + 1.0));
+        let minor = self.minor;
+        let quartic = (near.sqrt() - minor) * (near.sqrt() + minor) * (far - minor * minor);
+        (-2.0 * quartic / curvature).sqrt()
+    }
+
+    /// All crossings, in ascending order; at most four. Each is looked for when it is asked for.
     fn crossings(&self) -> impl Iterator<Item = Crossing> + '_ {
-        let pieces = self.reach().map(|(low, high)| self.pieces(low, high));
-        let (ends, count) = pieces.unwrap_or(([0.0; 5], 0));
-        let value = |s: f64| {
-            let distance = self.distance(s);
-            (distance.value, distance.slope)
-        };
-        let mut inside = false;
-        (1..count).filter_map(move |k| {
-            // The last end is outside by how it was chosen.
+        let turns = self.turns();
+        // How much the distance bends, near the circle and near the axis.
+        let bend = self.d.length_squared() / self.minor.min(1.0 - self.minor);
+        let ends = self.reach().map(|(low, high)| {
+            let turn = |at: f64| at.clamp(low, high);
+            [low, turn(-turns.turn), turn(turns.turn), high]
+        });
+        // Minimum, maximum, minimum, and the end of the reach, each where it is there.
+        let stages = ends.map_or(0..0, |_| 0..4);
+        let ends = ends.unwrap_or_default();
+        let (mut from, mut inside, mut width) = (ends[0], false, f64::NAN);
+        stages.filter_map(move |stage| {
+            let last = stage == 3;
+            // A maximum, and the end, matter only behind a minimum inside.
+            if !inside && (stage == 1 || last) {
+                return None;
+            }
+            let to = if last {
+                ends[3]
+            } else {
+                turns.between(ends[stage], ends[stage + 1])?
+            };
             let before = inside;
-            inside = k + 1 < count && value(ends[k]).0 < 0.0;
+            // The last end is outside by how it was chosen.
+            inside = !last && self.value(to).0 < 0.0;
+            if inside && stage != 1 {
+                width = self.half_width(to, turns.scale * turns.cubic(to).1);
+            }
+            let start = if inside { to - width } else { from + width };
+            let bracket = (from, to);
+            from = to;
             (before != inside).then(|| {
-                let s = root(value, ends[k - 1], ends[k]);
+                let s = root(|s| self.value(s), bracket, inside, start, bend, UNIT);
                 Crossing {
                     t: self.t(s),
                     s,
@@ -249,13 +286,81 @@ impl Line {
     }
 }
 
+/// The derivative of the quartic over `scale`: `s³ + p s + q`. It turns at `turn` on either side of zero, if it does.
+struct Turns {
+    p: f64,
+    q: f64,
+    turn: f64,
+    scale: f64,
+    /// How well an extremum need be known: its height is off by the square of that.
+    error: f64,
+}
+
+impl Turns {
+    fn cubic(&self, s: f64) -> (f64, f64) {
+        let Self { p, q, .. } = *self;
+        ((s * s + p) * s + q, 3.0 * s * s + p)
+    }
+
+    /// The root between two places with no turn in between, if there is one.
+    fn between(&self, from: f64, to: f64) -> Option<f64> {
+        let negative = |s: f64| self.cubic(s).0 < 0.0;
+        let falls = negative(to);
+        (negative(from) != falls).then(|| {
+            let start = self.near_root(0.5 * (from + to));
+            let bend = 6.0 * from.abs().max(to.abs());
+            root(|s| self.cubic(s), (from, to), falls, start, bend, self.error)
+        })
+    }
+
+    /// A root, roughly: of three that beyond the turn, or between the turns, where `s` is; or the only one.
+    fn near_root(&self, s: f64) -> f64 {
+        let Self { p, q, turn, .. } = *self;
+        let (third, half) = (p / 3.0, 0.5 * q);
+        let discriminant = half * half + third * third * third;
+        if discriminant >= 0.0 {
+            // Cardano's formula.
+            let w = (half.abs() + discriminant.sqrt()).cbrt().copysign(-half);
+            return w - third / w;
+        }
+        // s = 2 turn y, with 4 y³ - 3 y = x: cos(acos(x) / 3) for the largest, to four thousandths.
+        let x = -half / (turn * turn * turn);
+        let largest = |x: f64| 0.5 + ((1.0 + x) / 6.0).sqrt() - 0.0387 * (1.0 + x);
+        let y = if s > turn {
+            largest(x)
+        } else if s < -turn {
+            -largest(-x)
+        } else {
+            // The three have the sum zero.
+            largest(-x) - largest(x)
+        };
+        2.0 * turn * y
+    }
+}
+
 /// The root between two places where a function (value and slope) has different signs: Newton's steps inside a
-/// bracket.
-fn root(f: impl Fn(f64) -> (f64, f64), from: f64, to: f64) -> f64 {
-    let (mut from, mut to) = (from, to);
-    let falls = f(to).0 < 0.0;
-    let mut s = 0.5 * (from + to);
-    for step in 1..MOST_STEPS {
+/// bracket, from `start` if that is in it. `falls` says whether it is negative at the second place.
+///
+/// A step is the last one if what is left to go is less than `error`: by Newton's law at most half of `bend`, a bound on the
+/// second derivative, over the slope, times the square of the step; or, where the slope does not tell, if the step itself is
+/// less, relative to s or to 1/8.
+fn root(
+    f: impl Fn(f64) -> (f64, f64),
+    (mut from, mut to): (f64, f64),
+    falls: bool,
+    start: f64,
+    bend: f64,
+    error: f64,
+) -> f64 {
+    let inside = |s: f64, from: f64, to: f64| s >= from && s <= to;
+    // NaN is no place to go to either.
+    let mut s = if inside(start, from, to) {
+        start
+    } else {
+        0.5 * (from + to)
+    };
+    let mut before = to - from;
+    for _ in 1..MOST_STEPS {
         let (value, slope) = f(s);
         if (value < 0.0) == falls {
             to = s;
@@ -263,10 +368,12 @@ fn root(f: impl Fn(f64) -> (f64, f64), from: f64, to: f64) -> f64 {
             from = s;
         }
         let newton = s - value / slope;
-        // NaN is no place to go to either.
-        let good = newton >= from && newton <= to && step % 4 != 0;
+        // Steps that do not get shorter lead nowhere.
+        let good = inside(newton, from, to) && (newton - s).abs() <= 0.5 * before;
         let next = if good { newton } else { 0.5 * (from + to) };
-        if (next - s).abs() <= UNIT * s.abs().max(0.125) {
+        before = (next - s).abs();
+        let done = good && 0.5 * bend * before * before <= error * slope.abs();
+        if done || before <= error * s.abs().max(0.125) {
             return next;
         }
         s = next;

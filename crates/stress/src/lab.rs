@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Mutex;
-use whitstone_core::{DVec3, Ray, Registry, Rgb, Scratch, TreeNode};
+use whitstone_core::{DVec3, FamilyName, Ray, Registry, Rgb, Scratch, TreeNode};
 use whitstone_oracle::agreement::Subject;
 use whitstone_oracle::naive::{Real, Textbook, textbook};
 use whitstone_scene::{Description, Pipeline, Plan, Sources};
@@ -22,13 +22,21 @@ pub struct Lab<'a> {
 }
 
 impl<'a> Lab<'a> {
-    /// Without a driver, Mitsuba takes no part. `quick` asks fewer questions.
-    pub fn new(registry: &'a Registry, mitsuba: Option<Driver>, quick: bool) -> Self {
+    /// Without a driver, Mitsuba takes no part. `rays` is how many questions a step asks, at least one.
+    pub fn new(registry: &'a Registry, mitsuba: Option<Driver>, rays: usize) -> Self {
         Self {
             registry,
             mitsuba: mitsuba.map(Mutex::new),
-            rays: if quick { 60 } else { 400 },
+            rays: rays.max(1),
         }
+    }
+
+    /// All accelerators that promise exact answers: peers do not.
+    pub(crate) fn accelerators(&self) -> impl Iterator<Item = &'static str> {
+        let all = self.registry.entries();
+        let ours = all
+            .filter(|entry| entry.family == FamilyName::Accelerator && entry.crate_name != "whitstone-peers");
+        ours.map(|entry| entry.name)
     }
 
     /// A scene of one shape, and the oracle for it.

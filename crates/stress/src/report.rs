@@ -295,7 +295,7 @@ mod tests {
             }
         }
         let registry = whitstone_core::Registry::default();
-        let lab = Lab::new(&registry, None, true);
+        let lab = Lab::new(&registry, None, 1);
         FamilyReport::measure(&Fixed(errors), &lab, &|_| ()).expect("it has no errors")
     }
 

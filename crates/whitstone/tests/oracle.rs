@@ -4,9 +4,9 @@
 //! for each.
 
 use std::path::Path;
-use whitstone::core::{Aabb, Interval, Skip};
+use whitstone::core::{Aabb, DVec3, Interval, Needs, Ray, Skip};
 use whitstone_oracle::Oracle;
-use whitstone_oracle::agreement::{Agreement, Subject};
+use whitstone_oracle::agreement::{Agreement, Error, MOST_ULPS, Subject};
 use whitstone_oracle::cases::CASES;
 use whitstone_testkit::{Aim, Random, placements};
 
@@ -106,3 +106,46 @@ shapes!(
     csg "csg",
     instance "instance",
 );
+
+/// Beside a rim, what leaves a cap for the inside meets the side as near as that is: the law of leaving rays lets it, and here is
+/// that it is true.
+#[test]
+fn what_leaves_a_cap_beside_its_rim_meets_the_side_where_it_is() {
+    let registry = whitstone::registry();
+    let places = placements();
+    let (_, far) = places
+        .iter()
+        .find(|(name, _)| *name == "far away")
+        .expect("it is one");
+    // With the radius and the height of a cap.
+    for (shape, radius, height) in [("cone", 0.7, 0.0), ("cylinder", 0.7, 1.0)] {
+        let case = CASES.iter().find(|case| case.shape == shape).expect("it is one");
+        let scene = case.scene(far.world_from_object());
+        let Subject { pipeline, oracle, .. } = Subject::new(&scene, scenes(), &registry).unwrap();
+        let world = &pipeline.world;
+        let closest = |ray: &Ray, skip| world.accelerator.closest(ray, Interval::FORWARD, skip);
+        let mut random = Random::new(8);
+        let mut near = 0;
+        for number in 0..2_000 {
+            let gap = 10f64.powi(-8 + number % 4);
+            let rim = random.direction().with_z(0.0).normalize();
+            let target = (radius - gap) * rim + height * DVec3::Z;
+            let origin = target + DVec3::new(0.0, 0.0, if height > 0.0 { 2.0 } else { -2.0 });
+            let [target, origin] = [target, origin].map(|p| far.world_from_object().transform_point3(p));
+            let ray = Ray::new(origin, target - origin);
+            let hit = closest(&ray, Skip::NOTHING).expect("the cap is there");
+            let point = world.geometry.surface(&ray, &hit, Needs::NOTHING);
+            let inward = (-point.n_g + 3.0 * point.n_g.cross(random.direction())).normalize();
+            let away = Ray::new(point.leave(inward), inward);
+            let again = closest(&away, Skip::leaving(&hit));
+            let truth = oracle.nearest(&away, Interval::FORWARD);
+            let error = Error::of(&truth, again.map(|again| again.t));
+            let small = error.is_some_and(|error| error.by_condition <= MOST_ULPS);
+            assert!(small, "{shape}, {gap}: {again:?} instead of {truth:?}");
+            // What the law would not let be the same part.
+            let slack = point.error + 8.0 * f64::EPSILON * point.position.abs().max_element();
+            near += usize::from(again.is_some_and(|again| again.t <= 1e3 * slack));
+        }
+        assert!(near > 400, "{near}");
+    }
+}

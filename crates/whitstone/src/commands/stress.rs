@@ -27,9 +27,12 @@ use whitstone_validate::environment::Environment;
 pub struct Arguments {
     /// Which families; all by default
     families: Vec<String>,
-    /// Ask fewer questions at each step
-    #[arg(long)]
+    /// Ask 60 questions at each step
+    #[arg(long, conflicts_with = "rays")]
     quick: bool,
+    /// How many questions each step asks; "watertight" asks a hundred times as many, with every accelerator
+    #[arg(long, default_value_t = 400, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    rays: u32,
     /// List the families, and run none
     #[arg(long)]
     list: bool,
@@ -79,7 +82,15 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         true => None,
         false => Some(mitsuba(arguments)?),
     };
-    let lab = Lab::new(registry, mitsuba, arguments.quick);
+    let lab = Lab::new(
+        registry,
+        mitsuba,
+        if arguments.quick {
+            60
+        } else {
+            arguments.rays as usize
+        },
+    );
     let steps: usize = families.iter().map(|family| family.knobs().len()).sum();
     let bar = progress(steps as u64, "stress");
     let mut reports = Vec::new();
