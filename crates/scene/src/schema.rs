@@ -7,6 +7,8 @@ use whitstone_core::{Entry, FamilyName, Registry};
 const DIALECT: &str = "https://json-schema.org/draft/2020-12/schema";
 /// The key by which a plugin's schema marks where an inline plugin of a family may stand.
 const FAMILY_MARK: &str = "x-family";
+/// The definition of a step of a transform.
+const STEP: &str = "transform_step";
 
 /// The schema of a scene file with the plugins of a registry. A file that is only included by others has no
 /// camera, so none is required here; for the rest, what the schema refuses the loader refuses as well.
@@ -31,7 +33,7 @@ pub fn scene_schema(registry: &Registry) -> Value {
         // The fitting one is found by its `type`: with `anyOf`, editors would offer the keys of all.
         definitions.insert(family.singular().to_owned(), json!({ "oneOf": choices }));
     }
-    definitions.insert("transform_step".to_owned(), transform_step());
+    definitions.insert(STEP.to_owned(), transform_step());
     json!({
         "$schema": DIALECT,
         "title": "Whitstone scene",
@@ -53,7 +55,7 @@ pub fn table_schema(entry: &Entry) -> Value {
     for family in FamilyName::ALL {
         definitions.insert(family.singular().to_owned(), inline.clone());
     }
-    definitions.insert("transform_step".to_owned(), transform_step());
+    definitions.insert(STEP.to_owned(), transform_step());
     if let Value::Object(map) = &mut schema {
         map.insert("$schema".to_owned(), json!(DIALECT));
         let text = map.values().map(Value::to_string).collect::<String>();
@@ -198,8 +200,8 @@ fn common_keys(family: FamilyName) -> Value {
             "transform": {
                 "description": "From object to world space: one step, or steps in the order in which they are applied.",
                 "anyOf": [
-                    reference("transform_step"),
-                    { "type": "array", "items": reference("transform_step") },
+                    reference(STEP),
+                    { "type": "array", "items": reference(STEP) },
                 ],
             },
         }),
@@ -247,6 +249,8 @@ fn relocate(schema: &mut Value, prefix: &str) {
             }
             if let Some(Value::String(target)) = map.get_mut("$ref")
                 && let Some(name) = target.strip_prefix("#/$defs/")
+                // The step of a transform is a definition of the whole, not the plugin's own.
+                && name != STEP
             {
                 *target = format!("#/$defs/{prefix}.{name}");
             }
