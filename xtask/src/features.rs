@@ -2,41 +2,54 @@
 
 use crate::{peers, verdict};
 use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use whitstone::core::Registry;
 use whitstone::{Exit, Failure};
 
-/// Checks each.
+/// Checks each, several at a time: a check is mostly one crate, so one thread.
 pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut problems = Vec::new();
-    let mut count = 0;
     let plugins = registry
         .entries()
         .filter(|entry| entry.crate_name != peers::CRATE);
     let plugins = plugins.map(|entry| (entry.crate_name, entry.name.to_owned()));
     // Which peers this program has does not matter: all are checked.
     let peers = peers::names().into_iter().map(|name| (peers::CRATE, name));
-    for (package, feature) in plugins.chain(peers) {
-        let output = Command::new(&cargo)
-            .args([
-                "check",
-                "--quiet",
-                "--package",
-                package,
-                "--no-default-features",
-                "--features",
-                &feature,
-            ])
-            .env("RUSTFLAGS", "-D warnings")
-            // Other flags would rebuild everything: these checks have a folder of their own.
-            .env("CARGO_TARGET_DIR", "target/features")
-            .output()
-            .map_err(Failure::environment)?;
-        count += 1;
-        if !output.status.success() {
-            let text = String::from_utf8_lossy(&output.stderr).into_owned();
-            problems.push(format!("{package} with feature `{feature}` alone:\n{text}"));
+    let features: Vec<(&str, String)> = plugins.chain(peers).collect();
+    let next = AtomicUsize::new(0);
+    let worker = |number: usize| -> std::io::Result<Vec<String>> {
+        let mut problems = Vec::new();
+        while let Some((package, feature)) = features.get(next.fetch_add(1, Ordering::Relaxed)) {
+            problems.extend(problem(package, feature, number)?);
         }
+        Ok(problems)
+    };
+    let workers = std::thread::available_parallelism().map_or(1, |count| count.get().min(4));
+    let results: Vec<_> = std::thread::scope(|scope| {
+        let handles: Vec<_> = (0..workers)
+            .map(|number| scope.spawn(move || worker(number)))
+            .collect();
+        handles.into_iter().map(|handle| handle.join()).collect()
+    });
+    let mut problems = Vec::new();
+    for result in results {
+        let result = result.map_err(|_| Failure::environment("a check panicked"))?;
+        problems.extend(result.map_err(Failure::environment)?);
     }
-    verdict(&problems, &format!("features: {count} compile alone"))
+    verdict(&problems, &format!("features: {} compile alone", features.len()))
+}
+
+/// What the compiler says against one feature alone.
+fn problem(package: &str, feature: &str, worker: usize) -> std::io::Result<Option<String>> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let output = Command::new(cargo)
+        .args(["check", "--quiet", "--package", package])
+        .args(["--no-default-features", "--features", feature])
+        .env("RUSTFLAGS", "-D warnings")
+        .env("CARGO_INCREMENTAL", "0")
+        // Other flags would rebuild everything, and cargo locks a folder: each worker has one of its own.
+        .env("CARGO_TARGET_DIR", format!("target/features/{worker}"))
+        .output()?;
+    let text = String::from_utf8_lossy(&output.stderr);
+    let problem = || format!("{package} with feature `{feature}` alone:\n{text}");
+    Ok((!output.status.success()).then(problem))
 }

@@ -4,9 +4,11 @@ mod assets;
 mod bench;
 mod dependencies;
 mod features;
+mod pages;
 mod peers;
 mod plugins;
 mod readme;
+mod slim;
 mod tidy;
 
 use clap::{Parser, Subcommand};
@@ -35,6 +37,7 @@ enum Verb {
     Assets,
     Bench(bench::Arguments),
     Readme(readme::Arguments),
+    Slim(slim::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -50,6 +53,7 @@ fn main() -> ExitCode {
         Verb::Features => features::run(&registry),
         Verb::Assets => assets::write(),
         Verb::Bench(arguments) => bench::run(arguments, &registry),
+        Verb::Slim(arguments) => slim::run(arguments, &registry),
         Verb::Readme(arguments) => readme::run(arguments, &registry),
     })
 }

@@ -30,7 +30,7 @@ pub(crate) fn json(registry: &Registry) -> String {
 }
 
 /// What follows a name in the list of a header, up to the next item.
-fn note(source: &str, name: &str) -> Option<String> {
+pub(crate) fn note(source: &str, name: &str) -> Option<String> {
     let header = source.lines().map_while(|line| line.strip_prefix("//!"));
     let start = format!("- {name}: ");
     let mut lines = header.map(str::trim).skip_while(|line| !line.starts_with(&start));
@@ -39,8 +39,19 @@ fn note(source: &str, name: &str) -> Option<String> {
     Some(rest.fold(first, |text, line| format!("{text} {line}")))
 }
 
+/// What a header says between its first sentence and its list: how, and by which source.
+pub(crate) fn method(source: &str) -> String {
+    let header = source.lines().map_while(|line| line.strip_prefix("//!"));
+    let lines = header.map(|line| line.strip_prefix(' ').unwrap_or(line));
+    let body = lines
+        .skip_while(|line| !line.is_empty())
+        .take_while(|line| !line.starts_with("- "));
+    let text = body.collect::<Vec<_>>().join("\n");
+    text.trim().to_owned()
+}
+
 /// The functions called from tests whose names say that they are laws.
-fn laws(source: &str) -> Vec<&str> {
+pub(crate) fn laws(source: &str) -> Vec<&str> {
     let words = source.split(|c: char| !c.is_alphanumeric() && c != '_');
     let laws: BTreeSet<&str> = words.filter(|word| is_law(word)).collect();
     laws.into_iter().collect()
@@ -63,6 +74,11 @@ mod tests {
             Some("`scenes/shapes/thing.toml`.")
         );
         assert_eq!(note(source, "Source"), None);
+        assert_eq!(
+            method("//! A.\n//!\n//! By B\n//! (C).\n//!\n//! D.\n//!\n//! - Twin: e\n"),
+            "By B\n(C).\n\nD."
+        );
+        assert_eq!(method("//! A.\n"), "");
         assert_eq!(laws(source), ["thing_laws", "thing_laws_everywhere"]);
     }
 }

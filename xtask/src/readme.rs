@@ -1,6 +1,6 @@
 //! `readme`: the pictures and the table of numbers in README.md, made from the stored references.
 
-use crate::{plugins, verdict};
+use crate::{pages, plugins, verdict};
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -41,8 +41,8 @@ const BOUNDS: [(&str, &str, usize); 9] = [
     ("bsp", "type = \"bsp\"", 6),
 ];
 
-/// Write the pictures and the numbers of README.md from the stored references, the pictures of docs/accelerators.md, and what `list --json` says of
-/// plugins
+/// Write what is generated: the pictures and numbers of README.md from the stored references, the pictures of
+/// docs/accelerators.md, a page for every plugin, and what `list --json` says of them
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Write nothing; exit 1 if something would change
@@ -58,7 +58,8 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             "{README}: the marks {BEGIN} and {END} are missing"
         )));
     };
-    let cases = validate(registry)?;
+    let cases = validate(registry, Renderer::Mitsuba)?;
+    let others = validate(registry, Renderer::PovRay)?;
     let readme = format!(
         "{}{BEGIN}\n\n{}\n{}",
         &readme[..begin],
@@ -78,7 +79,11 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         let path = PathBuf::from(format!("docs/images/bounds-{name}.png"));
         files.push((path, bounds(registry, accelerator, deepest)?));
     }
-    let mut problems = Vec::new();
+    let examples = [("Mitsuba", &*cases), ("POV-Ray", &*others)];
+    files.extend(pages::pages(registry, &examples, |example| {
+        picture(registry, example)
+    })?);
+    let mut problems = strangers(&files);
     for (path, bytes) in files {
         if std::fs::read(&path).is_ok_and(|found| found == bytes) {
             continue;
@@ -102,12 +107,29 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     )
 }
 
-fn validate(registry: &Registry) -> Result<Vec<CaseResult>, Failure> {
+/// Pages of plugins that are no more.
+fn strangers(files: &[(PathBuf, Vec<u8>)]) -> Vec<String> {
+    let folders =
+        whitstone::core::FamilyName::ALL.map(|family| Path::new(pages::FOLDER).join(family.plural()));
+    let found = folders
+        .iter()
+        .filter_map(|folder| std::fs::read_dir(folder).ok())
+        .flatten()
+        .flatten();
+    let found = found
+        .map(|entry| entry.path())
+        .filter(|path| !files.iter().any(|(known, _)| known == path));
+    found
+        .map(|path| format!("{}: of no plugin; delete it", path.display()))
+        .collect()
+}
+
+fn validate(registry: &Registry, renderer: Renderer) -> Result<Vec<CaseResult>, Failure> {
     let options = Options {
         scenes: PathBuf::from("scenes"),
         references: PathBuf::from("references"),
         target: PathBuf::from("target/whitstone"),
-        renderer: Renderer::Mitsuba,
+        renderer,
         mode: Mode::Stored,
         reuse: true,
         threads: 0,
@@ -181,6 +203,14 @@ fn bounds(registry: &Registry, accelerator: &str, deepest: usize) -> Result<Vec<
     ];
     let pipeline = build(registry, Path::new("scenes/accelerators/bvh.toml"), &overrides)?;
     let picture = wireframe::picture(&pipeline, deepest)?;
+    picture.to_png().map_err(Failure::environment)
+}
+
+/// A scene as it is.
+fn picture(registry: &Registry, scene: &str) -> Result<Vec<u8>, Failure> {
+    let (film, hash) = render(registry, Path::new(scene), &[])?;
+    let image = film.to_image(&hash).map_err(Failure::usage)?;
+    let picture = Raster::preview(&image, ToneMap::default()).map_err(Failure::usage)?;
     picture.to_png().map_err(Failure::environment)
 }
 

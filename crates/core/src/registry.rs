@@ -3,7 +3,9 @@ use crate::{
     Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Group, Integrator, Light, Material,
     Primitive, Sampler, SceneError, SceneErrors, Shape, Texture, Transform, nearest,
 };
-use schemars::{JsonSchema, Schema, SchemaGenerator};
+use schemars::JsonSchema;
+#[cfg(feature = "schema")]
+use schemars::{Schema, SchemaGenerator};
 use serde::de::DeserializeOwned;
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -175,11 +177,13 @@ pub struct Entry {
     pub name: &'static str,
     /// The crate that registered it.
     pub crate_name: &'static str,
+    #[cfg(feature = "schema")]
     schema: fn() -> Schema,
     /// A `BuildFn` of the family, which `build` downcasts again.
     build: Box<dyn Any + Send + Sync>,
 }
 
+#[cfg(feature = "schema")]
 impl Entry {
     /// JSON Schema of its parameters, without `type` and the keys common to the family.
     pub fn schema(&self) -> Schema {
@@ -200,6 +204,8 @@ impl Entry {
 #[derive(Default)]
 pub struct Registry {
     entries: BTreeMap<(FamilyName, &'static str), Entry>,
+    /// Of slim binaries: family, type and crate.
+    absent: &'static [(FamilyName, &'static str, &'static str)],
 }
 
 impl Registry {
@@ -209,6 +215,7 @@ impl Registry {
             family: F::NAME,
             name: P::TYPE,
             crate_name,
+            #[cfg(feature = "schema")]
             schema: || SchemaGenerator::default().into_root_schema_for::<P::Config>(),
             build: Box::new(build_plugin::<F, P> as BuildFn<F>),
         };
@@ -221,6 +228,12 @@ impl Registry {
                 second: crate_name,
             }),
         }
+    }
+
+    /// Tells what this program was built without, as family, type and crate, for the message about a scene that
+    /// names it.
+    pub fn leave_out(&mut self, absent: &'static [(FamilyName, &'static str, &'static str)]) {
+        self.absent = absent;
     }
 
     /// All plugins, by family and name.
@@ -239,6 +252,14 @@ impl Registry {
             .map(|entry| entry.name)
             .collect();
         let kind = family.singular();
+        if let Some((_, _, from)) = self.absent.iter().find(|(f, n, _)| *f == family && *n == name) {
+            let error = SceneError::anywhere(format!(
+                "this program was built without the {kind} type \"{name}\""
+            ));
+            return Err(error.with_help(format!(
+                "add the feature `{name}` of `{from}` to its package, or make it anew: `cargo xtask slim SCENE`"
+            )));
+        }
         let error = SceneError::anywhere(format!("unknown {kind} type \"{name}\""));
         Err(error.with_help(match nearest(name, known.iter().copied()) {
             Some(near) => format!("did you mean \"{near}\"?"),
@@ -332,10 +353,24 @@ mod tests {
         let unknown = registry.build::<Samplers>("dott", &table, (), &mut NoContext);
         let error = unknown.err().unwrap().0.remove(0);
         assert_eq!(error.help.as_deref(), Some("did you mean \"dot\"?"));
+        #[cfg(feature = "schema")]
         assert_eq!(
             registry.entries().next().unwrap().summary(),
             "One sample in a corner."
         );
+    }
+
+    #[test]
+    fn what_was_left_out_names_its_feature() {
+        let mut registry = Registry::default();
+        registry.add::<Samplers, Dot>("one").unwrap();
+        registry.leave_out(&[(FamilyName::Sampler, "line", "two")]);
+        let error = registry.get(FamilyName::Sampler, "line").err().unwrap();
+        assert!(error.message.contains("built without the sampler type \"line\""));
+        assert!(error.help.unwrap().contains("the feature `line` of `two`"));
+        // Another family has no such type at all.
+        let error = registry.get(FamilyName::Shape, "line").err().unwrap();
+        assert!(error.message.contains("unknown shape type"));
     }
 
     #[test]

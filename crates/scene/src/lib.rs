@@ -13,6 +13,7 @@ mod memory;
 mod operands;
 mod pipeline;
 mod plan;
+#[cfg(feature = "schema")]
 mod schema;
 mod sources;
 mod transform;
@@ -24,6 +25,7 @@ pub use film::{Film, Progress, RenderOptions};
 pub use groups::{BuiltGroup, PlannedGroup};
 pub use pipeline::{BuildOptions, Pipeline};
 pub use plan::{LeftOut, Plan};
+#[cfg(feature = "schema")]
 pub use schema::{scene_schema, table_schema};
 pub use sources::{LoadError, Position, Sources};
 pub use transform::parse as parse_transform;

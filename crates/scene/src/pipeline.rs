@@ -2,7 +2,7 @@ use crate::groups::{BuiltGroup, unknown_id};
 use crate::memory::Memory;
 use crate::operands::{self, Operands};
 use crate::{Description, FilmTable, LeftOut, Plan, PluginTable, ShapeTable};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
@@ -50,6 +50,8 @@ pub struct Pipeline {
     pub accelerator: (String, String),
     /// The groups that are placed, by id.
     pub groups: Vec<BuiltGroup>,
+    /// The plugins that it is built from.
+    pub used: BTreeSet<(FamilyName, String)>,
     /// What was not built, with the reasons.
     pub left_out: Vec<LeftOut>,
     /// Not errors, but worth knowing.
@@ -101,6 +103,7 @@ impl Pipeline {
             open: Vec::new(),
             groups: BTreeMap::new(),
             operands: Operands::default(),
+            used: BTreeSet::new(),
             memory: Memory::new(options.max_memory),
             options,
             warnings: Vec::new(),
@@ -138,7 +141,7 @@ impl Pipeline {
             }
             _ => None,
         };
-        let warnings = builder.warnings;
+        let (warnings, used) = (builder.warnings, builder.used);
         let groups = builder.groups.into_values().collect();
         let pipeline = match (camera, sampler, integrator, built) {
             (Some(camera), Some(sampler), Some(integrator), Some(built))
@@ -154,6 +157,7 @@ impl Pipeline {
                     scene_hash: description.flattened.hash.clone(),
                     accelerator: built.chosen,
                     groups,
+                    used,
                     left_out,
                     warnings,
                     build_seconds: start.elapsed().as_secs_f64(),
@@ -265,6 +269,7 @@ struct Builder<'d, 's, 'o> {
     /// What instances place, by id, as far as it is built.
     groups: BTreeMap<&'d str, BuiltGroup>,
     operands: Operands,
+    used: BTreeSet<(FamilyName, String)>,
     memory: Memory,
     options: BuildOptions<'o>,
     warnings: Vec<SceneError>,
@@ -287,6 +292,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
             error.span = Some(plugin.name_span.clone());
             SceneErrors::from(error)
         })?;
+        self.used.insert((F::NAME, plugin.name.clone()));
         registry.build::<F>(&plugin.name, &plugin.table, input, self)
     }
 
@@ -449,6 +455,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
 
     fn default_material(&mut self, shape: &PluginTable<'s>) -> Result<Arc<dyn Material>, SceneErrors> {
         let table = Spanned::new(shape.table.span(), DeTable::new());
+        self.used.insert((FamilyName::Material, "matte".to_owned()));
         self.registry.build::<Materials>("matte", &table, (), self)
     }
 

@@ -14,6 +14,8 @@ pub struct Plan<'d, 's> {
     pub groups: Vec<PlannedGroup<'d>>,
     /// What will not be built, loaded or run.
     pub left_out: Vec<LeftOut>,
+    /// Every plugin that the scene names, whether it is built for it or not: without them it is not accepted.
+    pub named: BTreeSet<(FamilyName, String)>,
 }
 
 /// A thing that a scene mentions or could have, and that is not built for it.
@@ -36,6 +38,7 @@ impl<'d, 's> Plan<'d, 's> {
     pub(crate) fn new_partly(description: &'d Description<'s>, registry: &Registry) -> (Self, SceneErrors) {
         use FamilyName::{Accelerator, Camera, Integrator, Light, Material, Sampler, Shape, Texture};
         let mut errors = SceneErrors::default();
+        let mut named = BTreeSet::new();
         let plugins = [
             (Camera, &description.camera),
             (Sampler, &description.sampler),
@@ -54,6 +57,7 @@ impl<'d, 's> Plan<'d, 's> {
         .chain(description.materials.values().map(|plugin| (Material, plugin)))
         .chain(description.textures.values().map(|plugin| (Texture, plugin)));
         for (family, plugin) in plugins {
+            named.insert((family, plugin.name.clone()));
             if !description.faulty.tables.contains(family.singular())
                 && let Err(mut error) = registry.get(family, &plugin.name)
             {
@@ -88,6 +92,7 @@ impl<'d, 's> Plan<'d, 's> {
             materials,
             groups,
             left_out,
+            named,
         };
         (plan, errors)
     }

@@ -1,30 +1,32 @@
 //! Whitstone: a modular Whitted ray tracer, and the harness that validates it against Mitsuba 3.
 //!
 //! This crate ties the plugin families to the scene loader and holds the command line, which a third
-//! party can extend by its own plugins:
-//!
-//! ```no_run
-//! # fn register(_: &mut whitstone::core::Registry) -> Result<(), whitstone::core::DuplicateType> { Ok(()) }
-//! fn main() -> std::process::ExitCode {
-//!     whitstone::Cli::new("whitstone").with(register).run()
-//! }
-//! ```
+//! party can extend by its own plugins (`Cli`). Without its features it is what slim binaries need ([`slim`]).
 
 // First, because its macros take the place of those that panic.
 #[macro_use]
 mod terminal;
+#[cfg(feature = "cli")]
 pub mod commands;
+pub mod slim;
+#[cfg(feature = "cli")]
 pub mod wireframe;
 
+#[cfg(feature = "cli")]
 pub use commands::Cli;
-pub use terminal::{Exit, Failure, finish, progress};
+#[cfg(feature = "cli")]
+pub use terminal::progress;
+pub use terminal::{Exit, Failure, finish};
 pub use whitstone_core as core;
 pub use whitstone_image as image;
 pub use whitstone_scene as scene;
+#[cfg(feature = "cli")]
 pub use whitstone_validate as validate;
 
+#[cfg(feature = "plugins")]
 use whitstone_core::{DuplicateType, Registry};
 
+#[cfg(feature = "plugins")]
 /// All plugins that are built in: those of the families, and the peers whose features are on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     whitstone_cameras::register(registry)?;
@@ -39,6 +41,7 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     whitstone_integrators::register(registry)
 }
 
+#[cfg(feature = "plugins")]
 /// A registry with all plugins that are built in.
 pub fn registry() -> Registry {
     let mut registry = Registry::default();

@@ -1,11 +1,14 @@
 //! What all commands share in talking to people: output, progress, messages, exit codes.
 
+#[cfg(feature = "cli")]
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::fmt::{Arguments, Display};
 use std::io::{ErrorKind, IsTerminal, Write};
+#[cfg(feature = "cli")]
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
+#[cfg(feature = "cli")]
 use whitstone_image::atomic;
 
 /// As the standard macro, which panics if the reader of a pipe has gone; this one does not. The crate has no
@@ -108,6 +111,7 @@ fn with_prefix(problem: &str) -> String {
     }
 }
 
+#[cfg(feature = "cli")]
 /// Writes a value for machines to the file of `--json`, as a whole or not at all.
 pub(crate) fn write_json(path: &Path, value: &serde_json::Value) -> Result<(), Failure> {
     atomic::write_bytes(path, format!("{value:#}\n").as_bytes()).map_err(Failure::environment)
@@ -118,6 +122,7 @@ pub(crate) fn color() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }
 
+#[cfg(feature = "cli")]
 /// A progress bar on standard error; none where that is no terminal.
 pub fn progress(total: u64, what: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr());
@@ -127,6 +132,7 @@ pub fn progress(total: u64, what: &str) -> ProgressBar {
     bar
 }
 
+#[cfg(feature = "cli")]
 /// A sign that something goes on, for what has no known end; none where standard error is no terminal.
 pub(crate) fn spinner(what: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());

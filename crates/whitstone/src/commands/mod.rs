@@ -5,6 +5,7 @@ pub mod completions;
 pub mod doctor;
 pub mod explain;
 pub mod list;
+pub mod new_plugin;
 pub mod reference;
 pub mod render;
 pub mod schema;
@@ -44,6 +45,7 @@ pub enum Command {
     Stress(stress::Arguments),
     List(list::Arguments),
     Schema(schema::Arguments),
+    NewPlugin(new_plugin::Arguments),
     Doctor(doctor::Arguments),
     Completions(completions::Arguments),
     Reference(reference::Arguments),
@@ -60,6 +62,7 @@ impl Command {
             #[cfg(feature = "stress")]
             Self::Stress(arguments) => stress::run(arguments, registry),
             Self::List(arguments) => list::run(arguments, registry),
+            Self::NewPlugin(arguments) => new_plugin::run(arguments, registry),
             Self::Schema(arguments) => schema::run(arguments, registry),
             Self::Doctor(arguments) => doctor::run(arguments, registry),
             Self::Completions(arguments) => completions::run(arguments, Arguments::command(), program),
@@ -68,7 +71,14 @@ impl Command {
     }
 }
 
-/// The command line with its plugins.
+/// The command line with its plugins; a third party adds its own:
+///
+/// ```no_run
+/// # fn register(_: &mut whitstone::core::Registry) -> Result<(), whitstone::core::DuplicateType> { Ok(()) }
+/// fn main() -> std::process::ExitCode {
+///     whitstone::Cli::new("whitstone").with(register).run()
+/// }
+/// ```
 pub struct Cli {
     program: &'static str,
     registry: Registry,

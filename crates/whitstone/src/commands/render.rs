@@ -1,6 +1,7 @@
 //! `render`: a scene to an image file.
 
 use super::{SceneArguments, build};
+use crate::slim;
 use crate::terminal::{Exit, Failure, progress};
 use clap::Args;
 use serde_json::json;
@@ -70,15 +71,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     }
     let rays = film.counters.total();
     let mrays = rays as f64 / film.render_seconds / 1e6;
-    println!(
-        "{}: {} x {}, {} samples a pixel, {rays} rays in {:.3} s ({mrays:.2} Mrays/s), built in {:.3} s",
-        output.display(),
-        film.width,
-        film.height,
-        film.samples,
-        film.render_seconds,
-        pipeline.build_seconds,
-    );
+    println!("{}", slim::summary(&output, &pipeline, &film));
     if let Some(path) = &arguments.json {
         let report = json!({
             "output": output, "width": film.width, "height": film.height, "samples": film.samples,

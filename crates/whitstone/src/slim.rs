@@ -1,0 +1,157 @@
+//! The command line of a slim binary: one scene in, one EXR out.
+//!
+//! `cargo xtask slim SCENE` generates a package that links this crate without its features, and of the plugins those
+//! that the scene names. What reads arguments, draws progress, compares and reports stays out with the features.
+
+use crate::terminal::{self, Exit, Failure};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use whitstone_core::{DuplicateType, Registry};
+use whitstone_image::exr_io;
+use whitstone_scene::{
+    BuildOptions, Description, Film, Pipeline, Plan, RenderOptions, Sources, all_errors_with,
+};
+
+const USAGE: &str = "SCENE [-o FILE.exr] [--set PATH=VALUE]... [--threads N]";
+
+/// What can be said on the command line.
+#[derive(Debug, Default, PartialEq)]
+struct Arguments {
+    scene: PathBuf,
+    output: PathBuf,
+    overrides: Vec<String>,
+    threads: usize,
+}
+
+/// Reads the arguments of the process and renders, with the plugins of `register`.
+pub fn run(register: impl FnOnce(&mut Registry) -> Result<(), DuplicateType>) -> ExitCode {
+    let mut registry = Registry::default();
+    let result = register(&mut registry)
+        .map_err(Failure::usage)
+        .and_then(|()| parse(std::env::args_os().skip(1)))
+        .and_then(|arguments| render(&arguments, &registry));
+    terminal::finish(result)
+}
+
+fn parse(words: impl Iterator<Item = OsString>) -> Result<Arguments, Failure> {
+    let mut arguments = Arguments::default();
+    let mut words = words;
+    let text = |word: Option<OsString>, after: &str| {
+        let word = word.ok_or_else(|| Failure::usage(format!("expected a value after {after}")))?;
+        word.into_string()
+            .map_err(|_| Failure::usage(format!("the value of {after} is no UTF-8")))
+    };
+    while let Some(word) = words.next() {
+        match word.to_str() {
+            Some("-o" | "--output") => arguments.output = text(words.next(), "-o")?.into(),
+            Some("--set") => arguments.overrides.push(text(words.next(), "--set")?),
+            Some("--threads") => {
+                let count = text(words.next(), "--threads")?.parse().ok();
+                let count = count.filter(|count| *count <= 1024);
+                arguments.threads =
+                    count.ok_or_else(|| Failure::usage("--threads: expected a number from 0 to 1024"))?;
+            }
+            Some(option) if option.starts_with('-') => {
+                return Err(Failure::usage(format!("unknown option {option}; usage: {USAGE}")));
+            }
+            _ if arguments.scene.as_os_str().is_empty() => arguments.scene = word.into(),
+            _ => return Err(Failure::usage(format!("one scene at a time; usage: {USAGE}"))),
+        }
+    }
+    if arguments.scene.as_os_str().is_empty() {
+        return Err(Failure::usage(format!("usage: {USAGE}")));
+    }
+    if arguments.output.as_os_str().is_empty() {
+        let name = arguments.scene.with_extension("exr");
+        arguments.output = name.file_name().unwrap_or_default().into();
+    }
+    if arguments
+        .output
+        .extension()
+        .is_none_or(|extension| extension != "exr")
+    {
+        let output = arguments.output.display();
+        return Err(Failure::usage(format!(
+            "{output}: expected a name that ends in .exr"
+        )));
+    }
+    Ok(arguments)
+}
+
+fn render(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let color = terminal::color();
+    let sources = Sources::load(&arguments.scene, &arguments.overrides)
+        .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
+    let options = BuildOptions::default();
+    let report = |_| {
+        let errors = all_errors_with(&sources, registry, options);
+        Failure::usage(sources.report(&errors, color))
+    };
+    let description = Description::parse(&sources).map_err(report)?;
+    let plan = Plan::new(&description, registry).map_err(report)?;
+    let pipeline = Pipeline::build_with(&plan, registry, options).map_err(report)?;
+    if !pipeline.warnings.is_empty() {
+        eprintln!("{}", sources.report_warnings(&pipeline.warnings, color));
+    }
+    let film = pipeline.render(RenderOptions {
+        threads: arguments.threads,
+        progress: None,
+    });
+    let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
+    exr_io::write(&arguments.output, &image).map_err(Failure::environment)?;
+    println!("{}", summary(&arguments.output, &pipeline, &film));
+    Ok(Exit::Pass)
+}
+
+/// What was rendered and how fast, in a line.
+pub(crate) fn summary(output: &Path, pipeline: &Pipeline, film: &Film) -> String {
+    let rays = film.counters.total();
+    format!(
+        "{}: {} x {}, {} samples a pixel, {rays} rays in {:.3} s ({:.2} Mrays/s), built in {:.3} s",
+        output.display(),
+        film.width,
+        film.height,
+        film.samples,
+        film.render_seconds,
+        rays as f64 / film.render_seconds / 1e6,
+        pipeline.build_seconds,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(words: &str) -> Result<Arguments, String> {
+        parse(words.split_whitespace().map(OsString::from)).map_err(|failure| match failure {
+            Failure::Usage(text) | Failure::Environment(text) => text,
+        })
+    }
+
+    #[test]
+    fn arguments_are_read() {
+        let arguments =
+            parsed("a/b.toml --set film.width=1 --threads 2 -o c.exr --set film.height=2").unwrap();
+        assert_eq!(arguments.scene, PathBuf::from("a/b.toml"));
+        assert_eq!(arguments.output, PathBuf::from("c.exr"));
+        assert_eq!(arguments.overrides, ["film.width=1", "film.height=2"]);
+        assert_eq!(arguments.threads, 2);
+        assert_eq!(parsed("a/b.toml").unwrap().output, PathBuf::from("b.exr"));
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_told() {
+        for (words, expected) in [
+            ("", "usage"),
+            ("a.toml b.toml", "one scene"),
+            ("a.toml --png", "unknown option --png"),
+            ("a.toml -o", "after -o"),
+            ("a.toml -o b.png", ".exr"),
+            ("a.toml --threads -1", "from 0 to 1024"),
+        ] {
+            let message = parsed(words).unwrap_err();
+            assert!(message.contains(expected), "{words}: {message}");
+        }
+    }
+}

@@ -1,0 +1,402 @@
+//! A superellipsoid (Barr, *Superquadrics and Angle-Preserving Transformations*, IEEE CG&A 1(1), 1981).
+//!
+//! Its points are those with N = 1, where N(x, y, z) = ‖(‖(x, y)‖_p, z)‖_q with p = 2/east_west, q = 2/north_south, in units of
+//! the radii. For exponents up to 2, p and q are at least 1 and N is a norm, so N - 1 is convex along a ray. Newton's method that starts
+//! outside and goes inwards never steps over the root of a convex function: it comes to it from one side, or to where the
+//! function turns, and the ray misses. No bracket, no tolerance, and no thin part is lost.
+//!
+//! - Twin: none; the tests hold it to bisection, and to the sphere and the octahedron that it becomes.
+//! - Example: `scenes/superquadric.toml`.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::f64::consts::{PI, TAU};
+use toml::Spanned;
+use whitstone_core::config::{Finite, Positive};
+use whitstone_core::{
+    Aabb, Context, DAffine3, DMat3, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit,
+    Ray, SceneError, SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform, solid,
+};
+
+/// A superellipsoid about the origin of its object space, with poles on the z axis; the outside is away from its center.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Half the extents along x, y and z in metres.
+    #[serde(default = "ones")]
+    radii: [Positive; 3],
+    /// How round it is from pole to pole, from 0.1 to 2: towards 0 a cylinder with sharp rims, 1 round, 2 pointed at the poles.
+    #[serde(default)]
+    #[schemars(with = "Option<f64>")]
+    north_south: Option<Spanned<Finite>>,
+    /// How round it is around the axis, from 0.1 to 2: towards 0 a square, 1 a circle, 2 a square on its corner.
+    #[serde(default)]
+    #[schemars(with = "Option<f64>")]
+    east_west: Option<Spanned<Finite>>,
+}
+
+fn ones() -> [Positive; 3] {
+    [Positive::new(1.0).expect("1 is positive"); 3]
+}
+
+/// The power of the norm for an exponent.
+fn power(exponent: Option<Spanned<Finite>>, key: &str) -> Result<f64, SceneError> {
+    let Some(exponent) = exponent else { return Ok(2.0) };
+    let value = exponent.get_ref().get();
+    if (0.1..=2.0).contains(&value) {
+        return Ok(2.0 / value);
+    }
+    let message = format!("expected a {key} from 0.1 to 2, found {value}");
+    let error = SceneError::at(exponent.span(), message);
+    Err(error.with_help("above 2 it is not convex, below 0.1 its edges are too sharp: use a box"))
+}
+
+/// In an object space where it reaches from -1 to 1.
+pub struct Superquadric {
+    transform: Transform,
+    p: f64,
+    q: f64,
+    /// How far object coordinates can change on the way into the world and back, for a unit step along each.
+    slant: DMat3,
+    bounds: Aabb,
+}
+
+/// Half the distance from 1 to the next number: the relative error of one rounding.
+const UNIT: f64 = 0.5 * f64::EPSILON;
+
+/// What the norm of a point may be off by: twice two powers and a root of less than an ulp each, and their arguments.
+const SLACK: f64 = 20.0 * UNIT;
+
+impl Plugin<Shapes> for Superquadric {
+    const TYPE: &'static str = "superquadric";
+    type Config = Config;
+
+    fn build(config: Config, transform: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let p = errors.take(power(config.east_west, "east_west").map_err(SceneErrors::from));
+        let q = errors.take(power(config.north_south, "north_south").map_err(SceneErrors::from));
+        let radii = DVec3::from_array(config.radii.map(Positive::get));
+        let scaled = *transform.world_from_object() * DAffine3::from_scale(radii);
+        let transform = Transform::new(scaled).ok_or_else(|| {
+            SceneErrors::from(SceneError::anywhere("the radii are too large or too small to compute with"))
+        });
+        let transform = errors.take(transform);
+        match (p, q, transform) {
+            (Some(p), Some(q), Some(transform)) => Ok(Shape::Opaque(Box::new(Self::new(transform, p, q)))),
+            _ => Err(errors),
+        }
+    }
+}
+
+/// A line from where it passes the center nearest: the point at `s` is `middle + s d`.
+struct Line {
+    middle: DVec3,
+    d: DVec3,
+    /// The ray parameter at `s` is `(start + s) * scale`.
+    start: f64,
+    scale: f64,
+}
+
+impl Line {
+    fn new(ray: &Ray) -> Self {
+        let scale = power_of_two_below_inverse(ray.direction);
+        let d = scale * ray.direction;
+        let a = d.length_squared();
+        let along = |s: f64, o: DVec3| DVec3::new(s.mul_add(d.x, o.x), s.mul_add(d.y, o.y), s.mul_add(d.z, o.z));
+        // Twice, for what the first parameter is off by from far away.
+        let first = -ray.origin.dot(d) / a;
+        let near = along(first, ray.origin);
+        let more = -near.dot(d) / a;
+        Self {
+            middle: along(more, near),
+            d,
+            start: first + more,
+            scale,
+        }
+    }
+
+    fn at(&self, s: f64) -> DVec3 {
+        self.middle + s * self.d
+    }
+
+    fn hit(&self, s: f64) -> PrimitiveHit {
+        PrimitiveHit {
+            t: (self.start + s) * self.scale,
+            primitive: 0,
+            // Where on the line, with more digits than t has from far away.
+            params: DVec2::new(s, 0.0),
+        }
+    }
+
+    /// The part inside the cube from -1 to 1, a little enlarged. Comparisons with NaN, in a face, change nothing.
+    fn in_cube(&self) -> Option<(f64, f64)> {
+        let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
+        for axis in 0..3 {
+            let (o, d) = (self.middle[axis], self.d[axis]);
+            let side = (1.0 + 1e-9_f64).copysign(d);
+            let (near, far) = ((-side - o) / d, (side - o) / d);
+            if near > from {
+                from = near;
+            }
+            if far < to {
+                to = far;
+            }
+        }
+        (from < to).then_some((from, to))
+    }
+}
+
+/// A power of two by which the longest coordinate comes to lie between 1 and 2.
+fn power_of_two_below_inverse(v: DVec3) -> f64 {
+    let exponent = (v.abs().max_element().to_bits() >> 52).clamp(1, 2045);
+    f64::from_bits((2046 - exponent) << 52)
+}
+
+/// ‖(a, b)‖_p of numbers that are not negative, and its derivatives. Scaled, so that no power is above 1.
+fn norm(a: f64, b: f64, p: f64) -> (f64, f64, f64) {
+    let most = a.max(b);
+    if most == 0.0 {
+        return (0.0, 0.0, 0.0);
+    }
+    let sum = (a / most).powf(p) + (b / most).powf(p);
+    let norm = most * sum.powf(1.0 / p);
+    (norm, (a / norm).powf(p - 1.0), (b / norm).powf(p - 1.0))
+}
+
+impl Superquadric {
+    fn new(transform: Transform, p: f64, q: f64) -> Self {
+        let forward = transform.world_from_object().matrix3;
+        let inverse = transform.object_from_world().matrix3;
+        let residual = inverse * forward - DMat3::IDENTITY;
+        let slant = residual.abs() + 4.0 * UNIT * (inverse.abs() * forward.abs());
+        let cube = Aabb {
+            min: DVec3::NEG_ONE,
+            max: DVec3::ONE,
+        };
+        let bounds = transform.aabb_to_world(&cube);
+        let most = bounds.min.abs().max(bounds.max.abs()).max_element();
+        let steep = (forward.abs() * (slant * DVec3::ONE)).max_element();
+        Self {
+            bounds: bounds.padded(32.0 * f64::EPSILON * most + 4.0 * steep),
+            transform,
+            p,
+            q,
+            slant,
+        }
+    }
+
+    /// N and its gradient.
+    fn value(&self, point: DVec3) -> (f64, DVec3) {
+        let v = point.abs();
+        let (r, by_x, by_y) = norm(v.x, v.y, self.p);
+        let (n, by_r, by_z) = norm(r, v.z, self.q);
+        let gradient = DVec3::new(by_r * by_x, by_r * by_y, by_z);
+        (n, gradient.copysign(point))
+    }
+
+    /// N - 1 along a line, and its slope.
+    fn along(&self, line: &Line, s: f64) -> (f64, f64) {
+        let (n, gradient) = self.value(line.at(s));
+        (n - 1.0, gradient.dot(line.d))
+    }
+
+    /// Where a line that starts outside first meets the surface before `to`: Newton's method, which does not overtake the root.
+    fn enters(&self, line: &Line, from: f64, to: f64) -> Option<f64> {
+        let mut s = from;
+        // Where it touches, the distance to go is halved each time: more steps than there are digits.
+        for _ in 0..128 {
+            let (value, slope) = self.along(line, s);
+            if value <= 0.0 {
+                return Some(s);
+            }
+            if slope >= 0.0 {
+                return None;
+            }
+            let next = s - value / slope;
+            if next > to {
+                return None;
+            }
+            if next <= s {
+                return Some(s);
+            }
+            s = next;
+        }
+        Some(s)
+    }
+
+    /// Entry and exit.
+    fn crossings(&self, line: &Line) -> Option<[f64; 2]> {
+        let (from, to) = line.in_cube()?;
+        let enter = self.enters(line, from, to)?;
+        let back = Line {
+            d: -line.d,
+            ..*line
+        };
+        let exit = -self.enters(&back, -to, -enter)?;
+        Some([enter, exit])
+    }
+
+    fn line(&self, ray: &Ray) -> Line {
+        Line::new(&self.transform.ray_to_object(ray))
+    }
+
+    /// How fast the ray leaves the surface, or comes nearer, where it starts.
+    fn slope_at_start(&self, line: &Line) -> f64 {
+        self.along(line, -line.start).1
+    }
+}
+
+impl Primitive for Superquadric {
+    fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        let line = self.line(ray);
+        // It is convex: what leaves outwards meets it no more, what goes inside meets the exit only.
+        let leaving = leaves.is_some();
+        if leaving && self.slope_at_start(&line) >= 0.0 {
+            return None;
+        }
+        let [enter, exit] = self.crossings(&line)?.map(|s| line.hit(s));
+        let enters = !leaving && enter.t > interval.min.max(0.0);
+        let hit = if enters { enter } else { exit };
+        interval.contains(hit.t).then_some(hit)
+    }
+
+    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let met = self.line(ray).at(hit.params.x);
+        let (n, gradient) = self.value(met);
+        let p = met / n;
+        let forward = self.transform.world_from_object();
+        let across = self.transform.object_from_world().matrix3.transpose() * gradient;
+        let length = across.length();
+        let normal = across / length;
+        let position = forward.transform_point3(p);
+        // What N is off by, over the length of its gradient in the world, is how far away the surface is; then the
+        // roundings of three products and three sums.
+        let slack = (gradient.abs().dot(self.slant * p.abs()) + SLACK) / length;
+        let terms = forward.translation.abs() + forward.matrix3.abs() * p.abs();
+        let error = slack + 5.0 * UNIT * normal.abs().dot(terms);
+        let mut point = SurfacePoint::new(position, error, normal);
+        if needs.contains(Needs::UV) {
+            let around = p.y.atan2(p.x);
+            let around = if around < 0.0 { around + TAU } else { around };
+            let down = p.truncate().length().atan2(p.z);
+            point.uv = DVec2::new(around / TAU, 1.0 - down / PI);
+        }
+        point
+    }
+
+    fn solid(&self) -> bool {
+        true
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        let line = self.line(ray);
+        if let Some([enter, exit]) = self.crossings(&line) {
+            solid::push(spans, line.hit(enter), line.hit(exit));
+        }
+    }
+
+    fn goes_inside(&self, ray: &Ray, _: u32) -> bool {
+        self.slope_at_start(&self.line(ray)) < 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::{Random, build, shape_laws_everywhere};
+
+    fn shape(text: &str) -> Box<dyn Primitive> {
+        match build::<Shapes, Superquadric>(text, Transform::IDENTITY) {
+            Ok(Shape::Opaque(shape)) => shape,
+            _ => panic!("it is opaque"),
+        }
+    }
+
+    #[test]
+    fn obeys_the_laws_of_shapes() {
+        for text in [
+            "",
+            "north_south = 0.3\neast_west = 0.3",
+            "north_south = 2\neast_west = 2",
+            "north_south = 0.1\neast_west = 2",
+            "radii = [1, 2, 0.5]\nnorth_south = 1.5\neast_west = 0.5",
+        ] {
+            shape_laws_everywhere::<Superquadric>(text, 1_000);
+        }
+    }
+
+    /// Rays at the ball of radius 3 about the center, from outside.
+    fn rays(count: usize) -> impl Iterator<Item = Ray> {
+        let mut random = Random::new(7);
+        (0..count).map(move |_| {
+            let origin = 4.0 * random.direction();
+            Ray::new(origin, (1.2 * random.cube() - origin).normalize())
+        })
+    }
+
+    /// By halving, from 3000 places along the ray on: where the sum of powers first falls below 1.
+    fn by_bisection(ray: &Ray, [north_south, east_west]: [f64; 2]) -> Option<f64> {
+        let outside = |t: f64| {
+            let p = ray.at(t).abs();
+            let around = p.x.powf(2.0 / east_west) + p.y.powf(2.0 / east_west);
+            around.powf(east_west / north_south) + p.z.powf(2.0 / north_south) > 1.0
+        };
+        let places = (0..3000).map(|i| f64::from(i) * 2e-3 + 1.0);
+        let (mut before, mut behind) = places.map(|t| (t, t + 2e-3)).find(|(_, t)| !outside(*t))?;
+        while behind - before > 4.0 * f64::EPSILON * behind {
+            let middle = 0.5 * (before + behind);
+            if outside(middle) { before = middle } else { behind = middle }
+        }
+        Some(before)
+    }
+
+    #[test]
+    fn agrees_with_bisection() {
+        for exponents in [[1.0, 1.0], [0.2, 0.2], [1.7, 0.4], [2.0, 2.0], [0.1, 1.3]] {
+            let [north_south, east_west] = exponents;
+            let shape = shape(&format!("north_south = {north_south}\neast_west = {east_west}"));
+            let mut hits = 0;
+            for ray in rays(500) {
+                let ours = shape.closest(&ray, Interval::FORWARD, None).map(|hit| hit.t);
+                let Some(expected) = by_bisection(&ray, exponents) else {
+                    // The places may step over a corner.
+                    continue;
+                };
+                let ours = ours.expect("what is hit by bisection is hit");
+                assert!((ours - expected).abs() < 1e-9, "{exponents:?}: {ours} and {expected}");
+                hits += 1;
+            }
+            assert!(hits > 100, "{exponents:?}: {hits} hits");
+        }
+    }
+
+    #[test]
+    fn becomes_a_sphere_and_an_octahedron() {
+        for ray in rays(500) {
+            let round = shape("").closest(&ray, Interval::FORWARD, None);
+            let b = ray.origin.dot(ray.direction);
+            let discriminant = b * b - ray.origin.length_squared() + 1.0;
+            assert_eq!(round.is_some(), discriminant > 0.0);
+            if let Some(hit) = round {
+                assert!((hit.t - (-b - discriminant.sqrt())).abs() < 1e-12 / discriminant.sqrt());
+            }
+            let pointed = shape("north_south = 2\neast_west = 2").closest(&ray, Interval::FORWARD, None);
+            if let Some(hit) = pointed {
+                let sum = ray.at(hit.t).abs().element_sum();
+                assert!((sum - 1.0).abs() < 1e-14, "{sum}");
+            }
+        }
+    }
+
+    #[test]
+    fn exponents_out_of_range_are_told_at_their_place() {
+        let errors = build::<Shapes, Superquadric>("north_south = 3\neast_west = 0", Transform::IDENTITY);
+        let errors = errors.err().expect("both are refused").0;
+        let spans: Vec<_> = errors.iter().map(|error| error.span.clone()).collect();
+        assert_eq!(spans, [Some(28..29), Some(14..15)]);
+    }
+}

@@ -1,0 +1,293 @@
+//! A page for every plugin, from what it says of itself: its schema, the header of its file, its example.
+
+use crate::{peers, plugins};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use whitstone::core::{Entry, FamilyName, Registry};
+use whitstone::scene::table_schema;
+use whitstone::validate::CaseResult;
+
+/// The folder of the pages; nothing else is in it.
+pub(crate) const FOLDER: &str = "docs/plugins";
+
+/// The table of contents of docs/, for mdBook.
+const SUMMARY: &str = "docs/SUMMARY.md";
+
+/// Results of the stored references, by the name of the renderer that they come from.
+pub(crate) type Cases<'a> = [(&'a str, &'a [CaseResult])];
+
+/// All pages and the table of contents. `picture` renders an example to PNG.
+pub(crate) fn pages<E>(
+    registry: &Registry,
+    cases: &Cases<'_>,
+    picture: impl Fn(&str) -> Result<Vec<u8>, E>,
+) -> Result<Vec<(PathBuf, Vec<u8>)>, E> {
+    let mut files = Vec::new();
+    let mut summary = String::from("# Whitstone\n\n");
+    for (title, file) in documents() {
+        let _ = writeln!(summary, "- [{title}]({file})");
+    }
+    for family in FamilyName::ALL {
+        let plural = family.plural();
+        let _ = writeln!(summary, "\n# {}{}\n", plural[..1].to_uppercase(), &plural[1..]);
+        let own = |entry: &&Entry| entry.family == family && entry.crate_name != peers::CRATE;
+        for entry in registry.entries().filter(own) {
+            let name = entry.name;
+            let _ = writeln!(summary, "- [{name}](plugins/{plural}/{name}.md)");
+            let path = PathBuf::from(FOLDER).join(plural);
+            files.push((path.join(format!("{name}.md")), page(entry, cases).into_bytes()));
+            files.push((path.join(format!("{name}.png")), picture(&example(entry))?));
+        }
+    }
+    files.push((PathBuf::from(SUMMARY), summary.into_bytes()));
+    Ok(files)
+}
+
+/// What stands in docs/ itself: title and file.
+fn documents() -> Vec<(String, String)> {
+    let files = std::fs::read_dir("docs").into_iter().flatten().flatten();
+    let mut documents: Vec<(String, String)> = files
+        .filter_map(|file| {
+            let name = file.file_name().into_string().ok()?;
+            let text = std::fs::read_to_string(file.path())
+                .ok()
+                .filter(|_| name.ends_with(".md"))?;
+            let title = text.lines().next()?.strip_prefix("# ")?.to_owned();
+            (Path::new(SUMMARY) != file.path()).then_some((title, name))
+        })
+        .collect();
+    documents.sort_by(|a, b| a.1.cmp(&b.1));
+    documents
+}
+
+fn example(entry: &Entry) -> String {
+    format!("scenes/{}/{}.toml", entry.family.plural(), entry.name)
+}
+
+fn page(entry: &Entry, cases: &Cases<'_>) -> String {
+    let (family, name) = (entry.family, entry.name);
+    let plural = family.plural();
+    let file = format!("crates/{plural}/src/{name}.rs");
+    let source = std::fs::read_to_string(&file).unwrap_or_default();
+    let schema = table_schema(entry);
+    let mut text = format!(
+        "# {name}\n\n<!-- written by `cargo xtask readme` -->\n\n{}\n\n![{name}]({name}.png)\n\n",
+        schema["description"].as_str().unwrap_or_default()
+    );
+    let up = "../../..";
+    let example = example(entry);
+    let _ = writeln!(
+        text,
+        "A {} of [`{file}`]({up}/{file}), feature `{name}` of `{}`. The picture is its example, [`{example}`]({up}/{example}).\n",
+        family.singular(),
+        entry.crate_name
+    );
+    text += "## Parameters\n\n";
+    parameters(&schema, &mut text);
+    let method = plugins::method(&source);
+    if !method.is_empty() {
+        let _ = writeln!(text, "\n## Method\n\n{method}");
+    }
+    text += "\n## Held to\n\n";
+    if let Some(twin) = plugins::note(&source, "Twin") {
+        let _ = writeln!(text, "- Twin: {}", twin.trim_end_matches('.'));
+    }
+    let laws = plugins::laws(&source);
+    if !laws.is_empty() {
+        let _ = writeln!(text, "- Laws: `{}`", laws.join("`, `"));
+    }
+    let scene = format!("{plural}/{name}");
+    let cases = cases
+        .iter()
+        .flat_map(|(renderer, cases)| cases.iter().map(move |case| (renderer, case)));
+    for (renderer, case) in cases.filter(|(_, case)| case.scene == scene) {
+        let Some(error) = case.rel_rmse_interior else {
+            continue;
+        };
+        let _ = writeln!(
+            text,
+            "- Error of the example against {renderer}: {error:.0e} (limit {:.0e}); {} pixels over the tolerance, {} unexplained",
+            case.limit, case.pixels_over_tolerance, case.unexplained
+        );
+    }
+    text
+}
+
+/// A table of the keys; one for each form where there are several.
+fn parameters(schema: &Value, text: &mut String) {
+    let forms = ["oneOf", "anyOf"].iter().find_map(|key| schema[key].as_array());
+    let Some(forms) = forms else {
+        let rows = rows(schema, schema);
+        match rows.is_empty() {
+            true => *text += "None.\n",
+            false => *text += &table(&rows),
+        }
+        return;
+    };
+    let common = rows(schema, schema);
+    if !common.is_empty() {
+        *text += &table(&common);
+    }
+    for form in forms {
+        let form = resolved(form, schema);
+        let about = form["description"].as_str().unwrap_or_default();
+        let _ = writeln!(text, "\n{}\n", one_line(about));
+        *text += &table(&rows(form, schema));
+    }
+}
+
+struct Row {
+    key: String,
+    kind: String,
+    required: bool,
+    about: String,
+}
+
+fn rows(table: &Value, root: &Value) -> Vec<Row> {
+    let required: Vec<&str> = table["required"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .filter_map(Value::as_str)
+        .collect();
+    let properties: BTreeMap<&String, &Value> =
+        table["properties"].as_object().into_iter().flatten().collect();
+    let mut rows: Vec<Row> = properties
+        .into_iter()
+        .filter(|(key, _)| *key != "type")
+        .map(|(key, value)| Row {
+            key: key.clone(),
+            kind: kind(value, root),
+            required: required.contains(&key.as_str()),
+            about: one_line(value["description"].as_str().unwrap_or_default()),
+        })
+        .collect();
+    rows.sort_by_key(|row| !row.required);
+    rows
+}
+
+fn table(rows: &[Row]) -> String {
+    let mut text = String::from("| key | value | |\n|---|---|---|\n");
+    for Row {
+        key,
+        kind,
+        required,
+        about,
+    } in rows
+    {
+        let required = if *required { "**required.** " } else { "" };
+        let _ = writeln!(text, "| `{key}` | {kind} | {required}{about} |");
+    }
+    text
+}
+
+fn one_line(text: &str) -> String {
+    text.replace('\n', " ").replace('|', "\\|")
+}
+
+/// Follows a reference into the definitions.
+fn resolved<'a>(value: &'a Value, root: &'a Value) -> &'a Value {
+    let name = value["$ref"]
+        .as_str()
+        .and_then(|name| name.strip_prefix("#/$defs/"));
+    name.map_or(value, |name| &root["$defs"][name])
+}
+
+/// What a value may be, in words.
+fn kind(value: &Value, root: &Value) -> String {
+    let value = resolved(value, root);
+    if let Some(word) = value["const"].as_str() {
+        return format!("`\"{word}\"`");
+    }
+    if let Some(words) = value["enum"].as_array() {
+        return words
+            .iter()
+            .map(|word| format!("`{word}`"))
+            .collect::<Vec<_>>()
+            .join(", ");
+    }
+    if let Some(forms) = ["anyOf", "oneOf"].iter().find_map(|key| value[key].as_array()) {
+        let mut kinds: Vec<String> = forms
+            .iter()
+            .map(|form| kind(form, root))
+            .filter(|kind| kind != "null")
+            .collect();
+        kinds.dedup();
+        return kinds.join(" or ");
+    }
+    let types: Vec<&str> = match &value["type"] {
+        Value::String(word) => vec![word],
+        Value::Array(words) => words
+            .iter()
+            .filter_map(Value::as_str)
+            .filter(|word| *word != "null")
+            .collect(),
+        _ => Vec::new(),
+    };
+    let words = types.into_iter().map(|word| match word {
+        "array" => array(value, root),
+        "object" => "table".to_owned(),
+        "string" => "text".to_owned(),
+        "number" | "integer" => format!("{word}{}", range(value)),
+        other => other.to_owned(),
+    });
+    let words: Vec<String> = words.collect();
+    if words.is_empty() {
+        "see the model".to_owned()
+    } else {
+        words.join(" or ")
+    }
+}
+
+fn array(value: &Value, root: &Value) -> String {
+    let item = kind(&value["items"], root);
+    match (value["minItems"].as_u64(), value["maxItems"].as_u64()) {
+        (Some(least), Some(most)) if least == most => format!("{least} × {item}"),
+        _ => format!("list of {item}"),
+    }
+}
+
+fn range(value: &Value) -> String {
+    let bound = |key: &str, sign: &str| value[key].as_f64().map(|bound| format!("{sign} {bound}"));
+    let bounds = [
+        bound("minimum", "≥"),
+        bound("exclusiveMinimum", ">"),
+        bound("maximum", "≤"),
+        bound("exclusiveMaximum", "<"),
+    ];
+    let bounds: Vec<String> = bounds.into_iter().flatten().collect();
+    if bounds.is_empty() {
+        String::new()
+    } else {
+        format!(" {}", bounds.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn kinds_are_put_into_words() {
+        let root = json!({ "$defs": { "a": { "oneOf": [{ "const": "x" }, { "const": "y" }] } } });
+        let said = |value: Value| kind(&value, &root);
+        assert_eq!(
+            said(json!({ "type": "number", "exclusiveMinimum": 0 })),
+            "number > 0"
+        );
+        assert_eq!(
+            said(json!({ "type": "integer", "minimum": 1, "maximum": 9 })),
+            "integer ≥ 1, ≤ 9"
+        );
+        assert_eq!(said(json!({ "$ref": "#/$defs/a" })), "`\"x\"` or `\"y\"`");
+        let three = json!({ "type": "array", "items": { "type": "number" }, "minItems": 3, "maxItems": 3 });
+        assert_eq!(
+            said(json!({ "anyOf": [{ "type": "number" }, three, { "type": "null" }] })),
+            "number or 3 × number"
+        );
+        assert_eq!(said(json!({ "type": ["boolean", "null"] })), "boolean");
+    }
+}
