@@ -168,6 +168,9 @@ impl SeriesReport {
         // The same point of the way, with other times at both ends.
         let at = |which: usize| {
             let ends = between.map(|index| [points[index].quartiles.unwrap_or_default()[which], axes[index][1]]);
+            if between[0] == between[1] {
+                return ends[0][0];
+            }
             let part = (ends[0][1] / level).ln() / (ends[0][1] / ends[1][1]).ln();
             ends[0][0] * (ends[1][0] / ends[0][0]).powf(part)
         };
@@ -200,6 +203,8 @@ pub fn level_name(level: f64) -> String {
 /// An error reached by both engines, each with its best configuration.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct TimeTo {
+    /// The error.
+    pub error: f64,
     /// Ours.
     pub whitstone_s: Option<f64>,
     /// With which configuration.
@@ -304,7 +309,7 @@ impl StudyReport {
         let time_to: BTreeMap<String, TimeTo> = study
             .levels
             .iter()
-            .map(|level| (level_name(*level), best(&series, &level_name(*level))))
+            .map(|level| (level_name(*level), best(&series, *level)))
             .collect();
         let compared: Vec<&TimeTo> = time_to.values().filter(|both| both.ratio.is_some()).collect();
         let points: Vec<&Point> = series.iter().flat_map(|series| &series.points).collect();
@@ -342,6 +347,13 @@ impl StudyReport {
         };
         report.problems = [fails, partial].concat();
         report
+    }
+
+    /// The errors to be reached with who reaches them when, the largest error first.
+    pub fn levels(&self) -> Vec<(&str, &TimeTo)> {
+        let mut levels: Vec<(&str, &TimeTo)> = self.time_to.iter().map(|(name, both)| (&**name, both)).collect();
+        levels.sort_by(|a, b| b.1.error.total_cmp(&a.1.error));
+        levels
     }
 
     fn measured(&self) -> impl Iterator<Item = &Point> {
@@ -499,7 +511,8 @@ fn mark_fronts(series: &mut [SeriesReport]) {
     }
 }
 
-fn best(series: &[SeriesReport], level: &str) -> TimeTo {
+fn best(series: &[SeriesReport], error: f64) -> TimeTo {
+    let level = &level_name(error);
     let of = |engine: Engine| {
         let all = series.iter().filter(|series| series.engine == engine);
         let reached = all.filter_map(|series| Some((series, series.time_to.get(level)?)));
@@ -513,6 +526,7 @@ fn best(series: &[SeriesReport], level: &str) -> TimeTo {
         (ours.seconds / theirs.seconds, bounds)
     });
     TimeTo {
+        error,
         whitstone_s: seconds(ours),
         whitstone: name(ours),
         mitsuba_s: seconds(theirs),

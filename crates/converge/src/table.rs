@@ -103,7 +103,7 @@ pub fn headline(reports: &[StudyReport]) -> String {
         "| study | error (RMSE) | Whitstone, s | Mitsuba, s | ratio |\n|---|---|---|---|---|\n",
     );
     for report in reports {
-        for (level, both) in report.time_to.iter().filter(|(_, both)| both.ratio.is_some()) {
+        for (level, both) in report.levels().into_iter().filter(|(_, both)| both.ratio.is_some()) {
             let seconds = |value: Option<f64>, of: &Option<String>| {
                 format!("{} ({})", optional(value), of.as_deref().unwrap_or("–"))
             };

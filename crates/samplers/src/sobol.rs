@@ -138,4 +138,12 @@ mod tests {
             }
         }
     }
+
+    /// The driver's own test has the same numbers, from other code: `references/mitsuba/tests/test_samplers.py`.
+    #[test]
+    fn the_points_are_those_of_the_driver() {
+        let sampler = build::<Samplers, Sobol>("samples = 8\nseed = 4294967295", ()).unwrap();
+        let found = sampler.position([12, 65_535], 6).to_array();
+        assert_eq!(found, [3_596_272_196.0, 1_078_120_820.0].map(|bits| bits / 4_294_967_296.0));
+    }
 }

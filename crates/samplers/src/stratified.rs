@@ -95,4 +95,12 @@ mod tests {
         let [a, b] = ["seed = 1", "seed = 2"].map(|seed| build::<Samplers, Stratified>(seed, ()).unwrap());
         assert_ne!(a.position([0, 0], 0), b.position([0, 0], 0));
     }
+
+    /// The driver's own test has the same numbers, from other code: `references/mitsuba/tests/test_samplers.py`.
+    #[test]
+    fn the_places_are_those_of_the_driver() {
+        let sampler = build::<Samplers, Stratified>("n = 3\nseed = 4294967295", ()).unwrap();
+        let found = sampler.position([12, 65_535], 6).to_array();
+        assert_eq!(found, [0.206_475_330_283_865_33, 0.826_831_603_034_709_9]);
+    }
 }

@@ -54,6 +54,8 @@ class Samplers(Case):
         expected = [(0 + m(h + 1) / SIDE) / 3, (2 + m(h + 2) / SIDE) / 3]
         found = positions(f"type=stratified n=3 seed={seed}", [(i, j)])[0, s]
         self.assertEqual(found.tolist(), expected)
+        # As the tracer's own test has them.
+        self.assertEqual(found.tolist(), [0.20647533028386533, 0.8268316030347099])
 
         def reverse(x):
             return int(f"{x:032b}"[::-1], 2)
@@ -68,6 +70,7 @@ class Samplers(Case):
         expected = [scrambled(reverse(s), m(p + 1)) / SIDE, scrambled(second, m(p + 2)) / SIDE]
         found = positions(f"type=sobol samples=8 seed={seed}", [(i, j)])[0, s]
         self.assertEqual(found.tolist(), expected)
+        self.assertEqual((found * SIDE).tolist(), [3596272196, 1078120820])
 
     def test_a_picture_is_the_mean_over_its_own_positions(self):
         # The brightness of the floor under a directional light is that of its texture: stripes, each as wide as half a pixel.

@@ -319,7 +319,7 @@ fn print(report: &StudyReport, points: bool) {
             );
         }
     }
-    for (level, both) in &report.time_to {
+    for (level, both) in report.levels() {
         let seconds = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4} s"));
         let ratio = match (both.noisy, both.ratio, both.ratio_interval) {
             (true, ..) => ": noisy".to_owned(),
