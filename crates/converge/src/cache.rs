@@ -55,7 +55,9 @@ impl Cache {
     pub fn key(parts: &[&str]) -> String {
         let mut hasher = blake3::Hasher::new();
         for part in parts {
-            hasher.update(&(part.len() as u64).to_le_bytes()).update(part.as_bytes());
+            hasher
+                .update(&(part.len() as u64).to_le_bytes())
+                .update(part.as_bytes());
         }
         hasher.finalize().to_hex()[..24].to_owned()
     }
@@ -63,7 +65,9 @@ impl Cache {
     /// What is known; a file that cannot be read is as good as none.
     pub fn record(&self, key: &str) -> Option<Record> {
         let bytes = std::fs::read(self.folder.join(format!("{key}.json"))).ok();
-        bytes.filter(|_| self.reuse).and_then(|bytes| serde_json::from_slice(&bytes).ok())
+        bytes
+            .filter(|_| self.reuse)
+            .and_then(|bytes| serde_json::from_slice(&bytes).ok())
     }
 
     /// Keeps it.
@@ -101,7 +105,8 @@ impl Cache {
     ///
     /// If it cannot be made.
     pub fn make(&self) -> Result<&std::path::Path, String> {
-        std::fs::create_dir_all(&self.folder).map_err(|error| format!("{}: {error}", self.folder.display()))?;
+        std::fs::create_dir_all(&self.folder)
+            .map_err(|error| format!("{}: {error}", self.folder.display()))?;
         Ok(&self.folder)
     }
 }

@@ -97,7 +97,12 @@ impl Sums {
 
 /// Root mean square of an image's finite values, times half a unit in the last place of single precision: what its file cannot tell.
 pub fn rounding(image: &Image) -> f64 {
-    let values = image.rgb().into_iter().flatten().flatten().map(|value| f64::from(*value));
+    let values = image
+        .rgb()
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|value| f64::from(*value));
     let values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
     let mean = values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64;
     mean.sqrt() * f64::from(f32::EPSILON) / 2.0

@@ -35,8 +35,8 @@ pub struct Options {
 
 /// Who renders, and what is kept.
 pub struct Lab<'a> {
-    registry: &'a Registry,
-    mitsuba: Option<Driver>,
+    pub(crate) registry: &'a Registry,
+    pub(crate) mitsuba: Option<Driver>,
     /// Why Mitsuba takes no part.
     absent: String,
     /// Of this program and of the driver.
@@ -77,7 +77,9 @@ impl<'a> Lab<'a> {
             Err(why) => (None, why),
         };
         // Another program has other times, and perhaps other images.
-        let program = std::env::current_exe().and_then(std::fs::read).unwrap_or_default();
+        let program = std::env::current_exe()
+            .and_then(std::fs::read)
+            .unwrap_or_default();
         let version = format!("{} {driver_hash}", blake3::hash(&program).to_hex());
         Self {
             registry,
@@ -104,7 +106,8 @@ impl<'a> Lab<'a> {
     /// The scene with changes, as one document.
     pub(crate) fn flatten(&self, study: &Study, changes: &[Change]) -> Result<Flattened, String> {
         let sources = load(study, changes)?;
-        let description = Description::parse(&sources).map_err(|errors| placed(study, changes, &sources, errors))?;
+        let description =
+            Description::parse(&sources).map_err(|errors| placed(study, changes, &sources, errors))?;
         Ok(description.flattened)
     }
 
@@ -123,7 +126,10 @@ impl<'a> Lab<'a> {
         let here = 0..0;
         for text in ["film.aovs=[\"shape_id\"]", "sampler={ type = \"center\" }"] {
             let text = text.to_owned();
-            changes.push(Change { text, span: here.clone() });
+            changes.push(Change {
+                text,
+                span: here.clone(),
+            });
         }
         let film = self.build(study, &changes)?.render(self.render_options());
         let ids = film.layers.first().map_or(&[][..], |(_, values)| values);
@@ -138,7 +144,12 @@ impl<'a> Lab<'a> {
     }
 
     /// Builds and renders once, for warmth and for the image.
-    pub(crate) fn first(&mut self, study: &Study, engine: Engine, changes: &[Change]) -> Result<(Ready, Shot), String> {
+    pub(crate) fn first(
+        &mut self,
+        study: &Study,
+        engine: Engine,
+        changes: &[Change],
+    ) -> Result<(Ready, Shot), String> {
         match engine {
             Engine::Whitstone => {
                 let memory = Memory::start();
@@ -156,6 +167,7 @@ impl<'a> Lab<'a> {
                 (shot.build_s, shot.memory) = (build_s, memory);
                 Ok((Ready::Mitsuba(flattened), shot))
             }
+            Engine::NaiveF64 | Engine::NaiveF32 => Err("textbook forms render no scenes".to_owned()),
         }
     }
 
@@ -163,7 +175,9 @@ impl<'a> Lab<'a> {
         let start = processor_time();
         let film = pipeline.render(self.render_options());
         let cpu = processor_time() - start;
-        let image = film.to_image(&pipeline.scene_hash).map_err(|error| error.to_string())?;
+        let image = film
+            .to_image(&pipeline.scene_hash)
+            .map_err(|error| error.to_string())?;
         Ok(Shot {
             image,
             seconds: film.render_seconds,
@@ -201,7 +215,10 @@ impl<'a> Lab<'a> {
             base: &flattened.base,
         };
         let answer = driver.render(text, out, Setting::default(), threads);
-        if !matches!(answer, Ok(_) | Err(DriverError::Refused(_) | DriverError::Unsupported(_))) {
+        if !matches!(
+            answer,
+            Ok(_) | Err(DriverError::Refused(_) | DriverError::Unsupported(_))
+        ) {
             // It is gone, and with it everything that is still to be asked.
             self.mitsuba = None;
             self.absent = "its driver broke down".to_owned();
@@ -211,7 +228,9 @@ impl<'a> Lab<'a> {
 
     /// A record without times.
     pub(crate) fn record(&self, study: &Study, shot: &Shot, errors: Measured) -> Record {
-        let wanted = study.repeats.map_or(self.options.repeats, |repeats| repeats as usize);
+        let wanted = study
+            .repeats
+            .map_or(self.options.repeats, |repeats| repeats as usize);
         let wanted = self.options.forced_repeats.unwrap_or(wanted);
         let seconds = shot.seconds.max(1e-6);
         let affordable = (self.options.budget / seconds) as usize;
@@ -268,7 +287,10 @@ fn placed(study: &Study, changes: &[Change], sources: &Sources, errors: SceneErr
         let place = error.span.as_ref().and_then(|span| sources.position(span));
         let change = place.and_then(|place| {
             let text = place.file.strip_prefix("--set ")?.to_owned();
-            changes.iter().rev().find(|change| change.text == text && !change.span.is_empty())
+            changes
+                .iter()
+                .rev()
+                .find(|change| change.text == text && !change.span.is_empty())
         });
         match change {
             Some(change) => ours.0.push(SceneError {

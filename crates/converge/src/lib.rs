@@ -8,6 +8,8 @@ mod cache;
 pub mod errors;
 mod lab;
 pub mod plot;
+#[cfg(feature = "stress")]
+mod precision;
 mod report;
 mod run;
 pub mod statistics;

@@ -6,7 +6,11 @@ use whitstone_plot::{Axis, COLORS, Figure, HEIGHT, LEFT, SECOND, TOP, WIDTH};
 
 /// As an SVG file.
 pub fn svg(report: &StudyReport) -> String {
-    let series: Vec<&SeriesReport> = report.series.iter().filter(|series| !series.points.is_empty()).collect();
+    let series: Vec<&SeriesReport> = report
+        .series
+        .iter()
+        .filter(|series| !series.points.is_empty())
+        .collect();
     let points = || series.iter().flat_map(|series| &series.points);
     let floor = report.floor_rmse;
     let bottom = TOP + HEIGHT;
@@ -17,24 +21,30 @@ pub fn svg(report: &StudyReport) -> String {
     let works = points().filter_map(|point| work(point, report.against));
     let works = Axis::around(works, SECOND, SECOND + WIDTH);
     let mut figure = Figure::new(
-        &format!("{}: error against time and against {}", report.study, report.against.name()),
-        &format!("{}: RMSE", report.title),
+        &format!(
+            "{}: error against time and against {}",
+            report.study, &report.knob
+        ),
+        &format!("{}: {}", report.title, report.measure),
         series.len().div_ceil(2),
     );
     figure.panel(LEFT, &times, &errors, "seconds");
-    figure.panel(SECOND, &works, &errors, report.against.name());
+    figure.panel(SECOND, &works, &errors, &report.knob);
     for left in [LEFT, SECOND] {
         figure.level(left, errors.at(floor), "no claim below: the truth's own error");
     }
     // A colour for each configuration; Mitsuba's lines are dashed.
     let mut names: Vec<&str> = Vec::new();
     for series in &series {
-        if !names.contains(&&*series.configuration) {
-            names.push(&series.configuration);
+        if !names.contains(&name(series)) {
+            names.push(name(series));
         }
     }
     for (number, series) in series.iter().enumerate() {
-        let color = names.iter().position(|name| *name == series.configuration).unwrap_or(0);
+        let color = names
+            .iter()
+            .position(|name| *name == series.configuration)
+            .unwrap_or(0);
         let ink = COLORS[color % COLORS.len()];
         let dashed = series.engine == Engine::Mitsuba;
         let timed = |point: &Point| Some([times.at(point.seconds?), errors.at(point.rmse?)]);
@@ -51,10 +61,23 @@ pub fn svg(report: &StudyReport) -> String {
             }
         }
         let column = LEFT + 450.0 * (number % 2) as f64;
-        let name = format!("{}, {}: slope {}", series.configuration, series.engine.name(), interval(series));
-        figure.legend(column, number / 2, ink, &name);
+        let entry = format!(
+            "{}, {}: slope {}",
+            series.configuration,
+            series.engine.name(),
+            interval(series)
+        );
+        figure.legend(column, number / 2, ink, &entry);
     }
     figure.finish()
+}
+
+/// Textbook forms are configurations of their own.
+fn name(series: &SeriesReport) -> &str {
+    match series.engine {
+        Engine::Whitstone | Engine::Mitsuba => &series.configuration,
+        engine => engine.name(),
+    }
 }
 
 fn work(point: &Point, against: Against) -> Option<f64> {

@@ -7,6 +7,7 @@ use crate::study::{Against, Engine, Series, Setting, Study};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
+use std::path::{Component, Path, PathBuf};
 
 /// An error is claimed only if it is this many times the floor of the truth.
 const ABOVE_FLOOR: f64 = 2.0;
@@ -69,7 +70,8 @@ impl Point {
         let times = known.and_then(|record| Times::of(&record.times));
         let errors = known.map(|record| record.errors);
         let missing = known.filter(|record| !record.is_complete());
-        let missing = missing.map(|record| format!("only {} of {} repeats", record.times.len(), record.repeats));
+        let missing =
+            missing.map(|record| format!("only {} of {} repeats", record.times.len(), record.repeats));
         Self {
             setting: setting.label.clone(),
             value: setting.value,
@@ -78,7 +80,9 @@ impl Point {
             quartiles: times.map(|times| [times.lower, times.upper]),
             repeats: known.map_or(0, |record| record.times.len()),
             noisy: times.is_some_and(|times| times.drifts || times.spread() > NOISY * times.median),
-            cpu_seconds: known.and_then(|record| Times::of(&record.cpu)).map(|times| times.median),
+            cpu_seconds: known
+                .and_then(|record| Times::of(&record.cpu))
+                .map(|times| times.median),
             build_seconds: known.map(|record| record.build_s),
             memory_bytes: known.and_then(|record| record.memory),
             rays: known.map(|record| record.rays),
@@ -160,14 +164,19 @@ impl SeriesReport {
     }
 
     fn reach(&mut self, level: f64) {
-        let points: Vec<&Point> = self.points.iter().filter(|point| point.claimed().is_some()).collect();
+        let points: Vec<&Point> = self
+            .points
+            .iter()
+            .filter(|point| point.claimed().is_some())
+            .collect();
         let axes: Vec<[f64; 2]> = points.iter().filter_map(|point| point.claimed()).collect();
         let Some((seconds, between)) = time_to(&axes, level) else {
             return;
         };
         // The same point of the way, with other times at both ends.
         let at = |which: usize| {
-            let ends = between.map(|index| [points[index].quartiles.unwrap_or_default()[which], axes[index][1]]);
+            let ends =
+                between.map(|index| [points[index].quartiles.unwrap_or_default()[which], axes[index][1]]);
             if between[0] == between[1] {
                 return ends[0][0];
             }
@@ -175,7 +184,8 @@ impl SeriesReport {
             ends[0][0] * (ends[1][0] / ends[0][0]).powf(part)
         };
         let interval = [at(0), at(1)];
-        self.time_to.insert(level_name(level), Reached { seconds, interval });
+        self.time_to
+            .insert(level_name(level), Reached { seconds, interval });
     }
 
     fn name(&self) -> String {
@@ -191,7 +201,9 @@ fn step(point: &Point, against: Against) -> Option<[f64; 2]> {
         Against::Primitives => point.primitives? as f64,
         Against::Value => point.value?,
     };
-    let rmse = point.rmse.filter(|_| point.above_floor && point.errors.is_some_and(|e| e.finite == 1.0))?;
+    let rmse = point
+        .rmse
+        .filter(|_| point.above_floor && point.errors.is_some_and(|e| e.finite == 1.0))?;
     (x > 0.0 && rmse > 0.0).then_some([x, rmse])
 }
 
@@ -278,6 +290,10 @@ pub struct StudyReport {
     pub floor_rmse: f64,
     /// What slopes are taken against.
     pub against: Against,
+    /// What stands for the error.
+    pub measure: String,
+    /// What the value is, where slopes are taken against it.
+    pub knob: String,
     /// Everything that was measured.
     pub series: Vec<SeriesReport>,
     /// By error, such as `1e-2`.
@@ -321,10 +337,12 @@ impl StudyReport {
             study: study.name.clone(),
             title: study.title.clone(),
             about: study.about.clone(),
-            scene: study.scene_path.display().to_string().replace('\\', "/"),
+            scene: plain_path(&study.scene_path),
             truth,
             floor_rmse: floor,
             against: study.against,
+            measure: "RMSE".to_owned(),
+            knob: study.against.name().to_owned(),
             time_to,
             noisy,
             verdict: Verdict::Pass,
@@ -351,13 +369,17 @@ impl StudyReport {
 
     /// The errors to be reached with who reaches them when, the largest error first.
     pub fn levels(&self) -> Vec<(&str, &TimeTo)> {
-        let mut levels: Vec<(&str, &TimeTo)> = self.time_to.iter().map(|(name, both)| (&**name, both)).collect();
+        let mut levels: Vec<(&str, &TimeTo)> =
+            self.time_to.iter().map(|(name, both)| (&**name, both)).collect();
         levels.sort_by(|a, b| b.1.error.total_cmp(&a.1.error));
         levels
     }
 
     fn measured(&self) -> impl Iterator<Item = &Point> {
-        self.series.iter().flat_map(|series| &series.points).filter(|point| point.rmse.is_some())
+        self.series
+            .iter()
+            .flat_map(|series| &series.points)
+            .filter(|point| point.rmse.is_some())
     }
 
     fn nothing_to_claim(&self) -> bool {
@@ -369,7 +391,10 @@ impl StudyReport {
         let mut told = Vec::new();
         for series in &self.series {
             let points = || series.points.iter().filter(|point| point.rmse.is_some());
-            let below: Vec<&str> = points().filter(|point| !point.above_floor).map(|point| &*point.setting).collect();
+            let below: Vec<&str> = points()
+                .filter(|point| !point.above_floor)
+                .map(|point| &*point.setting)
+                .collect();
             let all = points().count();
             if below.is_empty() {
                 continue;
@@ -397,7 +422,11 @@ impl StudyReport {
                 }
                 if let Some(errors) = point.errors.filter(|errors| errors.finite < 1.0) {
                     let part = 100.0 * (1.0 - errors.finite);
-                    told.push(format!("{}, {}: {part:.3}% of the pixels are not finite", series.name(), point.setting));
+                    told.push(format!(
+                        "{}, {}: {part:.3}% of the pixels are not finite",
+                        series.name(),
+                        point.setting
+                    ));
                 }
             }
         }
@@ -429,7 +458,10 @@ impl StudyReport {
                 let (Some(a), Some(b)) = (of(steeper), of(flatter)) else {
                     continue;
                 };
-                let apart = a.slope_interval.zip(b.slope_interval).is_some_and(|(a, b)| a[1] < b[0]);
+                let apart = a
+                    .slope_interval
+                    .zip(b.slope_interval)
+                    .is_some_and(|(a, b)| a[1] < b[0]);
                 if !apart {
                     fails.push(format!(
                         "{} does not fall faster than {}: slopes {} and {}",
@@ -446,8 +478,14 @@ impl StudyReport {
         }
         for level in &study.expect.reached {
             let name = level_name(*level);
-            if !self.time_to.get(&name).is_some_and(|both| both.whitstone_s.is_some()) {
-                fails.push(format!("whitstone does not reach an error of {name} between two settings"));
+            if !self
+                .time_to
+                .get(&name)
+                .is_some_and(|both| both.whitstone_s.is_some())
+            {
+                fails.push(format!(
+                    "whitstone does not reach an error of {name} between two settings"
+                ));
             }
         }
         fails
@@ -457,7 +495,10 @@ impl StudyReport {
     fn unequal(&self) -> Vec<String> {
         let mut fails = Vec::new();
         for engine in [Engine::Whitstone, Engine::Mitsuba] {
-            let mut of = self.series.iter().filter(|series| series.engine == engine && series.absent.is_none());
+            let mut of = self
+                .series
+                .iter()
+                .filter(|series| series.engine == engine && series.absent.is_none());
             let Some(first) = of.next() else { continue };
             for series in of {
                 for (a, b) in first.points.iter().zip(&series.points) {
@@ -476,6 +517,19 @@ impl StudyReport {
         }
         fails
     }
+}
+
+/// Without the steps into a folder and out of it again.
+fn plain_path(path: &Path) -> String {
+    let mut parts: Vec<Component<'_>> = Vec::new();
+    for part in path.components() {
+        match (part, parts.last()) {
+            (Component::ParentDir, Some(Component::Normal(_))) => drop(parts.pop()),
+            _ => parts.push(part),
+        }
+    }
+    let plain: PathBuf = parts.into_iter().collect();
+    plain.display().to_string().replace('\\', "/")
 }
 
 /// For people.
@@ -519,10 +573,14 @@ fn best(series: &[SeriesReport], error: f64) -> TimeTo {
         reached.min_by(|a, b| a.1.seconds.total_cmp(&b.1.seconds))
     };
     let (ours, theirs) = (of(Engine::Whitstone), of(Engine::Mitsuba));
-    let name = |found: Option<(&SeriesReport, &Reached)>| found.map(|(series, _)| series.configuration.clone());
+    let name =
+        |found: Option<(&SeriesReport, &Reached)>| found.map(|(series, _)| series.configuration.clone());
     let seconds = |found: Option<(&SeriesReport, &Reached)>| found.map(|(_, reached)| reached.seconds);
     let both = ours.zip(theirs).map(|((_, ours), (_, theirs))| {
-        let bounds = [ours.interval[0] / theirs.interval[1], ours.interval[1] / theirs.interval[0]];
+        let bounds = [
+            ours.interval[0] / theirs.interval[1],
+            ours.interval[1] / theirs.interval[0],
+        ];
         (ours.seconds / theirs.seconds, bounds)
     });
     TimeTo {

@@ -4,7 +4,7 @@ use crate::cache::Record;
 use crate::errors::{Measured, rounding};
 use crate::lab::{Lab, Ready};
 use crate::report::{Point, SeriesReport, StudyReport, TruthReport};
-use crate::study::{Series, Study, Truth};
+use crate::study::{Engine, Series, Study, Truth};
 use whitstone_image::{Image, Mask};
 use whitstone_validate::quoted;
 
@@ -34,6 +34,12 @@ impl Lab<'_> {
     ///
     /// If the study or its scene is wrong, or there is no truth. What fails after that is in the report.
     pub fn measure(&mut self, study: &Study, told: &dyn Fn(&str)) -> Result<StudyReport, String> {
+        if study.stress.is_some() {
+            #[cfg(feature = "stress")]
+            return self.measure_family(study, told);
+            #[cfg(not(feature = "stress"))]
+            return Err(format!("{}: built without the feature `stress`", study.name));
+        }
         self.check(study)?;
         let mut truths = Vec::new();
         let mut problems = Vec::new();
@@ -55,15 +61,31 @@ impl Lab<'_> {
                 continue;
             }
             for setting in 0..of.settings.len() {
-                told(&format!("{}, {}: {}", of.name, of.engine.name(), of.settings[setting].label));
+                told(&format!(
+                    "{}, {}: {}",
+                    of.name,
+                    of.engine.name(),
+                    of.settings[setting].label
+                ));
                 jobs.push(self.first_look(study, series, setting, truth_of(series)));
             }
         }
         self.rounds(&mut jobs, told);
         let series = study.series.iter().enumerate().map(|(number, of)| {
-            let points = jobs.iter().filter(|job| job.series == number).map(|job| self.point(job));
-            let absent = self.absent(of.engine).filter(|_| !jobs.iter().any(|job| job.series == number));
-            SeriesReport::new(of, points.collect(), truth_of(number).floor, study.against, absent)
+            let points = jobs
+                .iter()
+                .filter(|job| job.series == number)
+                .map(|job| self.point(job));
+            let absent = self
+                .absent(of.engine)
+                .filter(|_| !jobs.iter().any(|job| job.series == number));
+            SeriesReport::new(
+                of,
+                points.collect(),
+                truth_of(number).floor,
+                study.against,
+                absent,
+            )
         });
         let series: Vec<SeriesReport> = series.collect();
         let floor = truths.iter().map(|truth| truth.floor).fold(0.0, f64::max);
@@ -98,13 +120,19 @@ impl Lab<'_> {
         let mut floor = rounding(&image);
         for check in &study.checks {
             if let Some(why) = self.absent(check.engine) {
-                problems.push(format!("the truth is not checked by {}: {why}", check.engine.name()));
+                problems.push(format!(
+                    "the truth is not checked by {}: {why}",
+                    check.engine.name()
+                ));
                 continue;
             }
             let (_, other) = self.true_image(study, series, check)?;
             let apart = Measured::between(&other, &image, &edges)?;
             if apart.finite < 1.0 {
-                return Err(format!("{}: the truth has values that are not finite", study.name));
+                return Err(format!(
+                    "{}: the truth has values that are not finite",
+                    study.name
+                ));
             }
             floor = floor.max(apart.whole.rmse);
         }
@@ -116,7 +144,12 @@ impl Lab<'_> {
         })
     }
 
-    fn true_image(&mut self, study: &Study, series: &Series, truth: &Truth) -> Result<(String, Image), String> {
+    fn true_image(
+        &mut self,
+        study: &Study,
+        series: &Series,
+        truth: &Truth,
+    ) -> Result<(String, Image), String> {
         let changes = study.truth_changes(truth, series);
         let flattened = self.flatten(study, &changes)?;
         let key = self.key("truth", truth.engine, &flattened, "");
@@ -124,7 +157,11 @@ impl Lab<'_> {
             return Ok((key, image));
         }
         if let Some(why) = self.absent(truth.engine) {
-            return Err(format!("{}: the truth is that of {}: {why}", study.name, truth.engine.name()));
+            return Err(format!(
+                "{}: the truth is that of {}: {why}",
+                study.name,
+                truth.engine.name()
+            ));
         }
         let (_, shot) = self.first(study, truth.engine, &changes)?;
         self.cache.keep_image(&key, &shot.image)?;
@@ -203,7 +240,7 @@ impl Lab<'_> {
         let setting = &series.settings[job.setting];
         let changes = study.changes(series, setting);
         let command = match series.engine {
-            crate::study::Engine::Whitstone => {
+            Engine::Whitstone => {
                 let sets: String = changes
                     .iter()
                     .map(|change| format!(" --set {}", quoted(&change.text)))
@@ -211,7 +248,7 @@ impl Lab<'_> {
                 let scene = quoted(&study.scene_path.display().to_string());
                 format!("{} render {scene}{sets} -o ours.exr", self.options.program)
             }
-            crate::study::Engine::Mitsuba => self.command(study),
+            _ => self.command(study),
         };
         Point::new(setting, job.record.as_ref(), command)
     }
@@ -224,7 +261,8 @@ impl Lab<'_> {
     }
 
     fn truth_report(&self, study: &Study) -> TruthReport {
-        let texts = |truth: &Truth| -> Vec<String> { truth.set.iter().map(|change| change.text.clone()).collect() };
+        let texts =
+            |truth: &Truth| -> Vec<String> { truth.set.iter().map(|change| change.text.clone()).collect() };
         TruthReport {
             engine: study.truth.engine,
             configuration: texts(&study.truth).join(" "),
@@ -232,7 +270,11 @@ impl Lab<'_> {
             checks: study
                 .checks
                 .iter()
-                .map(|check| format!("{} {}", check.engine.name(), texts(check).join(" ")).trim().to_owned())
+                .map(|check| {
+                    format!("{} {}", check.engine.name(), texts(check).join(" "))
+                        .trim()
+                        .to_owned()
+                })
                 .collect(),
             command: self.command(study),
         }

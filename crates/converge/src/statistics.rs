@@ -64,8 +64,8 @@ pub struct Slope {
 
 /// Quantiles of Student's distribution for 95%, from one degree of freedom on.
 const STUDENT: [f64; 30] = [
-    12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131, 2.120,
-    2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042,
+    12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131,
+    2.120, 2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042,
 ];
 
 impl Slope {
@@ -78,14 +78,18 @@ impl Slope {
         let count = logs.len() as f64;
         let mean = [0, 1].map(|axis| logs.iter().map(|log| log[axis]).sum::<f64>() / count);
         let sum = |a: usize, b: usize| -> f64 {
-            logs.iter().map(|log| (log[a] - mean[a]) * (log[b] - mean[b])).sum()
+            logs.iter()
+                .map(|log| (log[a] - mean[a]) * (log[b] - mean[b]))
+                .sum()
         };
         let (xx, xy) = (sum(0, 0), sum(0, 1));
         if xx <= 1e-12 {
             return None;
         }
         let slope = xy / xx;
-        let left = logs.iter().map(|log| log[1] - mean[1] - slope * (log[0] - mean[0]));
+        let left = logs
+            .iter()
+            .map(|log| log[1] - mean[1] - slope * (log[0] - mean[0]));
         let scatter: f64 = left.map(|rest| rest * rest).sum();
         let error = (scatter / (count - 2.0) / xx).sqrt();
         let student = STUDENT[(logs.len() - 3).min(STUDENT.len() - 1)];
@@ -152,7 +156,9 @@ mod tests {
 
     #[test]
     fn a_power_is_found_exactly() {
-        let points: Vec<[f64; 2]> = [1.0, 2.0, 8.0, 32.0].map(|x: f64| [x, 3.0 * x.powf(-0.75)]).to_vec();
+        let points: Vec<[f64; 2]> = [1.0, 2.0, 8.0, 32.0]
+            .map(|x: f64| [x, 3.0 * x.powf(-0.75)])
+            .to_vec();
         let fit = Slope::fit(&points).unwrap();
         assert!((fit.slope + 0.75).abs() < 1e-12 && fit.interval[1] - fit.interval[0] < 1e-9);
         assert_eq!(Slope::fit(&points[..2]), None);

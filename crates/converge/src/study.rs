@@ -22,6 +22,12 @@ pub enum Engine {
     Whitstone,
     /// Mitsuba, by the driver of the harness.
     Mitsuba,
+    /// Textbook forms in double precision; of families of stress cases only.
+    #[serde(rename = "naive f64", skip_deserializing)]
+    NaiveF64,
+    /// The same in single precision.
+    #[serde(rename = "naive f32", skip_deserializing)]
+    NaiveF32,
 }
 
 impl Engine {
@@ -30,6 +36,8 @@ impl Engine {
         match self {
             Self::Whitstone => "whitstone",
             Self::Mitsuba => "mitsuba",
+            Self::NaiveF64 => "naive f64",
+            Self::NaiveF32 => "naive f32",
         }
     }
 }
@@ -126,6 +134,16 @@ struct SeriesTable {
 
 fn one_engine() -> Vec<Engine> {
     vec![Engine::Whitstone]
+}
+
+/// A study of a family of stress cases: rays at one shape, judged by the oracle.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StressTable {
+    title: String,
+    about: String,
+    /// Name of the family.
+    stress: Text,
 }
 
 /// A smaller study with the same claims, where only what does not depend on time counts.
@@ -240,6 +258,8 @@ pub struct Study {
     pub series: Vec<Series>,
     /// What must come out.
     pub expect: ExpectTable,
+    /// The family of stress cases that takes the place of a scene.
+    pub stress: Option<Change>,
     /// Whether it has a quick form.
     pub has_quick: bool,
     /// Whether this is it.
@@ -278,15 +298,20 @@ impl Study {
             let span = error.span().unwrap_or_default();
             report(SceneError::at(span, error.message().trim().to_owned()).into())
         })?;
+        let stem = Path::new(name).file_stem().unwrap_or_default();
+        let stem = stem.to_string_lossy().into_owned();
+        if table.get_ref().contains_key("stress") {
+            let table: StressTable = decode(&table).map_err(report)?;
+            return Ok(Self::of_stress(stem, &table, quick, sources));
+        }
         let table: StudyTable = decode(&table).map_err(report)?;
         let mut errors = SceneErrors::default();
         check(&table, &mut errors);
         if !errors.0.is_empty() {
             return Err(report(errors));
         }
-        let stem = Path::new(name).file_stem().unwrap_or_default();
         let mut study = Self {
-            name: stem.to_string_lossy().into_owned(),
+            name: stem,
             title: table.title.clone(),
             about: table.about.clone(),
             scene: table.scene.get_ref().clone(),
@@ -314,6 +339,7 @@ impl Study {
                 .collect(),
             series: table.series.get_ref().iter().flat_map(series).collect(),
             expect: table.expect.clone(),
+            stress: None,
             has_quick: table.quick.is_some(),
             quick,
             sources,
@@ -322,6 +348,32 @@ impl Study {
             study.make_quick(table);
         }
         Ok(study)
+    }
+
+    fn of_stress(name: String, table: &StressTable, quick: bool, sources: Sources) -> Self {
+        Self {
+            name,
+            title: table.title.clone(),
+            about: table.about.clone(),
+            scene: String::new(),
+            scene_path: PathBuf::new(),
+            set: Vec::new(),
+            against: Against::Value,
+            repeats: None,
+            levels: Vec::new(),
+            truth: Truth {
+                engine: Engine::Whitstone,
+                set: Vec::new(),
+            },
+            truth_of_series: false,
+            checks: Vec::new(),
+            series: Vec::new(),
+            expect: ExpectTable::default(),
+            stress: Some(Change::from(&table.stress)),
+            has_quick: false,
+            quick,
+            sources,
+        }
     }
 
     fn make_quick(&mut self, table: QuickTable) {
@@ -367,7 +419,10 @@ fn check(table: &StudyTable, errors: &mut SceneErrors) {
         fail(repeats.span(), "expected 1 to 1000 repeats");
     }
     if let Some(levels) = &table.levels
-        && !levels.get_ref().iter().all(|level| *level > 0.0 && level.is_finite())
+        && !levels
+            .get_ref()
+            .iter()
+            .all(|level| *level > 0.0 && level.is_finite())
     {
         fail(levels.span(), "expected errors greater than 0");
     }
@@ -377,12 +432,18 @@ fn check(table: &StudyTable, errors: &mut SceneErrors) {
     for series in table.series.get_ref() {
         let sweep = series.sweep.get_ref();
         if sweep.is_empty() {
-            fail(series.sweep.span(), "an empty sweep: name a path of the scene and its values");
+            fail(
+                series.sweep.span(),
+                "an empty sweep: name a path of the scene and its values",
+            );
         }
         let longest = sweep.values().map(|values| values.get_ref().len()).max();
         for (path, values) in sweep {
             if values.get_ref().is_empty() {
-                fail(values.span(), &format!("an empty sweep: `{}` has no values", path.get_ref()));
+                fail(
+                    values.span(),
+                    &format!("an empty sweep: `{}` has no values", path.get_ref()),
+                );
             } else if Some(values.get_ref().len()) != longest {
                 fail(
                     values.span(),
@@ -393,15 +454,24 @@ fn check(table: &StudyTable, errors: &mut SceneErrors) {
     }
     let names = |name: &String| table.series.get_ref().iter().any(|series| series.name == *name);
     for name in table.expect.steeper.iter().flatten().filter(|name| !names(name)) {
-        fail(table.series.span(), &format!("[expect] names a series \"{name}\" that is not there"));
+        fail(
+            table.series.span(),
+            &format!("[expect] names a series \"{name}\" that is not there"),
+        );
     }
 }
 
 fn series(table: &SeriesTable) -> Vec<Series> {
     let sweep = table.sweep.get_ref();
-    let count = sweep.values().map(|values| values.get_ref().len()).min().unwrap_or(0);
+    let count = sweep
+        .values()
+        .map(|values| values.get_ref().len())
+        .min()
+        .unwrap_or(0);
     let setting = |number: usize| {
-        let values = sweep.iter().map(|(path, values)| (path, values.get_ref()[number].get_ref()));
+        let values = sweep
+            .iter()
+            .map(|(path, values)| (path, values.get_ref()[number].get_ref()));
         let changes: Vec<Change> = values
             .clone()
             .map(|(path, value)| Change {

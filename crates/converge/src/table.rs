@@ -58,19 +58,29 @@ fn quoted(text: &str) -> String {
 pub fn table(reports: &[StudyReport], plots: &str) -> String {
     let mut text = String::new();
     for report in reports {
+        let scene = if report.scene.is_empty() {
+            String::new()
+        } else {
+            format!(", [scene](../{})", report.scene)
+        };
         let _ = writeln!(
             text,
-            "### {}\n\n{} [Study](../studies/{}.toml), [scene](../{}).\n",
-            report.title, report.about, report.study, report.scene
+            "### {}\n\n{} [Study](../studies/{}.toml){scene}.\n",
+            report.title, report.about, report.study
         );
         let _ = writeln!(
             text,
-            "| configuration | engine | settings | RMSE, first to last | slope against {} (95%) |\n|---|---|---|---|---|",
-            report.against.name()
+            "| configuration | engine | settings | {}, first to last | slope against {} (95%) |\n|---|---|---|---|---|",
+            report.measure, report.knob
         );
         for series in &report.series {
             if let Some(why) = &series.absent {
-                let _ = writeln!(text, "| {} | {} | – | – | takes no part: {why} |", series.configuration, series.engine.name());
+                let _ = writeln!(
+                    text,
+                    "| {} | {} | – | – | takes no part: {why} |",
+                    series.configuration,
+                    series.engine.name()
+                );
                 continue;
             }
             let rmse = |point: Option<&crate::Point>| optional(point.and_then(|point| point.rmse));
@@ -89,7 +99,11 @@ pub fn table(reports: &[StudyReport], plots: &str) -> String {
             text,
             "\nThe truth's own error: {:.1e}.{} Verdict: {}.",
             report.floor_rmse,
-            report.withheld.iter().map(|why| format!(" {why}.")).collect::<String>(),
+            report
+                .withheld
+                .iter()
+                .map(|why| format!(" {why}."))
+                .collect::<String>(),
             report.verdict
         );
         let _ = writeln!(text, "\n![{}]({plots}/{}.svg)\n", report.title, report.study);
@@ -99,11 +113,14 @@ pub fn table(reports: &[StudyReport], plots: &str) -> String {
 
 /// Ratios to Mitsuba, of the studies that have any.
 pub fn headline(reports: &[StudyReport]) -> String {
-    let mut text = String::from(
-        "| study | error (RMSE) | Whitstone, s | Mitsuba, s | ratio |\n|---|---|---|---|---|\n",
-    );
+    let mut text =
+        String::from("| study | error (RMSE) | Whitstone, s | Mitsuba, s | ratio |\n|---|---|---|---|---|\n");
     for report in reports {
-        for (level, both) in report.levels().into_iter().filter(|(_, both)| both.ratio.is_some()) {
+        for (level, both) in report
+            .levels()
+            .into_iter()
+            .filter(|(_, both)| both.ratio.is_some())
+        {
             let seconds = |value: Option<f64>, of: &Option<String>| {
                 format!("{} ({})", optional(value), of.as_deref().unwrap_or("–"))
             };

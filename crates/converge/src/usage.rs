@@ -64,6 +64,10 @@ mod tests {
         let sum: u64 = taken.iter().map(|byte| u64::from(*byte)).sum();
         assert_eq!(sum, 64 << 20);
         // Some systems do not let a process forget its highest.
-        assert!(memory.grown().is_none_or(|grown| grown > 60 << 20), "{:?}", memory.grown());
+        assert!(
+            memory.grown().is_none_or(|grown| grown > 60 << 20),
+            "{:?}",
+            memory.grown()
+        );
     }
 }

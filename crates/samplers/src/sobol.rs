@@ -107,7 +107,8 @@ mod tests {
     /// Without scrambling: the first points of the sequence, as tables of it have them.
     #[test]
     fn the_points_are_those_of_sobol() {
-        let plain = |index: u32| [index, second(index)].map(|x| f64::from(x.reverse_bits()) / 4_294_967_296.0);
+        let plain =
+            |index: u32| [index, second(index)].map(|x| f64::from(x.reverse_bits()) / 4_294_967_296.0);
         let known = [
             [0.0, 0.0],
             [0.5, 0.5],
@@ -132,7 +133,12 @@ mod tests {
                 let high = m - wide;
                 let boxes: BTreeSet<[u32; 2]> = (0..256)
                     .map(|index| sampler.position(pixel, index))
-                    .map(|p| [(p.x * f64::from(1 << wide)) as u32, (p.y * f64::from(1 << high)) as u32])
+                    .map(|p| {
+                        [
+                            (p.x * f64::from(1 << wide)) as u32,
+                            (p.y * f64::from(1 << high)) as u32,
+                        ]
+                    })
                     .collect();
                 assert_eq!(boxes.len(), 256, "boxes of 2^-{wide} x 2^-{high}");
             }
@@ -144,6 +150,9 @@ mod tests {
     fn the_points_are_those_of_the_driver() {
         let sampler = build::<Samplers, Sobol>("samples = 8\nseed = 4294967295", ()).unwrap();
         let found = sampler.position([12, 65_535], 6).to_array();
-        assert_eq!(found, [3_596_272_196.0, 1_078_120_820.0].map(|bits| bits / 4_294_967_296.0));
+        assert_eq!(
+            found,
+            [3_596_272_196.0, 1_078_120_820.0].map(|bits| bits / 4_294_967_296.0)
+        );
     }
 }

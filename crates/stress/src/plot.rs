@@ -28,11 +28,7 @@ pub fn svg(report: &FamilyReport) -> String {
     }
     let levels = std::iter::once(report.usable_level).filter(|level| *level > 0.0);
     let errors = Axis::around(steps().map(|step| step.error).chain(levels), bottom, TOP);
-    let times = Axis::around(
-        steps().filter_map(|step| step.ns_per_op),
-        SECOND,
-        SECOND + WIDTH,
-    );
+    let times = Axis::around(steps().filter_map(|step| step.ns_per_op), SECOND, SECOND + WIDTH);
     let mut figure = Figure::new(
         &format!("{}: error against the knob and against time", report.family),
         &format!("{}: {}", report.family, report.measure),

@@ -16,7 +16,10 @@ pub fn sampler_laws(sampler: &dyn Sampler) {
     common(sampler);
     let count = sampler.count();
     for pixel in PIXELS {
-        let mean = (0..count).map(|index| sampler.position(pixel, index)).sum::<DVec2>() / f64::from(count);
+        let mean = (0..count)
+            .map(|index| sampler.position(pixel, index))
+            .sum::<DVec2>()
+            / f64::from(count);
         let off = (mean - 0.5).abs().max_element();
         assert!(
             off < 1e-12,
@@ -45,7 +48,10 @@ pub fn random_sampler_laws(sampler: &dyn Sampler) {
             patterns.insert(positions.iter().map(bits).collect::<Vec<_>>()),
             "{pixel:?} has a pattern of its own"
         );
-        sum += (0..count).map(|index| sampler.position(pixel, index)).sum::<DVec2>() / f64::from(count);
+        sum += (0..count)
+            .map(|index| sampler.position(pixel, index))
+            .sum::<DVec2>()
+            / f64::from(count);
     }
     let pixels = f64::from(side * side);
     let off = (sum / pixels - 0.5).abs().max_element();

@@ -118,9 +118,16 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     for page in &arguments.page {
         write_page(page, &reports)?;
     }
-    let good = reports.iter().filter(|report| report.verdict == Verdict::Pass).count();
+    let good = reports
+        .iter()
+        .filter(|report| report.verdict == Verdict::Pass)
+        .count();
     println!("studies: {}, pass: {good}", reports.len());
-    Ok(if good == reports.len() { Exit::Pass } else { Exit::Differs })
+    Ok(if good == reports.len() {
+        Exit::Pass
+    } else {
+        Exit::Differs
+    })
 }
 
 fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
@@ -128,7 +135,9 @@ fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
         let folder = std::fs::read_dir(STUDIES);
         let folder = folder.map_err(|error| Failure::usage(format!("{STUDIES}: {error}")))?;
         let files = folder.filter_map(|entry| Some(entry.ok()?.path()));
-        let mut files: Vec<PathBuf> = files.filter(|path| path.extension().is_some_and(|e| e == "toml")).collect();
+        let mut files: Vec<PathBuf> = files
+            .filter(|path| path.extension().is_some_and(|e| e == "toml"))
+            .collect();
         files.sort();
         Ok(files)
     };
@@ -150,7 +159,12 @@ fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
             let known = stored().unwrap_or_default();
             let known: Vec<String> = known
                 .iter()
-                .map(|path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned())
+                .map(|path| {
+                    path.file_stem()
+                        .unwrap_or_default()
+                        .to_string_lossy()
+                        .into_owned()
+                })
                 .collect();
             let near = whitstone_core::nearest(name, known.iter().map(String::as_str));
             let help = near.map_or_else(
@@ -252,7 +266,10 @@ fn write(arguments: &Arguments, reports: &[StudyReport]) -> Result<(), Failure> 
     if let Some(folder) = &arguments.plots {
         std::fs::create_dir_all(folder).map_err(Failure::environment)?;
         for report in reports {
-            let name = Path::new(&report.study).file_stem().unwrap_or_default().to_string_lossy();
+            let name = Path::new(&report.study)
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy();
             let path = folder.join(format!("{name}.svg"));
             atomic::write_bytes(&path, plot::svg(report).as_bytes()).map_err(Failure::environment)?;
         }
@@ -305,7 +322,8 @@ fn print(report: &StudyReport, points: bool) {
         };
         println!("  {name:<28} slope against {}: {slope}", report.against.name());
         for point in series.points.iter().filter(|_| points) {
-            let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.3e}"));
+            let number =
+                |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.3e}"));
             println!(
                 "    {:<32} {:>10} s, spread {:>10}{}  RMSE {:>10}  interior {:>10}  {} rays{}",
                 point.setting,
@@ -315,12 +333,17 @@ fn print(report: &StudyReport, points: bool) {
                 number(point.rmse),
                 number(point.errors.map(|errors| errors.interior.rmse)),
                 point.rays.map_or_else(|| "–".to_owned(), |rays| rays.to_string()),
-                if point.above_floor { "" } else { "  below the floor" },
+                if point.above_floor {
+                    ""
+                } else {
+                    "  below the floor"
+                },
             );
         }
     }
     for (level, both) in report.levels() {
-        let seconds = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4} s"));
+        let seconds =
+            |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4} s"));
         let ratio = match (both.noisy, both.ratio, both.ratio_interval) {
             (true, ..) => ": noisy".to_owned(),
             (false, Some(ratio), Some([least, most])) => {
