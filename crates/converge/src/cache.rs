@@ -24,6 +24,8 @@ pub struct Record {
     pub memory: Option<u64>,
     /// How many repeats are enough.
     pub repeats: usize,
+    /// How many the time that is allowed has room for.
+    pub affordable: usize,
     /// Renderings in each of them.
     pub batch: u32,
     /// Beside the truth.

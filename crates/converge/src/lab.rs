@@ -226,14 +226,19 @@ impl<'a> Lab<'a> {
         answer.map_err(|error| error.to_string())
     }
 
-    /// A record without times.
-    pub(crate) fn record(&self, study: &Study, shot: &Shot, errors: Measured) -> Record {
+    /// How many repeats are enough, of what has room for some.
+    pub(crate) fn repeats(&self, study: &Study, affordable: usize) -> usize {
         let wanted = study
             .repeats
             .map_or(self.options.repeats, |repeats| repeats as usize);
         let wanted = self.options.forced_repeats.unwrap_or(wanted);
+        wanted.min(affordable)
+    }
+
+    /// A record without times.
+    pub(crate) fn record(&self, study: &Study, shot: &Shot, errors: Measured) -> Record {
         let seconds = shot.seconds.max(1e-6);
-        let affordable = (self.options.budget / seconds) as usize;
+        let affordable = ((self.options.budget / seconds) as usize).max(FEWEST);
         Record {
             build_s: shot.build_s,
             times: Vec::new(),
@@ -242,7 +247,8 @@ impl<'a> Lab<'a> {
             samples: shot.samples,
             primitives: shot.primitives,
             memory: shot.memory,
-            repeats: wanted.min(affordable.max(FEWEST)),
+            repeats: self.repeats(study, affordable),
+            affordable,
             batch: ((SHORTEST / seconds).ceil() as u32).clamp(1, MOST_AT_ONCE),
             errors,
         }

@@ -187,15 +187,19 @@ impl Lab<'_> {
         let changes = study.changes(series, &series.settings[job.setting]);
         let flattened = self.flatten(study, &changes)?;
         job.key = self.key("point", series.engine, &flattened, &truth.key);
-        let known = self.cache.record(&job.key);
-        if let Some(record) = known.filter(Record::is_complete) {
+        let known = self.cache.record(&job.key).map(|record| Record {
+            // More may be asked for than the last time.
+            repeats: self.repeats(study, record.affordable),
+            ..record
+        });
+        if let Some(record) = known.clone().filter(Record::is_complete) {
             return Ok(record);
         }
         let (ready, shot) = self.first(study, series.engine, &changes)?;
         let errors = Measured::between(&shot.image, &truth.image, &truth.edges)?;
         let mut record = self.record(study, &shot, errors);
         // The times of a run that was broken off still count.
-        if let Some(known) = self.cache.record(&job.key) {
+        if let Some(known) = known {
             (record.times, record.cpu) = (known.times, known.cpu);
         }
         self.cache.keep(&job.key, &record)?;
