@@ -2,7 +2,7 @@
 
 use crate::cache::{Cache, Record};
 use crate::errors::{Measured, edges};
-use crate::study::{Change, Engine, Study};
+use crate::study::{Against, Change, Engine, Study};
 use crate::usage::{Memory, processor_time};
 use std::path::Path;
 use std::time::Instant;
@@ -39,8 +39,10 @@ pub struct Lab<'a> {
     pub(crate) mitsuba: Option<Driver>,
     /// Why Mitsuba takes no part.
     absent: String,
-    /// Of this program and of the driver.
-    version: String,
+    /// Of this program: another one has other times, and perhaps other images.
+    program_hash: String,
+    /// The same of the driver.
+    driver_hash: String,
     pub(crate) cache: Cache,
     pub(crate) options: Options,
 }
@@ -76,16 +78,15 @@ impl<'a> Lab<'a> {
             Ok(driver) => (Some(driver), String::new()),
             Err(why) => (None, why),
         };
-        // Another program has other times, and perhaps other images.
         let program = std::env::current_exe()
             .and_then(std::fs::read)
             .unwrap_or_default();
-        let version = format!("{} {driver_hash}", blake3::hash(&program).to_hex());
         Self {
             registry,
             mitsuba,
             absent,
-            version,
+            program_hash: blake3::hash(&program).to_hex().to_string(),
+            driver_hash: driver_hash.to_owned(),
             cache,
             options,
         }
@@ -100,7 +101,11 @@ impl<'a> Lab<'a> {
     pub(crate) fn key(&self, kind: &str, engine: Engine, flattened: &Flattened, truth: &str) -> String {
         let threads = self.options.threads.to_string();
         let Flattened { text, hash, .. } = flattened;
-        Cache::key(&[kind, engine.name(), text, hash, truth, &threads, &self.version])
+        let version = match engine {
+            Engine::Mitsuba => &self.driver_hash,
+            _ => &self.program_hash,
+        };
+        Cache::key(&[kind, engine.name(), text, hash, truth, &threads, version])
     }
 
     /// The scene with changes, as one document.
@@ -165,6 +170,10 @@ impl<'a> Lab<'a> {
                 // The first one compiles kernels: how long the second one takes says how many repeats there can be.
                 shot = self.shoot_mitsuba(&flattened)?;
                 (shot.build_s, shot.memory) = (build_s, memory);
+                if study.against == Against::Primitives {
+                    // It does not tell; the scene is the same.
+                    shot.primitives = Some(primitives(&self.build(study, changes)?));
+                }
                 Ok((Ready::Mitsuba(flattened), shot))
             }
             Engine::NaiveF64 | Engine::NaiveF32 => Err("textbook forms render no scenes".to_owned()),
@@ -185,7 +194,7 @@ impl<'a> Lab<'a> {
             build_s: pipeline.build_seconds,
             rays: film.counters.total(),
             samples: film.samples,
-            primitives: Some(pipeline.world.geometry.elements().count() as u64),
+            primitives: Some(primitives(pipeline)),
             memory: None,
         })
     }
@@ -274,6 +283,10 @@ impl<'a> Lab<'a> {
         }
         Ok(())
     }
+}
+
+fn primitives(pipeline: &Pipeline) -> u64 {
+    pipeline.world.geometry.elements().count() as u64
 }
 
 fn texts(changes: &[Change]) -> Vec<String> {

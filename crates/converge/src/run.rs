@@ -1,6 +1,6 @@
 //! A study measured: the truth first, then every configuration once, then all of them again and again, in turns.
 
-use crate::cache::Record;
+use crate::cache::{Cache, Record};
 use crate::errors::{Measured, rounding};
 use crate::lab::{Lab, Ready};
 use crate::report::{Point, SeriesReport, StudyReport, TruthReport};
@@ -21,7 +21,8 @@ struct Job<'s> {
 
 /// What is taken for true.
 struct True {
-    key: String,
+    /// Of its pixels.
+    hash: String,
     image: Image,
     edges: Mask,
     floor: f64,
@@ -115,7 +116,7 @@ impl Lab<'_> {
 
     /// The truth of a series, and how far other renderings of it are away.
     fn truth(&mut self, study: &Study, series: &Series, problems: &mut Vec<String>) -> Result<True, String> {
-        let (key, image) = self.true_image(study, series, &study.truth)?;
+        let image = self.true_image(study, series, &study.truth)?;
         let edges = self.edges(study, &study.truth_changes(&study.truth, series))?;
         let mut floor = rounding(&image);
         for check in &study.checks {
@@ -126,7 +127,7 @@ impl Lab<'_> {
                 ));
                 continue;
             }
-            let (_, other) = self.true_image(study, series, check)?;
+            let other = self.true_image(study, series, check)?;
             let apart = Measured::between(&other, &image, &edges)?;
             if apart.finite < 1.0 {
                 return Err(format!(
@@ -137,24 +138,19 @@ impl Lab<'_> {
             floor = floor.max(apart.whole.rmse);
         }
         Ok(True {
-            key,
+            hash: Cache::key(&[&format!("{:?}", image.rgb()), &format!("{:?}", edges.as_slice())]),
             image,
             edges,
             floor,
         })
     }
 
-    fn true_image(
-        &mut self,
-        study: &Study,
-        series: &Series,
-        truth: &Truth,
-    ) -> Result<(String, Image), String> {
+    fn true_image(&mut self, study: &Study, series: &Series, truth: &Truth) -> Result<Image, String> {
         let changes = study.truth_changes(truth, series);
         let flattened = self.flatten(study, &changes)?;
         let key = self.key("truth", truth.engine, &flattened, "");
         if let Some(image) = self.cache.image(&key) {
-            return Ok((key, image));
+            return Ok(image);
         }
         if let Some(why) = self.absent(truth.engine) {
             return Err(format!(
@@ -165,7 +161,7 @@ impl Lab<'_> {
         }
         let (_, shot) = self.first(study, truth.engine, &changes)?;
         self.cache.keep_image(&key, &shot.image)?;
-        Ok((key, shot.image))
+        Ok(shot.image)
     }
 
     /// Renders a setting once and measures its error, or takes what is known of it.
@@ -186,7 +182,7 @@ impl Lab<'_> {
         let (study, series) = (job.study, &job.study.series[job.series]);
         let changes = study.changes(series, &series.settings[job.setting]);
         let flattened = self.flatten(study, &changes)?;
-        job.key = self.key("point", series.engine, &flattened, &truth.key);
+        job.key = self.key("point", series.engine, &flattened, &truth.hash);
         let known = self.cache.record(&job.key).map(|record| Record {
             // More may be asked for than the last time.
             repeats: self.repeats(study, record.affordable),

@@ -1,6 +1,7 @@
 //! Studies as tables: CSV for programs, Markdown for pages.
 
 use crate::report::{StudyReport, TimeTo, interval, optional};
+use crate::usage;
 use std::fmt::Write;
 
 /// A line for each point.
@@ -111,10 +112,15 @@ pub fn table(reports: &[StudyReport], plots: &str) -> String {
     text.trim_end().to_owned() + "\n"
 }
 
-/// Ratios to Mitsuba, of the studies that have any.
+/// Ratios to Mitsuba, of the studies that have any, and on which machine they were measured.
 pub fn headline(reports: &[StudyReport]) -> String {
-    let mut text =
-        String::from("| study | error (RMSE) | Whitstone, s | Mitsuba, s | ratio |\n|---|---|---|---|---|\n");
+    let load = usage::load().map_or_else(|| "unknown".to_owned(), |load| format!("{load:.0}"));
+    let mut text = format!(
+        "Measured on {}, {} cores, with a load of {load} at the end: above the number of cores, others had a part of the time.\n\n",
+        usage::processor().unwrap_or_else(|| "an unknown processor".to_owned()),
+        std::thread::available_parallelism().map_or(1, usize::from),
+    );
+    text += "| study | error (RMSE) | Whitstone, s | Mitsuba, s | ratio |\n|---|---|---|---|---|\n";
     for report in reports {
         for (level, both) in report
             .levels()
