@@ -30,6 +30,7 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     problems.extend(assets::check());
     problems.extend(check_stored());
     problems.extend(check_sources());
+    problems.extend(check_studies());
     problems.extend(dependencies::check());
     verdict(
         &problems,
@@ -286,6 +287,42 @@ fn check_stored() -> Vec<String> {
                  `--reference povray`",
                 scene.display()
             ));
+        }
+    }
+    problems
+}
+
+/// Studies of error against run time: each is on the page with its picture, and no picture is of a study that is gone.
+fn check_studies() -> Vec<String> {
+    let (page, pictures) = (
+        Path::new("docs/convergence.md"),
+        Path::new("docs/images/converge"),
+    );
+    let text = read(page);
+    let stored = fs::read_dir("studies").into_iter().flatten().flatten();
+    let paths = stored.map(|entry| entry.path());
+    let stems = paths.filter(|path| path.extension().is_some_and(|e| e == "toml"));
+    let names: Vec<String> = stems
+        .filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned()))
+        .collect();
+    let mut problems = Vec::new();
+    for name in &names {
+        let shown = text.contains(&format!("(../studies/{name}.toml)"));
+        if !shown || !pictures.join(name).with_extension("svg").is_file() {
+            problems.push(format!(
+                "studies/{name}.toml: not in {} with its picture; CONTRIBUTING.md has the command under Measuring",
+                page.display()
+            ));
+        }
+    }
+    for picture in files(pictures, "svg") {
+        let stem = picture
+            .file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        if !names.contains(&stem) {
+            problems.push(format!("{}: there is no such study", picture.display()));
         }
     }
     problems

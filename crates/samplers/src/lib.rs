@@ -7,12 +7,22 @@
     allow(unused, reason = "some parts serve single plugins")
 )]
 
+use whitstone_core::hash::mix;
 use whitstone_core::{DuplicateType, Registry, Samplers};
 
 #[cfg(feature = "center")]
 pub mod center;
 #[cfg(feature = "grid")]
 pub mod grid;
+#[cfg(feature = "sobol")]
+pub mod sobol;
+#[cfg(feature = "stratified")]
+pub mod stratified;
+
+/// A number for each pixel: column i, row j.
+fn hash_of_pixel(seed: u32, [i, j]: [u32; 2]) -> u32 {
+    mix(mix(mix(seed).wrapping_add(j)).wrapping_add(i))
+}
 
 /// Adds every sampler whose feature is on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
@@ -21,5 +31,9 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Samplers, center::Center>(from)?;
     #[cfg(feature = "grid")]
     registry.add::<Samplers, grid::Grid>(from)?;
+    #[cfg(feature = "sobol")]
+    registry.add::<Samplers, sobol::Sobol>(from)?;
+    #[cfg(feature = "stratified")]
+    registry.add::<Samplers, stratified::Stratified>(from)?;
     Ok(())
 }

@@ -31,6 +31,11 @@ impl<'a> Lab<'a> {
         }
     }
 
+    /// The driver, for other questions.
+    pub fn into_driver(self) -> Option<Driver> {
+        self.mitsuba.and_then(|driver| driver.into_inner().ok())
+    }
+
     /// All accelerators that promise exact answers: peers do not.
     pub(crate) fn accelerators(&self) -> impl Iterator<Item = &'static str> {
         let all = self.registry.entries();

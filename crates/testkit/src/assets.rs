@@ -10,7 +10,10 @@ use whitstone_core::DVec3;
 pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("corners.png", corners()),
-        ("icosphere.ply", icosphere()),
+        ("icosphere.ply", icosphere(3)),
+        ("icosphere_0.ply", icosphere(0)),
+        ("icosphere_1.ply", icosphere(1)),
+        ("icosphere_2.ply", icosphere(2)),
         ("star.obj", star().into_bytes()),
         ("stones.png", stones()),
         ("terrain.ply", terrain().into_bytes()),
@@ -108,9 +111,9 @@ fn star() -> String {
     text + &uvs + &faces
 }
 
-/// A unit sphere of 1280 triangles: a little-endian PLY with normals.
-fn icosphere() -> Vec<u8> {
-    let (positions, triangles) = subdivided_icosahedron(3);
+/// A unit sphere of 20 triangles times 4 for each level: a little-endian PLY with normals.
+fn icosphere(levels: usize) -> Vec<u8> {
+    let (positions, triangles) = subdivided_icosahedron(levels);
     let mut bytes = format!(
         "ply\nformat binary_little_endian 1.0\ncomment a unit sphere from an icosahedron\n\
          element vertex {}\nproperty float x\nproperty float y\nproperty float z\n\

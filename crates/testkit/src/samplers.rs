@@ -1,17 +1,72 @@
 //! What every sampler must satisfy.
 
+use std::collections::BTreeSet;
 use whitstone_core::{DVec2, Sampler};
 
-/// There is at least one position; all lie in `[0, 1)²`, are different, always the same, and their mean
-/// is the middle of the pixel.
+/// Some pixels, also the farthest.
+const PIXELS: [[u32; 2]; 4] = [[0, 0], [1, 0], [7, 13], [65_535, 65_535]];
+
+/// Of a sampler with one pattern for all pixels: there is at least one position; all lie in `[0, 1)²`, are different, always the same, and their
+/// mean is the middle of the pixel.
 ///
 /// # Panics
 ///
 /// If the sampler breaks one of these laws; the message says which and where.
 pub fn sampler_laws(sampler: &dyn Sampler) {
+    common(sampler);
+    let count = sampler.count();
+    for pixel in PIXELS {
+        let mean = (0..count)
+            .map(|index| sampler.position(pixel, index))
+            .sum::<DVec2>()
+            / f64::from(count);
+        let off = (mean - 0.5).abs().max_element();
+        assert!(
+            off < 1e-12,
+            "the mean of the samples of {pixel:?} is the middle, found {mean}"
+        );
+    }
+}
+
+/// Of a sampler that draws another pattern for each pixel: as [`sampler_laws`], but the mean is that over many pixels, within five
+/// times what chance moves it, and no two pixels have the same pattern.
+///
+/// # Panics
+///
+/// As [`sampler_laws`].
+pub fn random_sampler_laws(sampler: &dyn Sampler) {
+    common(sampler);
+    let count = sampler.count();
+    // Of two positions in a grid of 2^32 a few may be equal: whole patterns never are.
+    let (side, few) = (if count > 64 { 12 } else { 40 }, count.min(16));
+    let mut patterns = BTreeSet::new();
+    let mut sum = DVec2::ZERO;
+    for pixel in (0..side * side).map(|k| [k % side, k / side]) {
+        let positions: Vec<DVec2> = (0..few).map(|index| sampler.position(pixel, index)).collect();
+        let bits = |p: &DVec2| p.to_array().map(f64::to_bits);
+        assert!(
+            patterns.insert(positions.iter().map(bits).collect::<Vec<_>>()),
+            "{pixel:?} has a pattern of its own"
+        );
+        sum += (0..count)
+            .map(|index| sampler.position(pixel, index))
+            .sum::<DVec2>()
+            / f64::from(count);
+    }
+    let pixels = f64::from(side * side);
+    let off = (sum / pixels - 0.5).abs().max_element();
+    let chance = (1.0 / 12.0 / pixels).sqrt();
+    assert!(
+        off < 5.0 * chance,
+        "the mean over all pixels is the middle, found {off} beside it, where {chance} is to be expected"
+    );
+}
+
+/// The laws of both kinds.
+fn common(sampler: &dyn Sampler) {
     let count = sampler.count();
     assert!(count >= 1, "there is at least one sample in a pixel");
-    for pixel in [[0, 0], [1, 0], [7, 13], [65_535, 65_535]] {
+    for pixel in PIXELS {
         let position = |index| sampler.position(pixel, index);
         let positions: Vec<DVec2> = (0..count).map(position).collect();
         for (index, p) in positions.iter().enumerate() {
@@ -28,12 +83,6 @@ pub fn sampler_laws(sampler: &dyn Sampler) {
         assert!(
             sorted.windows(2).all(|w| w[0] != w[1]),
             "no two samples of {pixel:?} are equal"
-        );
-        let mean = positions.iter().copied().sum::<DVec2>() / f64::from(count);
-        let off = (mean - 0.5).abs().max_element();
-        assert!(
-            off < 1e-12,
-            "the mean of the samples of {pixel:?} is the middle, found {mean}"
         );
     }
 }
@@ -81,6 +130,12 @@ mod tests {
     #[should_panic(expected = "at least one")]
     fn no_samples_are_found() {
         sampler_laws(&At(0, |_| 0.5));
+    }
+
+    #[test]
+    #[should_panic(expected = "a pattern of its own")]
+    fn a_pattern_that_forgets_its_pixel_is_found() {
+        random_sampler_laws(&At(2, |i| 0.25 + 0.5 * f64::from(i)));
     }
 
     #[test]

@@ -190,6 +190,9 @@ pub struct Rendered {
     pub rehits: u64,
     /// Samples a pixel.
     pub samples: u32,
+    /// Bytes that the driver grew by, at its highest, where the system tells.
+    #[serde(default)]
+    pub memory: Option<u64>,
 }
 
 /// See [`Rendered`].
@@ -199,6 +202,9 @@ pub struct RenderedSeconds {
     pub load: f64,
     /// Tracing, kernel compilation included.
     pub trace: f64,
+    /// Processor time of all threads, of both; 0 where the driver does not say.
+    #[serde(default)]
+    pub cpu: f64,
 }
 
 /// See [`Rendered`].

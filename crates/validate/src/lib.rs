@@ -17,7 +17,7 @@ pub mod tree;
 mod validator;
 
 pub use key::{find_scenes, scene_key};
-pub use live::{Live, LiveError};
+pub use live::{Live, LiveError, hash_sources};
 pub use renderer::Renderer;
 pub use result::{
     CaseResult, Check, LayerResult, LeftOut, Pictures, Provenance, Reference, Results, Status, Summary,

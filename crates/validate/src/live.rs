@@ -376,8 +376,8 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
     atomic::write_bytes(path, bytes).map_err(|error| LiveError::Image(error.to_string()))
 }
 
-/// Hash of the driver's Python files and requirements, and of what it is asked for a floor.
-fn hash_sources(environment: &Environment) -> String {
+/// Hash of the driver's Python files and requirements, and of what it is asked for a floor: its answers are reused for the same only.
+pub fn hash_sources(environment: &Environment) -> String {
     let Environment {
         renderer, package, ..
     } = environment;

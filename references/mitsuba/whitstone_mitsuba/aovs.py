@@ -7,8 +7,7 @@ from typing import Dict
 import numpy as np
 
 from .driver import LANES, Tracer
-
-CENTRE = np.array([[0.5, 0.5]])
+from .samplers import CENTRE, Samples
 
 
 def render(tracer: Tracer, x: np.ndarray, y: np.ndarray) -> Dict[str, np.ndarray]:
@@ -20,7 +19,7 @@ def render(tracer: Tracer, x: np.ndarray, y: np.ndarray) -> Dict[str, np.ndarray
         count = len(x[span])
         camera = tracer.document.camera
         near = camera.starts(camera.formula(x[span] + 0.5, y[span] + 0.5)[1])
-        hits = tracer.intersect(tracer.camera_rays(x[span], y[span], np.zeros(count, dtype=np.int64), CENTRE))
+        hits = tracer.intersect(tracer.camera_rays(x[span], y[span], np.zeros(count, dtype=np.int64), Samples.all(CENTRE)))
         valid = hits.valid.numpy()[:count]
 
         def add(name: str, values: np.ndarray, nothing: float = 0.0) -> None:

@@ -130,12 +130,9 @@ class Camera:
         }
         return mi.load_dict({**self.plugin(), "film": film, "sampler": {"type": "independent", "sample_count": samples}})
 
-    def samples(self, positions: np.ndarray) -> np.ndarray:
-        """The model's samples: each position in a pixel, for a lens through each of its points (the third column is its number)."""
-        if self.lens is None:
-            return positions
-        count = self.lens.n**2
-        return np.column_stack([np.repeat(positions, count, axis=0), np.tile(np.arange(count), len(positions))])
+    def lens_points(self) -> int:
+        """How many points of its lens the camera sees through; 0 without a lens."""
+        return 0 if self.lens is None else self.lens.n**2
 
     def formula(self, x: np.ndarray, y: np.ndarray, point: Optional[np.ndarray] = None) -> Tuple[np.ndarray, np.ndarray]:
         """(3, n) float64: origins without a near limit, and directions, by the model; `point` numbers the point of the lens."""

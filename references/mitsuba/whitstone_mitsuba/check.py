@@ -14,10 +14,11 @@ import numpy as np
 
 from .driver import LANES, Rays, Tracer
 from .runtime import dr, mi
+from .samplers import CENTRE, Samples
 from .scene import Built, load_shapes
 from .settings import Setting
 
-_CENTRE = np.array([[0.5, 0.5]])
+_CENTRE = Samples.all(CENTRE)
 
 
 def run(built: Built, setting: Setting) -> Dict[str, Any]:

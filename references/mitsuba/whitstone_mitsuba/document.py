@@ -6,9 +6,7 @@ import sys
 from dataclasses import dataclass
 from typing import Any, List, Optional, Tuple
 
-import numpy as np
-
-from . import cameras, lights, materials, patterns, shapes, textures
+from . import cameras, lights, materials, patterns, samplers, shapes, textures
 from .errors import SceneError, Unsupported
 from .fields import Fields, nearest
 from .files import Folder
@@ -41,8 +39,7 @@ class Document:
     width: int
     height: int
     aovs: Tuple[str, ...]
-    # (n, 2): positions inside the pixel, in the model's order; (n, 3) with the point of the lens.
-    samples: np.ndarray
+    samples: samplers.Samples
     camera: cameras.Camera
     integrator: Integrator
     lights: lights.Lights
@@ -101,21 +98,6 @@ def _film(table: Any, errors: List[str]) -> Tuple[int, int, Tuple[str, ...]]:
     return width, height, tuple(name for name in AOVS if name in names)
 
 
-def _sampler(table: Any, errors: List[str], unsupported: List[str]) -> np.ndarray:
-    fields = Fields(table, "sampler", errors)
-    kind = fields.kind()
-    positions = np.array([[0.5, 0.5]])
-    if kind == "grid":
-        n = fields.integer("n", 2, 1, 64)
-        steps = (np.arange(n) + 0.5) / n
-        positions = np.column_stack([np.tile(steps, n), np.repeat(steps, n)])
-    elif kind != "center" and kind is not None:
-        unsupported.append(f"sampler: no twin for a sampler of type {kind!r}; {nearest(kind, ['center', 'grid'])}")
-        return positions
-    fields.close()
-    return positions
-
-
 def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Optional[Integrator]:
     fields = Fields(table, "integrator", errors)
     kind = fields.kind()
@@ -167,7 +149,7 @@ def parse(text: str, base: str) -> Document:
             errors.append(f"{key}: unknown table; {nearest(key, TABLES)}")
     width, height, aovs = _film(root.get("film", {}), errors)
     camera = cameras.read(root.get("camera"), width, height, errors, unsupported)
-    samples = _sampler(root.get("sampler", {"type": "center"}), errors, unsupported)
+    sampler = samplers.read(root.get("sampler", {"type": "center"}), errors, unsupported)
     integrator = _integrator(root.get("integrator", {"type": "whitted"}), errors, unsupported)
     if isinstance(root.get("integrator"), dict) and root["integrator"].get("type") == "rasterizer":
         _only_triangles(root.get("shape", []), camera, errors)
@@ -184,4 +166,4 @@ def parse(text: str, base: str) -> Document:
     if unsupported:
         raise Unsupported("\n".join(unsupported))
     assert camera is not None and integrator is not None
-    return Document(width, height, aovs, camera.samples(samples), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder)
+    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder)

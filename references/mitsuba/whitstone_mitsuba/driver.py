@@ -20,6 +20,7 @@ import numpy as np
 
 from . import gouraud
 from .runtime import ULP, dr, mi
+from .samplers import Samples
 from .scene import NOTHING, Built, geometry
 from .settings import Setting
 
@@ -204,29 +205,28 @@ class Tracer:
         self._settle()
         return np.concatenate(parts) if parts else np.zeros((0, 3), dtype=np.float32)
 
-    def samples(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    def samples(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: Samples) -> np.ndarray:
         """(n, samples, 3) float32: radiance at each position of each pixel."""
         radiance = self.trace(self.camera_rays(x, y, setting, samples), 0)
         return radiance.numpy().T[: len(x) * len(samples)].reshape(len(x), len(samples), 3)
 
-    def camera_rays(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: np.ndarray, first: int = 0) -> Rays:
-        """Rays through positions `samples` (numbered from `first`) of pixels, samples of a pixel side by side.
-
-        A third column numbers points of the camera's lens; without it, rays go through the middle of the lens."""
+    def camera_rays(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: Samples) -> Rays:
+        """Rays of pixels, samples of a pixel side by side; where those name no point of a lens, through its middle."""
         count = len(x) * len(samples)
         shift = np.array([(s.dx, s.dy) for s in self.settings])[setting]
-        raster_x = (x[:, None] + samples[None, :, 0] + shift[:, None, 0]).ravel()
-        raster_y = (y[:, None] + samples[None, :, 1] + shift[:, None, 1]).ravel()
-        number = np.tile(np.arange(first, first + len(samples)), len(x))
+        positions, points = samples.positions(x, y), samples.points()
+        raster_x = (x[:, None] + positions[:, :, 0] + shift[:, None, 0]).ravel()
+        raster_y = (y[:, None] + positions[:, :, 1] + shift[:, None, 1]).ravel()
+        number = np.tile(samples.numbers, len(x))
         pixel = np.repeat(y.astype(np.int64) * self.document.width + x, len(samples))
         which = np.repeat(setting, len(samples))
-        point = np.tile(samples[:, 2], len(x)) if samples.shape[1] > 2 else np.full(count, -1)
+        point = np.full(count, -1) if points is None else np.tile(points, len(x))
         if count == 1:
             raster_x, raster_y, number, pixel, which, point = (
                 np.repeat(a, 2) for a in (raster_x, raster_y, number, pixel, which, point)
             )
         width = len(raster_x)
-        o, d = self.document.camera.rays(self.built.sensor, raster_x, raster_y, point if samples.shape[1] > 2 else None)
+        o, d = self.document.camera.rays(self.built.sensor, raster_x, raster_y, None if points is None else point)
         key = mix(mi.UInt32(pixel.astype(np.uint32)) + mix(mi.UInt32(number.astype(np.uint32))))
         rays = Rays(
             o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),

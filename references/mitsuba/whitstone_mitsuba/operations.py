@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List
 
 import numpy as np
 
-from . import aovs, check, document, exr, probes, timing, tree
+from . import aovs, check, document, exr, probes, timing, tree, usage
 from .driver import Tracer
 from .errors import DriverError
 from .runtime import LLVM, VARIANT, dr, mi, set_threads
@@ -86,7 +86,8 @@ def render(request: Request) -> Answer:
     setting = Setting.read(request.get("setting"))
     out = _get(request, "out", str)
     _threads(request)
-    begin = time.perf_counter()
+    memory = usage.Memory()
+    processor, begin = time.process_time(), time.perf_counter()
     built = _load(request, setting)
     loaded = time.perf_counter()
     doc = built.document
@@ -94,6 +95,8 @@ def render(request: Request) -> Answer:
     tracer = Tracer(built, [setting], rehits=True)
     values = tracer.pixels(x, y, np.zeros(len(x), dtype=np.int64))
     traced = time.perf_counter()
+    processor = time.process_time() - processor
+    grown = memory.grown()
     channels = {letter: values[:, number] for number, letter in enumerate("RGB")}
     if doc.aovs:
         channels.update(aovs.render(Tracer(built, [setting]), x, y))
@@ -102,7 +105,8 @@ def render(request: Request) -> Answer:
     except OSError as error:
         raise DriverError(f"{out}: cannot be written: {error.strerror}") from error
     return {
-        "seconds": {"load": loaded - begin, "trace": traced - loaded},
+        "seconds": {"load": loaded - begin, "trace": traced - loaded, "cpu": processor},
+        "memory": grown,
         "rays": {"closest": tracer.counts.closest, "shadow": tracer.counts.shadow},
         "width": doc.width,
         "height": doc.height,

@@ -49,7 +49,7 @@ def grow(built: Built, setting: Setting, x: int, y: int, sample: int) -> List[Di
         raise DriverError(f"sample: expected 0 to {len(document.samples) - 1}, found {sample}")
     tracer = Tracer(built, [setting], record=True)
     one = np.array([0])
-    rays = tracer.camera_rays(np.array([x]), np.array([y]), one, document.samples[sample : sample + 1], first=sample)
+    rays = tracer.camera_rays(np.array([x]), np.array([y]), one, document.samples.only(sample))
     tracer.trace(rays, 0)
     nodes: List[Dict[str, Any]] = []
     # An explicit stack: a path can be longer than Python recurses. (depth, lane, path) or a finished leaf.

@@ -2,6 +2,8 @@
 
 pub mod compare;
 pub mod completions;
+#[cfg(feature = "converge")]
+pub mod converge;
 pub mod doctor;
 pub mod explain;
 pub mod list;
@@ -43,6 +45,8 @@ pub enum Command {
     Explain(explain::Arguments),
     #[cfg(feature = "stress")]
     Stress(stress::Arguments),
+    #[cfg(feature = "converge")]
+    Converge(converge::Arguments),
     List(list::Arguments),
     Schema(schema::Arguments),
     NewPlugin(new_plugin::Arguments),
@@ -61,6 +65,8 @@ impl Command {
             Self::Explain(arguments) => explain::run(arguments, registry),
             #[cfg(feature = "stress")]
             Self::Stress(arguments) => stress::run(arguments, registry),
+            #[cfg(feature = "converge")]
+            Self::Converge(arguments) => converge::run(arguments, registry, program),
             Self::List(arguments) => list::run(arguments, registry),
             Self::NewPlugin(arguments) => new_plugin::run(arguments, registry),
             Self::Schema(arguments) => schema::run(arguments, registry),

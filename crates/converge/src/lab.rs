@@ -1,0 +1,330 @@
+//! Who renders: pipelines of the registry, and Mitsuba by the driver of the harness.
+
+use crate::cache::{Cache, Record};
+use crate::errors::{Measured, edges};
+use crate::study::{Against, Change, Engine, Study};
+use crate::usage::{Memory, processor_time};
+use std::path::Path;
+use std::time::Instant;
+use whitstone_core::{Registry, SceneError, SceneErrors};
+use whitstone_image::{Image, Limits, Mask, exr_io};
+use whitstone_scene::{Description, Flattened, Pipeline, Plan, RenderOptions, Sources, all_errors};
+use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setting};
+
+/// Shorter renderings are timed several at once, in seconds: clocks and schedulers have grains.
+const SHORTEST: f64 = 0.02;
+/// Most of them at once.
+const MOST_AT_ONCE: u32 = 50;
+/// Fewest repeats that have quartiles.
+const FEWEST: usize = 3;
+
+/// How studies are measured.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Repeats where a study says nothing.
+    pub repeats: usize,
+    /// Overrides what a study says of repeats.
+    pub forced_repeats: Option<usize>,
+    /// Seconds that the repeats of one setting may take, in about; three repeats are taken in any case.
+    pub budget: f64,
+    /// Threads of both; 0 for one a core.
+    pub threads: usize,
+    /// How the user calls this program, for commands in reports.
+    pub program: String,
+}
+
+/// Who renders, and what is kept.
+pub struct Lab<'a> {
+    pub(crate) registry: &'a Registry,
+    pub(crate) mitsuba: Option<Driver>,
+    /// Why Mitsuba takes no part.
+    absent: String,
+    /// Of this program: another one has other times, and perhaps other images.
+    program_hash: String,
+    /// The same of the driver.
+    driver_hash: String,
+    pub(crate) cache: Cache,
+    pub(crate) options: Options,
+}
+
+/// A configuration that is ready to be timed.
+pub(crate) enum Ready {
+    Whitstone(Box<Pipeline>),
+    Mitsuba(Flattened),
+}
+
+/// A rendering.
+pub(crate) struct Shot {
+    pub(crate) image: Image,
+    pub(crate) seconds: f64,
+    pub(crate) cpu: f64,
+    pub(crate) build_s: f64,
+    rays: u64,
+    samples: u32,
+    primitives: Option<u64>,
+    memory: Option<u64>,
+}
+
+impl<'a> Lab<'a> {
+    /// `mitsuba` is its driver or why there is none, `driver_hash` a text that changes with the driver.
+    pub fn new(
+        registry: &'a Registry,
+        mitsuba: Result<Driver, String>,
+        driver_hash: &str,
+        cache: Cache,
+        options: Options,
+    ) -> Self {
+        let (mitsuba, absent) = match mitsuba {
+            Ok(driver) => (Some(driver), String::new()),
+            Err(why) => (None, why),
+        };
+        let program = std::env::current_exe()
+            .and_then(std::fs::read)
+            .unwrap_or_default();
+        Self {
+            registry,
+            mitsuba,
+            absent,
+            program_hash: blake3::hash(&program).to_hex().to_string(),
+            driver_hash: driver_hash.to_owned(),
+            cache,
+            options,
+        }
+    }
+
+    /// Why an engine takes no part.
+    pub(crate) fn absent(&self, engine: Engine) -> Option<&str> {
+        (engine == Engine::Mitsuba && self.mitsuba.is_none()).then_some(&*self.absent)
+    }
+
+    /// The name of what a rendering of a scene determines.
+    pub(crate) fn key(&self, kind: &str, engine: Engine, flattened: &Flattened, truth: &str) -> String {
+        let threads = self.options.threads.to_string();
+        let Flattened { text, hash, .. } = flattened;
+        let version = match engine {
+            Engine::Mitsuba => &self.driver_hash,
+            _ => &self.program_hash,
+        };
+        Cache::key(&[kind, engine.name(), text, hash, truth, &threads, version])
+    }
+
+    /// The scene with changes, as one document.
+    pub(crate) fn flatten(&self, study: &Study, changes: &[Change]) -> Result<Flattened, String> {
+        let sources = load(study, changes)?;
+        let description =
+            Description::parse(&sources).map_err(|errors| placed(study, changes, &sources, errors))?;
+        Ok(description.flattened)
+    }
+
+    /// The scene with changes, built.
+    pub(crate) fn build(&self, study: &Study, changes: &[Change]) -> Result<Pipeline, String> {
+        let sources = load(study, changes)?;
+        let report = |_: SceneErrors| placed(study, changes, &sources, all_errors(&sources, self.registry));
+        let description = Description::parse(&sources).map_err(report)?;
+        let plan = Plan::new(&description, self.registry).map_err(report)?;
+        Pipeline::build(&plan, self.registry).map_err(report)
+    }
+
+    /// Pixels that see more than one surface around their middles.
+    pub(crate) fn edges(&self, study: &Study, changes: &[Change]) -> Result<Mask, String> {
+        let mut changes = changes.to_vec();
+        let here = 0..0;
+        for text in ["film.aovs=[\"shape_id\"]", "sampler={ type = \"center\" }"] {
+            let text = text.to_owned();
+            changes.push(Change {
+                text,
+                span: here.clone(),
+            });
+        }
+        let film = self.build(study, &changes)?.render(self.render_options());
+        let ids = film.layers.first().map_or(&[][..], |(_, values)| values);
+        Ok(edges(film.width as usize, film.height as usize, ids))
+    }
+
+    fn render_options(&self) -> RenderOptions<'static> {
+        RenderOptions {
+            threads: self.options.threads,
+            progress: None,
+        }
+    }
+
+    /// Builds and renders once, for warmth and for the image.
+    pub(crate) fn first(
+        &mut self,
+        study: &Study,
+        engine: Engine,
+        changes: &[Change],
+    ) -> Result<(Ready, Shot), String> {
+        match engine {
+            Engine::Whitstone => {
+                let memory = Memory::start();
+                let pipeline = self.build(study, changes)?;
+                let mut shot = self.shoot_whitstone(&pipeline)?;
+                shot.memory = memory.grown();
+                Ok((Ready::Whitstone(Box::new(pipeline)), shot))
+            }
+            Engine::Mitsuba => {
+                let flattened = self.flatten(study, changes)?;
+                let mut shot = self.shoot_mitsuba(&flattened)?;
+                let (build_s, memory) = (shot.build_s, shot.memory);
+                // The first one compiles kernels: how long the second one takes says how many repeats there can be.
+                shot = self.shoot_mitsuba(&flattened)?;
+                (shot.build_s, shot.memory) = (build_s, memory);
+                if study.against == Against::Primitives {
+                    // It does not tell; the scene is the same.
+                    shot.primitives = Some(primitives(&self.build(study, changes)?));
+                }
+                Ok((Ready::Mitsuba(flattened), shot))
+            }
+            Engine::NaiveF64 | Engine::NaiveF32 => Err("textbook forms render no scenes".to_owned()),
+        }
+    }
+
+    fn shoot_whitstone(&self, pipeline: &Pipeline) -> Result<Shot, String> {
+        let start = processor_time();
+        let film = pipeline.render(self.render_options());
+        let cpu = processor_time() - start;
+        let image = film
+            .to_image(&pipeline.scene_hash)
+            .map_err(|error| error.to_string())?;
+        Ok(Shot {
+            image,
+            seconds: film.render_seconds,
+            cpu,
+            build_s: pipeline.build_seconds,
+            rays: film.counters.total(),
+            samples: film.samples,
+            primitives: Some(primitives(pipeline)),
+            memory: None,
+        })
+    }
+
+    fn shoot_mitsuba(&mut self, flattened: &Flattened) -> Result<Shot, String> {
+        let folder = tempfile::tempdir_in(self.cache.make()?).map_err(|error| error.to_string())?;
+        let out = std::path::absolute(folder.path().join("image.exr")).map_err(|error| error.to_string())?;
+        let rendered = self.drive(flattened, &out)?;
+        let image = exr_io::read(&out, Limits::IMAGE).map_err(|error| error.to_string())?;
+        Ok(Shot {
+            image,
+            seconds: rendered.seconds.trace,
+            cpu: rendered.seconds.cpu,
+            build_s: rendered.seconds.load,
+            rays: rendered.rays.closest + rendered.rays.shadow,
+            samples: rendered.samples,
+            primitives: None,
+            memory: rendered.memory,
+        })
+    }
+
+    fn drive(&mut self, flattened: &Flattened, out: &Path) -> Result<Rendered, String> {
+        let threads = self.options.threads;
+        let driver = self.mitsuba.as_mut().ok_or_else(|| self.absent.clone())?;
+        let text = SceneText {
+            text: &flattened.text,
+            base: &flattened.base,
+        };
+        let answer = driver.render(text, out, Setting::default(), threads);
+        if !matches!(
+            answer,
+            Ok(_) | Err(DriverError::Refused(_) | DriverError::Unsupported(_))
+        ) {
+            // It is gone, and with it everything that is still to be asked.
+            self.mitsuba = None;
+            self.absent = "its driver broke down".to_owned();
+        }
+        answer.map_err(|error| error.to_string())
+    }
+
+    /// How many repeats are enough, of what has room for some.
+    pub(crate) fn repeats(&self, study: &Study, affordable: usize) -> usize {
+        let wanted = study
+            .repeats
+            .map_or(self.options.repeats, |repeats| repeats as usize);
+        let wanted = self.options.forced_repeats.unwrap_or(wanted);
+        wanted.min(affordable)
+    }
+
+    /// A record without times.
+    pub(crate) fn record(&self, study: &Study, shot: &Shot, errors: Measured) -> Record {
+        let seconds = shot.seconds.max(1e-6);
+        let affordable = ((self.options.budget / seconds) as usize).max(FEWEST);
+        Record {
+            build_s: shot.build_s,
+            times: Vec::new(),
+            cpu: Vec::new(),
+            rays: shot.rays,
+            samples: shot.samples,
+            primitives: shot.primitives,
+            memory: shot.memory,
+            repeats: self.repeats(study, affordable),
+            affordable,
+            batch: ((SHORTEST / seconds).ceil() as u32).clamp(1, MOST_AT_ONCE),
+            errors,
+        }
+    }
+
+    /// One more repeat.
+    pub(crate) fn time(&mut self, ready: &Ready, record: &mut Record) -> Result<(), String> {
+        match ready {
+            Ready::Whitstone(pipeline) => {
+                let (clock, processor) = (Instant::now(), processor_time());
+                for _ in 0..record.batch {
+                    pipeline.render(self.render_options());
+                }
+                let batch = f64::from(record.batch);
+                record.times.push(clock.elapsed().as_secs_f64() / batch);
+                record.cpu.push((processor_time() - processor) / batch);
+            }
+            Ready::Mitsuba(flattened) => {
+                let shot = self.shoot_mitsuba(flattened)?;
+                record.times.push(shot.seconds);
+                record.cpu.push(shot.cpu);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn primitives(pipeline: &Pipeline) -> u64 {
+    pipeline.world.geometry.elements().count() as u64
+}
+
+fn texts(changes: &[Change]) -> Vec<String> {
+    changes.iter().map(|change| change.text.clone()).collect()
+}
+
+fn load(study: &Study, changes: &[Change]) -> Result<Sources, String> {
+    Sources::load(&study.scene_path, &texts(changes))
+        .map_err(|error| placed(study, changes, &error.sources, error.errors))
+}
+
+/// Errors of a changed scene: those in a change at the place in the study that makes it, the others where the scene has them.
+fn placed(study: &Study, changes: &[Change], sources: &Sources, errors: SceneErrors) -> String {
+    let mut ours = SceneErrors::default();
+    let mut theirs = SceneErrors::default();
+    for error in errors.0 {
+        let place = error.span.as_ref().and_then(|span| sources.position(span));
+        let change = place.and_then(|place| {
+            let text = place.file.strip_prefix("--set ")?.to_owned();
+            changes
+                .iter()
+                .rev()
+                .find(|change| change.text == text && !change.span.is_empty())
+        });
+        match change {
+            Some(change) => ours.0.push(SceneError {
+                span: Some(change.span.clone()),
+                ..error
+            }),
+            None => theirs.0.push(error),
+        }
+    }
+    let mut reports = Vec::new();
+    if !ours.0.is_empty() {
+        reports.push(study.report(&ours));
+    }
+    if !theirs.0.is_empty() {
+        reports.push(sources.report(&theirs, false));
+    }
+    reports.join("\n\n")
+}

@@ -1,0 +1,106 @@
+//! A study as a picture: error against time, and error against what the slope is taken of, on logarithmic axes.
+
+use crate::report::{Point, SeriesReport, StudyReport, interval};
+use crate::study::{Against, Engine};
+use whitstone_plot::{Axis, COLORS, Figure, HEIGHT, LEFT, SECOND, TOP, WIDTH};
+
+/// As an SVG file.
+pub fn svg(report: &StudyReport) -> String {
+    let series: Vec<&SeriesReport> = report
+        .series
+        .iter()
+        .filter(|series| !series.points.is_empty())
+        .collect();
+    let points = || series.iter().flat_map(|series| &series.points);
+    let floor = report.floor_rmse;
+    let bottom = TOP + HEIGHT;
+    // An error of exactly nothing would pull the axis down to where nothing is.
+    let errors = points().filter_map(|point| point.rmse).filter(|rmse| *rmse > 0.0);
+    let errors = Axis::around(errors.chain([floor]), bottom, TOP);
+    let times = Axis::around(points().filter_map(|point| point.seconds), LEFT, LEFT + WIDTH);
+    let works = points().filter_map(|point| work(point, report.against));
+    let works = Axis::around(works, SECOND, SECOND + WIDTH);
+    let mut figure = Figure::new(
+        &format!(
+            "{}: error against time and against {}",
+            report.study, &report.knob
+        ),
+        &format!("{}: {}", report.title, report.measure),
+        series.len().div_ceil(2),
+    );
+    figure.panel(LEFT, &times, &errors, "seconds");
+    figure.panel(SECOND, &works, &errors, &report.knob);
+    for left in [LEFT, SECOND] {
+        figure.level(left, errors.at(floor), "no claim below: the truth's own error");
+    }
+    // A colour for each configuration; Mitsuba's lines are dashed.
+    let mut names: Vec<&str> = Vec::new();
+    for series in &series {
+        if !names.contains(&name(series)) {
+            names.push(name(series));
+        }
+    }
+    for (number, series) in series.iter().enumerate() {
+        let color = names
+            .iter()
+            .position(|name| *name == series.configuration)
+            .unwrap_or(0);
+        let ink = COLORS[color % COLORS.len()];
+        let dashed = series.engine == Engine::Mitsuba;
+        let timed = |point: &Point| Some([times.at(point.seconds?), errors.at(point.rmse?)]);
+        let worked = |point: &Point| Some([works.at(work(point, report.against)?), errors.at(point.rmse?)]);
+        figure.polyline(ink, dashed, series.points.iter().filter_map(timed));
+        figure.polyline(ink, dashed, series.points.iter().filter_map(worked));
+        for point in &series.points {
+            let label = label(series, point);
+            if let (Some([from, to]), Some(rmse)) = (point.quartiles, point.rmse) {
+                figure.bar(times.at(from), times.at(to), errors.at(rmse), ink);
+            }
+            for place in [timed(point), worked(point)].into_iter().flatten() {
+                figure.dot(place, ink, point.above_floor, &label);
+            }
+        }
+        let column = LEFT + 450.0 * (number % 2) as f64;
+        let entry = format!(
+            "{}, {}: slope {}",
+            series.configuration,
+            series.engine.name(),
+            interval(series)
+        );
+        figure.legend(column, number / 2, ink, &entry);
+    }
+    figure.finish()
+}
+
+/// Textbook forms are configurations of their own.
+fn name(series: &SeriesReport) -> &str {
+    match series.engine {
+        Engine::Whitstone | Engine::Mitsuba => &series.configuration,
+        engine => engine.name(),
+    }
+}
+
+fn work(point: &Point, against: Against) -> Option<f64> {
+    let x = match against {
+        Against::Samples => f64::from(point.samples?),
+        Against::Rays => point.rays? as f64,
+        Against::Primitives => point.primitives? as f64,
+        Against::Value => point.value?,
+    };
+    (x > 0.0).then_some(x)
+}
+
+/// What a point is, and how to have it again.
+fn label(series: &SeriesReport, point: &Point) -> String {
+    let number = |value: Option<f64>| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.2e}"));
+    format!(
+        "{}, {}, {}: RMSE {}, {} s{}\n{}",
+        series.engine.name(),
+        series.configuration,
+        point.setting,
+        number(point.rmse),
+        number(point.seconds),
+        if point.noisy { ", noisy" } else { "" },
+        point.command
+    )
+}

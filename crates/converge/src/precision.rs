@@ -1,0 +1,88 @@
+//! A family of stress cases as a study: the same rays by robust and by textbook forms, error against time for one of them.
+
+use crate::lab::Lab;
+use crate::report::{Point, SeriesReport, StudyReport, TruthReport};
+use crate::study::{Engine, Series, Setting, Study};
+use whitstone_core::{SceneError, nearest};
+use whitstone_stress::{FAMILIES, FamilyReport};
+
+/// Questions at each step of the knob.
+const RAYS: usize = 400;
+/// What the oracle's answers are rounded to before errors are taken.
+const FLOOR: f64 = f64::EPSILON / 2.0;
+
+impl Lab<'_> {
+    /// The study of a family. What is called the root mean square elsewhere is the family's own measure here, at its largest.
+    pub(crate) fn measure_family(
+        &mut self,
+        study: &Study,
+        told: &dyn Fn(&str),
+    ) -> Result<StudyReport, String> {
+        let Some(name) = &study.stress else {
+            return Err("no family".to_owned());
+        };
+        let family = FAMILIES.iter().find(|family| family.about().name == name.text);
+        let family = family.ok_or_else(|| {
+            let message = format!("there is no family of stress cases \"{}\"", name.text);
+            let mut error = SceneError::at(name.span.clone(), message);
+            let near = nearest(&name.text, FAMILIES.iter().map(|family| family.about().name));
+            error.help = near.map(|near| format!("did you mean \"{near}\"?"));
+            study.report(&error.into())
+        })?;
+        let about = family.about();
+        let lab = whitstone_stress::Lab::new(self.registry, self.mitsuba.take(), RAYS);
+        let report = FamilyReport::measure(*family, &lab, &|knob| told(&format!("{knob:e}")));
+        self.mitsuba = lab.into_driver();
+        let report = report?;
+        let series = report.engines.iter().map(|engine| {
+            let command = format!("{} stress {} --steps", self.options.program, about.name);
+            let points = engine.steps.iter().map(|step| {
+                let setting = Setting {
+                    label: format!("{}={:e}", about.knob, step.knob),
+                    value: Some(step.knob),
+                    changes: Vec::new(),
+                };
+                let mut point = Point::new(&setting, Err(&String::new()), command.clone());
+                point.problem = None;
+                point.seconds = step.ns_per_op.map(|ns| 1e-9 * ns);
+                point.rmse = Some(step.error).filter(|error| error.is_finite());
+                point.max = point.rmse;
+                point
+            });
+            let of = Series {
+                name: about.name.to_owned(),
+                engine: engine_of(engine.engine),
+                set: Vec::new(),
+                settings: Vec::new(),
+                slope: None,
+            };
+            SeriesReport::new(
+                &of,
+                points.collect(),
+                FLOOR,
+                study.against,
+                engine.absent.as_deref(),
+            )
+        });
+        let truth = TruthReport {
+            engine: Engine::Whitstone,
+            configuration: "the oracle, with as many digits as it takes".to_owned(),
+            of_series: false,
+            checks: Vec::new(),
+            command: self.command(study),
+        };
+        let mut found = StudyReport::new(study, truth, FLOOR, series.collect(), Vec::new());
+        found.measure = about.measure.to_owned();
+        found.knob = about.knob.to_owned();
+        Ok(found)
+    }
+}
+
+fn engine_of(engine: whitstone_stress::Engine) -> Engine {
+    match engine {
+        whitstone_stress::Engine::Whitstone => Engine::Whitstone,
+        whitstone_stress::Engine::Mitsuba => Engine::Mitsuba,
+        whitstone_stress::Engine::NaiveF64 => Engine::NaiveF64,
+        whitstone_stress::Engine::NaiveF32 => Engine::NaiveF32,
+    }
+}

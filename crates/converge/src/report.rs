@@ -1,0 +1,596 @@
+//! What a study came to, and what of it may be claimed.
+
+use crate::cache::Record;
+use crate::errors::Measured;
+use crate::statistics::{Slope, Times, pareto, time_to};
+use crate::study::{Against, Engine, Series, Setting, Study};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Component, Path, PathBuf};
+
+/// An error is claimed only if it is this many times the floor of the truth.
+const ABOVE_FLOOR: f64 = 2.0;
+/// A time whose quartiles are farther apart than this fraction of its median is noisy.
+const NOISY: f64 = 0.3;
+/// A ratio whose bounds are farther apart than this factor is noisy.
+const NOISY_RATIO: f64 = 2.0;
+
+/// One setting of a configuration.
+#[derive(Clone, Debug, Serialize)]
+pub struct Point {
+    /// Such as `sampler.n=4`.
+    pub setting: String,
+    /// Its value, if it is a number.
+    pub value: Option<f64>,
+    /// Median wall time of the rendering; none where it failed.
+    pub seconds: Option<f64>,
+    /// Between the quartiles of that time.
+    pub spread: Option<f64>,
+    /// Quartiles.
+    pub quartiles: Option<[f64; 2]>,
+    /// How many times were taken.
+    pub repeats: usize,
+    /// Whether the times spread or drift too much.
+    pub noisy: bool,
+    /// Median processor time of all threads.
+    pub cpu_seconds: Option<f64>,
+    /// Building the scene.
+    pub build_seconds: Option<f64>,
+    /// Bytes that building and rendering took at most.
+    pub memory_bytes: Option<u64>,
+    /// Rays traced.
+    pub rays: Option<u64>,
+    /// Samples a pixel.
+    pub samples: Option<u32>,
+    /// Triangles and other primitives.
+    pub primitives: Option<u64>,
+    /// Over all pixels.
+    pub rmse: Option<f64>,
+    /// Over all pixels.
+    pub relmse: Option<f64>,
+    /// Over all pixels.
+    pub max: Option<f64>,
+    /// All errors, of the interior too.
+    pub errors: Option<Measured>,
+    /// Whether the error is large enough beside the truth's own to be claimed.
+    pub above_floor: bool,
+    /// Whether no other point of its engine is both faster and nearer to the truth.
+    pub pareto: bool,
+    /// Renders it again.
+    pub command: String,
+    /// Why it is not there, or only partly.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub problem: Option<String>,
+}
+
+impl Point {
+    pub(crate) fn new(setting: &Setting, record: Result<&Record, &String>, command: String) -> Self {
+        let known = record.ok();
+        let times = known.and_then(|record| Times::of(&record.times));
+        let errors = known.map(|record| record.errors);
+        let missing = known.filter(|record| !record.is_complete());
+        let missing =
+            missing.map(|record| format!("only {} of {} repeats", record.times.len(), record.repeats));
+        Self {
+            setting: setting.label.clone(),
+            value: setting.value,
+            seconds: times.map(|times| times.median),
+            spread: times.map(|times| times.spread()),
+            quartiles: times.map(|times| [times.lower, times.upper]),
+            repeats: known.map_or(0, |record| record.times.len()),
+            noisy: times.is_some_and(|times| times.drifts || times.spread() > NOISY * times.median),
+            cpu_seconds: known
+                .and_then(|record| Times::of(&record.cpu))
+                .map(|times| times.median),
+            build_seconds: known.map(|record| record.build_s),
+            memory_bytes: known.and_then(|record| record.memory),
+            rays: known.map(|record| record.rays),
+            samples: known.map(|record| record.samples),
+            primitives: known.and_then(|record| record.primitives),
+            rmse: errors.map(|errors| errors.whole.rmse),
+            relmse: errors.map(|errors| errors.whole.relmse),
+            max: errors.map(|errors| errors.whole.max),
+            errors,
+            above_floor: false,
+            pareto: false,
+            command,
+            problem: record.err().cloned().or(missing),
+        }
+    }
+
+    /// Time and error, where both are there and may be claimed.
+    fn claimed(&self) -> Option<[f64; 2]> {
+        let whole = self.errors.is_some_and(|errors| errors.finite == 1.0);
+        Some([self.seconds?, self.rmse?]).filter(|_| self.above_floor && whole)
+    }
+}
+
+/// When an error is reached.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Reached {
+    /// Interpolated between two points, straight on logarithmic axes.
+    pub seconds: f64,
+    /// The same with the lower and the upper quartiles of both.
+    pub interval: [f64; 2],
+}
+
+/// A configuration over all its settings.
+#[derive(Clone, Debug, Serialize)]
+pub struct SeriesReport {
+    /// Who rendered.
+    pub engine: Engine,
+    /// As the study calls it.
+    pub configuration: String,
+    /// In the order of the study.
+    pub points: Vec<Point>,
+    /// Of the error against what the study says, on logarithmic axes.
+    pub slope: Option<f64>,
+    /// Where it lies with 95%.
+    pub slope_interval: Option<[f64; 2]>,
+    /// Where the study says that it lies.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_slope: Option<[f64; 2]>,
+    /// Errors that lie between two of its points.
+    pub time_to: BTreeMap<String, Reached>,
+    /// Why it takes no part.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub absent: Option<String>,
+}
+
+impl SeriesReport {
+    pub(crate) fn new(
+        series: &Series,
+        mut points: Vec<Point>,
+        floor: f64,
+        against: Against,
+        absent: Option<&str>,
+    ) -> Self {
+        for point in &mut points {
+            point.above_floor = point.rmse.is_some_and(|rmse| rmse > ABOVE_FLOOR * floor);
+        }
+        let steps: Vec<[f64; 2]> = points.iter().filter_map(|point| step(point, against)).collect();
+        let fit = Slope::fit(&steps);
+        Self {
+            engine: series.engine,
+            configuration: series.name.clone(),
+            slope: fit.map(|fit| fit.slope),
+            slope_interval: fit.map(|fit| fit.interval),
+            expected_slope: series.slope,
+            points,
+            time_to: BTreeMap::new(),
+            absent: absent.map(str::to_owned),
+        }
+    }
+
+    fn reach(&mut self, level: f64) {
+        let points: Vec<&Point> = self
+            .points
+            .iter()
+            .filter(|point| point.claimed().is_some())
+            .collect();
+        let axes: Vec<[f64; 2]> = points.iter().filter_map(|point| point.claimed()).collect();
+        let Some((seconds, between)) = time_to(&axes, level) else {
+            return;
+        };
+        // The same point of the way, with other times at both ends.
+        let at = |which: usize| {
+            let ends =
+                between.map(|index| [points[index].quartiles.unwrap_or_default()[which], axes[index][1]]);
+            if between[0] == between[1] {
+                return ends[0][0];
+            }
+            let part = (ends[0][1] / level).ln() / (ends[0][1] / ends[1][1]).ln();
+            ends[0][0] * (ends[1][0] / ends[0][0]).powf(part)
+        };
+        let interval = [at(0), at(1)];
+        self.time_to
+            .insert(level_name(level), Reached { seconds, interval });
+    }
+
+    fn name(&self) -> String {
+        format!("{} ({})", self.configuration, self.engine.name())
+    }
+}
+
+/// What the slope is taken of.
+fn step(point: &Point, against: Against) -> Option<[f64; 2]> {
+    let x = match against {
+        Against::Samples => f64::from(point.samples?),
+        Against::Rays => point.rays? as f64,
+        Against::Primitives => point.primitives? as f64,
+        Against::Value => point.value?,
+    };
+    let rmse = point
+        .rmse
+        .filter(|_| point.above_floor && point.errors.is_some_and(|e| e.finite == 1.0))?;
+    (x > 0.0 && rmse > 0.0).then_some([x, rmse])
+}
+
+/// As keys are written: `1e-2`.
+pub fn level_name(level: f64) -> String {
+    format!("{level:e}")
+}
+
+/// An error reached by both engines, each with its best configuration.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct TimeTo {
+    /// The error.
+    pub error: f64,
+    /// Ours.
+    pub whitstone_s: Option<f64>,
+    /// With which configuration.
+    pub whitstone: Option<String>,
+    /// Mitsuba's.
+    pub mitsuba_s: Option<f64>,
+    /// With which configuration.
+    pub mitsuba: Option<String>,
+    /// Ours over Mitsuba's.
+    pub ratio: Option<f64>,
+    /// With quartiles in the place of medians, at their worst.
+    pub ratio_interval: Option<[f64; 2]>,
+    /// Whether that says too little.
+    pub noisy: bool,
+}
+
+/// How a study ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// All that it claims holds.
+    Pass,
+    /// Something that it expects does not hold.
+    Fails,
+    /// Some settings could not be measured; another run goes on from there.
+    Incomplete,
+    /// The truth is not true enough for any claim.
+    Withheld,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Pass => "pass",
+            Self::Fails => "FAILS",
+            Self::Incomplete => "INCOMPLETE",
+            Self::Withheld => "WITHHELD",
+        })
+    }
+}
+
+/// What the errors are measured against.
+#[derive(Clone, Debug, Serialize)]
+pub struct TruthReport {
+    /// Who rendered it.
+    pub engine: Engine,
+    /// Its changes of the scene.
+    pub configuration: String,
+    /// Whether each series has one of its own.
+    pub of_series: bool,
+    /// Other renderings of it; the floor is the largest distance to them.
+    pub checks: Vec<String>,
+    /// Measures all of this again.
+    pub command: String,
+}
+
+/// A study with its claims.
+#[derive(Clone, Debug, Serialize)]
+pub struct StudyReport {
+    /// Its name.
+    pub study: String,
+    /// One line.
+    pub title: String,
+    /// What it is to show.
+    pub about: String,
+    /// The scene that is changed.
+    pub scene: String,
+    /// What the errors are measured against.
+    pub truth: TruthReport,
+    /// The truth's own error: nothing is claimed below it.
+    pub floor_rmse: f64,
+    /// What slopes are taken against.
+    pub against: Against,
+    /// What stands for the error.
+    pub measure: String,
+    /// What the value is, where slopes are taken against it.
+    pub knob: String,
+    /// Everything that was measured.
+    pub series: Vec<SeriesReport>,
+    /// By error, such as `1e-2`.
+    pub time_to: BTreeMap<String, TimeTo>,
+    /// Whether the times spread too much for one of the ratios or, without those, for most of the points.
+    pub noisy: bool,
+    /// All in all.
+    pub verdict: Verdict,
+    /// What does not hold, what could not be measured.
+    pub problems: Vec<String>,
+    /// What is not claimed, and why.
+    pub withheld: Vec<String>,
+    /// Whether this is the quick form.
+    pub quick: bool,
+}
+
+impl StudyReport {
+    pub(crate) fn new(
+        study: &Study,
+        truth: TruthReport,
+        floor: f64,
+        mut series: Vec<SeriesReport>,
+        notes: Vec<String>,
+    ) -> Self {
+        for level in &study.levels {
+            series.iter_mut().for_each(|series| series.reach(*level));
+        }
+        mark_fronts(&mut series);
+        let time_to: BTreeMap<String, TimeTo> = study
+            .levels
+            .iter()
+            .map(|level| (level_name(*level), best(&series, *level)))
+            .collect();
+        let compared: Vec<&TimeTo> = time_to.values().filter(|both| both.ratio.is_some()).collect();
+        let points: Vec<&Point> = series.iter().flat_map(|series| &series.points).collect();
+        let noisy = match compared.is_empty() {
+            true => 2 * points.iter().filter(|point| point.noisy).count() > points.len(),
+            false => compared.iter().any(|both| both.noisy),
+        };
+        let mut report = Self {
+            study: study.name.clone(),
+            title: study.title.clone(),
+            about: study.about.clone(),
+            scene: plain_path(&study.scene_path),
+            truth,
+            floor_rmse: floor,
+            against: study.against,
+            measure: "RMSE".to_owned(),
+            knob: study.against.name().to_owned(),
+            time_to,
+            noisy,
+            verdict: Verdict::Pass,
+            problems: Vec::new(),
+            withheld: notes,
+            quick: study.quick,
+            series,
+        };
+        report.withhold();
+        let fails = report.expectations(study);
+        let partial = report.partial();
+        report.verdict = if !fails.is_empty() {
+            Verdict::Fails
+        } else if !partial.is_empty() {
+            Verdict::Incomplete
+        } else if report.nothing_to_claim() {
+            Verdict::Withheld
+        } else {
+            Verdict::Pass
+        };
+        report.problems = [fails, partial].concat();
+        report
+    }
+
+    /// The errors to be reached with who reaches them when, the largest error first.
+    pub fn levels(&self) -> Vec<(&str, &TimeTo)> {
+        let mut levels: Vec<(&str, &TimeTo)> =
+            self.time_to.iter().map(|(name, both)| (&**name, both)).collect();
+        levels.sort_by(|a, b| b.1.error.total_cmp(&a.1.error));
+        levels
+    }
+
+    fn measured(&self) -> impl Iterator<Item = &Point> {
+        self.series
+            .iter()
+            .flat_map(|series| &series.points)
+            .filter(|point| point.rmse.is_some())
+    }
+
+    fn nothing_to_claim(&self) -> bool {
+        self.measured().count() > 0 && !self.measured().any(|point| point.above_floor)
+    }
+
+    /// Says what the floor leaves no claim of.
+    fn withhold(&mut self) {
+        let mut told = Vec::new();
+        for series in &self.series {
+            let points = || series.points.iter().filter(|point| point.rmse.is_some());
+            let below: Vec<&str> = points()
+                .filter(|point| !point.above_floor)
+                .map(|point| &*point.setting)
+                .collect();
+            let all = points().count();
+            if below.is_empty() {
+                continue;
+            }
+            let floor = self.floor_rmse;
+            told.push(if below.len() == all {
+                format!(
+                    "{}: the truth has not converged: its own error, {floor:.1e}, is not well below any of the errors here",
+                    series.name()
+                )
+            } else {
+                format!("{}: no claim about {}: within {ABOVE_FLOOR} times the truth's own error, {floor:.1e}", series.name(), below.join(", "))
+            });
+        }
+        self.withheld.extend(told);
+    }
+
+    /// What could not be measured.
+    fn partial(&self) -> Vec<String> {
+        let mut told = Vec::new();
+        for series in &self.series {
+            for point in &series.points {
+                if let Some(problem) = &point.problem {
+                    told.push(format!("{}, {}: {problem}", series.name(), point.setting));
+                }
+                if let Some(errors) = point.errors.filter(|errors| errors.finite < 1.0) {
+                    let part = 100.0 * (1.0 - errors.finite);
+                    told.push(format!(
+                        "{}, {}: {part:.3}% of the pixels are not finite",
+                        series.name(),
+                        point.setting
+                    ));
+                }
+            }
+        }
+        told
+    }
+
+    /// What is expected and does not hold.
+    fn expectations(&self, study: &Study) -> Vec<String> {
+        let mut fails = Vec::new();
+        for series in self.series.iter().filter(|series| series.absent.is_none()) {
+            let Some([least, most]) = series.expected_slope else {
+                continue;
+            };
+            match series.slope {
+                Some(slope) if (least..=most).contains(&slope) => {}
+                Some(slope) => fails.push(format!(
+                    "{}: the slope is {slope:.3}, expected {least} to {most}",
+                    series.name()
+                )),
+                None => fails.push(format!("{}: no slope, expected {least} to {most}", series.name())),
+            }
+        }
+        for [steeper, flatter] in &study.expect.steeper {
+            for engine in [Engine::Whitstone, Engine::Mitsuba] {
+                let of = |name: &str| {
+                    let mut all = self.series.iter().filter(|series| series.engine == engine);
+                    all.find(|series| series.configuration == name && series.absent.is_none())
+                };
+                let (Some(a), Some(b)) = (of(steeper), of(flatter)) else {
+                    continue;
+                };
+                let apart = a
+                    .slope_interval
+                    .zip(b.slope_interval)
+                    .is_some_and(|(a, b)| a[1] < b[0]);
+                if !apart {
+                    fails.push(format!(
+                        "{} does not fall faster than {}: slopes {} and {}",
+                        a.name(),
+                        b.name(),
+                        interval(a),
+                        interval(b)
+                    ));
+                }
+            }
+        }
+        if study.expect.same_error {
+            fails.extend(self.unequal());
+        }
+        for level in &study.expect.reached {
+            let name = level_name(*level);
+            if !self
+                .time_to
+                .get(&name)
+                .is_some_and(|both| both.whitstone_s.is_some())
+            {
+                fails.push(format!(
+                    "whitstone does not reach an error of {name} between two settings"
+                ));
+            }
+        }
+        fails
+    }
+
+    /// Series whose errors differ from those of the first one of their engine.
+    fn unequal(&self) -> Vec<String> {
+        let mut fails = Vec::new();
+        for engine in [Engine::Whitstone, Engine::Mitsuba] {
+            let mut of = self
+                .series
+                .iter()
+                .filter(|series| series.engine == engine && series.absent.is_none());
+            let Some(first) = of.next() else { continue };
+            for series in of {
+                for (a, b) in first.points.iter().zip(&series.points) {
+                    if a.rmse.map(f64::to_bits) != b.rmse.map(f64::to_bits) {
+                        fails.push(format!(
+                            "{} and {} differ in the error at {}: {} and {}",
+                            first.name(),
+                            series.name(),
+                            b.setting,
+                            optional(a.rmse),
+                            optional(b.rmse)
+                        ));
+                    }
+                }
+            }
+        }
+        fails
+    }
+}
+
+/// Without the steps into a folder and out of it again.
+fn plain_path(path: &Path) -> String {
+    let mut parts: Vec<Component<'_>> = Vec::new();
+    for part in path.components() {
+        match (part, parts.last()) {
+            (Component::ParentDir, Some(Component::Normal(_))) => drop(parts.pop()),
+            _ => parts.push(part),
+        }
+    }
+    let plain: PathBuf = parts.into_iter().collect();
+    plain.display().to_string().replace('\\', "/")
+}
+
+/// For people.
+pub(crate) fn optional(value: Option<f64>) -> String {
+    value.map_or_else(|| "–".to_owned(), |value| format!("{value:.2e}"))
+}
+
+/// A slope with its interval, for people.
+pub(crate) fn interval(series: &SeriesReport) -> String {
+    match (series.slope, series.slope_interval) {
+        (Some(slope), Some([least, most])) => format!("{slope:.2} ({least:.2} to {most:.2})"),
+        _ => "–".to_owned(),
+    }
+}
+
+/// Marks the points that no other of the same engine beats.
+fn mark_fronts(series: &mut [SeriesReport]) {
+    for engine in [Engine::Whitstone, Engine::Mitsuba] {
+        let mut places = Vec::new();
+        let mut axes = Vec::new();
+        for (number, of) in series.iter().enumerate().filter(|(_, of)| of.engine == engine) {
+            for (index, point) in of.points.iter().enumerate() {
+                if let Some(claimed) = point.claimed() {
+                    places.push((number, index));
+                    axes.push(claimed);
+                }
+            }
+        }
+        for index in pareto(&axes) {
+            let (number, point) = places[index];
+            series[number].points[point].pareto = true;
+        }
+    }
+}
+
+fn best(series: &[SeriesReport], error: f64) -> TimeTo {
+    let level = &level_name(error);
+    let of = |engine: Engine| {
+        let all = series.iter().filter(|series| series.engine == engine);
+        let reached = all.filter_map(|series| Some((series, series.time_to.get(level)?)));
+        reached.min_by(|a, b| a.1.seconds.total_cmp(&b.1.seconds))
+    };
+    let (ours, theirs) = (of(Engine::Whitstone), of(Engine::Mitsuba));
+    let name =
+        |found: Option<(&SeriesReport, &Reached)>| found.map(|(series, _)| series.configuration.clone());
+    let seconds = |found: Option<(&SeriesReport, &Reached)>| found.map(|(_, reached)| reached.seconds);
+    let both = ours.zip(theirs).map(|((_, ours), (_, theirs))| {
+        let bounds = [
+            ours.interval[0] / theirs.interval[1],
+            ours.interval[1] / theirs.interval[0],
+        ];
+        (ours.seconds / theirs.seconds, bounds)
+    });
+    TimeTo {
+        error,
+        whitstone_s: seconds(ours),
+        whitstone: name(ours),
+        mitsuba_s: seconds(theirs),
+        mitsuba: name(theirs),
+        ratio: both.map(|(ratio, _)| ratio),
+        ratio_interval: both.map(|(_, bounds)| bounds),
+        noisy: both.is_some_and(|(_, [least, most])| !(most / least <= NOISY_RATIO)),
+    }
+}

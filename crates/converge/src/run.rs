@@ -1,0 +1,282 @@
+//! A study measured: the truth first, then every configuration once, then all of them again and again, in turns.
+
+use crate::cache::{Cache, Record};
+use crate::errors::{Measured, rounding};
+use crate::lab::{Lab, Ready};
+use crate::report::{Point, SeriesReport, StudyReport, TruthReport};
+use crate::study::{Engine, Series, Study, Truth};
+use whitstone_image::{Image, Mask};
+use whitstone_validate::quoted;
+
+/// A setting of a series on its way to a point.
+struct Job<'s> {
+    series: usize,
+    setting: usize,
+    /// Of the cache; empty where there is no scene.
+    key: String,
+    ready: Option<Ready>,
+    record: Result<Record, String>,
+    study: &'s Study,
+}
+
+/// What is taken for true.
+struct True {
+    /// Of its pixels.
+    hash: String,
+    image: Image,
+    edges: Mask,
+    floor: f64,
+}
+
+impl Lab<'_> {
+    /// Measures a study. `told` is what goes on.
+    ///
+    /// # Errors
+    ///
+    /// If the study or its scene is wrong, or there is no truth. What fails after that is in the report.
+    pub fn measure(&mut self, study: &Study, told: &dyn Fn(&str)) -> Result<StudyReport, String> {
+        if study.stress.is_some() {
+            #[cfg(feature = "stress")]
+            return self.measure_family(study, told);
+            #[cfg(not(feature = "stress"))]
+            return Err(format!("{}: built without the feature `stress`", study.name));
+        }
+        self.check(study)?;
+        let mut truths = Vec::new();
+        let mut problems = Vec::new();
+        let takes_part: Vec<&Series> = study
+            .series
+            .iter()
+            .filter(|series| self.absent(series.engine).is_none())
+            .collect();
+        for (number, series) in study.series.iter().enumerate() {
+            if number == 0 || study.truth_of_series {
+                told("the truth");
+                truths.push(self.truth(study, series, &mut problems)?);
+            }
+        }
+        let truth_of = |series: usize| &truths[series.min(truths.len() - 1)];
+        let mut jobs = Vec::new();
+        for (series, of) in study.series.iter().enumerate() {
+            if !takes_part.iter().any(|part| std::ptr::eq(*part, of)) {
+                continue;
+            }
+            for setting in 0..of.settings.len() {
+                told(&format!(
+                    "{}, {}: {}",
+                    of.name,
+                    of.engine.name(),
+                    of.settings[setting].label
+                ));
+                jobs.push(self.first_look(study, series, setting, truth_of(series)));
+            }
+        }
+        self.rounds(&mut jobs, told);
+        let series = study.series.iter().enumerate().map(|(number, of)| {
+            let points = jobs
+                .iter()
+                .filter(|job| job.series == number)
+                .map(|job| self.point(job));
+            let absent = self
+                .absent(of.engine)
+                .filter(|_| !jobs.iter().any(|job| job.series == number));
+            SeriesReport::new(
+                of,
+                points.collect(),
+                truth_of(number).floor,
+                study.against,
+                absent,
+            )
+        });
+        let series: Vec<SeriesReport> = series.collect();
+        let floor = truths.iter().map(|truth| truth.floor).fold(0.0, f64::max);
+        let truth = self.truth_report(study);
+        Ok(StudyReport::new(study, truth, floor, series, problems))
+    }
+
+    /// Builds the first and the last setting of each series: an unknown path is told before anything is rendered.
+    fn check(&self, study: &Study) -> Result<(), String> {
+        let mut reports: Vec<String> = Vec::new();
+        for series in &study.series {
+            let ends = [series.settings.first(), series.settings.last()];
+            for setting in ends.into_iter().flatten() {
+                if let Err(report) = self.build(study, &study.changes(series, setting))
+                    && !reports.contains(&report)
+                {
+                    reports.push(report);
+                }
+            }
+        }
+        if reports.is_empty() {
+            Ok(())
+        } else {
+            Err(reports.join("\n\n"))
+        }
+    }
+
+    /// The truth of a series, and how far other renderings of it are away.
+    fn truth(&mut self, study: &Study, series: &Series, problems: &mut Vec<String>) -> Result<True, String> {
+        let image = self.true_image(study, series, &study.truth)?;
+        let edges = self.edges(study, &study.truth_changes(&study.truth, series))?;
+        let mut floor = rounding(&image);
+        for check in &study.checks {
+            if let Some(why) = self.absent(check.engine) {
+                problems.push(format!(
+                    "the truth is not checked by {}: {why}",
+                    check.engine.name()
+                ));
+                continue;
+            }
+            let other = self.true_image(study, series, check)?;
+            let apart = Measured::between(&other, &image, &edges)?;
+            if apart.finite < 1.0 {
+                return Err(format!(
+                    "{}: the truth has values that are not finite",
+                    study.name
+                ));
+            }
+            floor = floor.max(apart.whole.rmse);
+        }
+        Ok(True {
+            hash: Cache::key(&[&format!("{:?}", image.rgb()), &format!("{:?}", edges.as_slice())]),
+            image,
+            edges,
+            floor,
+        })
+    }
+
+    fn true_image(&mut self, study: &Study, series: &Series, truth: &Truth) -> Result<Image, String> {
+        let changes = study.truth_changes(truth, series);
+        let flattened = self.flatten(study, &changes)?;
+        let key = self.key("truth", truth.engine, &flattened, "");
+        if let Some(image) = self.cache.image(&key) {
+            return Ok(image);
+        }
+        if let Some(why) = self.absent(truth.engine) {
+            return Err(format!(
+                "{}: the truth is that of {}: {why}",
+                study.name,
+                truth.engine.name()
+            ));
+        }
+        let (_, shot) = self.first(study, truth.engine, &changes)?;
+        self.cache.keep_image(&key, &shot.image)?;
+        Ok(shot.image)
+    }
+
+    /// Renders a setting once and measures its error, or takes what is known of it.
+    fn first_look<'s>(&mut self, study: &'s Study, series: usize, setting: usize, truth: &True) -> Job<'s> {
+        let mut job = Job {
+            series,
+            setting,
+            key: String::new(),
+            ready: None,
+            record: Err(String::new()),
+            study,
+        };
+        job.record = self.look(&mut job, truth);
+        job
+    }
+
+    fn look(&mut self, job: &mut Job<'_>, truth: &True) -> Result<Record, String> {
+        let (study, series) = (job.study, &job.study.series[job.series]);
+        let changes = study.changes(series, &series.settings[job.setting]);
+        let flattened = self.flatten(study, &changes)?;
+        job.key = self.key("point", series.engine, &flattened, &truth.hash);
+        let known = self.cache.record(&job.key).map(|record| Record {
+            // More may be asked for than the last time.
+            repeats: self.repeats(study, record.affordable),
+            ..record
+        });
+        if let Some(record) = known.clone().filter(Record::is_complete) {
+            return Ok(record);
+        }
+        let (ready, shot) = self.first(study, series.engine, &changes)?;
+        let errors = Measured::between(&shot.image, &truth.image, &truth.edges)?;
+        let mut record = self.record(study, &shot, errors);
+        // The times of a run that was broken off still count.
+        if let Some(known) = known {
+            (record.times, record.cpu) = (known.times, known.cpu);
+        }
+        self.cache.keep(&job.key, &record)?;
+        job.ready = Some(ready);
+        Ok(record)
+    }
+
+    /// Every configuration once in each round, forwards and backwards in turns, so that what disturbs the machine for a while, or
+    /// slows it down more and more, disturbs all alike.
+    fn rounds(&mut self, jobs: &mut [Job<'_>], told: &dyn Fn(&str)) {
+        let rounds = jobs
+            .iter()
+            .filter_map(|job| job.record.as_ref().ok())
+            .map(|record| record.repeats)
+            .max();
+        for round in 0..rounds.unwrap_or(0) {
+            let mut order: Vec<usize> = (0..jobs.len()).collect();
+            if round % 2 == 1 {
+                order.reverse();
+            }
+            for index in order {
+                let job = &mut jobs[index];
+                let (Some(ready), Ok(record)) = (&job.ready, &mut job.record) else {
+                    continue;
+                };
+                if record.times.len() > round || record.is_complete() {
+                    continue;
+                }
+                told(&format!("round {} of {}", round + 1, rounds.unwrap_or(0)));
+                let timed = self.time(ready, record);
+                let kept = timed.and_then(|()| self.cache.keep(&job.key, record));
+                if let Err(problem) = kept {
+                    // What was measured before stays in the cache; the next run goes on from there.
+                    job.record = Err(problem);
+                }
+            }
+        }
+    }
+
+    fn point(&self, job: &Job<'_>) -> Point {
+        let (study, series) = (job.study, &job.study.series[job.series]);
+        let setting = &series.settings[job.setting];
+        let changes = study.changes(series, setting);
+        let command = match series.engine {
+            Engine::Whitstone => {
+                let sets: String = changes
+                    .iter()
+                    .map(|change| format!(" --set {}", quoted(&change.text)))
+                    .collect();
+                let scene = quoted(&study.scene_path.display().to_string());
+                format!("{} render {scene}{sets} -o ours.exr", self.options.program)
+            }
+            _ => self.command(study),
+        };
+        Point::new(setting, job.record.as_ref(), command)
+    }
+
+    /// Measures this study again.
+    pub(crate) fn command(&self, study: &Study) -> String {
+        let quick = if study.quick { " --quick" } else { "" };
+        let file = quoted(study.sources.name());
+        format!("{} converge {file}{quick}", self.options.program)
+    }
+
+    fn truth_report(&self, study: &Study) -> TruthReport {
+        let texts =
+            |truth: &Truth| -> Vec<String> { truth.set.iter().map(|change| change.text.clone()).collect() };
+        TruthReport {
+            engine: study.truth.engine,
+            configuration: texts(&study.truth).join(" "),
+            of_series: study.truth_of_series,
+            checks: study
+                .checks
+                .iter()
+                .map(|check| {
+                    format!("{} {}", check.engine.name(), texts(check).join(" "))
+                        .trim()
+                        .to_owned()
+                })
+                .collect(),
+            command: self.command(study),
+        }
+    }
+}

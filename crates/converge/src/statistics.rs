@@ -1,0 +1,195 @@
+//! Medians, slopes and what lies between points, on logarithmic axes.
+
+use serde::Serialize;
+
+/// The middle of repeated times, and how far they spread.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Times {
+    /// In seconds.
+    pub median: f64,
+    /// A quarter of the times is below.
+    pub lower: f64,
+    /// A quarter of the times is above.
+    pub upper: f64,
+    /// Whether the first half of the repeats disagrees with the second by more than the spread: the machine had other things to do.
+    pub drifts: bool,
+}
+
+impl Times {
+    /// Of times in the order in which they were taken; none without any.
+    pub fn of(times: &[f64]) -> Option<Self> {
+        if times.is_empty() || !times.iter().all(|time| time.is_finite()) {
+            return None;
+        }
+        let [lower, median, upper] = [0.25, 0.5, 0.75].map(|part| quantile(times, part));
+        let spread = upper - lower;
+        let (first, second) = times.split_at(times.len() / 2);
+        let apart = (quantile(first, 0.5) - quantile(second, 0.5)).abs();
+        Some(Self {
+            median,
+            lower,
+            upper,
+            // Of fewer than four a half has no middle. A tenth is within what no one would claim.
+            drifts: times.len() >= 4 && apart > spread.max(0.1 * median),
+        })
+    }
+
+    /// Between the quartiles, in seconds.
+    pub fn spread(&self) -> f64 {
+        self.upper - self.lower
+    }
+}
+
+/// Linear between the values in order; NaN for none.
+fn quantile(values: &[f64], part: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let Some(last) = sorted.len().checked_sub(1) else {
+        return f64::NAN;
+    };
+    let place = part * last as f64;
+    let below = place.floor() as usize;
+    let above = (below + 1).min(last);
+    sorted[below] + (place - below as f64) * (sorted[above] - sorted[below])
+}
+
+/// A straight line through points on logarithmic axes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Slope {
+    /// Of the least squares.
+    pub slope: f64,
+    /// Where the slope lies with 95%, if the points scatter about a line by chance.
+    pub interval: [f64; 2],
+}
+
+/// Quantiles of Student's distribution for 95%, from one degree of freedom on.
+const STUDENT: [f64; 30] = [
+    12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131,
+    2.120, 2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042,
+];
+
+impl Slope {
+    /// Of (x, y), all greater than 0; none for fewer than three points or a single x: two points always lie on a line.
+    pub fn fit(points: &[[f64; 2]]) -> Option<Self> {
+        let logs: Vec<[f64; 2]> = points.iter().map(|point| point.map(f64::ln)).collect();
+        if logs.len() < 3 || logs.iter().flatten().any(|log| !log.is_finite()) {
+            return None;
+        }
+        let count = logs.len() as f64;
+        let mean = [0, 1].map(|axis| logs.iter().map(|log| log[axis]).sum::<f64>() / count);
+        let sum = |a: usize, b: usize| -> f64 {
+            logs.iter()
+                .map(|log| (log[a] - mean[a]) * (log[b] - mean[b]))
+                .sum()
+        };
+        let (xx, xy) = (sum(0, 0), sum(0, 1));
+        if xx <= 1e-12 {
+            return None;
+        }
+        let slope = xy / xx;
+        let left = logs
+            .iter()
+            .map(|log| log[1] - mean[1] - slope * (log[0] - mean[0]));
+        let scatter: f64 = left.map(|rest| rest * rest).sum();
+        let error = (scatter / (count - 2.0) / xx).sqrt();
+        let student = STUDENT[(logs.len() - 3).min(STUDENT.len() - 1)];
+        Some(Self {
+            slope,
+            interval: [slope - student * error, slope + student * error],
+        })
+    }
+}
+
+/// What is on no axis worse than any other point: indices of (time, error) in order of time.
+pub fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..points.len())
+        .filter(|index| points[*index].iter().all(|x| x.is_finite()))
+        .collect();
+    order.sort_by(|a, b| {
+        let [a, b] = [points[*a], points[*b]];
+        a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]))
+    });
+    let mut best = f64::INFINITY;
+    order.retain(|index| {
+        let better = points[*index][1] < best;
+        best = best.min(points[*index][1]);
+        better
+    });
+    order
+}
+
+/// The time at which the front reaches an error: between two of its points, straight on logarithmic axes. Where its fastest point is already
+/// nearer to the truth, and only slower points are not, it is that point's. `None` where the error is beyond all points on either side.
+///
+/// Gives the points between which it lies as well.
+pub fn time_to(points: &[[f64; 2]], error: f64) -> Option<(f64, [usize; 2])> {
+    let front = pareto(points);
+    let [first, last] = [*front.first()?, *front.last()?];
+    let largest = points.iter().map(|point| point[1]).fold(0.0, f64::max);
+    if !(points[last][1] <= error && error <= largest && points[last][1] > 0.0 && points[first][0] > 0.0) {
+        return None;
+    }
+    if points[first][1] <= error {
+        return Some((points[first][0], [first, first]));
+    }
+    front.windows(2).find_map(|pair| {
+        let [[t0, e0], [t1, e1]] = [points[pair[0]], points[pair[1]]];
+        let part = (e0 / error).ln() / (e0 / e1).ln();
+        (e1 <= error).then(|| (t0 * (t1 / t0).powf(part), [pair[0], pair[1]]))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quartiles() {
+        let times = Times::of(&[5.0, 1.0, 3.0, 2.0, 4.0]).unwrap();
+        assert_eq!([times.lower, times.median, times.upper], [2.0, 3.0, 4.0]);
+        assert!(!times.drifts);
+        assert!(Times::of(&[]).is_none() && Times::of(&[f64::NAN]).is_none());
+        // The second half took twice as long.
+        assert!(Times::of(&[1.0, 1.0, 1.01, 2.0, 2.0, 2.01]).unwrap().drifts);
+        assert!(!Times::of(&[1.0, 2.0, 1.01, 2.0, 1.0, 2.01]).unwrap().drifts);
+    }
+
+    #[test]
+    fn a_power_is_found_exactly() {
+        let points: Vec<[f64; 2]> = [1.0, 2.0, 8.0, 32.0]
+            .map(|x: f64| [x, 3.0 * x.powf(-0.75)])
+            .to_vec();
+        let fit = Slope::fit(&points).unwrap();
+        assert!((fit.slope + 0.75).abs() < 1e-12 && fit.interval[1] - fit.interval[0] < 1e-9);
+        assert_eq!(Slope::fit(&points[..2]), None);
+        assert_eq!(Slope::fit(&[[1.0, 1.0], [1.0, 2.0], [1.0, 3.0]]), None);
+        assert_eq!(Slope::fit(&[[1.0, 1.0], [2.0, 0.0], [3.0, 3.0]]), None);
+    }
+
+    /// Example 9.1 of many a textbook: y = x with one point off, checked by hand.
+    #[test]
+    fn the_interval_is_that_of_student() {
+        let e = std::f64::consts::E;
+        let fit = Slope::fit(&[[1.0, 1.0], [e, e], [e * e, e * e], [e.powi(3), e.powi(4)]]).unwrap();
+        // Residuals of (0,0), (1,1), (2,2), (3,4): slope 1.3, sum of squares 0.3, so the error is sqrt(0.15/5).
+        assert!((fit.slope - 1.3).abs() < 1e-12);
+        let half = 4.303 * (0.15_f64 / 5.0).sqrt();
+        assert!((fit.interval[1] - fit.slope - half).abs() < 1e-9);
+    }
+
+    #[test]
+    fn only_what_is_between_is_claimed() {
+        let points = [[1.0, 1e-1], [10.0, 1e-2], [5.0, 2e-1], [100.0, 1e-4]];
+        assert_eq!(pareto(&points), [0, 1, 3]);
+        let (time, between) = time_to(&points, 1e-3).unwrap();
+        assert!((time - 10.0 * 10f64.sqrt()).abs() < 1e-9);
+        assert_eq!(between, [1, 3]);
+        assert_eq!(time_to(&points, 1e-2).unwrap().0, 10.0);
+        for beyond in [0.5, 1e-5] {
+            assert_eq!(time_to(&points, beyond), None);
+        }
+        // Only a slower point is farther from the truth than this.
+        assert_eq!(time_to(&points, 0.15), Some((1.0, [0, 0])));
+        assert_eq!(time_to(&[[1.0, 0.0], [2.0, 0.0]], 0.0), None);
+    }
+}

@@ -1,0 +1,153 @@
+//! Studies as tables: CSV for programs, Markdown for pages.
+
+use crate::report::{StudyReport, TimeTo, interval, optional};
+use crate::usage;
+use std::fmt::Write;
+
+/// A line for each point.
+pub fn csv(reports: &[StudyReport]) -> String {
+    let mut text = String::from(
+        "study,engine,configuration,setting,seconds,spread,repeats,cpu_seconds,build_seconds,memory_bytes,rays,samples,primitives,rmse,relmse,max,rmse_interior,finite,above_floor,pareto,noisy,problem\n",
+    );
+    for report in reports {
+        for series in &report.series {
+            for point in &series.points {
+                let real = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:e}"));
+                let whole = |value: Option<u64>| value.map_or_else(String::new, |value| value.to_string());
+                let cells = [
+                    quoted(&report.study),
+                    series.engine.name().to_owned(),
+                    quoted(&series.configuration),
+                    quoted(&point.setting),
+                    real(point.seconds),
+                    real(point.spread),
+                    point.repeats.to_string(),
+                    real(point.cpu_seconds),
+                    real(point.build_seconds),
+                    whole(point.memory_bytes),
+                    whole(point.rays),
+                    whole(point.samples.map(u64::from)),
+                    whole(point.primitives),
+                    real(point.rmse),
+                    real(point.relmse),
+                    real(point.max),
+                    real(point.errors.map(|errors| errors.interior.rmse)),
+                    real(point.errors.map(|errors| errors.finite)),
+                    point.above_floor.to_string(),
+                    point.pareto.to_string(),
+                    point.noisy.to_string(),
+                    quoted(point.problem.as_deref().unwrap_or_default()),
+                ];
+                text += &cells.join(",");
+                text.push('\n');
+            }
+        }
+    }
+    text
+}
+
+/// A cell that may hold anything.
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+/// Every study with its curves, as Markdown. `plots` is the folder of the pictures, seen from the page.
+pub fn table(reports: &[StudyReport], plots: &str) -> String {
+    let mut text = String::new();
+    for report in reports {
+        let scene = if report.scene.is_empty() {
+            String::new()
+        } else {
+            format!(", [scene](../{})", report.scene)
+        };
+        let _ = writeln!(
+            text,
+            "### {}\n\n{} [Study](../studies/{}.toml){scene}.\n",
+            report.title, report.about, report.study
+        );
+        let _ = writeln!(
+            text,
+            "| configuration | engine | settings | {}, first to last | slope against {} (95%) |\n|---|---|---|---|---|",
+            report.measure, report.knob
+        );
+        for series in &report.series {
+            if let Some(why) = &series.absent {
+                let _ = writeln!(
+                    text,
+                    "| {} | {} | – | – | takes no part: {why} |",
+                    series.configuration,
+                    series.engine.name()
+                );
+                continue;
+            }
+            let rmse = |point: Option<&crate::Point>| optional(point.and_then(|point| point.rmse));
+            let _ = writeln!(
+                text,
+                "| {} | {} | {} | {} to {} | {} |",
+                series.configuration,
+                series.engine.name(),
+                series.points.len(),
+                rmse(series.points.first()),
+                rmse(series.points.last()),
+                interval(series)
+            );
+        }
+        let _ = writeln!(
+            text,
+            "\nThe truth's own error: {:.1e}.{} Verdict: {}.",
+            report.floor_rmse,
+            report
+                .withheld
+                .iter()
+                .map(|why| format!(" {why}."))
+                .collect::<String>(),
+            report.verdict
+        );
+        let _ = writeln!(text, "\n![{}]({plots}/{}.svg)\n", report.title, report.study);
+    }
+    text.trim_end().to_owned() + "\n"
+}
+
+/// Ratios to Mitsuba, of the studies that have any, and on which machine they were measured.
+pub fn headline(reports: &[StudyReport]) -> String {
+    let load = usage::load().map_or_else(|| "unknown".to_owned(), |load| format!("{load:.0}"));
+    let mut text = format!(
+        "Measured on {}, {} cores, with a load of {load} at the end: above the number of cores, others had a part of the time.\n\n",
+        usage::processor().unwrap_or_else(|| "an unknown processor".to_owned()),
+        std::thread::available_parallelism().map_or(1, usize::from),
+    );
+    text += "| study | error (RMSE) | Whitstone, s | Mitsuba, s | ratio |\n|---|---|---|---|---|\n";
+    for report in reports {
+        for (level, both) in report
+            .levels()
+            .into_iter()
+            .filter(|(_, both)| both.ratio.is_some())
+        {
+            let seconds = |value: Option<f64>, of: &Option<String>| {
+                format!("{} ({})", optional(value), of.as_deref().unwrap_or("–"))
+            };
+            let _ = writeln!(
+                text,
+                "| {} | {level} | {} | {} | {} |",
+                report.title,
+                seconds(both.whitstone_s, &both.whitstone),
+                seconds(both.mitsuba_s, &both.mitsuba),
+                ratio(both)
+            );
+        }
+    }
+    text
+}
+
+/// A ratio, or that there is none to be told.
+pub(crate) fn ratio(both: &TimeTo) -> String {
+    match (both.noisy, both.ratio, both.ratio_interval) {
+        (true, ..) => "noisy".to_owned(),
+        (false, Some(ratio), Some([least, most])) => format!("{ratio:.3} ({least:.3} to {most:.3})"),
+        _ => "–".to_owned(),
+    }
+}

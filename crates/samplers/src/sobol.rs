@@ -1,0 +1,158 @@
+//! Sobol' points, scrambled after Owen by another seed in each pixel.
+//!
+//! Sources: Sobol' 1967, of whose sequence these are the first two dimensions (van der Corput's and the one of x + 1, whose matrix is Pascal's
+//! triangle modulo 2); Owen 1995, *Randomly permuted (t,m,s)-nets and (t,s)-sequences*; Burley 2020, *Practical hash-based Owen
+//! scrambling*, Journal of Computer Graphics Techniques 9(4), listing 2, with the permutation of Laine and Karras. The points are computed here and not by a
+//! library, because the model has to say exactly which they are, and libraries use hashes of their own.
+//!
+//! - Twin: Mitsuba, through the driver, which traces the same positions.
+//! - Example: `scenes/samplers/sobol.toml`.
+
+use crate::hash_of_pixel;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use whitstone_core::config::IntegerIn;
+use whitstone_core::hash::mix;
+use whitstone_core::{Context, DVec2, Plugin, Sampler, Samplers, SceneErrors};
+
+/// Sobol' points, scrambled after Owen, other ones in each pixel.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Samples a pixel; powers of two are distributed best.
+    #[serde(default = "four")]
+    samples: IntegerIn<1, 65536>,
+    /// Of the scrambling: another one gives other points.
+    #[serde(default = "zero")]
+    seed: IntegerIn<0, 0xffff_ffff>,
+}
+
+fn four() -> IntegerIn<1, 65536> {
+    IntegerIn::new(4).expect("4 is in range")
+}
+
+fn zero() -> IntegerIn<0, 0xffff_ffff> {
+    IntegerIn::new(0).expect("0 is in range")
+}
+
+/// See the module.
+pub struct Sobol {
+    samples: u32,
+    seed: u32,
+}
+
+impl Plugin<Samplers> for Sobol {
+    const TYPE: &'static str = "sobol";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Sampler>, SceneErrors> {
+        Ok(Box::new(Self {
+            samples: config.samples.get(),
+            seed: config.seed.get(),
+        }))
+    }
+}
+
+impl Sampler for Sobol {
+    fn count(&self) -> u32 {
+        self.samples
+    }
+
+    fn position(&self, pixel: [u32; 2], index: u32) -> DVec2 {
+        let h = hash_of_pixel(self.seed, pixel);
+        let place = |reversed: u32, dimension: u32| {
+            let bits = permute(reversed, mix(h.wrapping_add(dimension))).reverse_bits();
+            f64::from(bits) / 4_294_967_296.0
+        };
+        DVec2::new(place(index, 1), place(second(index), 2))
+    }
+}
+
+/// The second dimension with its bits reversed, as the permutation wants them: of the first dimension that is the index itself.
+fn second(index: u32) -> u32 {
+    let mut direction = 1_u32;
+    let mut sum = 0;
+    for bit in 0..32 {
+        if index >> bit & 1 == 1 {
+            sum ^= direction;
+        }
+        direction ^= direction << 1;
+    }
+    sum
+}
+
+/// Laine and Karras's permutation: each bit is turned over by a hash of those below it.
+fn permute(x: u32, seed: u32) -> u32 {
+    const FACTORS: [u32; 4] = [0x6c50_b47c, 0xb82f_1e52, 0xc7af_e638, 0x8d22_f6e6];
+    FACTORS
+        .iter()
+        .fold(x.wrapping_add(seed), |x, factor| x ^ x.wrapping_mul(*factor))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use whitstone_testkit::{build, random_sampler_laws};
+
+    #[test]
+    fn laws() {
+        for samples in [1, 2, 3, 16, 1000, 4096] {
+            let sampler = build::<Samplers, Sobol>(&format!("samples = {samples}"), ()).unwrap();
+            assert_eq!(sampler.count(), samples);
+            random_sampler_laws(&*sampler);
+        }
+    }
+
+    /// Without scrambling: the first points of the sequence, as tables of it have them.
+    #[test]
+    fn the_points_are_those_of_sobol() {
+        let plain =
+            |index: u32| [index, second(index)].map(|x| f64::from(x.reverse_bits()) / 4_294_967_296.0);
+        let known = [
+            [0.0, 0.0],
+            [0.5, 0.5],
+            [0.25, 0.75],
+            [0.75, 0.25],
+            [0.125, 0.625],
+            [0.625, 0.125],
+            [0.375, 0.375],
+            [0.875, 0.875],
+        ];
+        assert_eq!([0, 1, 2, 3, 4, 5, 6, 7].map(plain), known);
+    }
+
+    /// Of 2^m points, each box of the area 2^-m whose sides are powers of two holds one: no other property makes them better than random
+    /// ones, and a scrambling that is not Owen's would lose it.
+    #[test]
+    fn every_elementary_box_holds_one_point() {
+        let m = 8;
+        let sampler = build::<Samplers, Sobol>("samples = 256\nseed = 3", ()).unwrap();
+        for pixel in [[0, 0], [17, 4]] {
+            for wide in 0..=m {
+                let high = m - wide;
+                let boxes: BTreeSet<[u32; 2]> = (0..256)
+                    .map(|index| sampler.position(pixel, index))
+                    .map(|p| {
+                        [
+                            (p.x * f64::from(1 << wide)) as u32,
+                            (p.y * f64::from(1 << high)) as u32,
+                        ]
+                    })
+                    .collect();
+                assert_eq!(boxes.len(), 256, "boxes of 2^-{wide} x 2^-{high}");
+            }
+        }
+    }
+
+    /// The driver's own test has the same numbers, from other code: `references/mitsuba/tests/test_samplers.py`.
+    #[test]
+    fn the_points_are_those_of_the_driver() {
+        let sampler = build::<Samplers, Sobol>("samples = 8\nseed = 4294967295", ()).unwrap();
+        let found = sampler.position([12, 65_535], 6).to_array();
+        assert_eq!(
+            found,
+            [3_596_272_196.0, 1_078_120_820.0].map(|bits| bits / 4_294_967_296.0)
+        );
+    }
+}

@@ -1,0 +1,366 @@
+//! `converge`: error against run time.
+
+use crate::terminal::{Exit, Failure, progress, write_json};
+use clap::Args;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use whitstone_converge::{
+    Cache, Engine, Lab, Options, Study, StudyReport, Verdict, csv, headline, plot, table, usage,
+};
+use whitstone_core::Registry;
+use whitstone_image::atomic;
+use whitstone_validate::driver::Driver;
+use whitstone_validate::environment::Environment;
+use whitstone_validate::hash_sources;
+
+/// Where stored studies are.
+const STUDIES: &str = "studies";
+/// Where pictures of stored studies are, seen from `docs`.
+const PICTURES: &str = "images/converge";
+
+/// Measure error against run time, Whitstone's and Mitsuba's, and say how long each takes to reach an error
+///
+/// A study names a scene, what is swept, and what is taken for true. All configurations are rendered in turns, several times;
+/// what is told is the median with its quartiles. Nothing is claimed below the truth's own error, nor beyond the points that were
+/// measured. What is finished is kept under target/whitstone/converge: a run that was broken off goes on where it stopped.
+///
+/// Exit code 0 if everything that the studies expect holds, none of which depends on time; 1 if not, if a
+/// setting could not be measured, or if the truth is not true enough for any claim.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Examples:\n  whitstone converge samples\n  whitstone converge studies/lens.toml --plots plots\n  whitstone converge scenes/showcase/cornell.toml\n  whitstone converge --quick"
+)]
+pub struct Arguments {
+    /// Stored studies by name, files of studies, or scenes, of which the samples a pixel are swept; all stored studies by default
+    studies: Vec<String>,
+    /// The small form of the studies that have one, without Mitsuba: seconds instead of minutes
+    #[arg(long)]
+    quick: bool,
+    /// List the stored studies, and measure none
+    #[arg(long)]
+    list: bool,
+    /// Print every point, not only the curves
+    #[arg(long)]
+    points: bool,
+    /// Without Mitsuba
+    #[arg(long)]
+    no_mitsuba: bool,
+    /// Measure everything anew, also what an earlier run has finished
+    #[arg(long)]
+    fresh: bool,
+    /// How often each setting is timed, whatever the study says
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    repeats: Option<u32>,
+    /// Seconds that the repeats of one setting may take, in about; three are taken in any case
+    #[arg(long, default_value_t = 20.0, value_name = "SECONDS", value_parser = super::finite)]
+    budget: f64,
+    /// Threads of both; 0 for one a core
+    #[arg(long, default_value_t = 0, value_parser = super::threads)]
+    threads: usize,
+    /// Write all figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write a line for each point to this file
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Draw error against time, a file for each study, into this folder
+    #[arg(long, value_name = "DIR")]
+    plots: Option<PathBuf>,
+    /// Write the tables into this Markdown file, between its marks; may be given again
+    #[arg(long, value_name = "FILE")]
+    page: Vec<PathBuf>,
+    /// Folder of the Python environment and of what is finished
+    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
+    target: PathBuf,
+    /// Folder with the drivers
+    #[arg(long, default_value = "references", value_name = "DIR")]
+    references: PathBuf,
+    /// How long Mitsuba may take for one rendering, in seconds
+    #[arg(long, default_value_t = 600, value_name = "SECONDS")]
+    time_limit: u64,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
+    let mut studies = chosen(arguments)?;
+    if arguments.quick {
+        studies.retain(|study| study.has_quick);
+    }
+    if arguments.list {
+        for study in studies {
+            println!("{:<16} {}", study.name, study.title);
+        }
+        return Ok(Exit::Pass);
+    }
+    let (driver, driver_hash) = mitsuba(arguments, &studies)?;
+    let options = Options {
+        repeats: 7,
+        forced_repeats: arguments.repeats.map(|count| count as usize),
+        budget: arguments.budget,
+        threads: arguments.threads,
+        program: program.to_owned(),
+    };
+    let cache = Cache::new(arguments.target.join("converge"), !arguments.fresh);
+    let mut lab = Lab::new(registry, driver, &driver_hash, cache, options);
+    let bar = progress(studies.len() as u64, "converge");
+    let mut reports: Vec<StudyReport> = Vec::new();
+    for study in &studies {
+        let told = |what: &str| bar.set_message(format!("{}: {what}", study.name));
+        let report = lab.measure(study, &told).map_err(Failure::usage)?;
+        bar.inc(1);
+        bar.suspend(|| print(&report, arguments.points));
+        reports.push(report);
+        // After each: a run that is broken off has written what it has.
+        write(arguments, &reports)?;
+    }
+    bar.finish_and_clear();
+    for page in &arguments.page {
+        write_page(page, &reports)?;
+    }
+    let good = reports
+        .iter()
+        .filter(|report| report.verdict == Verdict::Pass)
+        .count();
+    println!("studies: {}, pass: {good}", reports.len());
+    Ok(if good == reports.len() {
+        Exit::Pass
+    } else {
+        Exit::Differs
+    })
+}
+
+fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
+    let stored = || -> Result<Vec<PathBuf>, Failure> {
+        let folder = std::fs::read_dir(STUDIES);
+        let folder = folder.map_err(|error| Failure::usage(format!("{STUDIES}: {error}")))?;
+        let files = folder.filter_map(|entry| Some(entry.ok()?.path()));
+        let mut files: Vec<PathBuf> = files
+            .filter(|path| path.extension().is_some_and(|e| e == "toml"))
+            .collect();
+        files.sort();
+        Ok(files)
+    };
+    let load = |path: &Path| Study::load(path, arguments.quick).map_err(Failure::usage);
+    if arguments.studies.is_empty() {
+        return stored()?.iter().map(|path| load(path)).collect();
+    }
+    let mut studies = Vec::new();
+    for name in &arguments.studies {
+        let path = Path::new(name);
+        let by_name = Path::new(STUDIES).join(name).with_extension("toml");
+        studies.push(if path.is_file() && is_scene(path) {
+            of_scene(path)?
+        } else if path.is_file() || !by_name.is_file() && path.extension().is_some() {
+            load(path)?
+        } else if by_name.is_file() {
+            load(&by_name)?
+        } else {
+            let known = stored().unwrap_or_default();
+            let known: Vec<String> = known
+                .iter()
+                .map(|path| {
+                    path.file_stem()
+                        .unwrap_or_default()
+                        .to_string_lossy()
+                        .into_owned()
+                })
+                .collect();
+            let near = whitstone_core::nearest(name, known.iter().map(String::as_str));
+            let help = near.map_or_else(
+                || "`whitstone converge --list` shows all".to_owned(),
+                |near| format!("did you mean \"{near}\"?"),
+            );
+            return Err(Failure::usage(format!("there is no study \"{name}\"; {help}")));
+        });
+    }
+    Ok(studies)
+}
+
+/// Whether a file is a scene: one without a list of series, and with something that only scenes have.
+fn is_scene(path: &Path) -> bool {
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    let first = |key: &str| text.lines().any(|line| line.trim_start().starts_with(key));
+    !first("[[series") && ["[camera]", "[[shape]]", "include"].iter().any(|key| first(key))
+}
+
+/// The study of a scene that has none: samples a pixel, by every sampler that has any number of them.
+fn of_scene(path: &Path) -> Result<Study, Failure> {
+    let absolute = std::path::absolute(path).map_err(Failure::environment)?;
+    let scene = toml_text(&absolute.display().to_string());
+    let shown = toml_text(&path.display().to_string());
+    let text = format!(
+        r#"title = {shown}
+about = "Samples a pixel."
+scene = {scene}
+[truth]
+set = ["sampler={{ type = \"grid\", n = 32 }}"]
+check = [{{ set = ["sampler={{ type = \"sobol\", samples = 1024 }}"] }}]
+[[series]]
+name = "grid"
+engines = ["whitstone", "mitsuba"]
+set = ["sampler={{ type = \"grid\" }}"]
+sweep = {{ "sampler.n" = [1, 2, 3, 4, 6, 8] }}
+[[series]]
+name = "sobol"
+engines = ["whitstone", "mitsuba"]
+set = ["sampler={{ type = \"sobol\" }}"]
+sweep = {{ "sampler.samples" = [1, 4, 16, 64] }}
+"#
+    );
+    let name = path.display().to_string();
+    Study::parse(&name, &text, Path::new(""), false).map_err(Failure::usage)
+}
+
+/// A text as TOML has it.
+fn toml_text(text: &str) -> String {
+    // JSON's escapes are among TOML's.
+    serde_json::Value::from(text).to_string()
+}
+
+/// The driver, or why there is none, and what changes with it.
+fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<(Result<Driver, String>, String), Failure> {
+    let absent = |why: &str| Ok((Err(why.to_owned()), String::new()));
+    if arguments.no_mitsuba {
+        return absent("left out by --no-mitsuba");
+    }
+    if arguments.quick {
+        return absent("left out by --quick");
+    }
+    let wanted = studies.iter().any(|study| {
+        let truths = std::iter::once(&study.truth).chain(&study.checks);
+        study.series.iter().any(|series| series.engine == Engine::Mitsuba)
+            || truths.into_iter().any(|truth| truth.engine == Engine::Mitsuba)
+    });
+    if !wanted {
+        return absent("no study asks for it");
+    }
+    let environment = Environment::ensure(&arguments.target, &arguments.references, &|what| {
+        eprintln!("{what}")
+    });
+    let environment = environment.map_err(Failure::environment)?;
+    let hash = hash_sources(&environment);
+    let limit = Duration::from_secs(arguments.time_limit);
+    let mut driver = Driver::start(&environment, limit).map_err(Failure::environment)?;
+    let hello = driver.hello().map_err(Failure::environment)?;
+    Ok((Ok(driver), format!("{hash} {}", hello.mitsuba)))
+}
+
+fn write(arguments: &Arguments, reports: &[StudyReport]) -> Result<(), Failure> {
+    if let Some(path) = &arguments.json {
+        let value = json!({
+            "studies": reports,
+            "provenance": {
+                "version": env!("CARGO_PKG_VERSION"),
+                "cpu": usage::processor(),
+                "cores": std::thread::available_parallelism().ok(),
+                "threads": arguments.threads,
+                "load": usage::load(),
+            },
+        });
+        write_json(path, &value)?;
+    }
+    if let Some(path) = &arguments.csv {
+        atomic::write_bytes(path, csv(reports).as_bytes()).map_err(Failure::environment)?;
+    }
+    if let Some(folder) = &arguments.plots {
+        std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+        for report in reports {
+            let name = Path::new(&report.study)
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy();
+            let path = folder.join(format!("{name}.svg"));
+            atomic::write_bytes(&path, plot::svg(report).as_bytes()).map_err(Failure::environment)?;
+        }
+    }
+    Ok(())
+}
+
+/// The marks around what is written into a page: all curves, and the ratios to Mitsuba.
+const TABLE: [&str; 2] = [
+    "<!-- studies: written by `cargo xtask converge --page` -->",
+    "<!-- end of studies -->",
+];
+const HEADLINE: [&str; 2] = [
+    "<!-- time to error: written by `cargo xtask converge --page` -->",
+    "<!-- end of time to error -->",
+];
+
+fn write_page(path: &Path, reports: &[StudyReport]) -> Result<(), Failure> {
+    let at = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));
+    let mut page = std::fs::read_to_string(path).map_err(|error| at(error.to_string()))?;
+    let mut written = false;
+    for ([begin, end], text) in [(TABLE, table(reports, PICTURES)), (HEADLINE, headline(reports))] {
+        if let (Some(from), Some(to)) = (page.find(begin), page.find(end)) {
+            page = format!("{}{begin}\n\n{text}\n{}", &page[..from], &page[to..]);
+            written = true;
+        }
+    }
+    if !written {
+        let wanted = [TABLE, HEADLINE]
+            .map(|[begin, end]| format!("{begin} and {end}"))
+            .join(", or ");
+        return Err(at(format!("there are no marks {wanted}")));
+    }
+    atomic::write_bytes(path, page.as_bytes()).map_err(Failure::environment)
+}
+
+fn print(report: &StudyReport, points: bool) {
+    let noisy = if report.noisy { ", noisy" } else { "" };
+    println!("{}: {} ({}{noisy})", report.study, report.title, report.verdict);
+    println!("  the truth's own error: {:.1e}", report.floor_rmse);
+    for series in &report.series {
+        let name = format!("{} ({})", series.configuration, series.engine.name());
+        if let Some(why) = &series.absent {
+            println!("  {name:<28} takes no part: {why}");
+            continue;
+        }
+        let slope = match (series.slope, series.slope_interval) {
+            (Some(slope), Some([least, most])) => format!("{slope:.3} ({least:.3} to {most:.3})"),
+            _ => "–".to_owned(),
+        };
+        println!("  {name:<28} slope against {}: {slope}", report.against.name());
+        for point in series.points.iter().filter(|_| points) {
+            let number =
+                |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.3e}"));
+            println!(
+                "    {:<32} {:>10} s, spread {:>10}{}  RMSE {:>10}  interior {:>10}  {} rays{}",
+                point.setting,
+                number(point.seconds),
+                number(point.spread),
+                if point.noisy { " noisy" } else { "" },
+                number(point.rmse),
+                number(point.errors.map(|errors| errors.interior.rmse)),
+                point.rays.map_or_else(|| "–".to_owned(), |rays| rays.to_string()),
+                if point.above_floor {
+                    ""
+                } else {
+                    "  below the floor"
+                },
+            );
+        }
+    }
+    for (level, both) in report.levels() {
+        let seconds =
+            |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4} s"));
+        let ratio = match (both.noisy, both.ratio, both.ratio_interval) {
+            (true, ..) => ": noisy".to_owned(),
+            (false, Some(ratio), Some([least, most])) => {
+                format!(": ratio {ratio:.4} ({least:.4} to {most:.4})")
+            }
+            _ => String::new(),
+        };
+        println!(
+            "  to an error of {level}: whitstone {}, mitsuba {}{ratio}",
+            seconds(both.whitstone_s),
+            seconds(both.mitsuba_s)
+        );
+    }
+    for what in &report.withheld {
+        println!("  withheld: {what}");
+    }
+    for what in &report.problems {
+        println!("  problem: {what}");
+    }
+}

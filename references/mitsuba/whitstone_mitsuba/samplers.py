@@ -1,0 +1,164 @@
+"""Where in a pixel samples lie: model §5."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, List, Optional
+
+import numpy as np
+
+from .fields import Fields, nearest
+
+TYPES = ("center", "grid", "sobol", "stratified")
+
+
+def _u(value: int) -> np.ndarray:
+    """A number for arithmetic modulo 2^32: numpy warns of scalars that wrap, not of arrays."""
+    return np.array([[value]], dtype=np.uint32)
+
+
+def _hash(h: np.ndarray) -> np.ndarray:
+    """m of the model's §9."""
+    h = h ^ (h >> _u(16))
+    h = h * _u(0x7FEB352D)
+    h = h ^ (h >> _u(15))
+    h = h * _u(0x846CA68B)
+    return h ^ (h >> _u(16))
+
+
+def _pixel(seed: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The number of a pixel."""
+    return _hash(_hash(_hash(_u(seed)) + y.astype(np.uint32)) + x.astype(np.uint32))
+
+
+def _fraction(bits: np.ndarray) -> np.ndarray:
+    return bits.astype(np.float64) / 2.0**32
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """The same positions in every pixel: (count, 2)."""
+
+    positions: np.ndarray
+
+    @property
+    def count(self) -> int:
+        return len(self.positions)
+
+    def at(self, x: np.ndarray, y: np.ndarray, index: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(self.positions[index], (len(x), index.shape[1], 2))
+
+
+@dataclass(frozen=True)
+class Stratified:
+    """One position at random in each cell of a grid."""
+
+    n: int
+    seed: int
+
+    @property
+    def count(self) -> int:
+        return self.n**2
+
+    def at(self, x: np.ndarray, y: np.ndarray, index: np.ndarray) -> np.ndarray:
+        h = _hash(_pixel(self.seed, x, y) + index.astype(np.uint32))
+        cell = np.stack([index % self.n, index // self.n], axis=-1)
+        place = np.stack([_fraction(_hash(h + _u(k))) for k in (1, 2)], axis=-1)
+        return (cell + place) / self.n
+
+
+def _reverse(bits: np.ndarray) -> np.ndarray:
+    """The 32 bits from the last to the first: neighbours change places, then pairs, fours, bytes, halves."""
+    for width, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF)):
+        bits = (bits >> _u(width) & _u(mask)) | (bits & _u(mask)) << _u(width)
+    return bits
+
+
+def sobol(index: np.ndarray) -> List[np.ndarray]:
+    """Both coordinates of Sobol' points as 32 bits, from the direction numbers."""
+    first, second = np.zeros_like(index), np.zeros_like(index)
+    one, two = 1 << 31, 1 << 31
+    for k in range(32):
+        taken = index >> _u(k) & _u(1) == 1
+        first[taken] ^= np.uint32(one)
+        second[taken] ^= np.uint32(two)
+        one >>= 1
+        two ^= two >> 1
+    return [first, second]
+
+
+def scramble(bits: np.ndarray, seed: np.ndarray) -> np.ndarray:
+    """Burley 2020, listing 2: `nested_uniform_scramble_base2` with `laine_karras_permutation`."""
+    x = _reverse(bits) + seed
+    for factor in (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6):
+        x = x ^ (x * _u(factor))
+    return _reverse(x)
+
+
+@dataclass(frozen=True)
+class Sobol:
+    """Sobol' points with Owen's scrambling."""
+
+    samples: int
+    seed: int
+
+    @property
+    def count(self) -> int:
+        return self.samples
+
+    def at(self, x: np.ndarray, y: np.ndarray, index: np.ndarray) -> np.ndarray:
+        h = _pixel(self.seed, x, y)
+        points = sobol(index.astype(np.uint32))
+        return np.stack([_fraction(scramble(points[k], _hash(h + _u(k + 1)))) for k in (0, 1)], axis=-1)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The samples of a pixel, in the model's order: each position, for a lens through each of its `lens` points."""
+
+    sampler: Any
+    lens: int
+    numbers: np.ndarray
+
+    @staticmethod
+    def all(sampler: Any, lens: int = 0) -> "Samples":
+        """All of them; `lens` is 0 for a camera without one."""
+        return Samples(sampler, lens, np.arange(sampler.count * max(lens, 1)))
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def only(self, number: int) -> "Samples":
+        """One of them."""
+        return replace(self, numbers=self.numbers[number : number + 1])
+
+    def positions(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """(pixels, samples, 2): from the left top corner of each pixel."""
+        return self.sampler.at(x[:, None], y[:, None], self.numbers[None, :] // max(self.lens, 1))
+
+    def points(self) -> Optional[np.ndarray]:
+        """The point of the lens of each sample; None without a lens."""
+        return self.numbers % self.lens if self.lens > 0 else None
+
+
+CENTRE = Fixed(np.array([[0.5, 0.5]]))
+
+
+def read(table: Any, errors: List[str], unsupported: List[str]) -> Any:
+    """The sampler of a document."""
+    fields = Fields(table, "sampler", errors)
+    kind = fields.kind()
+    found: Any = CENTRE
+    if kind == "grid":
+        n = fields.integer("n", 2, 1, 64)
+        steps = (np.arange(n) + 0.5) / n
+        found = Fixed(np.column_stack([np.tile(steps, n), np.repeat(steps, n)]))
+    elif kind == "stratified":
+        found = Stratified(fields.integer("n", 2, 1, 64), fields.integer("seed", 0, 0, 2**32 - 1))
+    elif kind == "sobol":
+        found = Sobol(fields.integer("samples", 4, 1, 65536), fields.integer("seed", 0, 0, 2**32 - 1))
+    elif kind != "center" and kind is not None:
+        unsupported.append(f"sampler: no twin for a sampler of type {kind!r}; {nearest(kind, TYPES)}")
+        return found
+    fields.close()
+    return found
