@@ -347,6 +347,7 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_core::Shadowing;
 
     /// Recursive, one bounce, with a switch for each fault.
     #[derive(Default)]
@@ -383,7 +384,12 @@ mod tests {
             let view = -ray.direction;
             let point = world.surface(ray, &hit).seen_from(view);
             let material = &world.materials[hit.shape as usize];
-            world.gather_lights(&point, view, Skip::leaving(&hit), !self.forgets_shadows, scratch);
+            let shadows = if self.forgets_shadows {
+                Shadowing::None
+            } else {
+                Shadowing::Opaque
+            };
+            world.gather_lights(&point, view, Skip::leaving(&hit), shadows, Rgb::BLACK, scratch);
             let light = Illumination {
                 ambient: world.ambient,
                 lights: &scratch.incoming,
@@ -395,7 +401,7 @@ mod tests {
                 for branch in branches.iter() {
                     let right = match branch.kind {
                         BranchKind::Reflection => point.same_side(view, branch.direction),
-                        BranchKind::Transmission { .. } => point.opposite_sides(view, branch.direction),
+                        _ => point.opposite_sides(view, branch.direction),
                     };
                     if right || self.forgets_sides {
                         sum += branch.weight * world.background(branch.direction);
