@@ -192,7 +192,7 @@ const FAULTS: [Fault; 27] = [
     Fault {
         reference: Renderer::Mitsuba,
         name: "shadows that are not filtered",
-        scene: "scenes/integrators/filtered_shadows.toml",
+        scene: "scenes/showcase/filtered_shadows.toml",
         overrides: || set("integrator.shadows=opaque"),
         tamper: |_| {},
         found: unexplained,
@@ -200,7 +200,7 @@ const FAULTS: [Fault; 27] = [
     Fault {
         reference: Renderer::Mitsuba,
         name: "a filter off by 1%",
-        scene: "scenes/integrators/filtered_shadows.toml",
+        scene: "scenes/showcase/filtered_shadows.toml",
         overrides: || set("shape.lectures.material.k_refr=[0.9, 0.404, 0.7]"),
         tamper: |_| {},
         found: unexplained,

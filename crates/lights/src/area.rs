@@ -211,21 +211,14 @@ mod tests {
     fn it_converges_to_the_integral() {
         // A disk of radius 1 at height 1 gives pi L/(1 + h²); a sphere of radius 1 with its middle at height 2 gives pi L (r/d)².
         let below = "transform = { rotate = { axis = [1, 0, 0], degrees = 180 } }";
-        let disk = |n| format!("shape = \"disk\"\nradiance = 2\nsamples = {n}\n{below}");
-        let sphere = |n| format!("shape = \"sphere\"\nradiance = 2\nsamples = {n}\n");
-        let cases: [(&dyn Fn(u32) -> String, f64, f64); 2] =
-            [(&disk, 1.0, PI), (&sphere, 2.0, 2.0 * PI / 4.0)];
-        for (text, height, expected) in cases {
-            let error = |n| {
+        for (shape, height, expected) in [("disk", 1.0, PI), ("sphere", 2.0, 2.0 * PI / 4.0)] {
+            let error = |n: u32| {
+                let text = format!("shape = \"{shape}\"\nradiance = 2\nsamples = {n}\n{below}");
                 let point = DVec3::new(0.0, 0.0, -height);
-                (irradiance(&text(n), point, DVec3::Z) / expected - 1.0).abs()
+                (irradiance(&text, point, DVec3::Z) / expected - 1.0).abs()
             };
             let (coarse, fine) = (error(4), error(32));
-            assert!(
-                coarse < 0.5 && fine < coarse / 20.0,
-                "{}: {coarse} {fine}",
-                text(4)
-            );
+            assert!(coarse < 0.5 && fine < coarse / 20.0, "{shape}: {coarse} {fine}");
         }
     }
 

@@ -108,7 +108,7 @@ impl Material for Emissive {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "all"))]
 mod tests {
     use super::*;
     use crate::mirror::Mirror;
