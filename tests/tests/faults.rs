@@ -47,7 +47,7 @@ fn set(text: &str) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-const FAULTS: [Fault; 16] = [
+const FAULTS: [Fault; 27] = [
     Fault {
         reference: Renderer::Mitsuba,
         name: "light 1% brighter",
@@ -140,6 +140,94 @@ const FAULTS: [Fault; 16] = [
                     .signed_block_bias
                     .is_some_and(|block| block.bias.abs() > case.bias_limit)
         },
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "emission 1% brighter",
+        scene: "scenes/materials/emissive.toml",
+        overrides: || set("shape.lamp.material.radiance=[1.515, 1.212, 0.606]"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "k of a metal off by 1%",
+        scene: "scenes/materials/conductor.toml",
+        overrides: || set("shape.patterned.material.k=[2.02, 1.01, 3.03]"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "a pane of index 1.34 for 1.33",
+        scene: "scenes/materials/thin_dielectric.toml",
+        overrides: || set("shape.bubble.material.interior_ior=1.34"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "a mask without its holes",
+        scene: "scenes/materials/mask.toml",
+        overrides: || set("shape.ghost.material.opacity=1"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "a mix of 0.21 for 0.2",
+        scene: "scenes/materials/mix.toml",
+        overrides: || set("shape.varnished.material.weight=0.21"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "the back like the front",
+        scene: "scenes/materials/two_sided.toml",
+        overrides: || set("shape.sheet.material.back={ type = 'matte', reflectance = [0.1, 0.5, 0.2] }"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "shadows that are not filtered",
+        scene: "scenes/showcase/filtered_shadows.toml",
+        overrides: || set("integrator.shadows=opaque"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "a filter off by 1%",
+        scene: "scenes/showcase/filtered_shadows.toml",
+        overrides: || set("shape.lectures.material.k_refr=[0.9, 0.404, 0.7]"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "a tangent off by half a degree",
+        scene: "scenes/materials/normal_map.toml",
+        overrides: || set("shape.wall.material.tangent=[1, 0.01, 0]"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "bumps 2% higher",
+        scene: "scenes/materials/bump.toml",
+        overrides: || set("shape.orange.material.scale=0.0306"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "an area light with 25 points for 16",
+        scene: "scenes/lights/area.toml",
+        overrides: || set("light[0].samples=5"),
+        tamper: |_| {},
+        found: unexplained,
     },
     Fault {
         reference: Renderer::PovRay,

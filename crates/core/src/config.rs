@@ -4,6 +4,7 @@
 //! knows the place of the one value that is wrong.
 
 pub use crate::instance::GroupRef;
+pub use crate::material::MaterialRef;
 pub use crate::solid::SolidRef;
 pub use crate::steps::Steps;
 use crate::{Rgb, SceneError, SceneErrors, SourceSpan, nearest};

@@ -1,8 +1,8 @@
 use crate::simd;
 use crate::stream::{Colors, HitStream, Ids, LANES, Lanes, PointStream, RayStream, SampleStreams, Vectors};
 use crate::{
-    Accelerator, BranchKind, Context, Geometry, Incoming, Interval, Light, LightGives, LightSample, Material,
-    Needs, ObjectOrder, RawHit, Ray, Refused, Rgb, Skip, SurfacePoint, View,
+    Accelerator, BranchKind, Context, Geometry, Incoming, Interval, Light, LightGives, LightSample, Lobes,
+    Material, Needs, ObjectOrder, RawHit, Ray, Refused, Rgb, Shadowing, Skip, SurfacePoint, View,
 };
 use glam::DVec3;
 use std::any::Any;
@@ -52,6 +52,8 @@ pub struct World {
     pub ambient: Rgb,
     /// What each material reads, in the same order: asked once, not at every hit.
     needs: Vec<Needs>,
+    /// All that any material does.
+    pub(crate) lobes: Lobes,
 }
 
 impl World {
@@ -63,6 +65,8 @@ impl World {
         lights: Vec<Arc<dyn Light>>,
     ) -> Self {
         let needs = materials.iter().map(|material| material.needs()).collect();
+        let all = |all, material: &Arc<dyn Material>| all | material.lobes();
+        let lobes = materials.iter().fold(Lobes::NOTHING, all);
         let ambient = lights.iter().map(|light| light.ambient()).sum();
         let giving = |what| -> Vec<Arc<dyn Light>> {
             let mut chosen = lights.clone();
@@ -78,6 +82,7 @@ impl World {
             backgrounds,
             ambient,
             needs,
+            lobes,
         }
     }
 
@@ -129,15 +134,18 @@ impl World {
         self.needs.iter().fold(Needs::NOTHING, |all, needs| all | *needs)
     }
 
-    /// The lights that reach a surface point on the side of `view`, into `scratch.incoming`.
+    /// The lights that reach a surface point on the side of `view`, into `scratch.incoming`. `medium` is the absorption coefficient
+    /// (per metre) on that side.
     pub fn gather_lights(
         &self,
         point: &SurfacePoint,
         view: DVec3,
         skip: Skip,
-        shadows: bool,
+        shadows: Shadowing,
+        medium: Rgb,
         scratch: &mut Scratch,
     ) {
+        let through = self.lets_through(shadows);
         scratch.incoming.clear();
         scratch.samples.clear();
         for light in &self.lights {
@@ -151,18 +159,27 @@ impl World {
             if !lit {
                 continue;
             }
-            if shadows {
-                scratch.counters.shadow += 1;
+            let mut irradiance = sample.irradiance;
+            if shadows != Shadowing::None {
                 let start = point.leave(sample.direction);
                 let ray = Ray::new(start, sample.direction);
                 let free = distance_to_light(point, start, sample);
-                if self.accelerator.occluded(&ray, Interval::up_to(free), skip) {
-                    continue;
+                if through {
+                    let counters = &mut scratch.counters;
+                    irradiance *= self.light_through(ray, free, skip, medium, shadows, counters);
+                    if irradiance.is_black() {
+                        continue;
+                    }
+                } else {
+                    scratch.counters.shadow += 1;
+                    if self.accelerator.occluded(&ray, Interval::up_to(free), skip) {
+                        continue;
+                    }
                 }
             }
             scratch.incoming.push(Incoming {
                 direction: sample.direction,
-                irradiance: sample.irradiance,
+                irradiance,
             });
         }
     }
@@ -197,12 +214,13 @@ pub struct LightMemory {
 
 impl World {
     /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`. `leaves` names the
-    /// primitives that the points lie on.
+    /// primitives that the points lie on, `media` the absorption coefficients on their viewers' sides.
     pub fn gather_lights_stream(
         &self,
         points: &PointStream,
         leaves: &Ids,
-        shadows: bool,
+        media: &Colors,
+        shadows: Shadowing,
         memory: &mut LightMemory,
         counters: &mut Counters,
     ) {
@@ -237,7 +255,16 @@ impl World {
                     }
                 },
             );
-            if !shadows {
+            if shadows == Shadowing::None {
+                continue;
+            }
+            if self.lets_through(shadows) {
+                for lane in (0..len).filter(|lane| faces[*lane]) {
+                    let ray = Ray::new(all.origin.get(lane), all.direction.get(lane));
+                    let (free, skip, medium) = (all.limit[lane], leaves.skip(lane), media.get(lane));
+                    let part = self.light_through(ray, free, skip, medium, shadows, counters);
+                    samples.irradiance.set(lane, samples.irradiance.get(lane) * part);
+                }
                 continue;
             }
             lit.len = 0;
@@ -446,7 +473,7 @@ impl From<BranchKind> for PathLetter {
     fn from(kind: BranchKind) -> Self {
         match kind {
             BranchKind::Reflection => Self::R,
-            BranchKind::Transmission { .. } => Self::T,
+            BranchKind::Transmission { .. } | BranchKind::Straight => Self::T,
         }
     }
 }

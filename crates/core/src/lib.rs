@@ -19,6 +19,7 @@ mod object_order;
 mod ray;
 mod registry;
 mod sampler;
+mod shadow;
 mod shape;
 pub mod solid;
 pub mod steps;
@@ -38,7 +39,8 @@ pub use instance::{Group, Instance};
 pub use integrator::{Counters, Integrator, LightMemory, PathLetter, PathState, Scratch, TreeNode, World};
 pub use light::{Light, LightGives, LightSample};
 pub use material::{
-    Branch, BranchKind, BranchStream, BranchStreams, Branches, Illumination, Incoming, Lobes, Material,
+    Branch, BranchKind, BranchStream, BranchStreams, Branches, Filter, Flags, Illumination, Incoming, Lobes,
+    Material, MaterialRef,
 };
 pub use object_order::{ObjectOrder, Refused, View};
 pub use ray::{Aabb, Interval, Ray};
@@ -47,6 +49,7 @@ pub use registry::{
     Registry, Samplers, Shapes, Textures,
 };
 pub use sampler::Sampler;
+pub use shadow::Shadowing;
 pub use shape::{InstancePath, Needs, Primitive, PrimitiveHit, RawHit, Shape, Skip, SurfacePoint};
 pub use solid::{SolidRef, Span, Spans};
 pub use straight::{LEAVES_NOTHING, Straight};

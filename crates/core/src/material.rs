@@ -1,7 +1,14 @@
-use crate::stream::{Colors, PointStream, SampleStreams, Vectors};
-use crate::{Needs, Rgb, SurfacePoint};
+use crate::config::PluginRef;
+use crate::stream::{Colors, LANES, Lanes, PointStream, SampleStreams, Vectors};
+use crate::{Needs, Rgb, SourceSpan, SurfacePoint};
 use glam::DVec3;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::{Error, Visitor};
+use serde::{Deserialize, Deserializer};
+use std::borrow::Cow;
+use std::fmt;
 use std::ops::BitOr;
+use toml::Spanned;
 
 /// How a surface answers light.
 ///
@@ -42,6 +49,26 @@ pub trait Material: Send + Sync {
             };
             out.set(lane, self.local(&points.get(lane), points.view.get(lane), &light));
         }
+    }
+
+    /// Radiance that the surface gives off by itself towards `view`, in light and in the dark.
+    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+        let _ = (point, view);
+        Rgb::BLACK
+    }
+
+    /// [`Self::emission`] for every point of a stream.
+    fn emission_stream(&self, points: &PointStream, out: &mut Colors) {
+        for lane in 0..points.len {
+            out.set(lane, self.emission(&points.get(lane), points.view.get(lane)));
+        }
+    }
+
+    /// What a shadow ray in this direction keeps when it goes straight on through the surface. The point is as a viewer sees it
+    /// where the ray comes from. `filtered`: also what is transparent, not holes only.
+    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+        let _ = (point, direction, filtered);
+        Filter::OPAQUE
     }
 
     /// [`Self::branches`] for every point of a stream.
@@ -91,8 +118,28 @@ impl Lobes {
     pub const REFLECTION: Self = Self(2);
     /// [`Material::branches`] can transmit.
     pub const TRANSMISSION: Self = Self(4);
+    /// [`Material::branches`] can go straight on.
+    pub const STRAIGHT: Self = Self(8);
+    /// [`Material::emission`] can be other than black.
+    pub const EMISSION: Self = Self(16);
+    /// [`Material::shadow`] can let light through, also where shadows are not filtered.
+    pub const HOLES: Self = Self(32);
+    /// [`Material::shadow`] can let light through where shadows are filtered.
+    pub const FILTERS: Self = Self(64);
+    /// It answers by other normals than those of the shape.
+    pub const OWN_NORMAL: Self = Self(128);
+    /// Every kind of branch.
+    pub const BRANCHES: Self = Self(2 + 4 + 8);
+    /// Everything that the surface shows without following a ray.
+    pub const SHOWN: Self = Self(1 + 16);
     /// No response at all.
     pub const NOTHING: Self = Self(0);
+
+    /// What is in this set and not in `other`.
+    #[must_use]
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
 
     /// Whether all of `other` is in this set.
     pub const fn contains(self, other: Self) -> bool {
@@ -122,6 +169,82 @@ pub enum BranchKind {
         /// Per metre, each channel at least 0.
         absorption: Rgb,
     },
+    /// Straight on to the other side, staying in the medium that the ray travels in: there is no body behind the surface.
+    Straight,
+}
+
+/// What a surface does to the light of a shadow ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Filter {
+    /// Factor on the light.
+    pub weight: Rgb,
+    /// The medium behind the surface, by its absorption coefficient (per metre), if it is another one.
+    pub medium: Option<Rgb>,
+}
+
+impl Filter {
+    /// Nothing goes through.
+    pub const OPAQUE: Self = Self::straight(Rgb::BLACK);
+
+    /// Without a body behind the surface.
+    pub const fn straight(weight: Rgb) -> Self {
+        Self { weight, medium: None }
+    }
+}
+
+/// The value of a parameter where a material is expected inside another one: one written where it stands, or the id of a shared one.
+#[derive(Clone, Debug)]
+pub struct MaterialRef {
+    /// Place in the source.
+    pub span: SourceSpan,
+    /// What is there.
+    pub material: PluginRef,
+}
+
+impl<'de> Deserialize<'de> for MaterialRef {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Named(PluginRef);
+        impl<'de> Deserialize<'de> for Named {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                struct AnyMaterial;
+                impl Visitor<'_> for AnyMaterial {
+                    type Value = Named;
+                    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                        f.write_str("the id of a material or a table with a `type`")
+                    }
+                    fn visit_str<E: Error>(self, text: &str) -> Result<Named, E> {
+                        Ok(Named(text.into()))
+                    }
+                }
+                deserializer.deserialize_any(AnyMaterial)
+            }
+        }
+        let material = Spanned::<Named>::deserialize(deserializer)?;
+        Ok(Self {
+            span: material.span(),
+            material: material.into_inner().0,
+        })
+    }
+}
+
+impl JsonSchema for MaterialRef {
+    fn schema_name() -> Cow<'static, str> {
+        "MaterialRef".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [
+            { "type": "string", "description": "id of a shared material" },
+            {
+                "type": "object",
+                "properties": { "type": { "type": "string" } },
+                "required": ["type"],
+                "x-family": "material"
+            }
+        ] })
+    }
 }
 
 /// A direction in which to go on.
@@ -147,10 +270,26 @@ impl Branches {
     pub fn push(&mut self, branch: Branch) {
         let slot = match branch.kind {
             BranchKind::Reflection => &mut self.reflection,
-            BranchKind::Transmission { .. } => &mut self.transmission,
+            BranchKind::Transmission { .. } | BranchKind::Straight => &mut self.transmission,
         };
         assert!(slot.is_none(), "a material has at most one branch of a kind");
         *slot = Some(branch);
+    }
+
+    /// Adds a share of the branches of a part of the material; one that is there already in the same direction takes it up.
+    pub fn merge(&mut self, parts: &Self, share: Rgb) {
+        for part in parts.iter() {
+            let weight = part.weight * share;
+            let slot = match part.kind {
+                BranchKind::Reflection => &mut self.reflection,
+                BranchKind::Transmission { .. } | BranchKind::Straight => &mut self.transmission,
+            };
+            match slot {
+                Some(branch) => branch.weight += weight,
+                None if weight.is_black() => {}
+                None => *slot = Some(Branch { weight, ..*part }),
+            }
+        }
     }
 
     /// The branches, reflection first.
@@ -177,6 +316,19 @@ pub struct BranchStreams {
     pub transmission: BranchStream,
     /// Absorption coefficients (per metre) of the media that transmitted rays travel in.
     pub absorption: Colors,
+    /// Whether the transmitted ray goes straight on in its medium, instead of in that of `absorption`. Read only of materials that
+    /// have this lobe.
+    pub straight: Flags,
+}
+
+/// A yes or no for each lane.
+#[derive(Clone)]
+pub struct Flags(pub Lanes<bool>);
+
+impl Default for Flags {
+    fn default() -> Self {
+        Self([false; LANES])
+    }
 }
 
 impl BranchStreams {
@@ -194,6 +346,12 @@ impl BranchStreams {
             BranchKind::Reflection => &mut self.reflection,
             BranchKind::Transmission { absorption } => {
                 self.absorption.set(lane, absorption);
+                self.straight.0[lane] = false;
+                &mut self.transmission
+            }
+            BranchKind::Straight => {
+                self.absorption.set(lane, Rgb::BLACK);
+                self.straight.0[lane] = true;
                 &mut self.transmission
             }
         };

@@ -1,4 +1,4 @@
-use crate::config::{self, FilePath, GroupRef, SolidRef, Table, TextureRef};
+use crate::config::{self, FilePath, GroupRef, MaterialRef, SolidRef, Table, TextureRef};
 use crate::{
     Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Group, Integrator, Light, Material,
     Primitive, Sampler, SceneError, SceneErrors, Shape, Texture, Transform, nearest,
@@ -136,6 +136,11 @@ pub trait Plugin<F: Family> {
 pub trait Context {
     /// The texture or constant that a parameter names. Built once, however often it is named.
     fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors>;
+
+    /// The material that is a part of another one. Built once if it is shared; one that contains itself is an error.
+    fn material(&mut self, reference: &MaterialRef) -> Result<Arc<dyn Material>, SceneErrors> {
+        Err(SceneError::at(reference.span.clone(), "no materials here").into())
+    }
 
     /// The path of a file that a parameter names; the file exists and is a regular file.
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError>;

@@ -71,13 +71,16 @@ impl Rules {
         let material = &*world.materials[hit.shape as usize];
         let lobes = material.lobes();
         let mut local = Rgb::BLACK;
-        if lobes.contains(Lobes::LOCAL) {
-            local = self.shadows.local(world, material, &point, view, skip, scratch);
+        if lobes.intersects(Lobes::SHOWN) {
+            let medium = path.absorption;
+            local = self
+                .shadows
+                .local(world, material, &point, view, skip, medium, scratch);
         }
         let node = scratch.note(path, Some((&hit, &point)), throughput, local);
         let mut sum = throughput * local;
         if let Some(limits) = self.branches
-            && lobes.intersects(Lobes::REFLECTION | Lobes::TRANSMISSION)
+            && lobes.intersects(Lobes::BRANCHES)
         {
             let mut branches = Branches::default();
             material.branches(&point, view, &mut branches);
@@ -118,6 +121,7 @@ fn follow(
     let (allowed, absorption) = match kind {
         BranchKind::Reflection => (point.same_side(view, direction), path.absorption),
         BranchKind::Transmission { absorption } => (point.opposite_sides(view, direction), absorption),
+        BranchKind::Straight => (point.opposite_sides(view, direction), path.absorption),
     };
     let throughput = throughput * weight;
     let contribution = throughput.max_component();

@@ -2,26 +2,42 @@
 
 use schemars::JsonSchema;
 use serde::Deserialize;
-use whitstone_core::{DVec3, Illumination, Material, Rgb, Scratch, Skip, SurfacePoint, World};
+use whitstone_core::{
+    DVec3, Illumination, Lobes, Material, Rgb, Scratch, Shadowing, Skip, SurfacePoint, World,
+};
 
 /// What stands between a surface and a light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Shadows {
-    /// Every surface hides the lights behind it.
+    /// Every surface hides the lights behind it, but for its holes.
     #[default]
     Opaque,
+    /// What is transparent weakens the light that goes straight through it.
+    Filtered,
     /// Every light is visible.
     None,
+}
+
+impl From<Shadows> for Shadowing {
+    fn from(shadows: Shadows) -> Self {
+        match shadows {
+            Shadows::Opaque => Self::Opaque,
+            Shadows::Filtered => Self::Filtered,
+            Shadows::None => Self::None,
+        }
+    }
 }
 
 impl Shadows {
     /// Whether surfaces hide lights.
     pub(crate) fn hide(self) -> bool {
-        self == Self::Opaque
+        self != Self::None
     }
 
-    /// Radiance towards `view` from the lights that reach the point.
+    /// Radiance towards `view` from the surface itself and from the lights that reach the point. `medium` is the absorption
+    /// coefficient (per metre) on the viewer's side.
+    #[allow(clippy::too_many_arguments, reason = "all that shading depends on")]
     pub(crate) fn local(
         self,
         world: &World,
@@ -29,13 +45,22 @@ impl Shadows {
         point: &SurfacePoint,
         view: DVec3,
         skip: Skip,
+        medium: Rgb,
         scratch: &mut Scratch,
     ) -> Rgb {
-        world.gather_lights(point, view, skip, self.hide(), scratch);
-        let light = Illumination {
-            ambient: world.ambient,
-            lights: &scratch.incoming,
-        };
-        material.local(point, view, &light)
+        let lobes = material.lobes();
+        let mut sum = Rgb::BLACK;
+        if lobes.contains(Lobes::LOCAL) {
+            world.gather_lights(point, view, skip, self.into(), medium, scratch);
+            let light = Illumination {
+                ambient: world.ambient,
+                lights: &scratch.incoming,
+            };
+            sum = material.local(point, view, &light);
+        }
+        if lobes.contains(Lobes::EMISSION) {
+            sum += material.emission(point, view);
+        }
+        sum
     }
 }

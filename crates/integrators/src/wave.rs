@@ -8,7 +8,7 @@ use crate::rules::{Beyond, Limits, Rules, endless};
 use std::mem::swap;
 use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, NO_SHAPE, PointStream, RayStream};
 use whitstone_core::{
-    BranchStream, BranchStreams, Counters, LightMemory, Lobes, PathState, Rgb, Scratch, World, simd,
+    BranchStream, BranchStreams, Counters, LightMemory, Lobes, Material, PathState, Rgb, Scratch, World, simd,
 };
 
 /// Rays of a wave with what they are worth.
@@ -225,16 +225,25 @@ impl Rules {
         let material = &*world.materials[shape as usize];
         let lobes = material.lobes();
         if lobes.contains(Lobes::LOCAL) {
-            let (points, leaves) = (&m.points, &m.group_hits.id);
-            world.gather_lights_stream(points, leaves, self.shadows.hide(), &mut m.lights, counters);
+            let (points, leaves, media) = (&m.points, &m.group_hits.id, &m.group.absorption);
+            let shadows = self.shadows.into();
+            world.gather_lights_stream(points, leaves, media, shadows, &mut m.lights, counters);
             material.local_stream(points, world.ambient, &m.lights.samples, &mut m.radiance);
-            weigh(&m.group, &mut m.radiance);
         } else {
             m.radiance.fill(len, Rgb::BLACK);
         }
+        if lobes.contains(Lobes::EMISSION) {
+            m.glow(material);
+        }
+        if lobes.intersects(Lobes::SHOWN) {
+            weigh(&m.group, &mut m.radiance);
+        }
         match self.branches {
-            Some(limits) if lobes.intersects(Lobes::REFLECTION | Lobes::TRANSMISSION) => {
+            Some(limits) if lobes.intersects(Lobes::BRANCHES) => {
                 material.branches_stream(&m.points, &mut m.branches);
+                if lobes.contains(Lobes::STRAIGHT) {
+                    m.stay();
+                }
                 m.follow(limits);
                 m.stop_at_limit(world, limits);
                 add(&m.group, &m.radiance, out);
@@ -255,6 +264,24 @@ impl Memory {
         world
             .accelerator
             .closest_stream(&self.current.rays, &mut self.hits);
+    }
+
+    /// Adds what the surface gives off by itself.
+    fn glow(&mut self, material: &dyn Material) {
+        let mut emission = Colors::default();
+        material.emission_stream(&self.points, &mut emission);
+        for lane in 0..self.group.rays.len {
+            self.radiance
+                .set(lane, self.radiance.get(lane) + emission.get(lane));
+        }
+    }
+
+    /// Keeps the rays that go straight on in the medium that they come from.
+    fn stay(&mut self) {
+        for lane in (0..self.group.rays.len).filter(|lane| self.branches.straight.0[*lane]) {
+            let medium = self.group.absorption.get(lane);
+            self.branches.absorption.set(lane, medium);
+        }
     }
 
     /// Goes on with what was put off, where a ray has no branches.

@@ -83,7 +83,8 @@ impl Integrator for Whitted {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::{DVec3, TreeNode};
+    use whitstone_core::stream::LANES;
+    use whitstone_core::{DVec3, Skip, TreeNode};
     use whitstone_testkit::{Lamp, Simple, Wall, build, floor, integrator_laws, world_of_walls};
 
     const SKY: Lamp = Lamp {
@@ -261,6 +262,102 @@ mod tests {
         for text in ["", "max_depth = 0"] {
             assert_eq!(render(text, &world, DVec3::NEG_Y).0, Rgb::new(0.5, 0.0, 0.0));
         }
+    }
+
+    /// Rays straight on through a pane in a medium that absorbs stay in it, and what glows is seen through both.
+    #[test]
+    fn rays_straight_on_stay_in_their_medium() {
+        let absorption = Rgb::new(0.0, 1.0, 8.0);
+        let water = Simple {
+            transmit: Rgb::WHITE,
+            absorption,
+            ..Simple::default()
+        };
+        let pane = Simple {
+            transmit: Rgb::splat(0.5),
+            straight: true,
+            ..Simple::default()
+        };
+        let glow = Simple {
+            emission: Rgb::splat(4.0),
+            ..Simple::default()
+        };
+        let walls = [(floor(0.25), water), (floor(0.0), pane), (floor(-0.25), glow)];
+        let world = world_of_walls(&walls, SKY);
+        let (found, _) = render("", &world, DVec3::NEG_Y);
+        let through = absorption.transmittance(0.25);
+        assert_eq!(found, through * 0.5 * through * Rgb::splat(4.0));
+        let rays: Vec<Ray> = (0..300)
+            .map(|k| Ray::new(DVec3::new(0.0, 0.5, f64::from(k)), DVec3::NEG_Y))
+            .collect();
+        same_in_streams("", &world, &rays);
+    }
+
+    fn same_in_streams(text: &str, world: &World, rays: &[Ray]) {
+        let integrator = build::<Integrators, Whitted>(text, ()).unwrap();
+        let mut scratch = Scratch::default();
+        for rays in rays.chunks(LANES) {
+            let mut stream = RayStream::default();
+            for (lane, ray) in rays.iter().enumerate() {
+                stream.set(lane, *ray, f64::INFINITY, Skip::NOTHING);
+            }
+            stream.len = rays.len();
+            let mut found = Colors::default();
+            integrator.radiance_stream(world, &stream, &mut scratch, &mut found);
+            for (lane, ray) in rays.iter().enumerate() {
+                let single = integrator.radiance(world, ray, &mut Scratch::default());
+                assert_eq!(found.get(lane), single, "{lane}");
+            }
+        }
+    }
+
+    /// A lamp above two surfaces above a floor: what each leaves of the light, the media between them, and the cut.
+    #[test]
+    fn shadow_rays_go_through_holes_and_filters() {
+        let white = Simple {
+            diffuse: 1.0,
+            ..Simple::default()
+        };
+        let light = Lamp {
+            lamp: Some((DVec3::new(0.0, 8.0, 0.0), 1.0)),
+            ..Lamp::default()
+        };
+        let lit = |text: &str, above: Simple, below: Simple| {
+            let walls = [(floor(4.0), above), (floor(2.0), below), (floor(0.0), white)];
+            let world = world_of_walls(&walls, light);
+            let rays: Vec<Ray> = (0..300)
+                .map(|k| Ray::new(DVec3::new(f64::from(k % 20) * 1e-3, 1.0, 0.0), DVec3::NEG_Y))
+                .collect();
+            same_in_streams(text, &world, &rays);
+            let integrator = build::<Integrators, Whitted>(text, ()).unwrap();
+            let ray = Ray::new(DVec3::new(0.0, 1.0, 0.0), DVec3::NEG_Y);
+            integrator.radiance(&world, &ray, &mut Scratch::default())
+        };
+        let filtered = "shadows = \"filtered\"";
+        let hole = |share: f64| Simple {
+            hole: Rgb::new(share, 0.5, 0.0),
+            ..Simple::default()
+        };
+        let glass = |absorption| Simple {
+            filter: Rgb::splat(0.5),
+            absorption: Rgb::splat(absorption),
+            ..Simple::default()
+        };
+        let opaque = Simple::default();
+        for text in ["", filtered] {
+            assert_eq!(lit(text, hole(1.0), hole(0.25)), Rgb::new(0.25, 0.25, 0.0));
+            assert_eq!(lit(text, hole(1.0), opaque), Rgb::BLACK);
+        }
+        assert_eq!(lit("", glass(0.0), hole(1.0)), Rgb::BLACK);
+        assert_eq!(lit(filtered, glass(0.0), hole(1.0)), Rgb::new(0.5, 0.25, 0.0));
+        assert_eq!(lit("shadows = \"none\"", opaque, opaque), Rgb::WHITE);
+        // Less than 0.002 is nothing; a shadow ray is cut where that happens, not at its end.
+        assert_eq!(lit("", hole(0.004), hole(0.5)).r, 0.002);
+        let thin = Simple {
+            hole: Rgb::splat(0.0019),
+            ..Simple::default()
+        };
+        assert_eq!(lit("", thin, hole(1.0)), Rgb::BLACK);
     }
 
     #[test]

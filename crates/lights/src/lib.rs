@@ -13,10 +13,14 @@ mod emission;
 
 #[cfg(feature = "ambient")]
 pub mod ambient;
+#[cfg(feature = "area")]
+pub mod area;
 #[cfg(feature = "background")]
 pub mod background;
 #[cfg(feature = "directional")]
 pub mod directional;
+#[cfg(feature = "environment")]
+pub mod environment;
 #[cfg(feature = "point")]
 pub mod point;
 #[cfg(feature = "spot")]
@@ -27,10 +31,14 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "ambient")]
     registry.add::<Lights, ambient::Ambient>(from)?;
+    #[cfg(feature = "area")]
+    registry.add::<Lights, area::Area>(from)?;
     #[cfg(feature = "background")]
     registry.add::<Lights, background::Background>(from)?;
     #[cfg(feature = "directional")]
     registry.add::<Lights, directional::Directional>(from)?;
+    #[cfg(feature = "environment")]
+    registry.add::<Lights, environment::Environment>(from)?;
     #[cfg(feature = "point")]
     registry.add::<Lights, point::Point>(from)?;
     #[cfg(feature = "spot")]

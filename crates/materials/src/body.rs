@@ -1,7 +1,7 @@
 //! A transparent body: what the materials that refract have in common.
 
 use crate::optics::{Crossing, Interface, reflect};
-use whitstone_core::{DVec3, Rgb, SurfacePoint};
+use whitstone_core::{DVec3, Filter, Rgb, SurfacePoint};
 
 /// Interfaces are named by the side that the viewer is on.
 pub(crate) struct Body {
@@ -36,6 +36,32 @@ impl Body {
     /// Whether the indices are equal: nothing is reflected or bent.
     pub(crate) fn is_open(&self) -> bool {
         self.outside.is_open()
+    }
+
+    /// What a shadow ray keeps of its light by this weight; it enters the medium that lies behind.
+    pub(crate) fn filter(&self, point: &SurfacePoint, direction: DVec3, weight: Rgb) -> Filter {
+        let inside = point.n_g.dot(direction) < 0.0;
+        let medium = if inside {
+            self.interior_absorption
+        } else {
+            self.exterior_absorption
+        };
+        Filter {
+            weight,
+            medium: Some(medium),
+        }
+    }
+
+    /// The share of light that goes through without being bent: as seen from the side of the lower index, where there is no
+    /// total reflection, so that both faces of a plate take as much.
+    pub(crate) fn unbent(&self, point: &SurfacePoint, direction: DVec3) -> f64 {
+        let upward = if self.outside.eta() <= 1.0 {
+            &self.outside
+        } else {
+            &self.inside
+        };
+        let crossing = upward.cross(point.n_towards(-direction), -direction);
+        upward.fresnel(&crossing).transmitted
     }
 
     /// Straight-line code: streams run it in vector registers.

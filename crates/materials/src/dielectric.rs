@@ -13,8 +13,8 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Positive};
 use whitstone_core::stream::{LANES, PointStream};
 use whitstone_core::{
-    Branch, BranchKind, BranchStreams, Branches, Context, DVec3, Lobes, Material, Materials, Needs, Plugin,
-    Rgb, SceneErrors, SurfacePoint, simd, simd::select,
+    Branch, BranchKind, BranchStreams, Branches, Context, DVec3, Filter, Lobes, Material, Materials, Needs,
+    Plugin, Rgb, SceneErrors, SurfacePoint, simd, simd::select,
 };
 
 /// A smooth transparent body: reflection and refraction by Fresnel's equations.
@@ -68,14 +68,22 @@ impl Plugin<Materials> for Dielectric {
 impl Material for Dielectric {
     fn lobes(&self) -> Lobes {
         if self.body.is_open() {
-            Lobes::TRANSMISSION
+            Lobes::TRANSMISSION | Lobes::FILTERS
         } else {
-            Lobes::REFLECTION | Lobes::TRANSMISSION
+            Lobes::REFLECTION | Lobes::TRANSMISSION | Lobes::FILTERS
         }
     }
 
     fn needs(&self) -> Needs {
         Needs::SHADING_NORMAL
+    }
+
+    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+        if !filtered {
+            return Filter::OPAQUE;
+        }
+        let weight = Rgb::splat(self.body.unbent(point, direction));
+        self.body.filter(point, direction, weight)
     }
 
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
@@ -216,7 +224,29 @@ mod tests {
         let [t] = found[..] else { panic!("{found:?}") };
         assert_eq!((t.direction, t.weight), (-view, Rgb::WHITE));
         let material = build::<Materials, Dielectric>("interior_ior = 1", ()).unwrap();
-        assert_eq!(material.lobes(), Lobes::TRANSMISSION);
+        assert_eq!(material.lobes(), Lobes::TRANSMISSION | Lobes::FILTERS);
+    }
+
+    #[test]
+    fn filtered_shadows_lose_as_much_at_both_faces() {
+        let text = "absorption = 2\nexterior_absorption = 3";
+        let material = build::<Materials, Dielectric>(text, ()).unwrap();
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        assert_eq!(material.shadow(&point, DVec3::Z, false), Filter::OPAQUE);
+        let (down, up) = (DVec3::new(0.8, 0.0, -0.6), DVec3::new(0.8, 0.0, 0.6));
+        let (inwards, outwards) = (
+            material.shadow(&point, down, true),
+            material.shadow(&point, up, true),
+        );
+        // 1 - R at 0.6 onto an index of 1.5, with cos_t = sqrt(1 - 0.64/2.25).
+        let cos_t = (1.0 - 0.64 / 2.25_f64).sqrt();
+        let r_s = (0.6 - 1.5 * cos_t) / (0.6 + 1.5 * cos_t);
+        let r_p = (1.5 * 0.6 - cos_t) / (1.5 * 0.6 + cos_t);
+        let expected = 1.0 - 0.5 * (r_s * r_s + r_p * r_p);
+        assert!((inwards.weight.g - expected).abs() < 1e-15);
+        assert_eq!(inwards.weight, outwards.weight);
+        assert_eq!(inwards.medium, Some(Rgb::splat(2.0)));
+        assert_eq!(outwards.medium, Some(Rgb::splat(3.0)));
     }
 
     #[test]

@@ -10,20 +10,37 @@
 use whitstone_core::{DuplicateType, Materials, Registry};
 
 mod body;
+mod detail;
 mod gloss;
 mod optics;
 mod reflectance;
 
 #[cfg(feature = "blinn_phong")]
 pub mod blinn_phong;
+#[cfg(feature = "bump")]
+pub mod bump;
+#[cfg(feature = "conductor")]
+pub mod conductor;
 #[cfg(feature = "dielectric")]
 pub mod dielectric;
+#[cfg(feature = "emissive")]
+pub mod emissive;
+#[cfg(feature = "mask")]
+pub mod mask;
 #[cfg(feature = "matte")]
 pub mod matte;
 #[cfg(feature = "mirror")]
 pub mod mirror;
+#[cfg(feature = "mix")]
+pub mod mix;
+#[cfg(feature = "normal_map")]
+pub mod normal_map;
 #[cfg(feature = "phong")]
 pub mod phong;
+#[cfg(feature = "thin_dielectric")]
+pub mod thin_dielectric;
+#[cfg(feature = "two_sided")]
+pub mod two_sided;
 #[cfg(feature = "whitted")]
 pub mod whitted;
 
@@ -32,14 +49,30 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "blinn_phong")]
     registry.add::<Materials, blinn_phong::BlinnPhong>(from)?;
+    #[cfg(feature = "bump")]
+    registry.add::<Materials, bump::Bump>(from)?;
+    #[cfg(feature = "conductor")]
+    registry.add::<Materials, conductor::Conductor>(from)?;
     #[cfg(feature = "dielectric")]
     registry.add::<Materials, dielectric::Dielectric>(from)?;
+    #[cfg(feature = "emissive")]
+    registry.add::<Materials, emissive::Emissive>(from)?;
+    #[cfg(feature = "mask")]
+    registry.add::<Materials, mask::Mask>(from)?;
     #[cfg(feature = "matte")]
     registry.add::<Materials, matte::Matte>(from)?;
     #[cfg(feature = "mirror")]
     registry.add::<Materials, mirror::Mirror>(from)?;
+    #[cfg(feature = "mix")]
+    registry.add::<Materials, mix::Mix>(from)?;
+    #[cfg(feature = "normal_map")]
+    registry.add::<Materials, normal_map::NormalMap>(from)?;
     #[cfg(feature = "phong")]
     registry.add::<Materials, phong::Phong>(from)?;
+    #[cfg(feature = "thin_dielectric")]
+    registry.add::<Materials, thin_dielectric::ThinDielectric>(from)?;
+    #[cfg(feature = "two_sided")]
+    registry.add::<Materials, two_sided::TwoSided>(from)?;
     #[cfg(feature = "whitted")]
     registry.add::<Materials, whitted::Whitted>(from)?;
     Ok(())

@@ -15,8 +15,8 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Positive, TextureRef};
 use whitstone_core::stream::{LANES, PointStream};
 use whitstone_core::{
-    Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Illumination, Lobes, Material,
-    Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd,
+    Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Filter, Illumination, Lobes,
+    Material, Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd,
 };
 
 /// Phong shading plus constant shares of the reflected and of the refracted ray.
@@ -116,7 +116,7 @@ impl Material for Whitted {
             lobes = lobes | Lobes::LOCAL;
         }
         if !self.k_refr.is_black() {
-            lobes = lobes | Lobes::TRANSMISSION;
+            lobes = lobes | Lobes::TRANSMISSION | Lobes::FILTERS;
         }
         // What cannot be transmitted is reflected.
         let can_be_total = !self.k_refr.is_black() && !self.body.is_open();
@@ -132,6 +132,13 @@ impl Material for Whitted {
 
     fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
         self.gloss.local(Highlight::Phong, point, view, light)
+    }
+
+    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+        if !filtered {
+            return Filter::OPAQUE;
+        }
+        self.body.filter(point, direction, self.k_refr.value(point))
     }
 
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
@@ -264,7 +271,8 @@ mod tests {
         assert_eq!(lobes(""), Lobes::NOTHING);
         assert_eq!(lobes("k_s = 1"), Lobes::LOCAL);
         assert_eq!(lobes("k_refl = 1"), Lobes::REFLECTION);
-        assert_eq!(lobes("k_refr = 1"), Lobes::REFLECTION | Lobes::TRANSMISSION);
-        assert_eq!(lobes("k_refr = 1\nexterior_ior = 1.5"), Lobes::TRANSMISSION);
+        let through = Lobes::TRANSMISSION | Lobes::FILTERS;
+        assert_eq!(lobes("k_refr = 1"), Lobes::REFLECTION | through);
+        assert_eq!(lobes("k_refr = 1\nexterior_ior = 1.5"), through);
     }
 }

@@ -8,7 +8,9 @@ use std::sync::Arc;
 use std::time::Instant;
 use toml::Spanned;
 use toml::de::DeTable;
-use whitstone_core::config::{FilePath, GroupRef, PluginRef, SolidRef, TextureRef, TextureValue};
+use whitstone_core::config::{
+    FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue,
+};
 use whitstone_core::{
     Accelerator, Accelerators, Camera, Cameras, ColorSource, Context, Element, FamilyName, Geometry, Group,
     Integrator, Integrators, LightGives, Lights, Lobes, Material, Materials, ObjectOrder, Primitive, Refused,
@@ -29,6 +31,9 @@ const TRIANGLE_COST: usize = 4;
 
 /// Of a copy of a group: mostly the test of its box.
 const COPY_COST: usize = 4;
+
+/// Deepest nesting of materials: each hit asks all of them.
+const MAX_NESTING: usize = 16;
 
 /// A scene that is built and ready to render.
 pub struct Pipeline {
@@ -100,6 +105,7 @@ impl Pipeline {
             description,
             registry,
             textures: BTreeMap::new(),
+            materials: BTreeMap::new(),
             open: Vec::new(),
             groups: BTreeMap::new(),
             operands: Operands::default(),
@@ -120,7 +126,8 @@ impl Pipeline {
         let materials = builder.materials(plan, &mut errors);
         let complete = builder.groups(plan, &mut errors);
         let built = builder.structure(&description.shapes, &description.accelerator, &mut errors);
-        let mut left_out = plan.left_out.clone();
+        let mut left_out = builder.unused_materials();
+        left_out.extend_from_slice(&plan.left_out);
         left_out.extend(builder.unused_textures());
         if let Some(integrator) = &integrator {
             left_out.extend(unused_parts(
@@ -240,7 +247,7 @@ fn unused_parts(
         if !any(Lobes::REFLECTION) {
             leave_out("reflected rays", "no material in use mirrors");
         }
-        if !any(Lobes::TRANSMISSION) {
+        if !any(Lobes::TRANSMISSION | Lobes::STRAIGHT) {
             leave_out("refracted rays", "no material in use transmits");
         }
     }
@@ -263,9 +270,11 @@ struct Builder<'d, 's, 'o> {
     description: &'d Description<'s>,
     registry: &'d Registry,
     /// Textures by id or place: `None` where the building failed and the error is reported.
-    textures: BTreeMap<TextureKey, Option<Arc<dyn Texture>>>,
-    /// Textures being built: one of them again is a cycle.
-    open: Vec<TextureKey>,
+    textures: BTreeMap<Key, Option<Arc<dyn Texture>>>,
+    /// Materials in the same way.
+    materials: BTreeMap<Key, Option<Arc<dyn Material>>>,
+    /// Textures and materials being built: one of them again is a cycle.
+    open: Vec<(FamilyName, Key)>,
     /// What instances place, by id, as far as it is built.
     groups: BTreeMap<&'d str, BuiltGroup>,
     operands: Operands,
@@ -276,9 +285,18 @@ struct Builder<'d, 's, 'o> {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum TextureKey {
+enum Key {
     Shared(String),
     Inline(usize),
+}
+
+impl From<&PluginRef> for Key {
+    fn from(reference: &PluginRef) -> Self {
+        match reference {
+            PluginRef::Shared(id) => Self::Shared(id.clone()),
+            PluginRef::Inline(index) => Self::Inline(*index),
+        }
+    }
 }
 
 impl<'d, 's> Builder<'d, 's, '_> {
@@ -310,13 +328,6 @@ impl<'d, 's> Builder<'d, 's, '_> {
 
     /// The material of each shape, those that are shared built once.
     fn materials(&mut self, plan: &Plan<'d, 's>, errors: &mut SceneErrors) -> Vec<Arc<dyn Material>> {
-        let description = self.description;
-        let mut shared: BTreeMap<&str, Option<Arc<dyn Material>>> = BTreeMap::new();
-        for &id in &plan.materials {
-            if let Some(plugin) = description.materials.get(id) {
-                shared.insert(id, errors.take(self.plugin::<Materials>(plugin, ())));
-            }
-        }
         let mut default: Option<Arc<dyn Material>> = None;
         // A copy has a place and no material.
         let mut materials: Vec<Option<Arc<dyn Material>>> = Vec::new();
@@ -337,19 +348,10 @@ impl<'d, 's> Builder<'d, 's, '_> {
                     }
                     materials.push(default.clone());
                 }
-                Some((_, PluginRef::Inline(index))) => {
-                    if let Some(plugin) = description.inline.get(*index) {
-                        materials.push(errors.take(self.plugin::<Materials>(plugin, ())));
-                    }
+                Some((span, reference)) => {
+                    let material = self.shared_material(reference, span);
+                    materials.push(errors.take(material));
                 }
-                Some((span, PluginRef::Shared(id))) => match shared.get(id.as_str()) {
-                    Some(material) => materials.push(material.clone()),
-                    None if description.faulty.shared.contains(&("material", id.clone())) => {}
-                    None => {
-                        let known = description.materials.keys();
-                        errors.0.push(unknown_id("material", span, id, known));
-                    }
-                },
             }
         }
         // Nobody asks for that of a copy: any will do.
@@ -459,11 +461,23 @@ impl<'d, 's> Builder<'d, 's, '_> {
         self.registry.build::<Materials>("matte", &table, (), self)
     }
 
+    fn unused_materials(&self) -> Vec<LeftOut> {
+        self.description
+            .materials
+            .keys()
+            .filter(|id| !self.materials.contains_key(&Key::Shared((*id).clone())))
+            .map(|id| LeftOut {
+                what: format!("material \"{id}\""),
+                why: "no shape has it".to_owned(),
+            })
+            .collect()
+    }
+
     fn unused_textures(&self) -> Vec<LeftOut> {
         self.description
             .textures
             .keys()
-            .filter(|id| !self.textures.contains_key(&TextureKey::Shared((*id).clone())))
+            .filter(|id| !self.textures.contains_key(&Key::Shared((*id).clone())))
             .map(|id| LeftOut {
                 what: format!("texture \"{id}\""),
                 why: "no material in use names it".to_owned(),
@@ -472,36 +486,68 @@ impl<'d, 's> Builder<'d, 's, '_> {
     }
 
     /// The texture, built on first use. The error is empty where it was reported before.
-    fn shared_texture(
-        &mut self,
-        key: TextureKey,
-        span: &SourceSpan,
-    ) -> Result<Arc<dyn Texture>, SceneErrors> {
+    fn shared_texture(&mut self, key: Key, span: &SourceSpan) -> Result<Arc<dyn Texture>, SceneErrors> {
         if let Some(built) = self.textures.get(&key) {
             return built.clone().ok_or_else(SceneErrors::default);
         }
-        if self.open.contains(&key) {
-            return Err(SceneError::at(span.clone(), "this texture refers to itself").into());
-        }
-        let description = self.description;
-        let plugin = match &key {
-            TextureKey::Inline(index) => description.inline.get(*index),
-            TextureKey::Shared(id) => description.textures.get(id),
-        };
-        let Some(plugin) = plugin else {
-            let TextureKey::Shared(id) = &key else {
-                return Err(SceneErrors::default());
-            };
-            if description.faulty.shared.contains(&("texture", id.clone())) {
-                return Err(SceneErrors::default());
-            }
-            return Err(unknown_id("texture", span, id, description.textures.keys()).into());
-        };
-        self.open.push(key.clone());
-        let result = self.plugin::<Textures>(plugin, ());
-        self.open.pop();
+        let result = self.nested::<Textures>(&key, &self.description.textures, span)?;
         self.textures.insert(key, result.as_ref().ok().cloned());
         result
+    }
+
+    /// The material, likewise.
+    fn shared_material(
+        &mut self,
+        reference: &PluginRef,
+        span: &SourceSpan,
+    ) -> Result<Arc<dyn Material>, SceneErrors> {
+        let key = Key::from(reference);
+        if let Some(built) = self.materials.get(&key) {
+            return built.clone().ok_or_else(SceneErrors::default);
+        }
+        let result = self.nested::<Materials>(&key, &self.description.materials, span)?;
+        self.materials.insert(key, result.as_ref().ok().cloned());
+        result
+    }
+
+    /// Builds a plugin that another one may name as a part of it. The outer error is one of naming it, the inner one its own.
+    #[allow(clippy::type_complexity, reason = "two kinds of errors")]
+    fn nested<F>(
+        &mut self,
+        key: &Key,
+        shared: &'d BTreeMap<String, PluginTable<'s>>,
+        span: &SourceSpan,
+    ) -> Result<Result<F::Product, SceneErrors>, SceneErrors>
+    where
+        F: for<'a> whitstone_core::Family<Input<'a> = ()>,
+    {
+        let family = F::NAME.singular();
+        let entry = (F::NAME, key.clone());
+        if self.open.contains(&entry) {
+            return Err(SceneError::at(span.clone(), format!("this {family} refers to itself")).into());
+        }
+        if self.open.len() == MAX_NESTING {
+            let message = format!("{family}s are nested more than {MAX_NESTING} deep");
+            return Err(SceneError::at(span.clone(), message).into());
+        }
+        let description = self.description;
+        let plugin = match key {
+            Key::Inline(index) => description.inline.get(*index),
+            Key::Shared(id) => shared.get(id),
+        };
+        let Some(plugin) = plugin else {
+            let Key::Shared(id) = key else {
+                return Err(SceneErrors::default());
+            };
+            if description.faulty.shared.contains(&(family, id.clone())) {
+                return Err(SceneErrors::default());
+            }
+            return Err(unknown_id(family, span, id, shared.keys()).into());
+        };
+        self.open.push(entry);
+        let result = self.plugin::<F>(plugin, ());
+        self.open.pop();
+        Ok(result)
     }
 }
 
@@ -510,14 +556,17 @@ impl Context for Builder<'_, '_, '_> {
         let span = reference.span.clone().unwrap_or(0..0);
         let key = match &reference.value {
             TextureValue::Constant(color) => return Ok(ColorSource::Constant(*color)),
-            TextureValue::Plugin(PluginRef::Shared(id)) => TextureKey::Shared(id.clone()),
-            TextureValue::Plugin(PluginRef::Inline(index)) => TextureKey::Inline(*index),
+            TextureValue::Plugin(reference) => Key::from(reference),
         };
         let texture = self.shared_texture(key, &span)?;
         Ok(match texture.constant() {
             Some(color) => ColorSource::Constant(color),
             None => ColorSource::Texture(texture),
         })
+    }
+
+    fn material(&mut self, reference: &MaterialRef) -> Result<Arc<dyn Material>, SceneErrors> {
+        self.shared_material(&reference.material, &reference.span)
     }
 
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {

@@ -1,15 +1,12 @@
 use crate::groups::{self, PlannedGroup};
 use crate::{Description, ShapeTable};
 use std::collections::BTreeSet;
-use whitstone_core::config::PluginRef;
 use whitstone_core::{FamilyName, Registry, SceneErrors};
 
 /// What a scene needs built, and what it can do without.
 pub struct Plan<'d, 's> {
     /// The scene.
     pub description: &'d Description<'s>,
-    /// Ids of the shared materials that shapes name.
-    pub materials: BTreeSet<&'d str>,
     /// The groups that instances place, each after those that it places itself.
     pub groups: Vec<PlannedGroup<'d>>,
     /// What will not be built, loaded or run.
@@ -66,30 +63,18 @@ impl<'d, 's> Plan<'d, 's> {
             }
         }
         let groups = groups::plan(description, &mut errors);
-        let materials: BTreeSet<&str> = shapes_by_number(description, &groups)
-            .into_iter()
-            .filter_map(|shape| match &shape.material {
-                Some((_, PluginRef::Shared(id))) => Some(id.as_str()),
-                _ => None,
-            })
-            .collect();
         let unplaced = |id: &&String| !groups.iter().any(|group| group.id == id.as_str());
         let left_out = description
-            .materials
+            .groups
             .keys()
-            .filter(|id| !materials.contains(id.as_str()))
+            .filter(unplaced)
             .map(|id| LeftOut {
-                what: format!("material \"{id}\""),
-                why: "no shape has it".to_owned(),
-            })
-            .chain(description.groups.keys().filter(unplaced).map(|id| LeftOut {
                 what: format!("group \"{id}\""),
                 why: "no instance places it".to_owned(),
-            }))
+            })
             .collect();
         let plan = Self {
             description,
-            materials,
             groups,
             left_out,
             named,

@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::Arc;
-use whitstone_core::config::{FilePath, GroupRef, PluginRef, SolidRef, TextureRef, TextureValue};
+use whitstone_core::config::{
+    FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue,
+};
 use whitstone_core::{
-    ColorSource, Context, Family, Group, Plugin, Primitive, Registry, SceneError, SceneErrors, Shape, Shapes,
-    Transform,
+    ColorSource, Context, Family, Group, Material, Materials, Plugin, Primitive, Registry, SceneError,
+    SceneErrors, Shape, Shapes, Texture, Transform,
 };
 
 /// Builds an operand inside a shape that stands somewhere.
@@ -21,6 +23,10 @@ pub struct TestContext {
     pub folder: PathBuf,
     /// Groups by id.
     pub groups: BTreeMap<String, Arc<Group>>,
+    /// Materials by id.
+    materials: BTreeMap<String, Arc<dyn Material>>,
+    /// Textures by id.
+    textures: BTreeMap<String, Arc<dyn Texture>>,
     /// Operands by id.
     operands: BTreeMap<String, Operand>,
     /// What plugins warned about.
@@ -34,6 +40,26 @@ impl TestContext {
             folder: folder.into(),
             ..Self::default()
         }
+    }
+
+    /// With a material that may be named as a part of another one.
+    ///
+    /// # Panics
+    ///
+    /// If it cannot be built.
+    #[must_use]
+    pub fn with_material<P: Plugin<Materials>>(mut self, id: &str, text: &str) -> Self {
+        let material = build_in::<Materials, P>(text, (), &mut self);
+        self.materials
+            .insert(id.to_owned(), material.expect("tests describe materials well"));
+        self
+    }
+
+    /// With a texture that may be named.
+    #[must_use]
+    pub fn with_texture(mut self, id: &str, texture: impl Texture + 'static) -> Self {
+        self.textures.insert(id.to_owned(), Arc::new(texture));
+        self
     }
 
     /// With a shape that may be named as an operand: scenes write it in the place of its id.
@@ -57,10 +83,21 @@ impl TestContext {
 
 impl Context for TestContext {
     fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors> {
-        match reference.value {
-            TextureValue::Constant(value) => Ok(ColorSource::Constant(value)),
+        match &reference.value {
+            TextureValue::Constant(value) => Ok(ColorSource::Constant(*value)),
+            TextureValue::Plugin(PluginRef::Shared(id)) if self.textures.contains_key(id) => {
+                Ok(ColorSource::Texture(self.textures[id].clone()))
+            }
             TextureValue::Plugin(_) => Err(SceneError::anywhere("no textures here").into()),
         }
+    }
+
+    fn material(&mut self, reference: &MaterialRef) -> Result<Arc<dyn Material>, SceneErrors> {
+        let found = match &reference.material {
+            PluginRef::Shared(id) => self.materials.get(id).cloned(),
+            PluginRef::Inline(_) => None,
+        };
+        found.ok_or_else(|| SceneError::at(reference.span.clone(), "no such material").into())
     }
 
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError> {

@@ -3,7 +3,7 @@
 use crate::streams::integrator_streams;
 use std::sync::Arc;
 use whitstone_core::{
-    Aabb, Accelerator, Branch, BranchKind, Branches, DVec2, DVec3, Geometry, Illumination, Incoming,
+    Aabb, Accelerator, Branch, BranchKind, Branches, DVec2, DVec3, Filter, Geometry, Illumination, Incoming,
     Integrator, Interval, Light, LightGives, LightSample, Lobes, Material, Needs, PathState, Primitive,
     PrimitiveHit, RawHit, Ray, Rgb, Scratch, Shape, Skip, Statistics, SurfacePoint, World,
     triangle::ShearedRay,
@@ -48,13 +48,28 @@ pub struct Simple {
     pub transmit: Rgb,
     /// Medium that the branch straight through enters from outside; none outside.
     pub absorption: Rgb,
+    /// Sends the branch straight through on in the medium that it comes from.
+    pub straight: bool,
+    /// Radiance of the surface itself.
+    pub emission: Rgb,
+    /// What shadow rays keep that go through it, filtered or not.
+    pub hole: Rgb,
+    /// What they keep of it where shadows are filtered; then they enter `absorption` from outside, and leave it from inside.
+    pub filter: Rgb,
     /// Sends the reflection into the surface and the transmission back, against rule G.
     pub wrong_sides: bool,
 }
 
 impl Material for Simple {
     fn lobes(&self) -> Lobes {
-        Lobes::LOCAL | Lobes::REFLECTION | Lobes::TRANSMISSION
+        let when = |there: bool, lobe| if there { lobe } else { Lobes::NOTHING };
+        Lobes::LOCAL
+            | Lobes::REFLECTION
+            | when(!self.straight, Lobes::TRANSMISSION)
+            | when(self.straight, Lobes::STRAIGHT)
+            | when(!self.emission.is_black(), Lobes::EMISSION)
+            | when(!self.hole.is_black(), Lobes::HOLES)
+            | when(!self.filter.is_black(), Lobes::FILTERS)
     }
 
     fn needs(&self) -> Needs {
@@ -65,6 +80,21 @@ impl Material for Simple {
         let n = point.n_towards(view);
         let term = |light: &Incoming| light.irradiance * n.dot(light.direction);
         (light.ambient + light.lights.iter().map(term).sum()) * self.diffuse
+    }
+
+    fn emission(&self, _: &SurfacePoint, _: DVec3) -> Rgb {
+        self.emission
+    }
+
+    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+        if !filtered {
+            return Filter::straight(self.hole);
+        }
+        let entering = point.n_g.dot(direction) < 0.0;
+        Filter {
+            weight: self.hole + self.filter,
+            medium: Some(if entering { self.absorption } else { Rgb::BLACK }),
+        }
     }
 
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
@@ -82,7 +112,11 @@ impl Material for Simple {
             weight: self.reflect,
             kind: BranchKind::Reflection,
         };
-        let kind = BranchKind::Transmission { absorption };
+        let kind = if self.straight {
+            BranchKind::Straight
+        } else {
+            BranchKind::Transmission { absorption }
+        };
         out.push(reflection);
         out.push(Branch {
             direction: transmitted,
@@ -347,6 +381,7 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use whitstone_core::Shadowing;
 
     /// Recursive, one bounce, with a switch for each fault.
     #[derive(Default)]
@@ -383,7 +418,12 @@ mod tests {
             let view = -ray.direction;
             let point = world.surface(ray, &hit).seen_from(view);
             let material = &world.materials[hit.shape as usize];
-            world.gather_lights(&point, view, Skip::leaving(&hit), !self.forgets_shadows, scratch);
+            let shadows = if self.forgets_shadows {
+                Shadowing::None
+            } else {
+                Shadowing::Opaque
+            };
+            world.gather_lights(&point, view, Skip::leaving(&hit), shadows, Rgb::BLACK, scratch);
             let light = Illumination {
                 ambient: world.ambient,
                 lights: &scratch.incoming,
@@ -395,7 +435,7 @@ mod tests {
                 for branch in branches.iter() {
                     let right = match branch.kind {
                         BranchKind::Reflection => point.same_side(view, branch.direction),
-                        BranchKind::Transmission { .. } => point.opposite_sides(view, branch.direction),
+                        _ => point.opposite_sides(view, branch.direction),
                     };
                     if right || self.forgets_sides {
                         sum += branch.weight * world.background(branch.direction);

@@ -32,7 +32,7 @@ mod textures;
 pub use cameras::camera_laws;
 pub use integrators::{Lamp, Simple, Wall, floor, integrator_laws, world_of_walls};
 pub use lights::{light_laws, light_near_laws};
-pub use materials::{dielectric_laws, furnace_laws, material_laws};
+pub use materials::{dielectric_laws, furnace_laws, material_laws, sided_material_laws};
 pub use peers::{peer_agrees, peer_laws};
 pub use samplers::{random_sampler_laws, sampler_laws};
 pub use textures::texture_laws;

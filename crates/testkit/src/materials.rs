@@ -48,6 +48,20 @@ fn surface(n_g: DVec3, n_s: DVec3, uv: DVec2, view: DVec3) -> SurfacePoint {
 ///
 /// If the material breaks one of these laws; the message says which and where.
 pub fn material_laws(material: &dyn Material) {
+    sided_material_laws(material);
+    for n in directions(24) {
+        for (index, cosine) in COSINES.into_iter().enumerate() {
+            both_sides(material, n, at_cosine(n, cosine, index as f64).normalize());
+        }
+    }
+}
+
+/// [`material_laws`] but for the one that both sides look the same.
+///
+/// # Panics
+///
+/// If the material breaks one of these laws; the message says which and where.
+pub fn sided_material_laws(material: &dyn Material) {
     let uvs = [
         DVec2::ZERO,
         DVec2::new(0.3, 0.8),
@@ -70,7 +84,6 @@ pub fn material_laws(material: &dyn Material) {
                 }
                 need_laws(material, n_g, n_s, view);
             }
-            both_sides(material, n, view);
         }
     }
     let broken = material_streams(material, &points).err();
@@ -102,15 +115,21 @@ fn branch_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3, plain
                 );
                 Lobes::TRANSMISSION
             }
+            BranchKind::Straight => {
+                assert_eq!(*direction, -view, "what goes straight on does: {place}");
+                Lobes::STRAIGHT
+            }
         };
         assert!(
             weight.is_black() || lobes.contains(lobe),
             "lobes name every kind of branch: {place}"
         );
-        if plain {
+        // Reflected by a normal of its own, a ray may well go into the surface; rule G is there for that.
+        let straight_on = *kind == BranchKind::Straight;
+        if plain && (straight_on || !lobes.contains(Lobes::OWN_NORMAL)) {
             let right = match kind {
                 BranchKind::Reflection => point.same_side(view, *direction),
-                BranchKind::Transmission { .. } => point.opposite_sides(view, *direction),
+                _ => point.opposite_sides(view, *direction),
             };
             assert!(
                 right,
@@ -152,6 +171,13 @@ fn local_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3) {
         found,
         "local radiance is always the same"
     );
+    let emission = material.emission(point, view);
+    assert!(
+        is_colour(emission),
+        "emission is finite and not negative: {place}"
+    );
+    let glows = material.lobes().contains(Lobes::EMISSION);
+    assert!(glows || emission.is_black(), "lobes name emission: {place}");
     let dark = local(material, point, view, 0.0, &[]);
     assert!(
         dark.is_black(),
@@ -170,6 +196,26 @@ fn local_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3) {
         found * 4.0,
         "radiance is in proportion to the light"
     );
+    for filtered in [false, true] {
+        let filter = material.shadow(point, -view, filtered);
+        let (weight, medium) = (filter.weight, filter.medium.unwrap_or(Rgb::BLACK));
+        assert!(
+            is_colour(weight) && is_colour(medium),
+            "what shadow rays keep is finite and not negative, found {filter:?}: {place}"
+        );
+        let lobe = if filtered {
+            Lobes::HOLES | Lobes::FILTERS
+        } else {
+            Lobes::HOLES
+        };
+        assert!(
+            weight.is_black() || material.lobes().intersects(lobe),
+            "lobes name what lets light through: {place}"
+        );
+    }
+    if material.lobes().contains(Lobes::OWN_NORMAL) {
+        return;
+    }
     let behind = incoming(-0.5, 1.0, 1.0);
     let lit = local(material, point, view, 0.0, &[behind]);
     assert!(
@@ -275,7 +321,7 @@ pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior:
             let place = format!("cosine {cosine}, indices {n_i} and {n_t}: {found:?}");
             let share = |branch: &Branch| match branch.kind {
                 BranchKind::Reflection => branch.weight.g,
-                BranchKind::Transmission { .. } => branch.weight.g / eta / eta,
+                _ => branch.weight.g / eta / eta,
             };
             let total: f64 = found.iter().map(share).sum();
             assert!(
@@ -287,7 +333,7 @@ pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior:
                 let (along, bent) = (tangential(view), tangential(branch.direction));
                 let (factor, reverse) = match branch.kind {
                     BranchKind::Reflection => (1.0, None),
-                    BranchKind::Transmission { .. } => (eta, Some(branch.direction)),
+                    _ => (eta, Some(branch.direction)),
                 };
                 let off = (bent + factor * along).length() / factor.max(1.0);
                 assert!(

@@ -5,8 +5,8 @@ use whitstone_core::stream::{
 };
 use whitstone_core::{
     Accelerator, Branch, BranchKind, BranchStream, BranchStreams, Branches, Camera, DVec2, DVec3, Geometry,
-    Illumination, Incoming, Integrator, Interval, Light, LightGives, LightSample, Material, Needs, RawHit,
-    Ray, Rgb, Scratch, Skip, SurfacePoint, Texture, World,
+    Illumination, Incoming, Integrator, Interval, Light, LightGives, LightSample, Lobes, Material, Needs,
+    RawHit, Ray, Rgb, Scratch, Skip, SurfacePoint, Texture, World,
 };
 
 type Checked = Result<(), String>;
@@ -228,6 +228,8 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint,
         let ambient = Rgb::new(0.1, 0.0, 0.4);
         let mut local = Colors::default();
         material.local_stream(&stream, ambient, &lights, &mut local);
+        let mut emission = Colors::default();
+        material.emission_stream(&stream, &mut emission);
         let mut split = BranchStreams::default();
         material.branches_stream(&stream, &mut split);
         for (lane, (point, view)) in points.iter().enumerate() {
@@ -254,6 +256,10 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint,
             law(same_colors(expected, found), || {
                 format!("{place}: expected the local radiance {expected:?}, found {found:?}")
             })?;
+            let (expected, found) = (material.emission(point, *view), emission.get(lane));
+            law(same_colors(expected, found), || {
+                format!("{place}: expected the emission {expected:?}, found {found:?}")
+            })?;
             let mut branches = Branches::default();
             material.branches(point, *view, &mut branches);
             let of = |reflects: bool| {
@@ -263,7 +269,9 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint,
             };
             for (expected, found) in [(of(true), &split.reflection), (of(false), &split.transmission)] {
                 let absorption = split.absorption.get(lane);
-                law(same_branch(expected, found, lane, absorption), || {
+                // Read only of materials that have the lobe.
+                let straight = material.lobes().contains(Lobes::STRAIGHT) && split.straight.0[lane];
+                law(same_branch(expected, found, lane, absorption, straight), || {
                     let found = (found.direction.get(lane), found.weight.get(lane), absorption);
                     format!("{place}: expected the branch {expected:?}, found {found:?}")
                 })?;
@@ -273,14 +281,21 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint,
     Ok(())
 }
 
-fn same_branch(expected: Option<Branch>, found: &BranchStream, lane: usize, absorption: Rgb) -> bool {
+fn same_branch(
+    expected: Option<Branch>,
+    found: &BranchStream,
+    lane: usize,
+    absorption: Rgb,
+    straight: bool,
+) -> bool {
     let weight = found.weight.get(lane);
     let Some(expected) = expected.filter(|branch| !branch.weight.is_black()) else {
         return weight.is_black();
     };
     let medium = match expected.kind {
         BranchKind::Reflection => true,
-        BranchKind::Transmission { absorption: expected } => same_colors(expected, absorption),
+        BranchKind::Transmission { absorption: expected } => !straight && same_colors(expected, absorption),
+        BranchKind::Straight => straight,
     };
     same_vectors(expected.direction, found.direction.get(lane))
         && same_colors(expected.weight, weight)

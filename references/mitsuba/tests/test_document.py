@@ -53,7 +53,7 @@ class Documents(Case):
     def test_unsupported(self):
         for text, word in (
             ('[[shape]]\ntype = "torus"\n', "torus"),
-            ('[[light]]\ntype = "area"\n', "area"),
+            ('[[light]]\ntype = "laser"\n', "laser"),
             (FLOOR + 'material = { type = "velvet" }\n', "velvet"),
             (FLOOR + 'material = { type = "matte", reflectance = { type = "marble" } }\n', "marble"),
             ('[sampler]\ntype = "sobol"\n', "sobol"),

@@ -49,6 +49,44 @@ class Lights(Case):
         self.assertEqual(list(self.value(scene)), [2, 4, 6])
         self.assertEqual(list(self.value(scene + FLOOR)), [0, 0, 0])
 
+    def test_area(self):
+        """A surface that faces down at height 4: the sum over its points, of which there are four."""
+        turn = "{ rotate = { axis = [1, 0, 0], degrees = 90 } }"
+        light = '[[light]]\ntype = "area"\nshape = "{}"\nradiance = [1, 2, 3]\nsamples = 2\ntransform = [{}{}, {{ translate = [0, 4, 0] }}]\n'
+        # Half a metre beside the middle each way; of the normal, cosine 4/d at both ends.
+        d2 = 16 + 0.5
+        expected = 0.5 / math.pi * 4 * (4 / 4) * 16 / d2**2
+        self.near(self.value(HEAD + light.format("rectangle", "", turn) + FLOOR), [expected * n for n in (1, 2, 3)])
+        self.assertEqual(list(self.value(HEAD + light.format("rectangle", "", turn.replace("90", "-90")) + FLOOR)), [0, 0, 0])
+        # A disk of twice the size, by its radii.
+        expected = sum(0.5 / math.pi * 2 * (4 * math.pi / 4) * 16 / (16 + 4 * v) ** 2 for v in (0.25, 0.75))
+        self.near(self.value(HEAD + light.format("disk", "{ scale = 2 }, ", turn) + FLOOR), [expected * n for n in (1, 2, 3)])
+        # Of a sphere about (0, 4, 0) only the points below count: two, at the height 4 - 0.5.
+        r2 = 0.75
+        d2 = r2 + 3.5**2
+        cosine = (0.5 * 3.5 - r2) / math.sqrt(d2)
+        expected = 0.5 / math.pi * 2 * math.pi * cosine * 3.5 / d2**1.5
+        self.near(self.value(HEAD + light.format("sphere", "", turn) + FLOOR), [expected * n for n in (1, 2, 3)])
+        self.refuse(HEAD + light.format("sphere", "{ scale = [1, 2, 1] }, ", turn) + FLOOR, "scene", "similarity")
+
+    def test_environment(self):
+        """Colours by direction, seen directly and in a mirror, and as light."""
+        sky = '[[light]]\ntype = "environment"\nradiance = { type = "checker", a = [1, 2, 3], b = [4, 5, 6], scale = [4, 2] }\n'
+        for target, expected in (([1, 0.5, -0.2], [4, 5, 6]), ([-1, -0.5, 0.2], [1, 2, 3])):
+            look = f'[camera]\ntype = "perspective"\nlook_at = {{ origin = [0, 0, 0], target = {target} }}\n'
+            # u = 0.5 + atan2(1, 0.2)/2pi is in cell 2, v above 1/2 in cell 1; u of the other in cell 0, v in cell 0.
+            self.assertEqual(list(self.value(film() + look + sky)), [float(number) for number in expected])
+        mirror = 'look_at = { origin = [-1, 0.5, 0.2], target = [0, 0, 0] }'
+        look = f'[camera]\ntype = "perspective"\n{mirror}\n'
+        self.near(self.value(film() + look + sky + material('type = "mirror", reflectance = 0.5')), [2, 2.5, 3])
+        # Two rows of four directions: y = 0.5 and -0.5, of which those above count.
+        even = '[[light]]\ntype = "environment"\nradiance = [1, 2, 3]\nsamples = 2\n'
+        expected = 0.5 / math.pi * 4 * 0.5 * math.pi / 2
+        self.near(self.value(HEAD + even + FLOOR), [expected * number for number in (1, 2, 3)])
+        # Where the light of the brighter half comes from: y > 0 is b at u in cells 1, 3 only.
+        shining = sky + "samples = 2\n"
+        self.near(self.value(HEAD + shining + FLOOR), [expected * (a + b) / 2 for a, b in ((1, 4), (2, 5), (3, 6))])
+
     def test_ambient(self):
         scene = HEAD + '[[light]]\ntype = "ambient"\nradiance = [1, 2, 3]\n' * 2
         self.near(self.value(scene + material('type = "matte", reflectance = [0.1, 0.2, 0.3]')), [0.2, 0.8, 1.8])

@@ -68,7 +68,11 @@ def _sample(integrator: dict, scene: Any, rays: Rays) -> np.ndarray:
 
 def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     document = built.document
-    used = {shape.material for shape in document.shapes}
+    used = document.used()
+    if any(document.materials[number].parts or document.materials[number].type == "emissive" for number in used):
+        raise NotApplicable("materials made of others, and those that glow, are the driver's alone")
+    if any(built.shaders[number].passes(document.integrator.filtered) for number in used):
+        raise NotApplicable("Mitsuba's shadows are opaque")
     if not any(document.materials[number].smooth for number in used):
         raise NotApplicable("no surface reflects the lights")
     if not document.lights.lamps:
@@ -108,6 +112,8 @@ def _path(built: Built, setting: Setting) -> Dict[str, Any]:
         raise NotApplicable("there is no surface")
     if not document.integrator.follow:
         raise NotApplicable("the integrator follows no branches")
+    if document.lights.environments:
+        raise NotApplicable("an environment is the driver's alone")
     if max(document.lights.background) == 0:
         raise NotApplicable("there is no background to be seen in the mirrors")
     bare = copy.copy(built)

@@ -30,6 +30,8 @@ class Integrator:
     limit_background: bool
     shadows: bool
     gouraud: bool = False
+    # Whether what is transparent lets light through to the lights.
+    filtered: bool = False
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,20 @@ class Document:
     shapes: Tuple[shapes.Shape, ...]
     folder: Folder
 
+    def used(self) -> set:
+        """Numbers of the materials of shapes, with all that they are made of."""
+        found: set = set()
+        open_ = {shape.material for shape in self.shapes}
+        while open_:
+            number = open_.pop()
+            found.add(number)
+            open_.update(set(self.materials[number].parts) - found)
+        return found
+
     def hosted(self) -> List[dict]:
         """What is not Mitsuba's own, and why: dictionaries of type, twin and reason."""
         found = {}
-        used = {shape.material for shape in self.shapes}
+        used = self.used()
         sources = [self.materials[number].hosted() for number in sorted(used)] + [lamp.hosted() for lamp in self.lights.lamps]
         for entry in sources:
             if entry is not None:
@@ -69,6 +81,9 @@ class Document:
         camera = self.camera.hosted()
         if camera is not None:
             found[camera[0]] = {"type": camera[0], "twin": "formula", "reason": camera[1]}
+        if self.lights.environments:
+            reason = "the driver looks up the texture in the direction: Mitsuba's own emitter knows pictures only, and lights by chance"
+            found["environment"] = {"type": "environment", "twin": "formula", "reason": reason}
         if self.integrator.gouraud:
             found["rasterizer"] = {"type": "rasterizer", "twin": "formula", "reason": "the driver interpolates the colours of vertices"}
         if self.lights.ambients and any(self.materials[number].ambient is not None for number in used):
@@ -106,7 +121,8 @@ def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Option
             known = ["whitted", "appel", "rasterizer"]
             unsupported.append(f"integrator: no twin for an integrator of type {kind!r}; {nearest(kind, known)}")
         return None
-    shadows = fields.choice("shadows", "opaque", ("opaque", "none")) == "opaque"
+    shadowing = fields.choice("shadows", "opaque", ("opaque", "filtered", "none"))
+    shadows, filtered = shadowing != "none", shadowing == "filtered"
     depth, cut, limit = 0, 0.0, False
     if kind == "whitted":
         depth = fields.integer("max_depth", 6, 0, 100000)
@@ -116,7 +132,7 @@ def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Option
     if gouraud and shadows:
         fields.error("interpolation", 'colours of vertices have no shadows: add shadows = "none"')
     fields.close()
-    return Integrator(kind == "whitted", depth, cut, limit, shadows, gouraud)
+    return Integrator(kind == "whitted", depth, cut, limit, shadows, gouraud, filtered)
 
 
 def _only_triangles(tables: Any, camera: Optional[cameras.Camera], errors: List[str]) -> None:
@@ -155,8 +171,8 @@ def parse(text: str, base: str) -> Document:
         _only_triangles(root.get("shape", []), camera, errors)
         if integrator is not None and integrator.gouraud and camera is not None and (camera.kind != "perspective" or camera.near != 0):
             errors.append("integrator.interpolation: colours of vertices need a perspective camera without a near limit")
-    lamps = lights.read(root.get("light", []), errors, unsupported)
     texture_reader = textures.Textures(_shared(root.get("texture", {}), "texture", errors), folder, errors, unsupported)
+    lamps = lights.read(root.get("light", []), texture_reader, errors, unsupported)
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
     groups = _shared(root.get("group", {}), "group", errors)
     shape_list = shapes.read(root, groups, material_reader, folder, errors, unsupported)

@@ -18,7 +18,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import gouraud
+from . import gouraud, shadows
 from .runtime import ULP, dr, mi
 from .samplers import Samples
 from .scene import NOTHING, Built, geometry
@@ -37,7 +37,6 @@ REHIT_UNITS = 64.0
 # Shadow rays end this much (relative) before a lamp: rounding must not put a surface at the lamp in front of it.
 BEFORE_LAMP = 1 - 4 * ULP
 
-_BRANCH_FLAGS = {"R": mi.BSDFFlags.DeltaReflection, "T": mi.BSDFFlags.DeltaTransmission}
 _BRANCH_NUMBERS = {"R": 1, "T": 2}
 
 
@@ -171,6 +170,10 @@ class Tracer:
         self.native_surface = False
         self.counts = Counts()
         self.levels: List[Level] = []
+        # Whether some surface lets light through to the lights.
+        integrator = self.document.integrator
+        used = {shape.material for shape in self.document.shapes}
+        self.through = integrator.shadows and any(built.shaders[number].passes(integrator.filtered) for number in used)
         table = self.settings + [self.settings[-1]]
         self._k = mi.Float(np.array([setting.k * ULP for setting in table], dtype=np.float32))
         self._noise = mi.Float(np.array([setting.ulps * ULP for setting in table], dtype=np.float32))
@@ -336,7 +339,7 @@ class Tracer:
         t = dr.select(valid, si.t, dr.inf)
         endless = dr.select(rays.medium == 0, mi.Color3f(1), mi.Color3f(0))
         transmittance = dr.select(valid, dr.exp(-rays.medium * si.t), endless)
-        background = b.background.eval(dr.zeros(mi.SurfaceInteraction3f, dr.width(rays.o)))
+        background = b.behind(rays.d)
         hits = Hits(
             valid=valid,
             t=t,
@@ -377,20 +380,20 @@ class Tracer:
         lanes_all = np.concatenate(list(groups.values()))
         lit = [self._lamp(level, number, lanes_all) for number in range(len(self.built.emitters))]
         first = 0
-        context = mi.BSDFContext()
         for number, lanes in groups.items():
             here, inner = pad(lanes), pad(np.arange(first, first + len(lanes)))
             first += len(lanes)
             si = self._interaction(level, here)
             total = mi.Color3f(0)
-            if self.built.ambients[number] is not None:
-                total = total + self.built.ambients[number].eval(si) * self.built.ambient_light
+            shader = self.built.shaders[number]
+            total = total + shader.ambient(si) * self.built.ambient_light
             if self.record:
                 dr.eval(total)
                 level.ambient.append((lanes, mi.Color3f(total)))
+            total = total + shader.emission(si)
             for lamp, (direction, irradiance, visible) in enumerate(lit):
                 wo = si.to_local(dr.gather(mi.Vector3f, direction, inner))
-                value = self.built.bsdfs[number].eval(context, si, wo) * dr.gather(mi.Color3f, irradiance, inner)
+                value = shader.local(si, wo) * dr.gather(mi.Color3f, irradiance, inner)
                 total = total + value
                 if self.record:
                     seen = dr.gather(mi.Bool, visible, inner)
@@ -440,7 +443,12 @@ class Tracer:
         if lamp.finite:
             counts &= ds.dist > 0
         visible = counts
-        if self.document.integrator.shadows:
+        if self.through:
+            goal = ds.p if lamp.finite else None
+            share = shadows.through(self, level, lanes, number, si.p, n_g, l, goal, counts)
+            irradiance = irradiance * share
+            visible = counts & (dr.max(share) > 0)
+        elif self.document.integrator.shadows:
             visible = counts & ~self._shadowed(level, lanes, number, si.p, n_g, l, ds.p if lamp.finite else None, counts)
             self._count("shadow", counts, len(lanes_here))
         irradiance = dr.select(visible, irradiance, 0)
@@ -526,7 +534,7 @@ class Tracer:
             limit, children = None, None
             if last:
                 medium = dr.gather(mi.Color3f, everything.medium, pad(places))
-                background = self.built.background.eval(dr.zeros(mi.SurfaceInteraction3f, dr.width(weight)))
+                background = self.built.behind(dr.gather(mi.Vector3f, everything.d, pad(places)))
                 limit = dr.select(medium == 0, background, 0)
                 dr.eval(limit)
             else:
@@ -541,23 +549,21 @@ class Tracer:
         """One branch of one material at its lanes: (rays, weight, which of them to follow)."""
         hits, rays = level.hits, level.rays
         si = self._interaction(level, lanes)
-        context = mi.BSDFContext()
-        context.type_mask = _BRANCH_FLAGS[letter]
-        sample, weight = self.built.bsdfs[number].sample(context, si, mi.Float(0.5), mi.Point2f(0.5), True)
-        weight = mi.Color3f(weight)
-        direction = mi.Vector3f(si.to_world(sample.wo))
+        way = self.built.shaders[number].branch(letter, si)
+        weight = way.weight
+        direction = mi.Vector3f(si.to_world(way.wo))
         n_g = mi.Vector3f(si.n)
         side = -dr.dot(n_g, dr.gather(mi.Vector3f, rays.d, lanes))
         leaving = dr.dot(n_g, direction) * side
         throughput = dr.gather(mi.Color3f, hits.throughput, lanes) * weight
         strength = dr.max(throughput)
         keep = (strength > 0) & (strength >= self._cut) & ((leaving > 0) if letter == "R" else (leaving < 0))
+        # Also where it is the same at all lanes: one entry for each of them.
+        weight = dr.select(keep, weight, 0)
         medium = dr.gather(mi.Color3f, rays.medium, lanes)
-        if letter == "T":
-            material = dr.gather(mi.UInt32, hits.material, lanes)
-            inside = [dr.gather(mi.Float, self.built.media, material * 6 + channel) for channel in range(3)]
-            outside = [dr.gather(mi.Float, self.built.media, material * 6 + 3 + channel) for channel in range(3)]
-            medium = dr.select(side > 0, mi.Color3f(*inside), mi.Color3f(*outside))
+        if letter == "T" and way.straight is not True:
+            entered = dr.select(side > 0, way.inside, way.outside)
+            medium = dr.select(way.straight, medium, entered)
         setting = dr.gather(mi.UInt32, rays.setting, lanes)
         key = dr.gather(mi.UInt32, rays.key, lanes)
         path = mix(dr.gather(mi.UInt32, rays.path, lanes) * 4 + _BRANCH_NUMBERS[letter])

@@ -1,7 +1,8 @@
-"""Lights: point, directional, spot, ambient, background (model §7).
+"""Lights: point, directional, spot, area, ambient, background, environment (model §7).
 
 Each lamp that has a direction becomes a Mitsuba emitter whose `sample_direction` gives direction, distance and irradiance.
-`falloff = "none"` has no native twin: the emitter is a Python plugin that undoes the native one's inverse square.
+`falloff = "none"` has no native twin: the emitter is a Python plugin that undoes the native one's inverse square. An area light is as many
+native point lights as it has points, each with the cosine to its normal.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any, List, Optional, Tuple
 
 import numpy as np
 
+from . import transforms
 from .fields import REQUIRED, Fields, Vector, nearest
 from .runtime import dr, mi
 
@@ -45,6 +47,27 @@ class NoFalloff(mi.Emitter):
 
 mi.register_emitter("whitstone_no_falloff", lambda props: NoFalloff(props))
 
+
+class Facing(NoFalloff):
+    """A point light of a surface: the nested native emitter's, times the cosine to the surface's normal."""
+
+    def __init__(self, props: "mi.Properties") -> None:
+        NoFalloff.__init__(self, props)
+        self.normal = mi.Vector3f(*[dr.opaque(mi.Float, props[key]) for key in ("nx", "ny", "nz")])
+
+    def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
+        ds, value = self.inner.sample_direction(it, sample, active)
+        return ds, value * dr.maximum(-dr.dot(self.normal, mi.Vector3f(ds.d)), 0)
+
+    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        return self.inner.eval_direction(it, ds, active) * dr.maximum(-dr.dot(self.normal, mi.Vector3f(ds.d)), 0)
+
+    def to_string(self) -> str:
+        return f"Facing[{self.inner}]"
+
+
+mi.register_emitter("whitstone_facing", lambda props: Facing(props))
+
 Hosted = Optional[Tuple[str, str]]
 
 
@@ -61,13 +84,20 @@ class Lamp:
     finite: bool
     falloff: bool
     type: str
+    # Of a point of a surface: its normal.
+    normal: Optional[Vector] = None
 
     def hosted(self) -> Hosted:
         """(plugin type, reason) where the twin is not Mitsuba's own."""
+        if self.normal is not None:
+            return self.type, "the points of a surface are Python emitters around native point lights"
         return None if self.falloff else (self.type, 'falloff = "none" is a Python emitter around the native one')
 
     def build(self) -> "mi.Emitter":
         inner = mi.load_dict(self.plugin)
+        if self.normal is not None:
+            normal = dict(zip(("nx", "ny", "nz"), self.normal))
+            return mi.load_dict({"type": "whitstone_facing", "inner": inner, **normal})
         return inner if self.falloff else mi.load_dict({"type": "whitstone_no_falloff", "inner": inner})
 
 
@@ -79,9 +109,40 @@ class Lights:
     ambient: Vector
     ambients: Tuple[Tuple[int, Vector], ...]
     background: Vector
+    # Textures on the sphere of directions, seen behind everything.
+    environments: Tuple[Any, ...] = ()
 
     def background_emitter(self) -> "mi.Emitter":
         return mi.load_dict({"type": "constant", "radiance": _rgb(self.background)})
+
+
+def place(directions: np.ndarray) -> Any:
+    """Where (n, 3) directions are on the sphere of an environment, as an interaction that textures look at."""
+    x, y, z = directions.T.astype(np.float64)
+    uv = np.stack([0.5 + np.arctan2(x, -z) / (2 * np.pi), 0.5 + np.arctan2(y, np.hypot(x, z)) / np.pi])
+    si = dr.zeros(mi.SurfaceInteraction3f, len(directions))
+    si.p = mi.Point3f(np.ascontiguousarray(directions.T, dtype=np.float32))
+    si.uv = mi.Point2f(np.ascontiguousarray(uv, dtype=np.float32))
+    si.n = mi.Normal3f(si.p)
+    si.sh_frame = mi.Frame3f(mi.Vector3f(si.p))
+    return si
+
+
+def _environment(fields: Fields, index: int, textures: Any) -> Tuple[Any, List[Lamp]]:
+    radiance = textures.value(fields, "radiance", REQUIRED, 0.0, float("inf"))
+    n = fields.integer("samples", 0, 0, 32)
+    lamps: List[Lamp] = []
+    if n > 0:
+        phi = np.tile(np.pi * (np.arange(2 * n) + 0.5) / n, n)
+        y = np.repeat(1 - 2 * (np.arange(n) + 0.5) / n, 2 * n)
+        r = np.sqrt(1 - y**2)
+        directions = np.column_stack([r * np.cos(phi), y, r * np.sin(phi)])
+        seen = np.array(radiance.build().eval(place(directions)), dtype=np.float64)
+        seen = np.broadcast_to(seen.reshape(3, -1).T, (len(y), 3))
+        for direction, color in zip(directions, seen * (2 * np.pi / n**2)):
+            plugin = {"type": "directional", "direction": (-direction).tolist(), "irradiance": _rgb(tuple(color.tolist()))}
+            lamps.append(Lamp(index, plugin, False, True, "environment"))
+    return radiance, lamps
 
 
 def facing(forward: np.ndarray) -> np.ndarray:
@@ -138,14 +199,48 @@ def _spot(fields: Fields, index: int) -> Lamp:
     return Lamp(index, plugin, True, _falloff(fields), "spot")
 
 
+def _area(fields: Fields, index: int) -> List[Lamp]:
+    kind = fields.choice("shape", "rectangle", ("rectangle", "disk", "sphere"))
+    matrix = transforms.read(fields.take("transform"), f"{fields.where}.transform", fields.errors)
+    radiance = np.array(fields.color("radiance", REQUIRED))
+    n = fields.integer("samples", 4, 1, 32)
+    middles = (np.arange(n) + 0.5) / n
+    u, v = np.tile(middles, n), np.repeat(middles, n)
+    linear = matrix[:3, :3]
+    across = np.linalg.norm(np.cross(linear[:, 0], linear[:, 1]))
+    circle = np.array([np.cos(2 * np.pi * u), np.sin(2 * np.pi * u)])
+    normals = np.tile([0.0, 0.0, 1.0], (n * n, 1))
+    if kind == "rectangle":
+        area, points = 4 * across, np.column_stack([2 * u - 1, 2 * v - 1, 0 * u])
+    elif kind == "disk":
+        area, points = np.pi * across, np.column_stack([*(np.sqrt(v) * circle), 0 * u])
+    else:
+        scale = transforms.similarity_scale(matrix)
+        if scale is None:
+            fields.error("transform", "that of a sphere that shines must be a similarity")
+            scale = 1.0
+        area = 4 * np.pi * scale**2
+        points = np.column_stack([*(np.sqrt(1 - (1 - 2 * v) ** 2) * circle), 1 - 2 * v])
+        normals = points
+    places = points @ linear.T + matrix[:3, 3]
+    normals = normals @ np.linalg.inv(linear)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    lamps = []
+    for place, normal in zip(places, normals):
+        plugin = {"type": "point", "position": place.tolist(), "intensity": _rgb(tuple(radiance * (area / n**2)))}
+        lamps.append(Lamp(index, plugin, True, True, "area", tuple(normal.tolist())))
+    return lamps
+
+
 LAMPS = {"point": _point, "directional": _directional, "spot": _spot}
 
 
-def read(tables: Any, errors: List[str], unsupported: List[str]) -> Lights:
+def read(tables: Any, textures: Any, errors: List[str], unsupported: List[str]) -> Lights:
     """The `[[light]]` tables."""
     lamps: List[Lamp] = []
     ambients: List[Tuple[int, Vector]] = []
     background = np.zeros(3)
+    environments: List[Any] = []
     if not isinstance(tables, list):
         errors.append("light: expected an array of tables, [[light]]")
         tables = []
@@ -154,15 +249,21 @@ def read(tables: Any, errors: List[str], unsupported: List[str]) -> Lights:
         kind = fields.kind()
         if kind in LAMPS:
             lamps.append(LAMPS[kind](fields, index))
+        elif kind == "environment":
+            radiance, shining = _environment(fields, index, textures)
+            environments.append(radiance)
+            lamps.extend(shining)
+        elif kind == "area":
+            lamps.extend(_area(fields, index))
         elif kind == "ambient":
             ambients.append((index, fields.color("radiance", REQUIRED)))
         elif kind == "background":
             background = background + np.array(fields.color("radiance", REQUIRED))
         else:
             if kind is not None:
-                known = [*LAMPS, "ambient", "background"]
+                known = [*LAMPS, "area", "ambient", "background", "environment"]
                 unsupported.append(f"light[{index}]: no twin for a light of type {kind!r}; {nearest(kind, known)}")
             continue
         fields.close()
     ambient = np.sum([value for _, value in ambients], axis=0) if ambients else np.zeros(3)
-    return Lights(tuple(lamps), tuple(ambient), tuple(ambients), tuple(background))
+    return Lights(tuple(lamps), tuple(ambient), tuple(ambients), tuple(background), tuple(environments))

@@ -91,13 +91,18 @@ class Mapped(mi.Texture):
         mi.Texture.__init__(self, mi.Properties())
         self.inner, self.mapping = inner, mapping
 
-    def eval(self, si: Any, active: Any = True) -> Any:
-        def at(points: np.ndarray) -> np.ndarray:
-            place = mi.SurfaceInteraction3f(si)
-            place.uv = mi.Point2f(np.ascontiguousarray(points[:, :2].T.astype(np.float32)))
-            return np.array(self.inner.eval(place, active), dtype=np.float64).T
+    def values(self, si: Any, place: Any) -> np.ndarray:
+        """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` as `si` has them."""
 
-        return mi.Color3f(np.ascontiguousarray(self.mapping.values(si, at).T.astype(np.float32)))
+        def at(points: np.ndarray) -> np.ndarray:
+            beside = mi.SurfaceInteraction3f(si)
+            beside.uv = mi.Point2f(np.ascontiguousarray(points[:, :2].T.astype(np.float32)))
+            return np.array(self.inner.eval(beside), dtype=np.float64).T
+
+        return self.mapping.values(place, at)
+
+    def eval(self, si: Any, active: Any = True) -> Any:
+        return mi.Color3f(np.ascontiguousarray(self.values(si, si).T.astype(np.float32)))
 
     def to_string(self) -> str:
         return f"Mapped[{self.mapping.projection}]"

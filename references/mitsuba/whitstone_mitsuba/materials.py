@@ -1,18 +1,18 @@
-"""Materials: matte, phong, blinn_phong, whitted, mirror, dielectric (model §8).
+"""Materials (model §8), as they are read, and their BSDFs.
 
-Matte, mirror and dielectric are Mitsuba's own BSDFs. The phong family and the constant k_refl / k_refr of the lectures are one
+Matte, mirror, conductor, dielectric and thin_dielectric are Mitsuba's own BSDFs. The phong family and the constant k_refl / k_refr of the lectures are one
 Python BSDF, `PhongFamily`: hosted by Mitsuba's geometry and frames, but its formulas are ours. Ambient terms have no twin in
-Mitsuba at all and are computed by the driver from the reflectance texture.
+Mitsuba at all and are computed by the driver from the reflectance texture. What is made of other materials has no BSDF: see `shaders.py`.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field
-from typing import Any, Dict, List, Optional, Tuple
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from .fields import Fields, Vector, nearest
+from .fields import REQUIRED, Fields, Vector, nearest
 from .runtime import dr, mi
 from .textures import Constant, Textures
 
@@ -102,11 +102,24 @@ class Material:
     exterior: Vector = BLACK
     textures: Dict[str, Any] = field(default_factory=dict)
     numbers: Dict[str, float] = field(default_factory=dict)
+    # The materials that it is made of, by their numbers.
+    parts: Tuple[int, ...] = ()
+    # Whether its way through the surface may be bent.
+    refracts: bool = False
+    # Whether it is shaded by other normals than those of the shape.
+    detailed: bool = False
+    # Of a normal map: its tangent, or what the tangent goes around.
+    direction: Vector = (1.0, 0.0, 0.0)
+    around: bool = False
+    # Of a conductor, as colours.
+    index: Tuple[Vector, Vector] = (BLACK, BLACK)
 
     def hosted(self) -> Optional[Tuple[str, str]]:
         """(plugin type, reason) where the twin is not Mitsuba's own."""
         if self.type in ("phong", "blinn_phong", "whitted"):
             return self.type, "its reflection formula is a Python BSDF; Mitsuba has none like it"
+        if self.type in COMPOSITES:
+            return self.type, "the driver adds it to what Mitsuba answers for its parts"
         return None
 
     def build(self) -> "mi.BSDF":
@@ -116,6 +129,17 @@ class Material:
         if self.type == "mirror":
             inner = {"type": "conductor", "material": "none", "specular_reflectance": built["reflectance"]}
             return mi.load_dict({"type": "twosided", "inner": inner})
+        if self.type == "conductor":
+            eta, k = (Constant(value).build() for value in self.index)
+            inner = {"type": "conductor", "eta": eta, "k": k, "specular_reflectance": built["tint"]}
+            return mi.load_dict({"type": "twosided", "inner": inner})
+        if self.type == "thin_dielectric":
+            ior = self.numbers
+            plugin = {"type": "thindielectric", "int_ior": ior["interior_ior"], "ext_ior": ior["exterior_ior"]}
+            return mi.load_dict({**plugin, "specular_transmittance": built["tint"]})
+        if self.type in COMPOSITES:
+            # What hangs on Mitsuba's shape; never asked.
+            return mi.load_dict({"type": "diffuse"})
         if self.type == "dielectric":
             ior = self.numbers
             return mi.load_dict({"type": "dielectric", "int_ior": ior["interior_ior"], "ext_ior": ior["exterior_ior"]})
@@ -177,6 +201,7 @@ def _whitted(fields: Fields, textures: Textures) -> Material:
         exterior,
         {**lobes.textures, "k_refl": k_refl, "k_refr": k_refr},
         {**lobes.numbers, **ior},
+        refracts=_lit(k_refr),
     )
 
 
@@ -186,10 +211,117 @@ def _mirror(fields: Fields, textures: Textures) -> Material:
 
 def _dielectric(fields: Fields, textures: Textures) -> Material:
     ior, interior, exterior = _media(fields)
-    return Material("dielectric", None, (REFLECT, TRANSMIT), False, interior, exterior, {}, ior)
+    return Material("dielectric", None, (REFLECT, TRANSMIT), False, interior, exterior, {}, ior, refracts=True)
 
+
+# eta and k of measured metals, as the model lists them.
+METALS = {
+    "Ag": ((0.15528, 0.11673, 0.13839), (4.82835, 3.12222, 2.14690)),
+    "Al": ((1.65750, 0.88040, 0.52124), (9.22381, 6.26950, 4.83700)),
+    "Au": ((0.14304, 0.37531, 1.44205), (3.98300, 2.38556, 1.60336)),
+    "Be": ((4.18501, 3.18503, 2.78406), (3.83547, 3.01012, 2.86899)),
+    "Cr": ((4.36967, 2.91651, 1.65490), (5.20655, 4.23131, 3.75470)),
+    "Cu": ((0.20101, 0.92375, 1.10222), (3.91326, 2.45305, 2.14209)),
+    "Hg": ((2.39894, 1.44003, 0.90957), (6.32759, 4.37192, 3.42176)),
+    "Ir": ((3.08630, 2.08219, 1.61791), (5.59215, 4.06709, 3.26731)),
+    "Ni": ((2.36730, 1.66337, 1.46708), (4.49881, 3.05015, 2.34544)),
+    "W": ((4.37082, 3.30025, 2.99841), (3.50064, 2.60487, 2.27323)),
+}
+
+
+def _conductor(fields: Fields, textures: Textures) -> Material:
+    tint = textures.value(fields, "tint", 1.0, 0.0, 1.0)
+    if fields.has("metal"):
+        if fields.has("eta") or fields.has("k"):
+            fields.error("metal", "a measured metal has its own eta and k")
+        index = METALS[fields.choice("metal", None, tuple(METALS))]
+    else:
+        index = fields.color("eta", REQUIRED, 0.0, 1000.0), fields.color("k", REQUIRED, 0.0, 1000.0)
+        if min(index[0]) <= 0:
+            fields.error("eta", f"expected components above 0, found {index[0]}")
+    return Material("conductor", None, (REFLECT,), textures={"tint": tint}, index=index)
+
+
+def _thin_dielectric(fields: Fields, textures: Textures) -> Material:
+    ior = {
+        key: fields.number(key, default, lambda value: value > 0, "an index of refraction > 0")
+        for key, default in (("interior_ior", 1.5), ("exterior_ior", 1.0))
+    }
+    tint = textures.value(fields, "tint", 1.0, 0.0, 1.0)
+    return Material("thin_dielectric", None, (REFLECT, TRANSMIT), textures={"tint": tint}, numbers=ior)
+
+
+def _made_of(kind: str, parts: Sequence[Material], **more: Any) -> Material:
+    """A material that can do what any of its parts can."""
+    branches = tuple(letter for letter in (REFLECT, TRANSMIT) if any(letter in part.branches for part in parts))
+    return Material(kind, None, branches, any(part.smooth for part in parts), refracts=any(part.refracts for part in parts),
+        detailed=any(part.detailed for part in parts), **more)
+
+
+def _emissive(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    radiance = textures.value(fields, "radiance", 1.0, 0.0, math.inf)
+    return replace(_made_of("emissive", parts, textures={"radiance": radiance}), smooth=True)
+
+
+def _mask(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    if parts[0].refracts:
+        fields.error("material", "what refracts cannot have holes")
+    opacity = textures.value(fields, "opacity", 0.5, 0.0, 1.0)
+    made = _made_of("mask", parts, textures={"opacity": opacity})
+    return replace(made, branches=made.branches if TRANSMIT in made.branches else (*made.branches, TRANSMIT))
+
+
+def _mix(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    if all(TRANSMIT in part.branches for part in parts) and any(part.refracts for part in parts):
+        fields.error("b", "both materials let rays through, and one of them refracts")
+    if all(REFLECT in part.branches for part in parts) and any(part.detailed for part in parts):
+        fields.error("b", "both materials reflect, by different normals")
+    return _made_of("mix", parts, textures={"weight": textures.value(fields, "weight", 0.5, 0.0, 1.0)})
+
+
+def _two_sided(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    return _made_of("two_sided", parts)
+
+
+def _normal_map(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    map_ = textures.value(fields, "map", REQUIRED, 0.0, math.inf)
+    around = fields.has("axis")
+    if around and fields.has("tangent"):
+        fields.error("axis", "either the tangent or the axis that it goes around")
+        fields.take("tangent")
+    direction = fields.vector("axis", REQUIRED) if around else fields.vector("tangent", (1.0, 0.0, 0.0))
+    length = math.sqrt(sum(component**2 for component in direction))
+    if not length > 0:
+        fields.error("axis" if around else "tangent", "must have a direction (its length is zero)")
+        length = 1.0
+    direction = tuple(component / length for component in direction)
+    made = _made_of("normal_map", parts, textures={"map": map_})
+    return replace(made, detailed=True, direction=direction, around=around)
+
+
+def _bump(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    height = textures.value(fields, "height", REQUIRED, 0.0, math.inf)
+    if hasattr(height, "mapping") and height.mapping.projection == "uv":
+        fields.error("height", "must lie by the place in the world, not by (u, v)")
+    scale = fields.number("scale", 1.0)
+    step = fields.number("step", 1e-3, lambda value: value > 0, "a number above 0")
+    made = _made_of("bump", parts, textures={"height": height}, numbers={"scale": scale, "step": step})
+    return replace(made, detailed=True)
+
+
+# What is made of other materials: reader, the keys under which they stand, and whether these may be left out.
+COMPOSITES: Dict[str, Tuple[Any, Tuple[str, ...], bool]] = {
+    "emissive": (_emissive, ("material",), True),
+    "mask": (_mask, ("material",), False),
+    "mix": (_mix, ("a", "b"), False),
+    "two_sided": (_two_sided, ("front", "back"), False),
+    "normal_map": (_normal_map, ("material",), False),
+    "bump": (_bump, ("material",), False),
+}
 
 READERS = {
+    "conductor": _conductor,
+    "thin_dielectric": _thin_dielectric,
     "matte": _matte,
     "phong": lambda fields, textures: _phong(fields, textures, "phong"),
     "blinn_phong": lambda fields, textures: _phong(fields, textures, "blinn_phong"),
@@ -208,18 +340,28 @@ class Materials:
         self._unsupported = unsupported
         self._numbers: Dict[str, int] = {}
         self.all: List[Material] = []
-        self._shared = {name: self._table(table, f"material.{name}") for name, table in shared.items()}
+        self._tables = shared
+        # Names of shared materials that are being read: one of them again is a cycle.
+        self._open: List[str] = []
+        for name in shared:
+            self.number(name, f"material.{name}")
 
     def number(self, value: Any, where: str) -> int:
         """The index of the material that `value` (a name, a table or None) describes."""
         if value is None:
             return self._table({"type": "matte"}, where)
-        if isinstance(value, str):
-            if value not in self._shared:
-                self._errors.append(f"{where}: no material is called {value!r}; {nearest(value, list(self._shared))}")
-                return 0
-            return self._shared[value]
-        return self._table(value, where)
+        if not isinstance(value, str):
+            return self._table(value, where)
+        if value not in self._tables:
+            self._errors.append(f"{where}: no material is called {value!r}; {nearest(value, list(self._tables))}")
+            return 0
+        if value in self._open:
+            self._errors.append(f"{where}: the material {value!r} is a part of itself")
+            return 0
+        self._open.append(value)
+        number = self._table(self._tables[value], f"material.{value}")
+        self._open.pop()
+        return number
 
     def _table(self, table: Any, where: str) -> int:
         key = json.dumps(table, sort_keys=True, default=str)
@@ -228,12 +370,26 @@ class Materials:
         fields = Fields(table, where, self._errors)
         kind = fields.kind()
         reader = READERS.get(kind or "")
-        if reader is None:
+        if kind in COMPOSITES:
+            material = self._composite(fields, kind)
+        elif reader is None:
             if kind is not None:
-                self._unsupported.append(f"{where}: no twin for a material of type {kind!r}; {nearest(kind, list(READERS))}")
+                known = [*READERS, *COMPOSITES]
+                self._unsupported.append(f"{where}: no twin for a material of type {kind!r}; {nearest(kind, known)}")
             return 0
-        material = reader(fields, self._textures)
+        else:
+            material = reader(fields, self._textures)
         fields.close()
         self.all.append(material)
         self._numbers[key] = len(self.all) - 1
         return self._numbers[key]
+
+    def _composite(self, fields: Fields, kind: str) -> Material:
+        reader, keys, optional = COMPOSITES[kind]
+        numbers = []
+        for key in keys:
+            value = fields.take(key, None if optional else REQUIRED)
+            if value is not None or not optional:
+                numbers.append(self.number(value, f"{fields.where}.{key}"))
+        known = [self.all[number] if number < len(self.all) else Material("matte") for number in numbers]
+        return replace(reader(fields, self._textures, known), parts=tuple(numbers))

@@ -250,12 +250,17 @@ class Formula(mi.Texture):
         mi.Texture.__init__(self, mi.Properties())
         self.pattern = pattern
 
-    def eval(self, si: Any, active: Any = True) -> Any:
+    def values(self, si: Any, place: Any) -> np.ndarray:
+        """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` as `si` has them."""
+
         def at(points: np.ndarray) -> np.ndarray:
             # Lanes without a hit may hold anything.
             return self.pattern.at(np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0))
 
-        return mi.Color3f(np.ascontiguousarray(self.pattern.mapping.values(si, at).T.astype(np.float32)))
+        return self.pattern.mapping.values(place, at)
+
+    def eval(self, si: Any, active: Any = True) -> Any:
+        return mi.Color3f(np.ascontiguousarray(self.values(si, si).T.astype(np.float32)))
 
     def to_string(self) -> str:
         return f"Formula[{type(self.pattern).__name__}]"

@@ -6,7 +6,7 @@ from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import rounding
+from . import lights, rounding, shaders
 from . import shapes as shape_module
 from .document import Document
 from .runtime import dr, mi
@@ -69,12 +69,24 @@ class Built:
         self.document = document
         self.geometry = geometry(setting)
         self.bsdfs = [material.build() for material in document.materials]
-        self.ambients = [None if material.ambient is None else material.ambient.build() for material in document.materials]
+        self.shaders = shaders.build(document.materials, self.bsdfs)
         self.emitters = [lamp.build() for lamp in document.lights.lamps]
         self.background = document.lights.background_emitter()
+        self.environments = [texture.build() for texture in document.lights.environments]
         self.sensor = document.camera.build() if document.camera.native() else None
         self.scene, self._shapes = load_shapes(document, self.bsdfs, setting)
         self._tables()
+
+    def behind(self, directions: Any) -> Any:
+        """Radiance of what lies behind everything, in unit directions."""
+        count = dr.width(directions)
+        radiance = self.background.eval(dr.zeros(mi.SurfaceInteraction3f, count))
+        if self.environments:
+            dr.eval(directions)
+            si = lights.place(np.array(directions).T)
+            for texture in self.environments:
+                radiance = radiance + texture.eval(si)
+        return radiance
 
     @property
     def meshes(self) -> Sequence["mi.Mesh"]:
@@ -100,9 +112,6 @@ class Built:
         flats = [np.zeros(4) if rule.project is None else rule.project for rule in rules]
         self.flats = _floats(flats)
         self.material_of_shape = _integers([shape.material for shape in shapes] + [0, 0])
-        media = [(material.interior, material.exterior) for material in self.document.materials] + [((0, 0, 0), (0, 0, 0))] * 2
-        # Six numbers for each material: absorption inside, outside.
-        self.media = _floats(media)
         self.ambient_light = mi.Color3f(*[dr.opaque(mi.Float, float(value)) for value in self.document.lights.ambient])
         dr.eval(self.ambient_light)
 

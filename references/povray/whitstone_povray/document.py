@@ -168,7 +168,10 @@ def _integrator(table: Any, context: Context) -> _Integrator:
     fields = Fields(table, "integrator", context)
     kind = fields.take("type", REQUIRED)
     level, shown = 1, False
-    shadows = fields.choice("shadows", "opaque", ("opaque", "none")) == "opaque"
+    shadowing = fields.choice("shadows", "opaque", ("opaque", "filtered", "none"))
+    if shadowing == "filtered":
+        fields.unsupported("POV-Ray's shadows through what is transparent follow a rule of its own", "shadows")
+    shadows = shadowing != "none"
     if kind == "whitted":
         level = 1 + fields.integer("max_depth", 6, 0, 100000)
         if level > MAX_LEVEL:

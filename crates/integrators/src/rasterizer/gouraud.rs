@@ -32,8 +32,9 @@ pub(super) fn radiance(world: &World, ray: &Ray, hit: Option<RawHit>, scratch: &
             -ray.direction
         };
         let point = point.seen_from(view);
-        if material.lobes().contains(Lobes::LOCAL) {
-            sum += Shadows::None.local(world, material, &point, view, Skip::leaving(&hit), scratch) * weight;
+        if material.lobes().intersects(Lobes::SHOWN) {
+            let (skip, medium) = (Skip::leaving(&hit), Rgb::BLACK);
+            sum += Shadows::None.local(world, material, &point, view, skip, medium, scratch) * weight;
         }
     }
     let point = world.surface(ray, &hit).seen_from(-ray.direction);

@@ -1,0 +1,77 @@
+//! Shadow rays: what hides a light, and what lets a part of it through.
+
+use crate::{Counters, Interval, Lobes, Ray, Rgb, Skip, World};
+
+/// Light of which less than this is left in every channel counts as none: the cut of the lecture notes.
+const CUT: f64 = 0.002;
+
+/// A shadow ray that has gone through so many surfaces is hidden.
+const MOST_CROSSINGS: usize = 1000;
+
+/// What stands between a surface and a light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shadowing {
+    /// Nothing: every light is visible.
+    None,
+    /// All surfaces, but for their holes.
+    Opaque,
+    /// All surfaces; what is transparent lets light through.
+    Filtered,
+}
+
+impl Shadowing {
+    /// What surfaces do that matters to shadow rays.
+    pub(crate) fn passing(self) -> Lobes {
+        match self {
+            Self::None => Lobes::NOTHING,
+            Self::Opaque => Lobes::HOLES,
+            Self::Filtered => Lobes::HOLES | Lobes::FILTERS,
+        }
+    }
+}
+
+impl World {
+    /// Whether some surface lets light through, so that it does not do to ask if any is hit.
+    pub(crate) fn lets_through(&self, shadowing: Shadowing) -> bool {
+        self.lobes.intersects(shadowing.passing())
+    }
+
+    /// The share of light that comes along a shadow ray from `free` metres away. `medium` is the absorption coefficient (per metre)
+    /// where the ray starts; only filtered shadows see it.
+    pub(crate) fn light_through(
+        &self,
+        ray: Ray,
+        free: f64,
+        skip: Skip,
+        medium: Rgb,
+        shadowing: Shadowing,
+        counters: &mut Counters,
+    ) -> Rgb {
+        let filtered = shadowing == Shadowing::Filtered;
+        let mut medium = if filtered { medium } else { Rgb::BLACK };
+        let (mut ray, mut free, mut skip) = (ray, free, skip);
+        let mut left = Rgb::WHITE;
+        for _ in 0..MOST_CROSSINGS {
+            counters.shadow += 1;
+            let Some(hit) = self.accelerator.closest(&ray, Interval::up_to(free), skip) else {
+                return left * medium.transmittance(free.max(0.0));
+            };
+            let material = &self.materials[hit.shape as usize];
+            if !material.lobes().intersects(shadowing.passing()) {
+                return Rgb::BLACK;
+            }
+            let point = self.surface(&ray, &hit).seen_from(-ray.direction);
+            let filter = material.shadow(&point, ray.direction, filtered);
+            left = left * medium.transmittance(hit.t) * filter.weight;
+            if left.max_component() < CUT {
+                return Rgb::BLACK;
+            }
+            medium = filter.medium.unwrap_or(medium);
+            let start = point.leave(ray.direction);
+            free -= (start - ray.origin).dot(ray.direction);
+            ray = Ray::new(start, ray.direction);
+            skip = Skip::leaving(&hit);
+        }
+        Rgb::BLACK
+    }
+}

@@ -1,0 +1,156 @@
+//! A surface that glows by itself, over any other material.
+//!
+//! The incandescence term of the lecture notes: radiance that does not depend on light. It is seen by the camera and in reflections
+//! and refractions, and lights nothing: that would be the business of a light.
+//!
+//! - Twin: through the driver, from the texture.
+//! - Example: `scenes/materials/emissive.toml`.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::{MaterialRef, TextureRef};
+use whitstone_core::stream::{Colors, PointStream, SampleStreams};
+use whitstone_core::{
+    BranchStreams, Branches, ColorSource, Context, DVec3, Filter, Illumination, Lobes, Material, Materials,
+    Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
+};
+
+/// A surface that glows by itself, over any other material.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Radiance that it gives off on both sides, in W/(m² sr); a texture or a colour.
+    #[serde(default = "one")]
+    radiance: TextureRef,
+    /// What it is apart from that; black if left out.
+    #[serde(default)]
+    #[schemars(with = "MaterialRef")]
+    material: Option<MaterialRef>,
+}
+
+fn one() -> TextureRef {
+    TextureRef::grey(1.0)
+}
+
+/// See the module.
+pub struct Emissive {
+    radiance: ColorSource,
+    under: Arc<dyn Material>,
+}
+
+/// Reflects nothing.
+struct Black;
+
+impl Material for Black {
+    fn lobes(&self) -> Lobes {
+        Lobes::NOTHING
+    }
+
+    fn needs(&self) -> Needs {
+        Needs::NOTHING
+    }
+}
+
+impl Plugin<Materials> for Emissive {
+    const TYPE: &'static str = "emissive";
+    type Config = Config;
+
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let radiance = errors.take(context.texture(&config.radiance));
+        let under = match &config.material {
+            Some(material) => errors.take(context.material(material)),
+            None => Some(Arc::new(Black) as Arc<dyn Material>),
+        };
+        match (radiance, under) {
+            (Some(radiance), Some(under)) => Ok(Arc::new(Self { radiance, under })),
+            _ => Err(errors),
+        }
+    }
+}
+
+impl Material for Emissive {
+    fn lobes(&self) -> Lobes {
+        if self.radiance.is_black() {
+            self.under.lobes()
+        } else {
+            self.under.lobes() | Lobes::EMISSION
+        }
+    }
+
+    fn needs(&self) -> Needs {
+        self.under.needs() | self.radiance.needs()
+    }
+
+    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+        self.under.local(point, view, light)
+    }
+
+    fn local_stream(&self, points: &PointStream, ambient: Rgb, lights: &SampleStreams, out: &mut Colors) {
+        self.under.local_stream(points, ambient, lights, out);
+    }
+
+    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+        self.radiance.value(point) + self.under.emission(point, view)
+    }
+
+    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+        self.under.shadow(point, direction, filtered)
+    }
+
+    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+        self.under.branches(point, view, out);
+    }
+
+    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+        self.under.branches_stream(points, out);
+    }
+}
+
+#[cfg(all(test, feature = "all"))]
+mod tests {
+    use super::*;
+    use crate::mirror::Mirror;
+    use whitstone_testkit::{TestContext, build, build_in, material_laws};
+
+    #[test]
+    fn laws() {
+        for text in ["", "radiance = [0, 0.3, 1e9]", "radiance = 0"] {
+            material_laws(&*build::<Materials, Emissive>(text, ()).unwrap());
+        }
+        let mut context = TestContext::default().with_material::<Mirror>("under", "reflectance = 0.5");
+        let text = "radiance = 2\nmaterial = \"under\"";
+        material_laws(&*build_in::<Materials, Emissive>(text, (), &mut context).unwrap());
+    }
+
+    #[test]
+    fn it_glows_over_what_it_is() {
+        let mut context = TestContext::default().with_material::<Mirror>("under", "reflectance = 0.5");
+        let text = "radiance = [2, 1, 0]\nmaterial = \"under\"";
+        let material = build_in::<Materials, Emissive>(text, (), &mut context).unwrap();
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        for view in [DVec3::Z, DVec3::NEG_Z] {
+            assert_eq!(material.emission(&point, view), Rgb::new(2.0, 1.0, 0.0));
+        }
+        let mut branches = Branches::default();
+        material.branches(&point, DVec3::Z, &mut branches);
+        assert_eq!(branches.iter().next().unwrap().weight, Rgb::splat(0.5));
+    }
+
+    #[test]
+    fn lobes_are_exact() {
+        let lobes = |text| build::<Materials, Emissive>(text, ()).unwrap().lobes();
+        assert_eq!(lobes("radiance = 0"), Lobes::NOTHING);
+        assert_eq!(lobes(""), Lobes::EMISSION);
+    }
+
+    #[test]
+    fn bad_values_are_refused_at_their_places() {
+        let text = "radiance = -1\nmaterial = 3";
+        let errors = build::<Materials, Emissive>(text, ()).err().unwrap();
+        let mut found: Vec<&str> = errors.0.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
+        found.sort_unstable();
+        assert_eq!(found, ["-1", "3"]);
+    }
+}

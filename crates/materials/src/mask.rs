@@ -1,0 +1,205 @@
+//! A material with holes: where it is not opaque, rays go straight on, shadow rays as well.
+//!
+//! Both what is there and what lies behind count, by their shares, as two branches of Whitted's tree do. A threshold would be cheaper
+//! and would move with the rounding of the texture; a choice at random is no part of this model.
+//!
+//! - Twin: through the driver, which weighs what Mitsuba answers for the material.
+//! - Example: `scenes/materials/mask.toml`.
+
+use crate::reflectance::share;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::{MaterialRef, TextureRef};
+use whitstone_core::{
+    Branch, BranchKind, Branches, ColorSource, Context, DVec3, Filter, Illumination, Lobes, Material,
+    Materials, Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint,
+};
+
+/// A material with holes, through which rays and shadow rays go straight on.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// How much of it is there, from 0 to 1; a texture or a colour.
+    #[serde(default = "half")]
+    opacity: TextureRef,
+    /// What is there. It must not refract.
+    material: MaterialRef,
+}
+
+fn half() -> TextureRef {
+    TextureRef::grey(0.5)
+}
+
+/// See the module.
+pub struct Mask {
+    opacity: ColorSource,
+    inner: Arc<dyn Material>,
+}
+
+impl Plugin<Materials> for Mask {
+    const TYPE: &'static str = "mask";
+    type Config = Config;
+
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let opacity = errors.take(share(&config.opacity, "an opacity", context));
+        let inner = errors.take(context.material(&config.material));
+        if let Some(inner) = &inner
+            && inner.lobes().intersects(Lobes::TRANSMISSION)
+        {
+            let message = "what refracts cannot have holes: a ray would go on in two directions";
+            errors
+                .0
+                .push(SceneError::at(config.material.span.clone(), message));
+        }
+        match (opacity, inner) {
+            (Some(opacity), Some(inner)) => errors.into_result(Arc::new(Self { opacity, inner })),
+            _ => Err(errors),
+        }
+    }
+}
+
+fn complement(opacity: Rgb) -> Rgb {
+    opacity.map(|share| 1.0 - share)
+}
+
+impl Material for Mask {
+    fn lobes(&self) -> Lobes {
+        match self.opacity {
+            ColorSource::Constant(Rgb::WHITE) => self.inner.lobes(),
+            ColorSource::Constant(Rgb::BLACK) => Lobes::STRAIGHT | Lobes::HOLES,
+            _ => self.inner.lobes() | Lobes::STRAIGHT | Lobes::HOLES,
+        }
+    }
+
+    fn needs(&self) -> Needs {
+        self.opacity.needs() | self.inner.needs()
+    }
+
+    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+        self.inner.local(point, view, light) * self.opacity.value(point)
+    }
+
+    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+        self.inner.emission(point, view) * self.opacity.value(point)
+    }
+
+    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+        let opacity = self.opacity.value(point);
+        let inner = self.inner.shadow(point, direction, filtered);
+        Filter::straight(complement(opacity) + inner.weight * opacity)
+    }
+
+    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+        let opacity = self.opacity.value(point);
+        let mut inner = Branches::default();
+        self.inner.branches(point, view, &mut inner);
+        out.merge(&inner, opacity);
+        let mut hole = Branches::default();
+        hole.push(Branch {
+            direction: -view,
+            weight: complement(opacity),
+            kind: BranchKind::Straight,
+        });
+        out.merge(&hole, Rgb::WHITE);
+    }
+}
+
+#[cfg(all(test, feature = "all"))]
+mod tests {
+    use super::*;
+    use crate::{dielectric::Dielectric, matte::Matte, mirror::Mirror, thin_dielectric::ThinDielectric};
+    use whitstone_testkit::{TestContext, build_in, furnace_laws, material_laws};
+
+    fn context() -> TestContext {
+        TestContext::default()
+            .with_material::<Matte>("matte", "reflectance = 0.5")
+            .with_material::<Mirror>("mirror", "")
+            .with_material::<ThinDielectric>("pane", "tint = 0.5")
+            .with_material::<Dielectric>("glass", "")
+    }
+
+    fn mask(text: &str) -> Result<Arc<dyn Material>, SceneErrors> {
+        build_in::<Materials, Mask>(text, (), &mut context())
+    }
+
+    #[test]
+    fn laws() {
+        for text in [
+            "material = \"matte\"",
+            "material = \"mirror\"\nopacity = [0, 0.3, 1]",
+            "material = \"pane\"\nopacity = 0.7",
+            "material = \"matte\"\nopacity = 0",
+            "material = \"mirror\"\nopacity = 1",
+        ] {
+            let material = mask(text).unwrap();
+            material_laws(&*material);
+            furnace_laws(&*material);
+        }
+    }
+
+    #[test]
+    fn shares_of_what_is_there_and_of_what_is_behind() {
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let ambient = Illumination {
+            ambient: Rgb::splat(4.0),
+            lights: &[],
+        };
+        let material = mask("material = \"matte\"\nopacity = [0, 0.25, 1]").unwrap();
+        let local = material.local(&point, DVec3::Z, &ambient);
+        assert_eq!(local, Rgb::new(0.0, 0.5, 2.0));
+        let mut branches = Branches::default();
+        material.branches(&point, DVec3::Z, &mut branches);
+        let all: Vec<Branch> = branches.iter().copied().collect();
+        let expected = Branch {
+            direction: DVec3::NEG_Z,
+            weight: Rgb::new(1.0, 0.75, 0.0),
+            kind: BranchKind::Straight,
+        };
+        assert_eq!(all, [expected]);
+        // Shadows are not filtered, but holes are holes.
+        assert_eq!(
+            material.shadow(&point, DVec3::Z, false),
+            Filter::straight(expected.weight)
+        );
+    }
+
+    #[test]
+    fn a_pane_with_holes_goes_on_in_one_branch() {
+        let material = mask("material = \"pane\"\nopacity = 0.5").unwrap();
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let mut branches = Branches::default();
+        material.branches(&point, DVec3::Z, &mut branches);
+        let weights: Vec<f64> = branches.iter().map(|branch| branch.weight.g).collect();
+        let expected = [0.5 * 0.08 / 1.04, 0.5 + 0.25 * 0.96 / 1.04];
+        for (a, b) in weights.iter().zip(expected) {
+            assert!((a - b).abs() < 1e-15, "{a} {b}");
+        }
+        assert_eq!(material.shadow(&point, DVec3::Z, false).weight, Rgb::splat(0.5));
+        let filtered = material.shadow(&point, DVec3::Z, true).weight.g;
+        assert!((filtered - expected[1]).abs() < 1e-15);
+    }
+
+    #[test]
+    fn lobes_are_exact() {
+        let lobes = |text| mask(text).unwrap().lobes();
+        let hole = Lobes::STRAIGHT | Lobes::HOLES;
+        assert_eq!(lobes("material = \"matte\""), Lobes::LOCAL | hole);
+        assert_eq!(lobes("material = \"matte\"\nopacity = 1"), Lobes::LOCAL);
+        assert_eq!(lobes("material = \"matte\"\nopacity = 0"), hole);
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_at_its_place() {
+        for (text, place) in [
+            ("material = \"glass\"", "\"glass\""),
+            ("material = \"matte\"\nopacity = 1.5", "1.5"),
+            ("material = \"none\"", "\"none\""),
+            ("material = 1", "1"),
+        ] {
+            let error = mask(text).err().unwrap().0.remove(0);
+            assert_eq!(&text[error.span.unwrap()], place);
+        }
+    }
+}

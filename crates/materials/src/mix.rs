@@ -1,0 +1,208 @@
+//! Two materials in one place, each by its share.
+//!
+//! A linear blend of all that they answer: local light, branches, and what they let through to lights. Branches in one direction
+//! become one, so that the tree of rays has at most two at each surface, as that of Whitted.
+//!
+//! - Twin: through the driver, which weighs what Mitsuba answers for both.
+//! - Example: `scenes/materials/mix.toml`.
+
+use crate::reflectance::share;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::{MaterialRef, TextureRef};
+use whitstone_core::{
+    Branches, ColorSource, Context, DVec3, Filter, Illumination, Lobes, Material, Materials, Needs, Plugin,
+    Rgb, SceneError, SceneErrors, SurfacePoint,
+};
+
+/// Two materials in one place, each by its share.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The first one.
+    a: MaterialRef,
+    /// The second one.
+    b: MaterialRef,
+    /// Share of the second one, from 0 to 1; a texture or a colour.
+    #[serde(default = "half")]
+    weight: TextureRef,
+}
+
+fn half() -> TextureRef {
+    TextureRef::grey(0.5)
+}
+
+/// See the module.
+pub struct Mix {
+    a: Arc<dyn Material>,
+    b: Arc<dyn Material>,
+    weight: ColorSource,
+}
+
+impl Plugin<Materials> for Mix {
+    const TYPE: &'static str = "mix";
+    type Config = Config;
+
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let weight = errors.take(share(&config.weight, "a weight", context));
+        let a = errors.take(context.material(&config.a));
+        let b = errors.take(context.material(&config.b));
+        if let (Some(a), Some(b)) = (&a, &b)
+            && let Err(message) = one_direction(a.lobes(), b.lobes())
+        {
+            errors.0.push(SceneError::at(config.b.span.clone(), message));
+        }
+        match (a, b, weight) {
+            (Some(a), Some(b), Some(weight)) => errors.into_result(Arc::new(Self { a, b, weight })),
+            _ => Err(errors),
+        }
+    }
+}
+
+/// That branches of a kind go in one direction.
+fn one_direction(a: Lobes, b: Lobes) -> Result<(), &'static str> {
+    let through = Lobes::TRANSMISSION | Lobes::STRAIGHT;
+    let either = a | b;
+    if a.intersects(through) && b.intersects(through) && either.contains(Lobes::TRANSMISSION) {
+        return Err(
+            "both materials let rays through, and one of them refracts: they would go on in two directions",
+        );
+    }
+    let reflect = a.intersects(Lobes::REFLECTION) && b.intersects(Lobes::REFLECTION);
+    if reflect && either.contains(Lobes::OWN_NORMAL) {
+        return Err("both materials reflect, by different normals: rays would go on in two directions");
+    }
+    Ok(())
+}
+
+impl Mix {
+    /// What this gives for both, blended.
+    fn blend(&self, point: &SurfacePoint, of: impl Fn(&dyn Material) -> Rgb) -> Rgb {
+        let [a, b] = self.shares(point);
+        of(&*self.a) * a + of(&*self.b) * b
+    }
+
+    fn shares(&self, point: &SurfacePoint) -> [Rgb; 2] {
+        let weight = self.weight.value(point);
+        [weight.map(|share| 1.0 - share), weight]
+    }
+}
+
+impl Material for Mix {
+    fn lobes(&self) -> Lobes {
+        match self.weight {
+            ColorSource::Constant(Rgb::BLACK) => self.a.lobes(),
+            ColorSource::Constant(Rgb::WHITE) => self.b.lobes(),
+            _ => self.a.lobes() | self.b.lobes(),
+        }
+    }
+
+    fn needs(&self) -> Needs {
+        self.weight.needs() | self.a.needs() | self.b.needs()
+    }
+
+    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+        self.blend(point, |material| material.local(point, view, light))
+    }
+
+    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+        self.blend(point, |material| material.emission(point, view))
+    }
+
+    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+        let of = |material: &dyn Material| material.shadow(point, direction, filtered);
+        Filter {
+            weight: self.blend(point, |material| of(material).weight),
+            // At most one of them has a body.
+            medium: of(&*self.a).medium.or(of(&*self.b).medium),
+        }
+    }
+
+    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+        let shares = self.shares(point);
+        for (material, share) in [&self.a, &self.b].into_iter().zip(shares) {
+            let mut part = Branches::default();
+            material.branches(point, view, &mut part);
+            out.merge(&part, share);
+        }
+    }
+}
+
+#[cfg(all(test, feature = "all"))]
+mod tests {
+    use super::*;
+    use crate::{
+        conductor::Conductor, dielectric::Dielectric, emissive::Emissive, mask::Mask, matte::Matte,
+        mirror::Mirror, thin_dielectric::ThinDielectric,
+    };
+    use whitstone_testkit::{TestContext, build_in, furnace_laws, material_laws};
+
+    fn context() -> TestContext {
+        TestContext::default()
+            .with_material::<Matte>("matte", "reflectance = 0.5")
+            .with_material::<Mirror>("mirror", "")
+            .with_material::<Conductor>("gold", "metal = \"Au\"")
+            .with_material::<ThinDielectric>("pane", "tint = 0.5")
+            .with_material::<Dielectric>("glass", "absorption = 2")
+            .with_material::<Emissive>("lamp", "radiance = 3")
+            .with_material::<Mask>("net", "material = \"matte\"")
+    }
+
+    fn mix(text: &str) -> Result<Arc<dyn Material>, SceneErrors> {
+        build_in::<Materials, Mix>(text, (), &mut context())
+    }
+
+    fn weights(material: &dyn Material) -> Vec<f64> {
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let mut branches = Branches::default();
+        material.branches(&point, DVec3::Z, &mut branches);
+        branches.iter().map(|branch| branch.weight.g).collect()
+    }
+
+    #[test]
+    fn laws() {
+        for (text, keeps) in [
+            ("a = \"matte\"\nb = \"mirror\"", true),
+            ("a = \"matte\"\nb = \"gold\"\nweight = [0, 0.3, 1]", true),
+            ("a = \"pane\"\nb = \"net\"\nweight = 0.7", true),
+            ("a = \"glass\"\nb = \"matte\"", false),
+            ("a = \"lamp\"\nb = \"matte\"", false),
+            ("a = \"matte\"\nb = \"pane\"\nweight = 1", true),
+        ] {
+            let material = mix(text).unwrap();
+            material_laws(&*material);
+            if keeps {
+                furnace_laws(&*material);
+            }
+        }
+    }
+
+    #[test]
+    fn branches_in_one_direction_become_one() {
+        assert_eq!(
+            weights(&*mix("a = \"mirror\"\nb = \"mirror\"\nweight = 0.25").unwrap()),
+            [1.0]
+        );
+        let found = weights(&*mix("a = \"mirror\"\nb = \"glass\"\nweight = 0.25").unwrap());
+        let expected = [0.75 + 0.25 * 0.04, 0.25 * 0.96 / 2.25];
+        assert_eq!(found.len(), 2);
+        for (a, b) in found.into_iter().zip(expected) {
+            assert!((a - b).abs() < 1e-15, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_at_its_place() {
+        for (text, place) in [
+            ("a = \"glass\"\nb = \"pane\"", "\"pane\""),
+            ("a = \"net\"\nb = \"glass\"", "\"glass\""),
+            ("a = \"matte\"\nb = \"mirror\"\nweight = 2", "2"),
+        ] {
+            let error = mix(text).err().unwrap().0.remove(0);
+            assert_eq!(&text[error.span.unwrap()], place);
+        }
+        assert!(mix("a = \"matte\"").is_err());
+    }
+}

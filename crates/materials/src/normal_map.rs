@@ -1,0 +1,178 @@
+//! Normals from the colours of a texture.
+//!
+//! Cohen, Olano and Manocha 1998, *Appearance-preserving simplification* (normals in tangent space, coded as colours). The frame
+//! is said by the scene, by a direction in the world or by an axis to go around, so that it is exact for any shape.
+//!
+//! - Twin: through the driver, which turns the frame that Mitsuba's materials see.
+//! - Example: `scenes/materials/normal_map.toml`.
+
+use crate::detail::{Detail, Detailed};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use toml::Spanned;
+use whitstone_core::config::{MaterialRef, TextureRef, Vector3};
+use whitstone_core::{
+    ColorSource, Context, DVec3, Material, Materials, Needs, Plugin, SceneError, SceneErrors, SurfacePoint,
+};
+
+/// Normals from the colours of a texture, over any material.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Twice a colour less 1 are the parts of the normal along tangent, bitangent and normal. An image should be read with
+    /// `color_space = "linear"`.
+    map: TextureRef,
+    /// Direction of the tangent in the world, of which the part along the surface counts; [1, 0, 0] if neither is given.
+    #[serde(default)]
+    #[schemars(with = "Vector3")]
+    tangent: Option<Spanned<Vector3>>,
+    /// Instead of it, the axis around which the tangent goes, as on a globe.
+    #[serde(default)]
+    #[schemars(with = "Vector3")]
+    axis: Option<Spanned<Vector3>>,
+    /// What is shaded by it.
+    material: MaterialRef,
+}
+
+/// See the module.
+pub struct NormalMap {
+    map: ColorSource,
+    frame: Frame,
+}
+
+/// Where the tangent points.
+enum Frame {
+    Along(DVec3),
+    Around(DVec3),
+}
+
+impl Plugin<Materials> for NormalMap {
+    const TYPE: &'static str = "normal_map";
+    type Config = Config;
+
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let map = errors.take(context.texture(&config.map));
+        let inner = errors.take(context.material(&config.material));
+        let mut unit = |vector: &Spanned<Vector3>| {
+            let found = vector.get_ref().get().try_normalize();
+            if found.is_none() {
+                let error = SceneError::at(
+                    vector.span(),
+                    "expected a direction, found a vector without length",
+                );
+                errors.0.push(error);
+            }
+            found
+        };
+        let frame = match (&config.tangent, &config.axis) {
+            (None, None) => Some(Frame::Along(DVec3::X)),
+            (Some(tangent), None) => unit(tangent).map(Frame::Along),
+            (None, Some(axis)) => unit(axis).map(Frame::Around),
+            (Some(_), Some(axis)) => {
+                let message = "either the tangent or the axis that it goes around";
+                errors.0.push(SceneError::at(axis.span(), message));
+                None
+            }
+        };
+        match (map, inner, frame) {
+            (Some(map), Some(inner), Some(frame)) => {
+                let detail = Self { map, frame };
+                errors.into_result(Arc::new(Detailed { detail, inner }))
+            }
+            _ => Err(errors),
+        }
+    }
+}
+
+impl Detail for NormalMap {
+    fn needs(&self) -> Needs {
+        self.map.needs()
+    }
+
+    fn normal(&self, point: &SurfacePoint) -> Option<DVec3> {
+        let n = point.n_s;
+        let t = match self.frame {
+            Frame::Along(direction) => direction - direction.dot(n) * n,
+            Frame::Around(axis) => axis.cross(n),
+        };
+        let t = t.try_normalize()?;
+        let [x, y, z] = self.map.value(point).to_array().map(|part| 2.0 * part - 1.0);
+        (x * t + y * n.cross(t) + z * n).try_normalize()
+    }
+}
+
+#[cfg(all(test, feature = "all"))]
+mod tests {
+    use super::*;
+    use crate::{matte::Matte, mirror::Mirror};
+    use whitstone_core::{Branches, Rgb};
+    use whitstone_testkit::{TestContext, build_in, sided_material_laws};
+
+    fn normal_map(text: &str) -> Result<Arc<dyn Material>, SceneErrors> {
+        let mut context = TestContext::default()
+            .with_material::<Matte>("matte", "")
+            .with_material::<Mirror>("mirror", "");
+        build_in::<Materials, NormalMap>(text, (), &mut context)
+    }
+
+    #[test]
+    fn laws() {
+        for text in [
+            "map = [0.7, 0.4, 0.9]\nmaterial = \"matte\"",
+            "map = [0.1, 0.8, 0.6]\naxis = [0, 1, 0]\nmaterial = \"mirror\"",
+            "map = 0.5\nmaterial = \"mirror\"",
+            "map = 0\ntangent = [1e-9, 1, 2]\nmaterial = \"matte\"",
+        ] {
+            sided_material_laws(&*normal_map(text).unwrap());
+        }
+    }
+
+    #[test]
+    fn colours_are_parts_of_the_normal() {
+        // n_s = z; the tangent is y along the surface, so the bitangent is -x.
+        for frame in ["tangent = [0, 3, 7]", "axis = [2, 0, 0]"] {
+            let normal = |map: [f64; 3]| {
+                let frame = if frame.starts_with('t') {
+                    Frame::Along(DVec3::new(0.0, 3.0, 7.0))
+                } else {
+                    // Around x, z goes to -y.
+                    Frame::Around(DVec3::NEG_X)
+                };
+                let map = ColorSource::Constant(Rgb::from(map));
+                let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+                NormalMap { map, frame }.normal(&point).unwrap()
+            };
+            assert_eq!(normal([0.5, 0.5, 1.0]), DVec3::Z, "{frame}");
+            assert_eq!(normal([1.0, 0.5, 0.5]), DVec3::Y, "{frame}");
+            assert_eq!(normal([0.5, 1.0, 0.5]), DVec3::NEG_X, "{frame}");
+        }
+    }
+
+    #[test]
+    fn a_normal_that_looks_away_is_not_taken() {
+        let material = normal_map("map = [0.5, 0.5, 0]\nmaterial = \"mirror\"").unwrap();
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let view = DVec3::new(0.6, 0.0, 0.8);
+        let mut branches = Branches::default();
+        material.branches(&point, view, &mut branches);
+        let found = branches.iter().next().unwrap().direction;
+        assert!((found - DVec3::new(-0.6, 0.0, 0.8)).length() < 1e-15);
+    }
+
+    #[test]
+    fn bad_frames_are_refused_at_their_places() {
+        for (text, place) in [
+            ("map = 1\nmaterial = \"matte\"\ntangent = [0, 0, 0]", "[0, 0, 0]"),
+            (
+                "map = 1\nmaterial = \"matte\"\ntangent = [1, 0, 0]\naxis = [0, 1, 0]",
+                "[0, 1, 0]",
+            ),
+            ("map = -1\nmaterial = \"matte\"", "-1"),
+        ] {
+            let error = normal_map(text).err().unwrap().0.remove(0);
+            assert_eq!(&text[error.span.unwrap()], place);
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! A pane without thickness: a window, a soap bubble, the wall of an empty glass.
+//!
+//! Stokes 1862, *On the intensity of the light reflected from or transmitted through a pile of plates*: with Fresnel's R at each of
+//! both faces and `T = 1 - R`, all that is reflected between them sums up to `R + T² R (1 + R² + R⁴ + ...) = 2R/(1 + R)`, and
+//! what goes through to `T²/(1 - R²) = (1 - R)/(1 + R)`. The ray leaves in the direction in which it came.
+//!
+//! - Twin: Mitsuba `thindielectric` (native).
+//! - Example: `scenes/materials/thin_dielectric.toml`.
+
+use crate::optics::{Interface, reflect};
+use crate::reflectance::share;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::{Positive, TextureRef};
+use whitstone_core::stream::{LANES, PointStream};
+use whitstone_core::{
+    Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Filter, Lobes, Material,
+    Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd, simd::select,
+};
+
+/// A pane without thickness, with all reflections between its faces.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Index of refraction of the pane.
+    #[serde(default = "glass")]
+    interior_ior: Positive,
+    /// Index of refraction on both sides of it.
+    #[serde(default = "vacuum")]
+    exterior_ior: Positive,
+    /// Factor on what goes through, from 0 to 1; a texture or a colour.
+    #[serde(default = "one")]
+    tint: TextureRef,
+}
+
+fn glass() -> Positive {
+    Positive::new(1.5).expect("1.5 is positive")
+}
+
+fn vacuum() -> Positive {
+    Positive::new(1.0).expect("1 is positive")
+}
+
+fn one() -> TextureRef {
+    TextureRef::grey(1.0)
+}
+
+/// See the module.
+pub struct ThinDielectric {
+    face: Interface,
+    tint: ColorSource,
+}
+
+impl Plugin<Materials> for ThinDielectric {
+    const TYPE: &'static str = "thin_dielectric";
+    type Config = Config;
+
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        Ok(Arc::new(Self {
+            face: Interface::new(config.exterior_ior.get(), config.interior_ior.get()),
+            tint: share(&config.tint, "a tint", context)?,
+        }))
+    }
+}
+
+impl ThinDielectric {
+    /// What is reflected and what goes through, of both faces together.
+    #[inline(always)]
+    fn shares(&self, n: DVec3, view: DVec3) -> (f64, f64) {
+        let crossing = self.face.cross(n, view);
+        let fresnel = self.face.fresnel(&crossing);
+        let whole = 1.0 + fresnel.reflected;
+        (
+            select(crossing.total, 1.0, 2.0 * fresnel.reflected / whole),
+            select(crossing.total, 0.0, fresnel.transmitted / whole),
+        )
+    }
+}
+
+impl Material for ThinDielectric {
+    fn lobes(&self) -> Lobes {
+        let mut lobes = Lobes::NOTHING;
+        if !self.face.is_open() {
+            lobes = lobes | Lobes::REFLECTION;
+        }
+        if !self.tint.is_black() {
+            lobes = lobes | Lobes::STRAIGHT | Lobes::FILTERS;
+        }
+        lobes
+    }
+
+    fn needs(&self) -> Needs {
+        Needs::SHADING_NORMAL | self.tint.needs()
+    }
+
+    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+        if !filtered {
+            return Filter::OPAQUE;
+        }
+        let (_, transmitted) = self.shares(point.n_towards(-direction), -direction);
+        Filter::straight(self.tint.value(point) * transmitted)
+    }
+
+    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+        let n = point.n_towards(view);
+        let (reflected, transmitted) = self.shares(n, view);
+        if reflected > 0.0 {
+            out.push(Branch {
+                direction: reflect(n, view),
+                weight: Rgb::splat(reflected),
+                kind: BranchKind::Reflection,
+            });
+        }
+        let weight = self.tint.value(point) * transmitted;
+        if !weight.is_black() {
+            out.push(Branch {
+                direction: -view,
+                weight,
+                kind: BranchKind::Straight,
+            });
+        }
+    }
+
+    fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
+        self.tint.value_stream(points, &mut out.transmission.weight);
+        out.straight.0[..points.len].fill(true);
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                for lane in 0..points.len.min(LANES) {
+                    let view = points.view.get(lane);
+                    let n = points.get(lane).n_towards(view);
+                    let (reflected, transmitted) = self.shares(n, view);
+                    out.reflection.direction.set(lane, reflect(n, view));
+                    out.reflection.weight.set(lane, Rgb::splat(reflected));
+                    out.transmission.direction.set(lane, -view);
+                    let tint = out.transmission.weight.get(lane);
+                    out.transmission.weight.set(lane, tint * transmitted);
+                    out.absorption.set(lane, Rgb::BLACK);
+                }
+            },
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::{build, furnace_laws, material_laws};
+
+    fn branches(text: &str, view: DVec3) -> Vec<Branch> {
+        let mut out = Branches::default();
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        build::<Materials, ThinDielectric>(text, ())
+            .unwrap()
+            .branches(&point, view, &mut out);
+        out.iter().copied().collect()
+    }
+
+    #[test]
+    fn laws() {
+        for text in [
+            "",
+            "tint = [1, 0.3, 0]",
+            "interior_ior = 1",
+            "interior_ior = 1\nexterior_ior = 1.5",
+            "interior_ior = 1e6\ntint = 0",
+            "interior_ior = 1.000000000001",
+        ] {
+            let material = build::<Materials, ThinDielectric>(text, ()).unwrap();
+            material_laws(&*material);
+            furnace_laws(&*material);
+        }
+    }
+
+    #[test]
+    fn both_faces_together() {
+        // R = 0.04 at each face: 0.08/1.04 come back.
+        for view in [DVec3::Z, DVec3::NEG_Z] {
+            let found = branches("tint = [1, 0.5, 0]", view);
+            let [r, t] = found[..] else { panic!("{found:?}") };
+            assert!((r.weight.g - 0.08 / 1.04).abs() < 1e-16);
+            assert!((t.weight.r - 0.96 / 1.04).abs() < 1e-15);
+            assert_eq!((t.weight.g, t.weight.b), (0.5 * t.weight.r, 0.0));
+            assert_eq!((t.direction, t.kind), (-view, BranchKind::Straight));
+        }
+    }
+
+    #[test]
+    fn a_pane_of_two_faces_is_the_sum_of_all_paths_in_it() {
+        // R + T R T + T R R R T + ...
+        let view = DVec3::new(0.8, 0.0, 0.6);
+        let face = Interface::new(1.0, 1.7);
+        let fresnel = face.fresnel(&face.cross(DVec3::Z, view));
+        let (r, t) = (fresnel.reflected, fresnel.transmitted);
+        let (mut back, mut on, mut inside) = (r, 0.0, t);
+        for _ in 0..60 {
+            on += inside * t;
+            inside *= r;
+            back += inside * t;
+            inside *= r;
+        }
+        let found = branches("interior_ior = 1.7", view);
+        assert!((found[0].weight.g - back).abs() < 1e-15);
+        assert!((found[1].weight.g - on).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_pane_of_air_reflects_totally() {
+        let found = branches("interior_ior = 1\nexterior_ior = 1.5", DVec3::new(0.8, 0.0, 0.6));
+        let [r] = found[..] else { panic!("{found:?}") };
+        assert_eq!((r.weight, r.kind), (Rgb::WHITE, BranchKind::Reflection));
+    }
+
+    #[test]
+    fn only_filtered_shadows_go_through() {
+        let material = build::<Materials, ThinDielectric>("tint = 0.5", ()).unwrap();
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        assert_eq!(material.shadow(&point, DVec3::Z, false), Filter::OPAQUE);
+        let filter = material.shadow(&point, DVec3::Z, true);
+        assert!((filter.weight.g - 0.5 * 0.96 / 1.04).abs() < 1e-15);
+        assert_eq!(filter.medium, None);
+    }
+
+    #[test]
+    fn bad_values_are_refused() {
+        for text in [
+            "interior_ior = 0",
+            "exterior_ior = -1",
+            "tint = 1.5",
+            "absorption = 1",
+        ] {
+            assert!(build::<Materials, ThinDielectric>(text, ()).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! Another material on the back.
+//!
+//! Which side is seen is decided by the geometric normal, as for the media of transparent bodies.
+//!
+//! - Twin: through the driver, which asks Mitsuba for both.
+//! - Example: `scenes/materials/two_sided.toml`.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::MaterialRef;
+use whitstone_core::{
+    Branches, Context, DVec3, Filter, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb,
+    SceneErrors, SurfacePoint,
+};
+
+/// One material outside, another one inside.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// What is seen from outside: from where the normal points.
+    front: MaterialRef,
+    /// What is seen from inside.
+    back: MaterialRef,
+}
+
+/// See the module.
+pub struct TwoSided {
+    front: Arc<dyn Material>,
+    back: Arc<dyn Material>,
+}
+
+impl Plugin<Materials> for TwoSided {
+    const TYPE: &'static str = "two_sided";
+    type Config = Config;
+
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let front = errors.take(context.material(&config.front));
+        let back = errors.take(context.material(&config.back));
+        match (front, back) {
+            (Some(front), Some(back)) => Ok(Arc::new(Self { front, back })),
+            _ => Err(errors),
+        }
+    }
+}
+
+impl TwoSided {
+    /// What a viewer in this direction sees.
+    fn seen(&self, point: &SurfacePoint, view: DVec3) -> &dyn Material {
+        if point.n_g.dot(view) > 0.0 {
+            &*self.front
+        } else {
+            &*self.back
+        }
+    }
+}
+
+impl Material for TwoSided {
+    fn lobes(&self) -> Lobes {
+        self.front.lobes() | self.back.lobes()
+    }
+
+    fn needs(&self) -> Needs {
+        self.front.needs() | self.back.needs()
+    }
+
+    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+        self.seen(point, view).local(point, view, light)
+    }
+
+    fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
+        self.seen(point, view).emission(point, view)
+    }
+
+    fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
+        self.seen(point, -direction).shadow(point, direction, filtered)
+    }
+
+    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+        self.seen(point, view).branches(point, view, out);
+    }
+}
+
+#[cfg(all(test, feature = "all"))]
+mod tests {
+    use super::*;
+    use crate::{
+        dielectric::Dielectric, emissive::Emissive, mirror::Mirror, thin_dielectric::ThinDielectric,
+    };
+    use whitstone_core::BranchKind;
+    use whitstone_testkit::{TestContext, build_in, sided_material_laws};
+
+    fn two_sided(text: &str) -> Result<Arc<dyn Material>, SceneErrors> {
+        let mut context = TestContext::default()
+            .with_material::<Emissive>("lamp", "radiance = 2")
+            .with_material::<Mirror>("mirror", "")
+            .with_material::<ThinDielectric>("pane", "tint = 0.5")
+            .with_material::<Dielectric>("glass", "absorption = 2");
+        build_in::<Materials, TwoSided>(text, (), &mut context)
+    }
+
+    #[test]
+    fn laws() {
+        for text in [
+            "front = \"lamp\"\nback = \"mirror\"",
+            "front = \"mirror\"\nback = \"glass\"",
+            "front = \"pane\"\nback = \"glass\"",
+        ] {
+            sided_material_laws(&*two_sided(text).unwrap());
+        }
+    }
+
+    #[test]
+    fn each_side_has_its_own() {
+        let material = two_sided("front = \"lamp\"\nback = \"glass\"").unwrap();
+        let point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        let kinds = |view| {
+            let mut branches = Branches::default();
+            material.branches(&point, view, &mut branches);
+            branches.iter().map(|branch| branch.kind).collect::<Vec<_>>()
+        };
+        assert_eq!(material.emission(&point, DVec3::Z), Rgb::splat(2.0));
+        assert_eq!(material.emission(&point, DVec3::NEG_Z), Rgb::BLACK);
+        assert_eq!(kinds(DVec3::Z), []);
+        let absorption = Rgb::BLACK;
+        let both = [BranchKind::Reflection, BranchKind::Transmission { absorption }];
+        assert_eq!(kinds(DVec3::NEG_Z), both);
+        // A shadow ray sees the side that it comes from.
+        assert_eq!(material.shadow(&point, DVec3::NEG_Z, true), Filter::OPAQUE);
+        assert!(material.shadow(&point, DVec3::Z, true).weight.g > 0.9);
+    }
+
+    #[test]
+    fn both_sides_are_required() {
+        assert!(two_sided("front = \"lamp\"").is_err());
+        assert_eq!(two_sided("front = 1\nback = 2").err().unwrap().0.len(), 2);
+    }
+}

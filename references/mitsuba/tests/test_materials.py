@@ -1,0 +1,202 @@
+"""Metals, panes, what glows, and what is made of other materials (model §8)."""
+
+import math
+import unittest
+
+import numpy as np
+from support import DOWN, FLOOR, Case, film
+
+from whitstone_mitsuba.materials import METALS
+from whitstone_mitsuba.runtime import mi
+
+HEAD = film() + DOWN
+SKY = '[[light]]\ntype = "background"\nradiance = [1, 2, 4]\n'
+POINT = '[[light]]\ntype = "point"\nposition = [3, 4, 0]\nintensity = [25, 50, 75]\n'
+# From 45 degrees onto the origin.
+OBLIQUE = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [5, 5, 0], target = [0, 0, 0], up = [0, 0, 1] }\n'
+
+
+def floor(text):
+    return FLOOR + f"material = {{ {text} }}\n"
+
+
+def pane(height, text):
+    """An endless plane at a height that looks up."""
+    turn = "{ rotate = { axis = [1, 0, 0], degrees = -90 } }"
+    return f'[[shape]]\ntype = "plane"\ntransform = [{turn}, {{ translate = [0, {height}, 0] }}]\nmaterial = {{ {text} }}\n'
+
+
+class Conductors(Case):
+    def test_normal_incidence(self):
+        value = self.value(HEAD + SKY + floor('type = "conductor", eta = [0.2, 1, 3], k = [4, 2, 0], tint = 0.5'))
+        self.near(value, 0.5 * np.array([16.64 / 17.44, 2 * 0.5, 4 * 0.25]))
+
+    def test_oblique(self):
+        eta, k = 0.5, 2.0
+        n2, s2, c = (eta + 1j * k) ** 2, 0.5, math.sqrt(0.5)
+        g = np.sqrt(n2 - s2)
+        expected = (abs((c - g) / (c + g)) ** 2 + abs((n2 * c - g) / (n2 * c + g)) ** 2) / 2
+        nodes = self.nodes(OBLIQUE + SKY + floor(f'type = "conductor", eta = {eta}, k = {k}'))
+        self.near(nodes[1]["throughput"], [expected] * 3)
+
+    def test_metals_are_those_of_mitsuba(self):
+        for name, (eta, k) in METALS.items():
+            table = {"Ni": "Ni_palik"}.get(name, name)
+            found = mi.traverse(mi.load_dict({"type": "conductor", "material": table}))
+            self.near(np.array(found["eta.value"]).ravel(), eta, rel=0, atol=6e-6)
+            self.near(np.array(found["k.value"]).ravel(), k, rel=0, atol=6e-6)
+
+    def test_bad_numbers(self):
+        self.refuse(HEAD + floor('type = "conductor", eta = 0, k = 1'), "scene", "eta")
+        self.refuse(HEAD + floor('type = "conductor", metal = "Zn"'), "scene", "metal")
+        self.refuse(HEAD + floor('type = "conductor", metal = "Au", k = 1'), "scene", "metal")
+
+
+class Panes(Case):
+    def test_both_faces_together(self):
+        by_path = {node["path"]: node for node in self.nodes(HEAD + SKY + pane(1, 'type = "thin_dielectric", tint = [1, 0.5, 0]'))}
+        self.near(by_path["R"]["throughput"], [0.08 / 1.04] * 3)
+        self.near(by_path["T"]["throughput"], np.array([1, 0.5, 0]) * 0.96 / 1.04)
+
+    def test_a_ray_stays_in_its_medium(self):
+        """In a box of absorbing glass, the way behind a pane absorbs as well."""
+        text = 'type = "dielectric", interior_ior = 1, exterior_ior = 1, absorption = [0, 0.5, 2]'
+        box = f'[[shape]]\ntype = "box"\nmaterial = {{ {text} }}\n'
+        clear = pane(0, 'type = "thin_dielectric", interior_ior = 1')
+        self.near(self.value(HEAD + SKY + box + clear), [1, 2 * math.exp(-1), 4 * math.exp(-4)])
+
+
+class Emission(Case):
+    def test_it_glows_and_lights_nothing(self):
+        glow = pane(1, 'type = "emissive", radiance = [1, 2, 3]')
+        self.near(self.value(HEAD + SKY + POINT + glow), [1, 2, 3])
+        self.near(self.value(HEAD + POINT + pane(-1, 'type = "emissive", radiance = 5') + floor('type = "matte"')), self.value(HEAD + POINT + FLOOR))
+
+    def test_it_is_seen_in_a_mirror(self):
+        glow = '[[shape]]\ntype = "plane"\ntransform = [{ rotate = { axis = [1, 0, 0], degrees = 90 } }, { translate = [0, 9, 0] }]\n'
+        glow += 'material = { type = "emissive", radiance = [1, 2, 3] }\n'
+        self.near(self.value(HEAD + glow + floor('type = "mirror", reflectance = 0.5')), [0.5, 1, 1.5])
+
+    def test_it_lies_over_other_materials(self):
+        under = '{ type = "phong", k_d = 0.1, k_s = 0.2 }'
+        plain = self.value(HEAD + POINT + FLOOR + f"material = {under}\n")
+        self.near(self.value(HEAD + POINT + floor(f'type = "emissive", radiance = 0.5, material = {under}')), plain + 0.5)
+        shared = f"[material.plastic]\n{under[1:-1].replace(', ', chr(10))}\n"
+        self.near(self.value(HEAD + POINT + floor('type = "emissive", radiance = 0.5, material = "plastic"') + shared), plain + 0.5)
+
+    def test_a_material_must_not_contain_itself(self):
+        shared = '[material.a]\ntype = "emissive"\nmaterial = "b"\n[material.b]\ntype = "emissive"\nmaterial = "a"\n'
+        self.refuse(HEAD + FLOOR + 'material = "a"\n' + shared, "scene", "part of itself")
+
+
+class Composites(Case):
+    AMBIENT = '[[light]]\ntype = "ambient"\nradiance = 4\n'
+
+    def test_a_mask_shows_what_is_behind(self):
+        net = pane(1, 'type = "mask", opacity = [0, 0.25, 1], material = { type = "matte", reflectance = 0.5 }')
+        self.near(self.value(HEAD + SKY + self.AMBIENT + net), [1, 0.75 * 2 + 0.5, 2])
+        nodes = self.nodes(HEAD + SKY + self.AMBIENT + net)
+        self.assertEqual([node["path"] for node in nodes], ["", "T"])
+
+    def test_a_pane_with_holes(self):
+        by_path = {node["path"]: node for node in self.nodes(HEAD + SKY + pane(1, 'type = "mask", opacity = 0.5, material = { type = "thin_dielectric", tint = 0.5 }'))}
+        self.near(by_path["R"]["throughput"], [0.5 * 0.08 / 1.04] * 3)
+        self.near(by_path["T"]["throughput"], [0.5 + 0.25 * 0.96 / 1.04] * 3)
+
+    def test_light_goes_through_holes(self):
+        lamp = '[[light]]\ntype = "point"\nposition = [0, 4, 0]\nintensity = 10\n'
+        side = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [3, 0.3, 0], target = [0, 0, 0] }\n'
+        net = pane(1, 'type = "mask", opacity = [0, 0.25, 1], material = { type = "mirror" }')
+        bare = self.value(side + lamp + FLOOR)
+        self.near(self.value(side + lamp + FLOOR + net), bare * [1, 0.75, 0], rel=1e-5)
+        off = '[integrator]\ntype = "whitted"\nshadows = "none"\n'
+        self.near(self.value(side + off + lamp + FLOOR + net), bare)
+
+    def test_what_refracts_has_no_holes(self):
+        self.refuse(HEAD + floor('type = "mask", material = { type = "dielectric" }'), "scene", "holes")
+        self.refuse(HEAD + floor('type = "mask"'), "scene", "material")
+
+    def test_a_mix(self):
+        text = 'type = "mix", weight = [0, 0.25, 1], a = { type = "matte", reflectance = 0.5 }, b = { type = "mirror" }'
+        self.near(self.value(HEAD + SKY + self.AMBIENT + floor(text)), [2, 0.75 * 2 + 0.25 * 2, 4])
+        text = 'type = "mix", weight = 0.25, a = { type = "mirror" }, b = { type = "dielectric" }'
+        by_path = {node["path"]: node for node in self.nodes(HEAD + SKY + pane(1, text))}
+        self.near(by_path["R"]["throughput"], [0.75 + 0.25 * 0.04] * 3)
+        self.near(by_path["T"]["throughput"], [0.25 * 0.96 / 2.25] * 3)
+        text = 'type = "mix", a = { type = "thin_dielectric" }, b = { type = "dielectric" }'
+        self.refuse(HEAD + floor(text), "scene", "refracts")
+
+    def test_two_sides(self):
+        text = 'type = "two_sided", front = { type = "emissive", radiance = 3 }, back = { type = "dielectric", interior_ior = 1, absorption = 1 }'
+        self.near(self.value(HEAD + SKY + floor(text)), [3, 3, 3])
+        under = floor(text).replace("degrees = -90", "degrees = 90")
+        self.near(self.value(HEAD + SKY + under), [1, 2, 4])
+        # The front is a pane in the medium that the ray is in, the back glass that ends it.
+        text = 'type = "two_sided", front = { type = "thin_dielectric", interior_ior = 1 }, back = { type = "dielectric", interior_ior = 1 }'
+        self.near(self.value(HEAD + SKY + floor(text)), [1, 2, 4])
+
+
+class Detail(Case):
+    """Other normals: straight from above onto the floor, n_s = y."""
+
+    def mirrored(self, text):
+        """Where a ray goes that comes from straight above."""
+        ball = '[[shape]]\ntype = "sphere"\nradius = 50\nmaterial = { type = "emissive" }\n'
+        nodes = self.nodes(HEAD + floor(text) + ball)
+        self.assertEqual([node["path"] for node in nodes], ["", "R"])
+        return np.array(nodes[1]["p"]) / 50
+
+    def test_colours_are_parts_of_the_normal(self):
+        # Along x, then along y x x = -z, then both.
+        text = 'type = "normal_map", map = {}, material = {{ type = "mirror" }}'
+        self.near(self.mirrored(text.format("[0.8, 0.5, 0.9]")), [0.96, 0.28, 0], rel=1e-5, atol=1e-5)
+        self.near(self.mirrored(text.format("[0.5, 0.8, 0.9]")), [0, 0.28, -0.96], rel=1e-5, atol=1e-5)
+        around = text.format("[0.8, 0.5, 0.9], axis = [0, 0, -2]")
+        self.near(self.mirrored(around), [0.96, 0.28, 0], rel=1e-5, atol=1e-5)
+        # One that looks away is not taken.
+        self.near(self.mirrored(text.format("[0.5, 0.5, 0]")), [0, 1, 0], rel=1e-5, atol=1e-5)
+
+    def test_a_slope_is_a_normal(self):
+        # A block of two voxels along x from 0 to 1: between their middles the height rises by 0.375 over half a metre.
+        block = '{ type = "solid", size = [2, 1, 1], values = [0, 0.375], wrap = "clamp", mapping = { transform = { translate = [0.5, 0, 0] } } }'
+        self.near(self.mirrored(f'type = "bump", height = {block}, material = {{ type = "mirror" }}'), [-0.96, 0.28, 0], rel=1e-5, atol=1e-5)
+        self.near(self.mirrored(f'type = "bump", scale = -1, height = {block}, material = {{ type = "mirror" }}'), [0.96, 0.28, 0], rel=1e-5, atol=1e-5)
+        self.near(self.mirrored('type = "bump", height = 0.3, material = { type = "mirror" }'), [0, 1, 0], rel=1e-5, atol=1e-5)
+        self.refuse(HEAD + floor('type = "bump", height = { type = "checker" }, material = { type = "mirror" }'), "scene", "height")
+
+    def test_light_on_a_slope(self):
+        lamp = '[[light]]\ntype = "directional"\ndirection = [0.6, -0.8, 0]\nirradiance = 3\n'
+        text = 'type = "normal_map", map = [0.2, 0.5, 0.9], material = { type = "matte", reflectance = 0.5 }'
+        # n' = (-0.6, 0.8, 0) faces the light.
+        self.near(self.value(HEAD + lamp + floor(text)), 3 * 0.5 / math.pi)
+
+
+class FilteredShadows(Case):
+    def lit(self, shape, more=""):
+        """What arrives on a floor from straight above, of what would."""
+        lamp = '[[light]]\ntype = "point"\nposition = [0, 4, 0]\nintensity = 10\n'
+        # From the side, below what stands in the way of the light.
+        side = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [3, 0.3, 0], target = [0, 0, 0] }\n'
+        filtered = '[integrator]\ntype = "whitted"\nshadows = "filtered"\n'
+        self.assertEqual(list(self.value(side + lamp + FLOOR + shape)), [0, 0, 0])
+        return self.value(side + filtered + lamp + FLOOR + shape + more) / self.value(side + lamp + FLOOR)
+
+    def test_glass(self):
+        box = '[[shape]]\ntype = "box"\ntransform = [{{ scale = [1, 0.5, 1] }}, {{ translate = [0, 1.5, 0] }}]\nmaterial = {{ {} }}\n'
+        found = self.lit(box.format('type = "dielectric", absorption = [0, 1, 2]'))
+        self.near(found, 0.96**2 * np.exp([0, -1, -2.0]), rel=1e-5)
+        self.near(self.lit(box.format('type = "whitted", k_refr = [1, 0.5, 0]')), [1, 0.25, 0], rel=1e-5)
+        self.near(self.lit(pane(1, 'type = "thin_dielectric", tint = [1, 0.5, 0]')), np.array([1, 0.5, 0]) * 0.96 / 1.04, rel=1e-5)
+        self.near(self.lit(pane(1, 'type = "emissive", material = { type = "thin_dielectric" }')), [0.96 / 1.04] * 3, rel=1e-5)
+
+    def test_the_cut(self):
+        panes = [pane(1 + number, 'type = "whitted", k_refr = 0.1') for number in range(3)]
+        self.near(self.lit(panes[0] + panes[1]), [0.01] * 3, rel=1e-5)
+        self.assertEqual(list(self.lit("".join(panes))), [0, 0, 0])
+
+    def test_what_is_opaque_hides(self):
+        self.assertEqual(list(self.lit(pane(1, 'type = "thin_dielectric"') + pane(2, 'type = "mirror"'))), [0, 0, 0])
+
+
+if __name__ == "__main__":
+    unittest.main()

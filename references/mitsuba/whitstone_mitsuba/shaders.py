@@ -1,0 +1,385 @@
+"""What surfaces answer, piece by piece (model §8): leaves are BSDFs of Mitsuba, the others are made of them by formula.
+
+A shader gets Mitsuba's surface interaction with the model's frame. Weights of both delta branches are whole: Mitsuba's own `mask` and
+`blendbsdf` would choose one of them at random.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Optional, Sequence, Tuple
+
+import numpy as np
+
+from .runtime import dr, mi
+
+FLAGS = {
+    "R": mi.BSDFFlags.DeltaReflection,
+    # A pane without thickness is a `Null` for Mitsuba: what goes through keeps its direction.
+    "T": mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.Null,
+}
+
+
+def opaque_color(value: Sequence[float]) -> Any:
+    """A colour that does not become part of the kernel."""
+    return mi.Color3f(*[dr.opaque(mi.Float, float(component)) for component in value])
+
+
+@dataclass
+class Way:
+    """A delta branch, or what a shadow ray meets: the factor, and the media inside and outside of the body behind the surface."""
+
+    weight: Any
+    # In the local frame; None for a shadow ray.
+    wo: Any = None
+    # Whether there is no body: the ray stays in its medium.
+    straight: Any = True
+    inside: Any = None
+    outside: Any = None
+
+
+def _black() -> Any:
+    return mi.Color3f(0)
+
+
+class Shader:
+    """Answers nothing."""
+
+    def ambient(self, si: Any) -> Any:
+        """The factor of the ambient light."""
+        return _black()
+
+    def emission(self, si: Any) -> Any:
+        """Radiance of the surface itself."""
+        return _black()
+
+    def local(self, si: Any, wo: Any) -> Any:
+        """The factor of the irradiance from `wo`."""
+        return _black()
+
+    def branch(self, letter: str, si: Any) -> Optional[Way]:
+        """The delta branch of a kind; None where there is none at all."""
+        return None
+
+    def shadow(self, si: Any, filtered: bool) -> Way:
+        """What a shadow ray keeps; it comes from `si.wi`."""
+        return Way(_black())
+
+    def passes(self, filtered: bool) -> bool:
+        """Whether `shadow` can be other than black."""
+        return False
+
+
+class Leaf(Shader):
+    """A material with a BSDF of its own."""
+
+    def __init__(self, material: Any, bsdf: Any) -> None:
+        self.material, self.bsdf = material, bsdf
+        self._ambient = None if material.ambient is None else material.ambient.build()
+        self._media = opaque_color(material.interior), opaque_color(material.exterior)
+        self._k_refr = material.textures["k_refr"].build() if material.type == "whitted" else None
+        self._tint = material.textures["tint"].build() if material.type == "thin_dielectric" else None
+        ior = material.numbers
+        if "interior_ior" in ior:
+            eta = ior["interior_ior"] / ior["exterior_ior"]
+            self._eta = dr.opaque(mi.Float, eta)
+            self._upward = dr.opaque(mi.Float, max(eta, 1 / eta))
+
+    def ambient(self, si: Any) -> Any:
+        return _black() if self._ambient is None else self._ambient.eval(si)
+
+    def local(self, si: Any, wo: Any) -> Any:
+        return self.bsdf.eval(mi.BSDFContext(), si, wo)
+
+    def branch(self, letter: str, si: Any) -> Optional[Way]:
+        if letter not in self.material.branches:
+            return None
+        context = mi.BSDFContext()
+        context.type_mask = FLAGS[letter]
+        sample, weight = self.bsdf.sample(context, si, mi.Float(0.5), mi.Point2f(0.5), True)
+        straight = self.material.type == "thin_dielectric"
+        return Way(mi.Color3f(weight), sample.wo, straight, *self._media)
+
+    def shadow(self, si: Any, filtered: bool) -> Way:
+        if not self.passes(filtered):
+            return Way(_black())
+        cosine = dr.abs(mi.Frame3f.cos_theta(si.wi))
+        if self.material.type == "thin_dielectric":
+            r = mi.fresnel(cosine, self._eta)[0]
+            return Way(self._tint.eval(si) * ((1 - r) / (1 + r)))
+        if self.material.type == "dielectric":
+            # As seen from the side with the lower index, where there is no total reflection.
+            weight = mi.Color3f(1 - mi.fresnel(cosine, self._upward)[0])
+        else:
+            weight = mi.Color3f(self._k_refr.eval(si))
+        return Way(weight, None, False, *self._media)
+
+    def passes(self, filtered: bool) -> bool:
+        return filtered and "T" in self.material.branches
+
+
+class Emissive(Shader):
+    """Radiance over another material."""
+
+    def __init__(self, radiance: Any, under: Shader) -> None:
+        self.radiance, self.under = radiance.build(), under
+
+    def ambient(self, si: Any) -> Any:
+        return self.under.ambient(si)
+
+    def emission(self, si: Any) -> Any:
+        return self.radiance.eval(si) + self.under.emission(si)
+
+    def local(self, si: Any, wo: Any) -> Any:
+        return self.under.local(si, wo)
+
+    def branch(self, letter: str, si: Any) -> Optional[Way]:
+        return self.under.branch(letter, si)
+
+    def shadow(self, si: Any, filtered: bool) -> Way:
+        return self.under.shadow(si, filtered)
+
+    def passes(self, filtered: bool) -> bool:
+        return self.under.passes(filtered)
+
+
+def _straight(si: Any, weight: Any) -> Way:
+    return Way(weight, -si.wi)
+
+
+class Mask(Shader):
+    """A share of a material; the rest goes straight on."""
+
+    def __init__(self, opacity: Any, inner: Shader) -> None:
+        self.opacity, self.inner = opacity.build(), inner
+
+    def _opacity(self, si: Any) -> Any:
+        return mi.Color3f(self.opacity.eval(si))
+
+    def ambient(self, si: Any) -> Any:
+        return self._opacity(si) * self.inner.ambient(si)
+
+    def emission(self, si: Any) -> Any:
+        return self._opacity(si) * self.inner.emission(si)
+
+    def local(self, si: Any, wo: Any) -> Any:
+        return self._opacity(si) * self.inner.local(si, wo)
+
+    def branch(self, letter: str, si: Any) -> Optional[Way]:
+        opacity, way = self._opacity(si), self.inner.branch(letter, si)
+        if letter == "R":
+            return None if way is None else Way(opacity * way.weight, way.wo)
+        behind = 1 - opacity
+        return _straight(si, behind if way is None else behind + opacity * way.weight)
+
+    def shadow(self, si: Any, filtered: bool) -> Way:
+        opacity = self._opacity(si)
+        return Way(1 - opacity + opacity * self.inner.shadow(si, filtered).weight)
+
+    def passes(self, filtered: bool) -> bool:
+        return True
+
+
+class Mix(Shader):
+    """Two materials by their shares."""
+
+    def __init__(self, weight: Any, a: Shader, b: Shader) -> None:
+        self.weight, self.parts = weight.build(), (a, b)
+
+    def _sum(self, si: Any, values: Sequence[Any]) -> Any:
+        share = mi.Color3f(self.weight.eval(si))
+        return (1 - share) * values[0] + share * values[1]
+
+    def ambient(self, si: Any) -> Any:
+        return self._sum(si, [part.ambient(si) for part in self.parts])
+
+    def emission(self, si: Any) -> Any:
+        return self._sum(si, [part.emission(si) for part in self.parts])
+
+    def local(self, si: Any, wo: Any) -> Any:
+        return self._sum(si, [part.local(si, wo) for part in self.parts])
+
+    def _ways(self, si: Any, ways: Sequence[Optional[Way]]) -> Optional[Way]:
+        there = [way for way in ways if way is not None]
+        if not there:
+            return None
+        # Either both go in one direction, or there is one only.
+        bent = [way for way in there if way.straight is not True]
+        chosen = (bent or there)[0]
+        weight = self._sum(si, [_black() if way is None else way.weight for way in ways])
+        return Way(weight, chosen.wo, chosen.straight, chosen.inside, chosen.outside)
+
+    def branch(self, letter: str, si: Any) -> Optional[Way]:
+        return self._ways(si, [part.branch(letter, si) for part in self.parts])
+
+    def shadow(self, si: Any, filtered: bool) -> Way:
+        # Of an opaque part, what lies behind counts for nothing.
+        ways = [part.shadow(si, filtered) if part.passes(filtered) else None for part in self.parts]
+        return self._ways(si, ways) or Way(_black())
+
+    def passes(self, filtered: bool) -> bool:
+        return any(part.passes(filtered) for part in self.parts)
+
+
+class TwoSided(Shader):
+    """One material where the viewer is outside, another one inside."""
+
+    def __init__(self, front: Shader, back: Shader) -> None:
+        self.parts = front, back
+
+    def _choose(self, si: Any, values: Sequence[Any]) -> Any:
+        outside = dr.dot(mi.Vector3f(si.n), si.to_world(si.wi)) > 0
+        return dr.select(outside, values[0], values[1])
+
+    def ambient(self, si: Any) -> Any:
+        return self._choose(si, [part.ambient(si) for part in self.parts])
+
+    def emission(self, si: Any) -> Any:
+        return self._choose(si, [part.emission(si) for part in self.parts])
+
+    def local(self, si: Any, wo: Any) -> Any:
+        return self._choose(si, [part.local(si, wo) for part in self.parts])
+
+    def _ways(self, si: Any, ways: Sequence[Optional[Way]]) -> Optional[Way]:
+        there = [way for way in ways if way is not None]
+        if not there:
+            return None
+        some = there[0]
+
+        def both(read: Any, other: Any) -> Any:
+            values = [other if way is None or read(way) is None else read(way) for way in ways]
+            return self._choose(si, values)
+
+        wo = None if some.wo is None else both(lambda way: way.wo, some.wo)
+        straight: Any = True
+        if any(way.straight is not True for way in there):
+            straight = both(lambda way: mi.Bool(way.straight), mi.Bool(True))
+        media = [both(lambda way, side=side: getattr(way, side), _black()) for side in ("inside", "outside")]
+        return Way(both(lambda way: way.weight, _black()), wo, straight, *media)
+
+    def branch(self, letter: str, si: Any) -> Optional[Way]:
+        return self._ways(si, [part.branch(letter, si) for part in self.parts])
+
+    def shadow(self, si: Any, filtered: bool) -> Way:
+        return self._ways(si, [part.shadow(si, filtered) for part in self.parts]) or Way(_black())
+
+    def passes(self, filtered: bool) -> bool:
+        return any(part.passes(filtered) for part in self.parts)
+
+
+class Detailed(Shader):
+    """A material in a frame about another normal."""
+
+    def __init__(self, inner: Shader) -> None:
+        self.inner = inner
+
+    def normal(self, si: Any, n: Any) -> Any:
+        """The normal in the place of `n`; of no length where there is none."""
+        raise NotImplementedError
+
+    def _turned(self, si: Any) -> Any:
+        v, n = si.to_world(si.wi), mi.Vector3f(si.sh_frame.n)
+        found = self.normal(si, n)
+        length = dr.norm(found)
+        found = found / length
+        good = (length > 0) & dr.isfinite(length) & (dr.dot(found, v) * dr.dot(mi.Vector3f(si.n), v) > 0)
+        turned = mi.SurfaceInteraction3f(si)
+        turned.sh_frame = mi.Frame3f(dr.select(good, found, n))
+        turned.wi = turned.to_local(v)
+        return turned
+
+    def ambient(self, si: Any) -> Any:
+        return self.inner.ambient(self._turned(si))
+
+    def emission(self, si: Any) -> Any:
+        return self.inner.emission(self._turned(si))
+
+    def local(self, si: Any, wo: Any) -> Any:
+        turned = self._turned(si)
+        return self.inner.local(turned, turned.to_local(si.to_world(wo)))
+
+    def branch(self, letter: str, si: Any) -> Optional[Way]:
+        turned = self._turned(si)
+        way = self.inner.branch(letter, turned)
+        if way is None:
+            return None
+        return replace(way, wo=si.to_local(turned.to_world(way.wo)))
+
+    def shadow(self, si: Any, filtered: bool) -> Way:
+        return self.inner.shadow(self._turned(si), filtered)
+
+    def passes(self, filtered: bool) -> bool:
+        return self.inner.passes(filtered)
+
+
+class NormalMap(Detailed):
+    """Normals as colours."""
+
+    def __init__(self, map_: Any, direction: Sequence[float], around: bool, inner: Shader) -> None:
+        Detailed.__init__(self, inner)
+        self.map, self.around = map_.build(), around
+        self.direction = mi.Vector3f(opaque_color(direction))
+
+    def normal(self, si: Any, n: Any) -> Any:
+        x = self.direction
+        t = dr.normalize(dr.cross(x, n) if self.around else x - dr.dot(x, n) * n)
+        m = 2 * mi.Color3f(self.map.eval(si)) - 1
+        return m.x * t + m.y * dr.cross(n, t) + m.z * n
+
+
+@dataclass
+class _Place:
+    """What mappings look at, in double precision."""
+
+    p: Any
+    uv: Any
+    sh_frame: Any
+
+
+class Bump(Detailed):
+    """A height by the place in the world."""
+
+    def __init__(self, height: Any, scale: float, step: float, inner: Shader) -> None:
+        Detailed.__init__(self, inner)
+        self.height = height.build()
+        # A constant has no slope and no mapping.
+        self.flat = not hasattr(height, "mapping")
+        self.scale, self.step = scale, step
+
+    def normal(self, si: Any, n: Any) -> Any:
+        if self.flat:
+            return n
+        p = np.array(si.p, dtype=np.float64)
+        gradient = np.zeros_like(p)
+        for axis in range(3):
+            for sign in (1, -1):
+                beside = p.copy()
+                beside[axis] += sign * self.step
+                place = _Place(beside, si.uv, si.sh_frame)
+                gradient[axis] += sign * self.height.values(si, place)[:, 0]
+        gradient = gradient * (self.scale / (2 * self.step))
+        normal = np.array(n, dtype=np.float64)
+        raised = normal - (gradient - np.sum(gradient * normal, axis=0) * normal)
+        return mi.Vector3f(np.ascontiguousarray(raised.astype(np.float32)))
+
+
+def build(materials: Sequence[Any], bsdfs: Sequence[Any]) -> Tuple[Shader, ...]:
+    """A shader for each material; parts come before what is made of them."""
+    built: list = []
+    for material, bsdf in zip(materials, bsdfs):
+        parts = [built[number] for number in material.parts]
+        if material.type == "emissive":
+            built.append(Emissive(material.textures["radiance"], parts[0] if parts else Shader()))
+        elif material.type == "mask":
+            built.append(Mask(material.textures["opacity"], parts[0]))
+        elif material.type == "mix":
+            built.append(Mix(material.textures["weight"], *parts))
+        elif material.type == "two_sided":
+            built.append(TwoSided(*parts))
+        elif material.type == "normal_map":
+            built.append(NormalMap(material.textures["map"], material.direction, material.around, parts[0]))
+        elif material.type == "bump":
+            built.append(Bump(material.textures["height"], material.numbers["scale"], material.numbers["step"], parts[0]))
+        else:
+            built.append(Leaf(material, bsdf))
+    return tuple(built)

@@ -1,0 +1,101 @@
+"""Shadow rays that surfaces weaken instead of stopping (model §7)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .runtime import dr, mi
+
+# Less than this in every channel is no light.
+CUT = 0.002
+
+# A shadow ray that has gone through so many surfaces is hidden.
+MOST_CROSSINGS = 1000
+
+
+def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, l: Any, goal: Any, counts: Any) -> Any:  # noqa: E741
+    """The share of a lamp's light that arrives (Color3f); `lanes` are places in the level, all else is one entry for each of them."""
+    from .driver import BEFORE_LAMP, Level, Rays, mix, pad
+
+    filtered = tracer.document.integrator.filtered
+    rays = level.rays
+    width = dr.width(lanes)
+    share = dr.zeros(mi.Color3f, width)
+    dr.make_opaque(share)
+    setting = dr.gather(mi.UInt32, rays.setting, lanes)
+    key = dr.gather(mi.UInt32, rays.key, lanes)
+    path = mix(dr.gather(mi.UInt32, rays.path, lanes) + dr.opaque(mi.UInt32, 0x80000000 + number))
+    medium = dr.gather(mi.Color3f, rays.medium, lanes) if filtered else dr.zeros(mi.Color3f, width)
+    left = mi.Color3f(dr.full(mi.Float, 1, width))
+    # Which lanes these are of `share`.
+    home = np.flatnonzero(counts.numpy()[:width])
+    real = home
+    state = [p, n_g, l, goal if goal is not None else p, setting, key, path, medium, left]
+    for crossing in range(MOST_CROSSINGS):
+        if len(real) == 0:
+            break
+        chosen = pad(real)
+        state = [dr.gather(type(array), array, chosen) for array in state]
+        p, n_g, l, target, setting, key, path, medium, left = state  # noqa: E741
+        o, _ = tracer._leave(p, n_g, l, setting)
+        d, reach = l, dr.full(mi.Float, dr.inf, dr.width(l))
+        if goal is not None:
+            towards = target - o
+            reach = dr.norm(towards)
+            d = towards / reach
+            reach = reach * BEFORE_LAMP
+        path = mix(path + dr.opaque(mi.UInt32, crossing))
+        o, d = tracer._perturb(o, d, key, path, setting)
+        nothing = dr.zeros(mi.Float, dr.width(o))
+        never = dr.full(mi.UInt32, 0xFFFFFFFF, dr.width(o))
+        ray = Rays(o, d, mi.Color3f(left), mi.Color3f(medium), key, path, setting, never, never, nothing, real=len(real))
+        for array in ray.arrays():
+            dr.make_opaque(array)
+        tracer.counts.shadow += len(real)
+        hits = tracer.intersect(ray)
+        blocked = hits.valid & (hits.t < reach)
+        # A segment that ends at the lamp.
+        last = dr.select(medium == 0, mi.Color3f(1), dr.exp(-medium * reach))
+        arrived = dr.select(blocked, mi.Color3f(0), left * last)
+        dr.eval(arrived, blocked)
+        place = mi.UInt32(np.ascontiguousarray(home[: len(real)], dtype=np.uint32))
+        if len(real) == 1:
+            place = pad(home[:1])
+        dr.scatter(share, arrived, place)
+        dr.eval(share)
+        stopped = np.flatnonzero(blocked.numpy()[: len(real)])
+        if len(stopped) == 0:
+            break
+        # What the surfaces leave of it, by material.
+        kept = dr.zeros(mi.Color3f, dr.width(o))
+        behind = mi.Color3f(medium)
+        dr.make_opaque(kept)
+        dr.make_opaque(behind)
+        numbers = hits.material.numpy()[stopped]
+        stage = Level(ray, hits, hits.local, hits.transmittance)
+        for material in np.unique(numbers):
+            shader = tracer.built.shaders[int(material)]
+            if not shader.passes(filtered):
+                continue
+            some = pad(stopped[numbers == material])
+            si = tracer._interaction(stage, some)
+            way = shader.shadow(si, filtered)
+            before = dr.gather(mi.Color3f, medium, some)
+            segment = dr.exp(-before * dr.gather(mi.Float, hits.t, some))
+            rest = dr.gather(mi.Color3f, left, some) * segment * way.weight
+            rest = dr.select(dr.max(rest) < dr.opaque(mi.Float, CUT), mi.Color3f(0), rest)
+            after = before
+            if filtered and way.straight is not True:
+                # The ray goes inside where it comes from outside.
+                enters = dr.dot(mi.Vector3f(si.n), si.to_world(si.wi)) > 0
+                after = dr.select(way.straight, before, dr.select(enters, way.inside, way.outside))
+            dr.scatter(kept, rest, some)
+            dr.scatter(behind, after, some)
+            dr.eval(kept, behind)
+        alive = np.flatnonzero((dr.max(kept) > 0).numpy()[: len(real)])
+        home = home[alive]
+        state = [hits.p, hits.n_g, d if goal is None else l, target, setting, key, path, behind, kept]
+        real = alive
+    return share
