@@ -203,7 +203,7 @@ fn step(point: &Point, against: Against) -> Option<[f64; 2]> {
     };
     let rmse = point
         .rmse
-        .filter(|_| point.above_floor && point.errors.is_some_and(|e| e.finite == 1.0))?;
+        .filter(|_| point.above_floor && point.errors.is_none_or(|errors| errors.finite == 1.0))?;
     (x > 0.0 && rmse > 0.0).then_some([x, rmse])
 }
 
