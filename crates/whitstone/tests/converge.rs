@@ -408,7 +408,7 @@ fn what_is_wrong_is_told_at_its_place() {
         (
             sweep,
             r#""sampler.m" = [1, 2]"#,
-            &["study.toml:13:11", "unknown field `m`"],
+            &["study.toml:13:11", "unknown key `m`", "did you mean `n`?"],
         ),
         (
             sweep,
@@ -434,7 +434,7 @@ fn what_is_wrong_is_told_at_its_place() {
         (
             "about",
             "abut",
-            &["study.toml:2:1", "unknown field `abut`", "did you mean `about`?"],
+            &["study.toml:2:1", "unknown key `abut`", "did you mean `about`?"],
         ),
         ("scene.toml", "none.toml", &["none.toml", "No such file"]),
     ];
