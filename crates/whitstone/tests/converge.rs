@@ -412,8 +412,8 @@ fn what_is_wrong_is_told_at_its_place() {
         ),
         (
             sweep,
-            r#""integrator.max_dept" = [1, 2]"#,
-            &["study.toml:13:11", "did you mean `max_depth`?"],
+            r#""camera.fvo" = [1, 2]"#,
+            &["study.toml:13:11", "did you mean `fov`?"],
         ),
         (
             sweep,
