@@ -147,7 +147,7 @@ impl Plugin<Accelerators> for Leaky {
 
 impl Accelerator for Leaky {
     fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        let lost = |hit: &RawHit| hit.primitive % 128 == 0;
+        let lost = |hit: &RawHit| hit.primitive.is_multiple_of(128);
         self.0.closest(ray, interval, skip).filter(|hit| !lost(hit))
     }
     fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
