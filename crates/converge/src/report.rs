@@ -203,7 +203,7 @@ fn step(point: &Point, against: Against) -> Option<[f64; 2]> {
     };
     let rmse = point
         .rmse
-        .filter(|_| point.above_floor && point.errors.is_some_and(|e| e.finite == 1.0))?;
+        .filter(|_| point.above_floor && point.errors.is_none_or(|errors| errors.finite == 1.0))?;
     (x > 0.0 && rmse > 0.0).then_some([x, rmse])
 }
 
@@ -478,10 +478,10 @@ impl StudyReport {
         }
         for level in &study.expect.reached {
             let name = level_name(*level);
-            if !self
+            if self
                 .time_to
                 .get(&name)
-                .is_some_and(|both| both.whitstone_s.is_some())
+                .is_none_or(|both| both.whitstone_s.is_none())
             {
                 fails.push(format!(
                     "whitstone does not reach an error of {name} between two settings"
@@ -591,6 +591,6 @@ fn best(series: &[SeriesReport], error: f64) -> TimeTo {
         mitsuba: name(theirs),
         ratio: both.map(|(ratio, _)| ratio),
         ratio_interval: both.map(|(_, bounds)| bounds),
-        noisy: both.is_some_and(|(_, [least, most])| !(most / least <= NOISY_RATIO)),
+        noisy: both.is_some_and(|(_, [least, most])| (most / least).is_nan() || most / least > NOISY_RATIO),
     }
 }

@@ -147,7 +147,7 @@ impl Plugin<Accelerators> for Leaky {
 
 impl Accelerator for Leaky {
     fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
-        let lost = |hit: &RawHit| hit.primitive % 128 == 0;
+        let lost = |hit: &RawHit| hit.primitive.is_multiple_of(128);
         self.0.closest(ray, interval, skip).filter(|hit| !lost(hit))
     }
     fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
@@ -408,12 +408,12 @@ fn what_is_wrong_is_told_at_its_place() {
         (
             sweep,
             r#""sampler.m" = [1, 2]"#,
-            &["study.toml:13:11", "unknown field `m`"],
+            &["study.toml:13:11", "unknown key `m`", "did you mean `n`?"],
         ),
         (
             sweep,
-            r#""integrator.max_dept" = [1, 2]"#,
-            &["study.toml:13:11", "did you mean `max_depth`?"],
+            r#""camera.fvo" = [1, 2]"#,
+            &["study.toml:13:11", "did you mean `fov`?"],
         ),
         (
             sweep,
@@ -434,7 +434,7 @@ fn what_is_wrong_is_told_at_its_place() {
         (
             "about",
             "abut",
-            &["study.toml:2:1", "unknown field `abut`", "did you mean `about`?"],
+            &["study.toml:2:1", "unknown key `abut`", "did you mean `about`?"],
         ),
         ("scene.toml", "none.toml", &["none.toml", "No such file"]),
     ];

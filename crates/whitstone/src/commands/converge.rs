@@ -229,7 +229,8 @@ fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<(Result<Driver, S
     }
     let wanted = studies.iter().any(|study| {
         let truths = std::iter::once(&study.truth).chain(&study.checks);
-        study.series.iter().any(|series| series.engine == Engine::Mitsuba)
+        study.stress.is_some()
+            || study.series.iter().any(|series| series.engine == Engine::Mitsuba)
             || truths.into_iter().any(|truth| truth.engine == Engine::Mitsuba)
     });
     if !wanted {
