@@ -1,6 +1,6 @@
 //! A study as a picture: error against time, and error against what the slope is taken of, on logarithmic axes.
 
-use crate::report::{Point, SeriesReport, StudyReport, interval};
+use crate::report::{ABOVE_FLOOR, Point, SeriesReport, StudyReport, interval};
 use crate::study::{Against, Engine};
 use whitstone_plot::{Axis, COLORS, Figure, HEIGHT, LEFT, SECOND, TOP, WIDTH};
 
@@ -12,11 +12,11 @@ pub fn svg(report: &StudyReport) -> String {
         .filter(|series| !series.points.is_empty())
         .collect();
     let points = || series.iter().flat_map(|series| &series.points);
-    let floor = report.floor_rmse;
+    let least = ABOVE_FLOOR * report.floor_rmse;
     let bottom = TOP + HEIGHT;
     // An error of exactly nothing would pull the axis down to where nothing is.
     let errors = points().filter_map(|point| point.rmse).filter(|rmse| *rmse > 0.0);
-    let errors = Axis::around(errors.chain([floor]), bottom, TOP);
+    let errors = Axis::around(errors.chain([least]), bottom, TOP);
     let times = Axis::around(points().filter_map(|point| point.seconds), LEFT, LEFT + WIDTH);
     let works = points().filter_map(|point| work(point, report.against));
     let works = Axis::around(works, SECOND, SECOND + WIDTH);
@@ -31,7 +31,11 @@ pub fn svg(report: &StudyReport) -> String {
     figure.panel(LEFT, &times, &errors, "seconds");
     figure.panel(SECOND, &works, &errors, &report.knob);
     for left in [LEFT, SECOND] {
-        figure.level(left, errors.at(floor), "no claim below: the truth's own error");
+        figure.level(
+            left,
+            errors.at(least),
+            "no claim below: twice the truth's own error",
+        );
     }
     // A colour for each configuration; Mitsuba's lines are dashed.
     let mut names: Vec<&str> = Vec::new();
@@ -62,9 +66,10 @@ pub fn svg(report: &StudyReport) -> String {
         }
         let column = LEFT + 450.0 * (number % 2) as f64;
         let entry = format!(
-            "{}, {}: slope {}",
+            "{}, {}{}: slope {}",
             series.configuration,
             series.engine.name(),
+            if dashed { " (dashed)" } else { "" },
             interval(series)
         );
         figure.legend(column, number / 2, ink, &entry);

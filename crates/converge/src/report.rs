@@ -10,7 +10,7 @@ use std::fmt;
 use std::path::{Component, Path, PathBuf};
 
 /// An error is claimed only if it is this many times the floor of the truth.
-const ABOVE_FLOOR: f64 = 2.0;
+pub(crate) const ABOVE_FLOOR: f64 = 2.0;
 /// A time whose quartiles are farther apart than this fraction of its median is noisy.
 const NOISY: f64 = 0.3;
 /// A ratio whose bounds are farther apart than this factor is noisy.

@@ -56,7 +56,7 @@ class Documents(Case):
             ('[[light]]\ntype = "laser"\n', "laser"),
             (FLOOR + 'material = { type = "velvet" }\n', "velvet"),
             (FLOOR + 'material = { type = "matte", reflectance = { type = "marble" } }\n', "marble"),
-            ('[sampler]\ntype = "sobol"\n', "sobol"),
+            ('[sampler]\ntype = "halton"\n', "halton"),
             ('[integrator]\ntype = "photon"\n', "photon"),
         ):
             self.refuse(HEAD + text, "unsupported", word)
