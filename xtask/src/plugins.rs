@@ -45,7 +45,7 @@ pub(crate) fn method(source: &str) -> String {
     let lines = header.map(|line| line.strip_prefix(' ').unwrap_or(line));
     let body = lines
         .skip_while(|line| !line.is_empty())
-        .take_while(|line| !line.starts_with("- "));
+        .take_while(|line| !line.starts_with("- Twin: "));
     let text = body.collect::<Vec<_>>().join("\n");
     text.trim().to_owned()
 }
