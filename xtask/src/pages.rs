@@ -77,10 +77,15 @@ fn page(entry: &Entry, cases: &Cases<'_>) -> String {
         schema["description"].as_str().unwrap_or_default()
     );
     let up = "../../..";
+    let article = if family.singular().starts_with(['a', 'e', 'i', 'o', 'u']) {
+        "An"
+    } else {
+        "A"
+    };
     let example = example(entry);
     let _ = writeln!(
         text,
-        "A {} of [`{file}`]({up}/{file}), feature `{name}` of `{}`. The picture is its example, [`{example}`]({up}/{example}).\n",
+        "{article} {} of [`{file}`]({up}/{file}), feature `{name}` of `{}`. The picture is its example, [`{example}`]({up}/{example}).\n",
         family.singular(),
         entry.crate_name
     );

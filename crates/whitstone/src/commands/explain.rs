@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use std::mem::size_of_val;
 use std::path::PathBuf;
 use std::sync::Arc;
-use whitstone_core::{Geometry, InstancePath, Needs, Registry, Rgb, Scratch, Shape, TreeNode};
-use whitstone_scene::{Pipeline, Plan};
+use whitstone_core::{Counters, Geometry, InstancePath, Needs, Registry, Rgb, Scratch, Shape, TreeNode};
+use whitstone_scene::{Pipeline, Plan, RenderOptions};
 use whitstone_validate::tree;
 
 /// Say what is built for a scene, what is left out and why; with --pixel, follow the rays of one pixel
@@ -34,6 +34,9 @@ pub struct Arguments {
     /// Down to which level to draw
     #[arg(long, value_name = "N", default_value_t = 4, requires = "draw_bounds")]
     bounds_depth: usize,
+    /// Render the scene and count the rays
+    #[arg(long)]
+    measure: bool,
     /// Write everything to this file, the whole tree included
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -102,13 +105,19 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         .pixel
         .map(|pixel| trace(&pipeline, pixel, arguments.sample))
         .transpose()?;
+    let counted = arguments
+        .measure
+        .then(|| pipeline.render(RenderOptions::default()).counters);
     print_pipeline(&pipeline, &names);
+    if let Some(Counters { closest, shadow }) = counted {
+        println!("counted        {closest} rays for the nearest hit, {shadow} for shadows");
+    }
     if let Some(tree) = &tree {
         println!();
         print_tree(&pipeline, tree, &names, arguments.max_rays);
     }
     if let Some(path) = &arguments.json {
-        write_json(path, &report(&pipeline, &names, tree.as_ref()))?;
+        write_json(path, &report(&pipeline, &names, tree.as_ref(), counted))?;
     }
     if let Some(path) = &arguments.draw_bounds {
         let picture = wireframe::picture(&pipeline, arguments.bounds_depth)?;
@@ -193,6 +202,14 @@ fn film_bytes(pipeline: &Pipeline) -> usize {
     size.width as usize * size.height as usize * (3 + layers) * size_of::<f32>()
 }
 
+/// What it keeps while it renders: meshes, accelerators, film.
+fn bytes(pipeline: &Pipeline) -> usize {
+    let groups = pipeline.groups.iter().map(|built| built.group.accelerator());
+    let accelerators = std::iter::once(&*pipeline.world.accelerator).chain(groups);
+    let structures = accelerators.filter_map(|accelerator| accelerator.statistics().get("bytes").copied());
+    mesh_bytes(pipeline) + structures.map(|bytes| bytes as usize).sum::<usize>() + film_bytes(pipeline)
+}
+
 fn needs(pipeline: &Pipeline) -> Vec<&'static str> {
     let all = [
         (Needs::SHADING_NORMAL, "interpolated normals"),
@@ -256,6 +273,8 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
             &format!("{copies} of groups, those within copies counted"),
         );
     }
+    let used: Vec<&str> = pipeline.used.iter().map(|(_, name)| name.as_str()).collect();
+    row("plugins", &used.join(", "));
     let lights: Vec<&str> = names.lights.iter().map(String::as_str).collect();
     row("lights", &format!("{}: {}", lights.len(), or_none(lights)));
     row(
@@ -339,13 +358,20 @@ fn colour(value: Rgb) -> String {
     }
 }
 
-fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>) -> Value {
+fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted: Option<Counters>) -> Value {
     let size = pipeline.film.size;
     let left_out = pipeline
         .left_out
         .iter()
         .map(|part| json!({ "what": part.what, "why": part.why }));
+    let used = pipeline
+        .used
+        .iter()
+        .map(|(family, name)| json!({ "family": family.singular(), "type": name }));
     json!({
+        "used": used.collect::<Vec<_>>(),
+        "bytes_estimated": bytes(pipeline),
+        "counters": counted.map(|rays| json!({ "closest": rays.closest, "shadow": rays.shadow })),
         "width": size.width,
         "height": size.height,
         "layers": pipeline.film.aovs.iter().flat_map(|aov| aov.channels()).collect::<Vec<_>>(),
