@@ -218,11 +218,7 @@ impl Conic {
         let moved = y.abs().element_sum() + self.center.abs().element_sum();
         let slack = UNIT * (3.0 * terms + 5.0 * half.abs().element_sum() * moved);
         let back = self.turn.transpose();
-        let (met, half) = (back * y + self.center, back * half);
-        // A step across a rim leads out of the box: back to its side, and off the quadric by as much.
-        let inside = met.max(self.min).min(self.max);
-        let slack = slack + half.abs().dot((inside - met).abs());
-        (inside, half, slack)
+        (back * y + self.center, back * half, slack)
     }
 }
 

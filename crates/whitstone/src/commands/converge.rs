@@ -1,5 +1,6 @@
 //! `converge`: error against run time.
 
+use super::page::{self, Marks};
 use crate::terminal::{Exit, Failure, progress, write_json};
 use clap::Args;
 use serde_json::json;
@@ -279,32 +280,20 @@ fn write(arguments: &Arguments, reports: &[StudyReport]) -> Result<(), Failure> 
 }
 
 /// The marks around what is written into a page: all curves, and the ratios to Mitsuba.
-const TABLE: [&str; 2] = [
+const TABLE: Marks = [
     "<!-- studies: written by `cargo xtask converge --page` -->",
     "<!-- end of studies -->",
 ];
-const HEADLINE: [&str; 2] = [
+const HEADLINE: Marks = [
     "<!-- time to error: written by `cargo xtask converge --page` -->",
     "<!-- end of time to error -->",
 ];
 
 fn write_page(path: &Path, reports: &[StudyReport]) -> Result<(), Failure> {
-    let at = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));
-    let mut page = std::fs::read_to_string(path).map_err(|error| at(error.to_string()))?;
-    let mut written = false;
-    for ([begin, end], text) in [(TABLE, table(reports, PICTURES)), (HEADLINE, headline(reports))] {
-        if let (Some(from), Some(to)) = (page.find(begin), page.find(end)) {
-            page = format!("{}{begin}\n\n{text}\n{}", &page[..from], &page[to..]);
-            written = true;
-        }
-    }
-    if !written {
-        let wanted = [TABLE, HEADLINE]
-            .map(|[begin, end]| format!("{begin} and {end}"))
-            .join(", or ");
-        return Err(at(format!("there are no marks {wanted}")));
-    }
-    atomic::write_bytes(path, page.as_bytes()).map_err(Failure::environment)
+    page::write(
+        path,
+        &[(TABLE, table(reports, PICTURES)), (HEADLINE, headline(reports))],
+    )
 }
 
 fn print(report: &StudyReport, points: bool) {

@@ -8,6 +8,8 @@ pub mod doctor;
 pub mod explain;
 pub mod list;
 pub mod new_plugin;
+#[cfg(any(feature = "converge", feature = "stress"))]
+mod page;
 pub mod reference;
 pub mod render;
 pub mod schema;

@@ -1,5 +1,6 @@
 //! `stress`: families of stiff and extreme cases.
 
+use super::page::{self, Marks};
 use crate::terminal::{Exit, Failure, progress, write_json};
 use clap::Args;
 use serde_json::json;
@@ -131,32 +132,17 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
 }
 
 /// The marks around what is written into a page: the table of all families, and that of those in which Mitsuba takes part.
-const TABLE: [&str; 2] = [
+const TABLE: Marks = [
     "<!-- frontiers: written by `cargo xtask stress --page` -->",
     "<!-- end of frontiers -->",
 ];
-const HEADLINE: [&str; 2] = [
+const HEADLINE: Marks = [
     "<!-- headline: written by `cargo xtask stress --page` -->",
     "<!-- end of headline -->",
 ];
 
 fn write_page(path: &Path, reports: &[FamilyReport]) -> Result<(), Failure> {
-    let at = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));
-    let mut page = std::fs::read_to_string(path).map_err(|error| at(error.to_string()))?;
-    let mut written = false;
-    for ([begin, end], text) in [(TABLE, table(reports)), (HEADLINE, headline(reports))] {
-        if let (Some(from), Some(to)) = (page.find(begin), page.find(end)) {
-            page = format!("{}{begin}\n\n{text}\n{}", &page[..from], &page[to..]);
-            written = true;
-        }
-    }
-    if !written {
-        let wanted = [TABLE, HEADLINE]
-            .map(|[begin, end]| format!("{begin} and {end}"))
-            .join(", or ");
-        return Err(at(format!("there are no marks {wanted}")));
-    }
-    atomic::write_bytes(path, page.as_bytes()).map_err(Failure::environment)
+    page::write(path, &[(TABLE, table(reports)), (HEADLINE, headline(reports))])
 }
 
 fn chosen(names: &[String]) -> Result<Vec<&'static dyn Family>, Failure> {

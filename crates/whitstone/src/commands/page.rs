@@ -1,0 +1,29 @@
+//! Pages with parts that a command writes, between marks.
+
+use crate::terminal::Failure;
+use std::path::Path;
+use whitstone_image::atomic;
+
+/// Where a part begins and ends: two lines that stay.
+pub(super) type Marks = [&'static str; 2];
+
+/// Puts each text between its marks, where the page has them. A page that has none of them is an error.
+pub(super) fn write(path: &Path, parts: &[(Marks, String)]) -> Result<(), Failure> {
+    let at = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));
+    let mut page = std::fs::read_to_string(path).map_err(|error| at(error.to_string()))?;
+    let mut written = false;
+    for ([begin, end], text) in parts {
+        if let (Some(from), Some(to)) = (page.find(begin), page.find(end)) {
+            page = format!("{}{begin}\n\n{text}\n{}", &page[..from], &page[to..]);
+            written = true;
+        }
+    }
+    if !written {
+        let wanted: Vec<String> = parts
+            .iter()
+            .map(|([begin, end], _)| format!("{begin} and {end}"))
+            .collect();
+        return Err(at(format!("there are no marks {}", wanted.join(", or "))));
+    }
+    atomic::write_bytes(path, page.as_bytes()).map_err(Failure::environment)
+}
