@@ -102,7 +102,10 @@ fn needed(scene: &Path, registry: &Registry) -> Result<(Needed, Vec<u8>), Failur
         let entry = registry
             .get(*family, name)
             .map_err(|error| Failure::usage(error.message))?;
-        needed.entry(entry.crate_name).or_default().push(name.clone());
+        needed
+            .entry(entry.crate_name)
+            .or_default()
+            .push((*name).to_owned());
     }
     let film = pipeline.render(whitstone::scene::RenderOptions::default());
     let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;

@@ -56,7 +56,7 @@ pub struct Pipeline {
     /// The groups that are placed, by id.
     pub groups: Vec<BuiltGroup>,
     /// The plugins that it is built from.
-    pub used: BTreeSet<(FamilyName, String)>,
+    pub used: BTreeSet<(FamilyName, &'static str)>,
     /// What was not built, with the reasons.
     pub left_out: Vec<LeftOut>,
     /// Not errors, but worth knowing.
@@ -278,7 +278,7 @@ struct Builder<'d, 's, 'o> {
     /// What instances place, by id, as far as it is built.
     groups: BTreeMap<&'d str, BuiltGroup>,
     operands: Operands,
-    used: BTreeSet<(FamilyName, String)>,
+    used: BTreeSet<(FamilyName, &'static str)>,
     memory: Memory,
     options: BuildOptions<'o>,
     warnings: Vec<SceneError>,
@@ -306,11 +306,11 @@ impl<'d, 's> Builder<'d, 's, '_> {
         input: F::Input<'_>,
     ) -> Result<F::Product, SceneErrors> {
         let registry = self.registry;
-        registry.get(F::NAME, &plugin.name).map_err(|mut error| {
+        let entry = registry.get(F::NAME, &plugin.name).map_err(|mut error| {
             error.span = Some(plugin.name_span.clone());
             SceneErrors::from(error)
         })?;
-        self.used.insert((F::NAME, plugin.name.clone()));
+        self.used.insert((F::NAME, entry.name));
         registry.build::<F>(&plugin.name, &plugin.table, input, self)
     }
 
@@ -457,7 +457,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
 
     fn default_material(&mut self, shape: &PluginTable<'s>) -> Result<Arc<dyn Material>, SceneErrors> {
         let table = Spanned::new(shape.table.span(), DeTable::new());
-        self.used.insert((FamilyName::Material, "matte".to_owned()));
+        self.used.insert((FamilyName::Material, "matte"));
         self.registry.build::<Materials>("matte", &table, (), self)
     }
 

@@ -12,7 +12,7 @@ pub struct Plan<'d, 's> {
     /// What will not be built, loaded or run.
     pub left_out: Vec<LeftOut>,
     /// Every plugin that the scene names, whether it is built for it or not: without them it is not accepted.
-    pub named: BTreeSet<(FamilyName, String)>,
+    pub named: BTreeSet<(FamilyName, &'static str)>,
 }
 
 /// A thing that a scene mentions or could have, and that is not built for it.
@@ -54,12 +54,17 @@ impl<'d, 's> Plan<'d, 's> {
         .chain(description.materials.values().map(|plugin| (Material, plugin)))
         .chain(description.textures.values().map(|plugin| (Texture, plugin)));
         for (family, plugin) in plugins {
-            named.insert((family, plugin.name.clone()));
-            if !description.faulty.tables.contains(family.singular())
-                && let Err(mut error) = registry.get(family, &plugin.name)
-            {
-                error.span = Some(plugin.name_span.clone());
-                errors.0.push(error);
+            if description.faulty.tables.contains(family.singular()) {
+                continue;
+            }
+            match registry.get(family, &plugin.name) {
+                Ok(entry) => {
+                    named.insert((family, entry.name));
+                }
+                Err(mut error) => {
+                    error.span = Some(plugin.name_span.clone());
+                    errors.0.push(error);
+                }
             }
         }
         let groups = groups::plan(description, &mut errors);

@@ -273,7 +273,7 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
             &format!("{copies} of groups, those within copies counted"),
         );
     }
-    let used: Vec<&str> = pipeline.used.iter().map(|(_, name)| name.as_str()).collect();
+    let used: Vec<&str> = pipeline.used.iter().map(|(_, name)| *name).collect();
     row("plugins", &used.join(", "));
     let lights: Vec<&str> = names.lights.iter().map(String::as_str).collect();
     row("lights", &format!("{}: {}", lights.len(), or_none(lights)));
