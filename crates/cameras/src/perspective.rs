@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
 use whitstone_core::config::{Finite, NonNegative};
-use whitstone_core::stream::{LANES, Lanes, RayStream};
+use whitstone_core::stream::{GROUP, Lanes, RayStream, groups};
 use whitstone_core::{Camera, Cameras, Context, DMat4, DVec2, FilmSize, Plugin, Ray, SceneErrors, simd};
 
 /// A pinhole camera, by its angle of view or by a window in front of it.
@@ -91,10 +91,12 @@ impl Camera for Perspective {
         simd::dispatch(
             #[inline(always)]
             || {
-                for lane in 0..rays.len.min(LANES) {
-                    let ray = self.ray(raster[lane]);
-                    rays.origin.set(lane, ray.origin);
-                    rays.direction.set(lane, ray.direction);
+                for start in groups(rays.len) {
+                    for lane in start..start + GROUP {
+                        let ray = self.ray(raster[lane]);
+                        rays.origin.set(lane, ray.origin);
+                        rays.direction.set(lane, ray.direction);
+                    }
                 }
             },
         );

@@ -1,5 +1,9 @@
 use crate::simd;
-use crate::stream::{Colors, HitStream, Ids, LANES, Lanes, PointStream, RayStream, SampleStreams, Vectors};
+use crate::simd::select;
+use crate::stream::{
+    Colors, GROUP, HitStream, Ids, LANES, Lanes, PointStream, RayStream, SampleStreams, Vectors, gather,
+    groups,
+};
 use crate::{
     Accelerator, BranchKind, Context, Geometry, Incoming, Interval, Light, LightGives, LightSample, Lobes,
     Material, Needs, ObjectOrder, RawHit, Ray, Refused, Rgb, Shadowing, Skip, SurfacePoint, View,
@@ -96,8 +100,12 @@ impl World {
 
     /// [`Self::background`] in the first `len` directions of a stream.
     pub fn background_stream(&self, len: usize, directions: &Vectors, out: &mut Colors) {
-        out.fill(len, Rgb::BLACK);
-        for light in &self.backgrounds {
+        let Some((first, others)) = self.backgrounds.split_first() else {
+            out.fill(len, Rgb::BLACK);
+            return;
+        };
+        first.background_stream(len, directions, out);
+        for light in others {
             let mut seen = Colors::default();
             light.background_stream(len, directions, &mut seen);
             for lane in 0..len {
@@ -119,11 +127,13 @@ impl World {
         simd::dispatch(
             #[inline(always)]
             || {
-                for lane in 0..rays.len.min(LANES) {
-                    let view = -rays.direction.get(lane);
-                    points.view.set(lane, view);
-                    let n_s = points.get(lane).seen_from(view).n_s;
-                    points.n_s.set(lane, n_s);
+                for start in rays.groups() {
+                    for lane in start..start + GROUP {
+                        let view = -rays.direction.get(lane);
+                        points.view.set(lane, view);
+                        let n_s = points.get(lane).seen_from(view).n_s;
+                        points.n_s.set(lane, n_s);
+                    }
                 }
             },
         );
@@ -239,19 +249,21 @@ impl World {
             simd::dispatch(
                 #[inline(always)]
                 || {
-                    for lane in 0..len {
-                        let (point, view) = (points.get(lane), points.view.get(lane));
-                        let sample = samples.get(lane);
-                        let lit = (point.n_towards(view).dot(sample.direction) > 0.0)
-                            & point.same_side(view, sample.direction)
-                            & !sample.irradiance.is_black();
-                        faces[lane] = lit;
-                        let start = point.leave(sample.direction);
-                        all.origin.set(lane, start);
-                        all.direction.set(lane, sample.direction);
-                        all.limit[lane] = distance_to_light(&point, start, &sample);
-                        let reaching = if lit { sample.irradiance } else { Rgb::BLACK };
-                        samples.irradiance.set(lane, reaching);
+                    for start in groups(len) {
+                        for lane in start..start + GROUP {
+                            let (point, view) = (points.get(lane), points.view.get(lane));
+                            let sample = samples.get(lane);
+                            let lit = (point.n_towards(view).dot(sample.direction) > 0.0)
+                                & point.same_side(view, sample.direction)
+                                & !sample.irradiance.is_black();
+                            faces[lane] = lit;
+                            let start = point.leave(sample.direction);
+                            all.origin.set(lane, start);
+                            all.direction.set(lane, sample.direction);
+                            all.limit[lane] = distance_to_light(&point, start, &sample);
+                            let reaching = if lit { sample.irradiance } else { Rgb::BLACK };
+                            samples.irradiance.set(lane, reaching);
+                        }
                     }
                 },
             );
@@ -274,23 +286,25 @@ impl World {
                 lit.len += usize::from(faces[lane]);
             }
             counters.shadow += lit.len as u64;
+            if lit.len == 0 {
+                continue;
+            }
+            let lanes = &lanes[..lit.len];
             if lit.len == len {
                 all.len = len;
-                all.skip.clone_from(leaves);
+                all.skip.copy_first(len, leaves);
                 self.accelerator.occluded_stream(all, &mut hidden.0);
             } else {
-                for (to, &lane) in lanes[..lit.len].iter().enumerate() {
-                    lit.copy(to, all, lane as usize);
-                    lit.skip.copy(to, leaves, lane as usize);
-                }
+                lit.gather_lines(0, all, lanes);
+                gather(&mut lit.limit, 0, &all.limit, lanes);
+                lit.skip.gather(0, leaves, lanes);
                 self.accelerator.occluded_stream(lit, &mut hidden.0);
             }
-            for (&lane, _) in lanes[..lit.len]
-                .iter()
-                .zip(&hidden.0)
-                .filter(|(_, hidden)| **hidden)
-            {
-                samples.irradiance.set(lane as usize, Rgb::BLACK);
+            for (&lane, hidden) in lanes.iter().zip(&hidden.0) {
+                let lane = lane as usize % LANES;
+                let arrives = samples.irradiance.get(lane);
+                let [r, g, b] = [arrives.r, arrives.g, arrives.b].map(|part| select(*hidden, 0.0, part));
+                samples.irradiance.set(lane, Rgb::new(r, g, b));
             }
         }
     }

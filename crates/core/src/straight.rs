@@ -146,9 +146,11 @@ impl<P: Straight> Primitive for P {
         simd::dispatch(
             #[inline(always)]
             || {
-                for lane in 0..len {
-                    let (ray, hit) = (rays.ray(lane), hits.hit(lane));
-                    points.set(lane, &Straight::surface(&primitive, &ray, &hit, Needs::NOTHING));
+                for start in rays.groups() {
+                    for lane in start..start + GROUP {
+                        let (ray, hit) = (rays.ray(lane), hits.hit(lane));
+                        points.set(lane, &Straight::surface(&primitive, &ray, &hit, Needs::NOTHING));
+                    }
                 }
             },
         );

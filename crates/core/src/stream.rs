@@ -20,11 +20,28 @@ pub const LANES: usize = 256;
 pub const GROUP: usize = 16;
 const _: () = assert!(LANES.is_multiple_of(GROUP));
 
+/// The first lanes of the groups that hold so many; the last group may hold lanes of no meaning.
+///
+/// A loop over a group has a fixed length: it needs no second loop for what does not fill a register, which takes longer than
+/// the first one where streams are short.
+#[inline(always)]
+pub fn groups(len: usize) -> impl Iterator<Item = usize> {
+    (0..len.min(LANES).div_ceil(GROUP)).map(|group| group * GROUP)
+}
+
 /// One value for each ray of a stream.
 pub type Lanes<T> = [T; LANES];
 
 /// The number of no shape: a miss, or a ray that leaves nothing.
 pub const NO_SHAPE: u32 = u32::MAX;
+
+/// Copies some lanes of a column, in this order, behind its first `start`.
+#[inline(always)]
+pub fn gather<T: Copy>(to: &mut Lanes<T>, start: usize, from: &Lanes<T>, lanes: &[u16]) {
+    for (to, &lane) in to[start..].iter_mut().zip(lanes) {
+        *to = from[lane as usize % LANES];
+    }
+}
 
 /// Vectors side by side.
 #[derive(Clone)]
@@ -53,6 +70,23 @@ impl Vectors {
     #[inline(always)]
     pub fn set(&mut self, lane: usize, value: DVec3) {
         (self.x[lane], self.y[lane], self.z[lane]) = (value.x, value.y, value.z);
+    }
+
+    /// Copies the first `len` lanes of another stream.
+    #[inline(always)]
+    pub fn copy_first(&mut self, len: usize, from: &Self) {
+        self.x[..len].copy_from_slice(&from.x[..len]);
+        self.y[..len].copy_from_slice(&from.y[..len]);
+        self.z[..len].copy_from_slice(&from.z[..len]);
+    }
+
+    /// Copies some lanes of another stream, in this order, behind the first `start`: column by column, which is faster than
+    /// lane by lane.
+    #[inline(always)]
+    pub fn gather(&mut self, start: usize, from: &Self, lanes: &[u16]) {
+        gather(&mut self.x, start, &from.x, lanes);
+        gather(&mut self.y, start, &from.y, lanes);
+        gather(&mut self.z, start, &from.z, lanes);
     }
 }
 
@@ -83,6 +117,14 @@ impl Colors {
     #[inline(always)]
     pub fn set(&mut self, lane: usize, value: Rgb) {
         (self.r[lane], self.g[lane], self.b[lane]) = (value.r, value.g, value.b);
+    }
+
+    /// As [`Vectors::gather`].
+    #[inline(always)]
+    pub fn gather(&mut self, start: usize, from: &Self, lanes: &[u16]) {
+        gather(&mut self.r, start, &from.r, lanes);
+        gather(&mut self.g, start, &from.g, lanes);
+        gather(&mut self.b, start, &from.b, lanes);
     }
 
     /// The same colour in the first `len` lanes.
@@ -116,12 +158,20 @@ impl Default for Ids {
 }
 
 impl Ids {
-    /// Copies a lane from another stream.
+    /// As [`Vectors::gather`].
     #[inline(always)]
-    pub fn copy(&mut self, to: usize, from: &Self, lane: usize) {
-        self.instance[to] = from.instance[lane];
-        self.shape[to] = from.shape[lane];
-        self.primitive[to] = from.primitive[lane];
+    pub fn gather(&mut self, start: usize, from: &Self, lanes: &[u16]) {
+        gather(&mut self.instance, start, &from.instance, lanes);
+        gather(&mut self.shape, start, &from.shape, lanes);
+        gather(&mut self.primitive, start, &from.primitive, lanes);
+    }
+
+    /// Copies the first `len` lanes of another stream.
+    #[inline(always)]
+    pub fn copy_first(&mut self, len: usize, from: &Self) {
+        self.instance[..len].copy_from_slice(&from.instance[..len]);
+        self.shape[..len].copy_from_slice(&from.shape[..len]);
+        self.primitive[..len].copy_from_slice(&from.primitive[..len]);
     }
 
     /// Whether a lane names this primitive of this shape, not in any instance.
@@ -186,7 +236,7 @@ impl RayStream {
     /// The first lanes of the groups that hold the rays; the last group may hold lanes of no meaning.
     #[inline(always)]
     pub fn groups(&self) -> impl Iterator<Item = usize> + use<> {
-        (0..self.len.min(LANES).div_ceil(GROUP)).map(|group| group * GROUP)
+        groups(self.len)
     }
 
     /// The range in which the ray of a lane counts hits.
@@ -230,13 +280,21 @@ impl RayStream {
         self.skip.set_skip(lane, skip);
     }
 
-    /// Copies a lane from another stream.
+    /// Becomes the same as another stream; lanes that are not in use stay.
+    pub fn copy_first(&mut self, from: &Self) {
+        self.len = from.len;
+        let len = from.len.min(LANES);
+        self.origin.copy_first(len, &from.origin);
+        self.direction.copy_first(len, &from.direction);
+        self.limit[..len].copy_from_slice(&from.limit[..len]);
+        self.skip.copy_first(len, &from.skip);
+    }
+
+    /// As [`Vectors::gather`], but for the limits and for what the rays leave.
     #[inline(always)]
-    pub fn copy(&mut self, to: usize, from: &Self, lane: usize) {
-        self.origin.set(to, from.origin.get(lane));
-        self.direction.set(to, from.direction.get(lane));
-        self.limit[to] = from.limit[lane];
-        self.skip.copy(to, &from.skip, lane);
+    pub fn gather_lines(&mut self, start: usize, from: &Self, lanes: &[u16]) {
+        self.origin.gather(start, &from.origin, lanes);
+        self.direction.gather(start, &from.direction, lanes);
     }
 }
 
@@ -316,13 +374,13 @@ impl HitStream {
         self.id.primitive[lane] = choose_id(hit.primitive, self.id.primitive[lane]);
     }
 
-    /// Copies a lane from another stream.
+    /// As [`Vectors::gather`].
     #[inline(always)]
-    pub fn copy(&mut self, to: usize, from: &Self, lane: usize) {
-        self.t.0[to] = from.t.0[lane];
-        self.u.0[to] = from.u.0[lane];
-        self.v.0[to] = from.v.0[lane];
-        self.id.copy(to, &from.id, lane);
+    pub fn gather(&mut self, start: usize, from: &Self, lanes: &[u16]) {
+        gather(&mut self.t.0, start, &from.t.0, lanes);
+        gather(&mut self.u.0, start, &from.u.0, lanes);
+        gather(&mut self.v.0, start, &from.v.0, lanes);
+        self.id.gather(start, &from.id, lanes);
     }
 }
 

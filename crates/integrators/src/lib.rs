@@ -9,6 +9,7 @@
 
 use whitstone_core::{DuplicateType, Integrators, Registry};
 
+mod paths;
 mod rules;
 mod shadows;
 mod wave;

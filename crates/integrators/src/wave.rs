@@ -4,34 +4,13 @@
 //! reflection before transmission, so that sums have the same bits and memory stays bounded: what waits is
 //! one ray a level and pixel.
 
-use crate::rules::{Beyond, Limits, Rules, endless};
+use crate::paths::{ByShape, Followed, List, Paths, Waiting};
+use crate::rules::{Beyond, Limits, Rules};
 use std::mem::swap;
-use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, NO_SHAPE, PointStream, RayStream};
+use whitstone_core::stream::{Colors, GROUP, HitStream, LANES, NO_SHAPE, PointStream, RayStream, Vectors};
 use whitstone_core::{
-    BranchStream, BranchStreams, Counters, LightMemory, Lobes, Material, PathState, Rgb, Scratch, World, simd,
+    BranchStream, BranchStreams, Counters, LightMemory, Lobes, Material, Rgb, Scratch, World, simd,
 };
-
-/// Rays of a wave with what they are worth.
-#[derive(Default)]
-struct Paths {
-    rays: RayStream,
-    throughput: Colors,
-    absorption: Colors,
-    /// Whether any ray may travel in a medium that absorbs.
-    absorbing: bool,
-    /// Bounces before the ray.
-    depth: Values<u32>,
-    /// Which camera ray it belongs to.
-    slot: Values<u16>,
-}
-
-struct Values<T>(Lanes<T>);
-
-impl<T: Copy + Default> Default for Values<T> {
-    fn default() -> Self {
-        Self([T::default(); LANES])
-    }
-}
 
 /// Working memory: about 200 KiB a thread.
 #[derive(Default)]
@@ -49,82 +28,30 @@ pub(crate) struct Memory {
     branches: BranchStreams,
     reflected: Followed,
     transmitted: Followed,
+    next_lanes: NextLanes,
     waiting: Waiting,
-    order: Vec<u64>,
+    by_shape: ByShape,
+    beyond: Box<BeyondLimit>,
 }
 
-/// The rays of one kind of branch, lane by lane of the points.
+/// How the rays of a group go on, by lists of lanes.
 #[derive(Default)]
-struct Followed {
-    rays: RayStream,
-    throughput: Colors,
-    /// Whether the branch counts for anything.
-    alive: Values<bool>,
+struct NextLanes {
+    reflected: List,
+    /// Transmitted, and not reflected.
+    transmitted: List,
+    /// Transmitted as well as reflected.
+    both: List,
+    /// Neither.
+    ended: List,
 }
 
-/// The rays that were put off, a stack for each camera ray.
+/// The branches of a group that are not followed.
 #[derive(Default)]
-struct Waiting {
-    stacks: Vec<Vec<PathState>>,
-    /// On all stacks together.
-    count: usize,
-}
-
-impl Paths {
-    fn start(&mut self, rays: &RayStream) {
-        self.rays.clone_from(rays);
-        self.throughput.fill(rays.len, Rgb::WHITE);
-        self.absorption.fill(rays.len, Rgb::BLACK);
-        self.absorbing = false;
-        self.depth.0.fill(0);
-        for (slot, number) in self.slot.0.iter_mut().zip(0..) {
-            *slot = number;
-        }
-    }
-
-    fn clear(&mut self) {
-        self.rays.len = 0;
-        self.absorbing = false;
-    }
-
-    #[inline(always)]
-    fn copy(&mut self, to: usize, from: &Self, lane: usize) {
-        self.rays.copy(to, &from.rays, lane);
-        self.throughput.set(to, from.throughput.get(lane));
-        self.absorption.set(to, from.absorption.get(lane));
-        self.depth.0[to] = from.depth.0[lane];
-        self.slot.0[to] = from.slot.0[lane];
-    }
-
-    fn push(&mut self, path: &PathState, slot: u16) {
-        let to = self.rays.len;
-        self.rays.set(to, path.ray, f64::INFINITY, path.skip);
-        self.throughput.set(to, path.throughput);
-        self.absorption.set(to, path.absorption);
-        self.absorbing |= !path.absorption.is_black();
-        self.depth.0[to] = path.depth;
-        self.slot.0[to] = slot;
-        self.rays.len += 1;
-    }
-}
-
-impl Waiting {
-    /// Goes on with the ray of this pixel that was put off last, if any is left.
-    #[inline(always)]
-    fn resume(&mut self, next: &mut Paths, slot: u16) {
-        if self.count > 0
-            && let Some(path) = self.stacks[slot as usize].pop()
-        {
-            self.count -= 1;
-            next.push(&path, slot);
-        }
-    }
-
-    fn push(&mut self, slot: u16, path: PathState) {
-        self.stacks.resize_with(LANES, Vec::new);
-        self.stacks[slot as usize].push(path);
-        self.count += 1;
-    }
+struct BeyondLimit {
+    lanes: List,
+    directions: Vectors,
+    seen: Colors,
 }
 
 impl Rules {
@@ -180,34 +107,23 @@ impl Rules {
         if m.current.absorbing {
             absorb(&mut m.current, &mut m.hits);
         }
-        let shapes = &m.hits.id.shape[..len];
-        if shapes.iter().all(|shape| *shape == shapes[0]) {
-            let shape = shapes[0];
+        let mut by_shape = std::mem::take(&mut m.by_shape);
+        by_shape.sort(&m.hits.id.shape[..len], world.materials.len());
+        if let Some(shape) = by_shape.only() {
             swap(&mut m.group, &mut m.current);
             swap(&mut m.group_hits, &mut m.hits);
             self.shade(world, shape, m, counters, out);
-            return;
+        } else {
+            by_shape.groups(|shape, lanes| {
+                m.group.take(&m.current, lanes);
+                simd::dispatch(
+                    #[inline(always)]
+                    || m.group_hits.gather(0, &m.hits, lanes),
+                );
+                self.shade(world, shape, m, counters, out);
+            });
         }
-        let mut order = std::mem::take(&mut m.order);
-        order.clear();
-        order.extend(
-            shapes
-                .iter()
-                .zip(0..)
-                .map(|(shape, lane)| u64::from(*shape) << 32 | lane),
-        );
-        order.sort_unstable();
-        for lanes in order.chunk_by(|a, b| a >> 32 == b >> 32) {
-            m.group.rays.len = lanes.len();
-            m.group.absorbing = m.current.absorbing;
-            for (to, key) in lanes.iter().enumerate().take(LANES) {
-                let lane = *key as u32 as usize % LANES;
-                m.group.copy(to, &m.current, lane);
-                m.group_hits.copy(to, &m.hits, lane);
-            }
-            self.shade(world, (lanes[0] >> 32) as u32, m, counters, out);
-        }
-        m.order = order;
+        m.by_shape = by_shape;
     }
 
     /// What the rays in `group`, all of which hit this shape or none, add to their pixels, and the rays that
@@ -224,6 +140,7 @@ impl Rules {
         world.surface_stream(shape, &m.group.rays, &m.group_hits, &mut m.points);
         let material = &*world.materials[shape as usize];
         let lobes = material.lobes();
+        let shown = lobes.intersects(Lobes::SHOWN);
         if lobes.contains(Lobes::LOCAL) {
             let (points, leaves, media) = (&m.points, &m.group_hits.id, &m.group.absorption);
             let shadows = self.shadows.into();
@@ -235,7 +152,7 @@ impl Rules {
         if lobes.contains(Lobes::EMISSION) {
             m.glow(material);
         }
-        if lobes.intersects(Lobes::SHOWN) {
+        if shown {
             weigh(&m.group, &mut m.radiance);
         }
         match self.branches {
@@ -244,13 +161,16 @@ impl Rules {
                 if lobes.contains(Lobes::STRAIGHT) {
                     m.stay();
                 }
-                m.follow(limits);
-                m.stop_at_limit(world, limits);
-                add(&m.group, &m.radiance, out);
+                m.follow(lobes, limits);
+                if m.stop_at_limit(world, limits) | shown {
+                    add(&m.group, &m.radiance, out);
+                }
                 m.go_on();
             }
             _ => {
-                add(&m.group, &m.radiance, out);
+                if shown {
+                    add(&m.group, &m.radiance, out);
+                }
                 m.resume_all();
             }
         }
@@ -286,64 +206,82 @@ impl Memory {
 
     /// Goes on with what was put off, where a ray has no branches.
     fn resume_all(&mut self) {
-        if self.waiting.count > 0 {
-            for slot in &self.group.slot.0[..self.group.rays.len] {
-                self.waiting.resume(&mut self.next, *slot);
-            }
-        }
+        self.waiting
+            .resume(&mut self.next, &self.group, 0..self.group.rays.len);
     }
 
-    /// Finds the branches that count.
-    fn follow(&mut self, limits: Limits) {
+    /// Finds the branches that count, of the kinds that the material has.
+    fn follow(&mut self, lobes: Lobes, limits: Limits) {
         let Self {
             group,
             points,
             branches,
             ..
         } = self;
-        let least = limits.min_contribution;
-        follow(
-            group,
-            points,
-            &branches.reflection,
-            Side::Same,
-            least,
-            &mut self.reflected,
-        );
-        follow(
-            group,
-            points,
-            &branches.transmission,
-            Side::Other,
-            least,
-            &mut self.transmitted,
-        );
+        let kinds = [
+            (
+                Lobes::REFLECTION,
+                Side::Same,
+                &branches.reflection,
+                &mut self.reflected,
+            ),
+            (
+                Lobes::TRANSMISSION | Lobes::STRAIGHT,
+                Side::Other,
+                &branches.transmission,
+                &mut self.transmitted,
+            ),
+        ];
+        for (kind, side, branch, followed) in kinds {
+            if lobes.intersects(kind) {
+                follow(group, points, branch, side, limits.min_contribution, followed);
+            } else {
+                followed.alive.0[..group.rays.len].fill(false);
+            }
+        }
     }
 
-    /// Puts the background in the place of branches beyond the depth limit.
-    fn stop_at_limit(&mut self, world: &World, limits: Limits) {
+    /// Puts the background in the place of branches beyond the depth limit. Says whether there is any.
+    fn stop_at_limit(&mut self, world: &World, limits: Limits) -> bool {
         let depths = &self.group.depth.0[..self.group.rays.len];
         if depths.iter().all(|depth| *depth < limits.max_depth) {
-            return;
+            return false;
         }
+        let BeyondLimit {
+            lanes,
+            directions,
+            seen,
+        } = &mut *self.beyond;
         // Backwards, as for a single ray.
         let kinds = [
             (&mut self.transmitted, &self.branches.absorption),
             (&mut self.reflected, &self.group.absorption),
         ];
         for (branch, absorption) in kinds {
-            for lane in (0..depths.len()).filter(|lane| depths[*lane] >= limits.max_depth) {
-                let alive = std::mem::take(&mut branch.alive.0[lane]);
-                if alive && limits.beyond == Beyond::Background {
-                    let seen = endless(world, absorption.get(lane), branch.rays.direction.get(lane));
-                    let sum = self.radiance.get(lane) + branch.throughput.get(lane) * seen;
-                    self.radiance.set(lane, sum);
-                }
+            lanes.clear();
+            for (lane, depth) in depths.iter().enumerate() {
+                let beyond = *depth >= limits.max_depth;
+                lanes.push_if(beyond & branch.alive.0[lane], lane);
+                branch.alive.0[lane] &= !beyond;
+            }
+            let lanes = lanes.lanes();
+            if limits.beyond == Beyond::Black || lanes.is_empty() {
+                continue;
+            }
+            directions.gather(0, &branch.rays.direction, lanes);
+            world.background_stream(lanes.len(), directions, seen);
+            for (place, &lane) in lanes.iter().enumerate() {
+                let lane = lane as usize % LANES;
+                let seen = absorption.get(lane).transmittance(f64::INFINITY) * seen.get(place);
+                let sum = self.radiance.get(lane) + branch.throughput.get(lane) * seen;
+                self.radiance.set(lane, sum);
             }
         }
+        limits.beyond == Beyond::Background
     }
 
-    /// Takes the first branch of each ray into the next wave and puts its second one off.
+    /// Takes the first branch of each ray into the next wave and puts its second one off. The order of the rays in a wave has no
+    /// part in the result.
     fn go_on(&mut self) {
         let Self {
             group,
@@ -351,46 +289,42 @@ impl Memory {
             branches,
             reflected,
             transmitted,
+            next_lanes,
             waiting,
             next,
             ..
         } = self;
-        next.absorbing |= group.absorbing;
-        for lane in 0..group.rays.len.min(LANES) {
-            let (slot, depth) = (group.slot.0[lane], group.depth.0[lane] + 1);
-            let (first, absorption) = match (reflected.alive.0[lane], transmitted.alive.0[lane]) {
-                (false, false) => {
-                    waiting.resume(next, slot);
-                    continue;
-                }
-                (false, true) => (&*transmitted, branches.absorption.get(lane)),
-                (true, second) => {
-                    if second {
-                        let path = PathState {
-                            ray: transmitted.rays.ray(lane),
-                            skip: group_hits.id.skip(lane),
-                            throughput: transmitted.throughput.get(lane),
-                            absorption: branches.absorption.get(lane),
-                            depth,
-                            origin: None,
-                        };
-                        waiting.push(slot, path);
-                    }
-                    (&*reflected, group.absorption.get(lane))
-                }
-            };
-            let to = next.rays.len % LANES;
-            next.rays.len += 1;
-            next.rays.origin.set(to, first.rays.origin.get(lane));
-            next.rays.direction.set(to, first.rays.direction.get(lane));
-            next.rays.skip.copy(to, &group_hits.id, lane);
-            next.throughput.set(to, first.throughput.get(lane));
-            next.absorption.set(to, absorption);
-            next.absorbing |= !absorption.is_black();
-            next.depth.0[to] = depth;
-            next.slot.0[to] = slot;
+        let NextLanes {
+            reflected: first,
+            transmitted: other,
+            both,
+            ended,
+        } = next_lanes;
+        for list in [&mut *first, &mut *other, &mut *both, &mut *ended] {
+            list.clear();
         }
+        for lane in 0..group.rays.len.min(LANES) {
+            let (r, t) = (reflected.alive.0[lane], transmitted.alive.0[lane]);
+            first.push_if(r, lane);
+            other.push_if(t & !r, lane);
+            both.push_if(t & r, lane);
+            ended.push_if(!(t | r), lane);
+        }
+        let leaves = &group_hits.id;
+        let outside = group.absorbing.then_some(&group.absorption);
+        let inside = absorbs(&branches.absorption, [&*other, &*both]).then_some(&branches.absorption);
+        next.append(group, leaves, reflected, outside, first.lanes());
+        next.append(group, leaves, transmitted, inside, other.lanes());
+        waiting.push(group, leaves, transmitted, inside, both.lanes());
+        let ended = ended.lanes().iter().map(|lane| usize::from(*lane));
+        waiting.resume(next, group, ended);
     }
+}
+
+/// Whether any of these lanes is in a medium that absorbs.
+fn absorbs(absorption: &Colors, lists: [&List; 2]) -> bool {
+    let mut lanes = lists.iter().flat_map(|list| list.lanes());
+    lanes.any(|lane| !absorption.get(usize::from(*lane)).is_black())
 }
 
 /// Weakens the rays by the media they came through. One of which nothing is left has hit nothing.
@@ -425,8 +359,10 @@ fn weigh(paths: &Paths, radiance: &mut Colors) {
     simd::dispatch(
         #[inline(always)]
         || {
-            for lane in 0..paths.rays.len.min(LANES) {
-                radiance.set(lane, paths.throughput.get(lane) * radiance.get(lane));
+            for start in paths.rays.groups() {
+                for lane in start..start + GROUP {
+                    radiance.set(lane, paths.throughput.get(lane) * radiance.get(lane));
+                }
             }
         },
     );
@@ -459,19 +395,21 @@ fn follow(
     simd::dispatch(
         #[inline(always)]
         || {
-            for lane in 0..group.rays.len.min(LANES) {
-                let (point, view) = (points.get(lane), points.view.get(lane));
-                let direction = branch.direction.get(lane);
-                let allowed = match side {
-                    Side::Same => point.same_side(view, direction),
-                    Side::Other => point.opposite_sides(view, direction),
-                };
-                let throughput = group.throughput.get(lane) * branch.weight.get(lane);
-                let contribution = throughput.max_component();
-                out.alive.0[lane] = allowed & (contribution > 0.0) & (contribution >= least);
-                out.rays.origin.set(lane, point.leave(direction));
-                out.rays.direction.set(lane, direction);
-                out.throughput.set(lane, throughput);
+            for start in group.rays.groups() {
+                for lane in start..start + GROUP {
+                    let (point, view) = (points.get(lane), points.view.get(lane));
+                    let direction = branch.direction.get(lane);
+                    let allowed = match side {
+                        Side::Same => point.same_side(view, direction),
+                        Side::Other => point.opposite_sides(view, direction),
+                    };
+                    let throughput = group.throughput.get(lane) * branch.weight.get(lane);
+                    let contribution = throughput.max_component();
+                    out.alive.0[lane] = allowed & (contribution > 0.0) & (contribution >= least);
+                    out.rays.origin.set(lane, point.leave(direction));
+                    out.rays.direction.set(lane, direction);
+                    out.throughput.set(lane, throughput);
+                }
             }
         },
     );

@@ -2,7 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::Deserialize;
-use whitstone_core::stream::{LANES, SampleStreams, Vectors};
+use whitstone_core::stream::{GROUP, SampleStreams, Vectors, groups};
 use whitstone_core::{DVec3, LightSample, Rgb, simd};
 
 /// How the light of a source with a position falls off with the distance d.
@@ -45,10 +45,12 @@ pub(crate) fn sample_stream(
     simd::dispatch(
         #[inline(always)]
         || {
-            for lane in 0..len.min(LANES) {
-                let v = position - points.get(lane);
-                usual &= is_usual(v);
-                out.set(lane, &usual_sample(v, intensity, falloff));
+            for start in groups(len) {
+                for lane in start..start + GROUP {
+                    let v = position - points.get(lane);
+                    usual &= is_usual(v) | (lane >= len);
+                    out.set(lane, &usual_sample(v, intensity, falloff));
+                }
             }
         },
     );

@@ -11,7 +11,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Color, Positive};
-use whitstone_core::stream::{LANES, PointStream};
+use whitstone_core::stream::{GROUP, PointStream, groups};
 use whitstone_core::{
     Branch, BranchKind, BranchStreams, Branches, Context, DVec3, Filter, Lobes, Material, Materials, Needs,
     Plugin, Rgb, SceneErrors, SurfacePoint, simd, simd::select,
@@ -110,14 +110,16 @@ impl Material for Dielectric {
         simd::dispatch(
             #[inline(always)]
             || {
-                for lane in 0..points.len.min(LANES) {
-                    let split = self.split(&points.get(lane), points.view.get(lane));
-                    let (reflectance, transmittance) = (split.reflectance, split.transmittance);
-                    out.reflection.direction.set(lane, split.reflected);
-                    out.reflection.weight.set(lane, Rgb::splat(reflectance));
-                    out.transmission.direction.set(lane, split.transmitted);
-                    out.transmission.weight.set(lane, Rgb::splat(transmittance));
-                    out.absorption.set(lane, split.absorption);
+                for start in groups(points.len) {
+                    for lane in start..start + GROUP {
+                        let split = self.split(&points.get(lane), points.view.get(lane));
+                        let (reflectance, transmittance) = (split.reflectance, split.transmittance);
+                        out.reflection.direction.set(lane, split.reflected);
+                        out.reflection.weight.set(lane, Rgb::splat(reflectance));
+                        out.transmission.direction.set(lane, split.transmitted);
+                        out.transmission.weight.set(lane, Rgb::splat(transmittance));
+                        out.absorption.set(lane, split.absorption);
+                    }
                 }
             },
         );

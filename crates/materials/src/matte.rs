@@ -11,7 +11,7 @@ use serde::Deserialize;
 use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
 use whitstone_core::config::TextureRef;
-use whitstone_core::stream::{Colors, LANES, PointStream, SampleStreams};
+use whitstone_core::stream::{Colors, GROUP, PointStream, SampleStreams, groups};
 use whitstone_core::{
     ColorSource, Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneErrors,
     SurfacePoint, simd,
@@ -68,23 +68,24 @@ impl Material for Matte {
     }
 
     fn local_stream(&self, points: &PointStream, ambient: Rgb, lights: &SampleStreams, out: &mut Colors) {
-        let len = points.len.min(LANES);
-        let mut reflectance = Colors::default();
-        self.reflectance.value_stream(points, &mut reflectance);
-        out.fill(len, Rgb::BLACK);
+        self.reflectance.value_stream(points, out);
         simd::dispatch(
             #[inline(always)]
             || {
-                for light in lights.iter() {
-                    for lane in 0..len {
-                        let n = points.get(lane).n_towards(points.view.get(lane));
-                        let cosine = n.dot(light.direction.get(lane)).max(0.0);
-                        out.set(lane, out.get(lane) + light.irradiance.get(lane) * cosine);
+                for start in groups(points.len) {
+                    let mut irradiance = [Rgb::BLACK; GROUP];
+                    for light in lights.iter() {
+                        for (k, sum) in irradiance.iter_mut().enumerate() {
+                            let lane = start + k;
+                            let n = points.get(lane).n_towards(points.view.get(lane));
+                            let cosine = n.dot(light.direction.get(lane)).max(0.0);
+                            *sum += light.irradiance.get(lane) * cosine;
+                        }
                     }
-                }
-                for lane in 0..len {
-                    let light = ambient + out.get(lane) * FRAC_1_PI;
-                    out.set(lane, reflectance.get(lane) * light);
+                    for (k, irradiance) in irradiance.iter().enumerate() {
+                        let light = ambient + *irradiance * FRAC_1_PI;
+                        out.set(start + k, out.get(start + k) * light);
+                    }
                 }
             },
         );

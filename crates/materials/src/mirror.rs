@@ -11,7 +11,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::TextureRef;
-use whitstone_core::stream::{LANES, PointStream};
+use whitstone_core::stream::{GROUP, PointStream, groups};
 use whitstone_core::{
     Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Lobes, Material, Materials,
     Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd,
@@ -73,10 +73,12 @@ impl Material for Mirror {
         simd::dispatch(
             #[inline(always)]
             || {
-                for lane in 0..points.len.min(LANES) {
-                    let view = points.view.get(lane);
-                    let n = points.get(lane).n_towards(view);
-                    out.reflection.direction.set(lane, reflect(n, view));
+                for start in groups(points.len) {
+                    for lane in start..start + GROUP {
+                        let view = points.view.get(lane);
+                        let n = points.get(lane).n_towards(view);
+                        out.reflection.direction.set(lane, reflect(n, view));
+                    }
                 }
             },
         );

@@ -13,7 +13,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Positive, TextureRef};
-use whitstone_core::stream::{LANES, PointStream};
+use whitstone_core::stream::{GROUP, PointStream, groups};
 use whitstone_core::{
     Branch, BranchKind, BranchStreams, Branches, ColorSource, Context, DVec3, Filter, Lobes, Material,
     Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd, simd::select,
@@ -128,16 +128,18 @@ impl Material for ThinDielectric {
         simd::dispatch(
             #[inline(always)]
             || {
-                for lane in 0..points.len.min(LANES) {
-                    let view = points.view.get(lane);
-                    let n = points.get(lane).n_towards(view);
-                    let (reflected, transmitted) = self.shares(n, view);
-                    out.reflection.direction.set(lane, reflect(n, view));
-                    out.reflection.weight.set(lane, Rgb::splat(reflected));
-                    out.transmission.direction.set(lane, -view);
-                    let tint = out.transmission.weight.get(lane);
-                    out.transmission.weight.set(lane, tint * transmitted);
-                    out.absorption.set(lane, Rgb::BLACK);
+                for start in groups(points.len) {
+                    for lane in start..start + GROUP {
+                        let view = points.view.get(lane);
+                        let n = points.get(lane).n_towards(view);
+                        let (reflected, transmitted) = self.shares(n, view);
+                        out.reflection.direction.set(lane, reflect(n, view));
+                        out.reflection.weight.set(lane, Rgb::splat(reflected));
+                        out.transmission.direction.set(lane, -view);
+                        let tint = out.transmission.weight.get(lane);
+                        out.transmission.weight.set(lane, tint * transmitted);
+                        out.absorption.set(lane, Rgb::BLACK);
+                    }
                 }
             },
         );

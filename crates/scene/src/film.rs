@@ -1,6 +1,5 @@
 use crate::{Aov, Pipeline};
-use rayon::prelude::*;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, RayStream};
@@ -69,6 +68,8 @@ struct TileScratch {
     scratch: Scratch,
     /// The pixels from the tile's corner, in the order of the lanes.
     order: Vec<[u32; 2]>,
+    /// The size of the tile that `order` is of.
+    ordered: [u32; 2],
     rgb: Vec<[f32; 3]>,
     /// All channels of the first pixel, then those of the next.
     layers: Vec<f32>,
@@ -172,17 +173,20 @@ impl Pipeline {
             counters: Counters::default(),
             render_seconds: 0.0,
         });
-        tiles
-            .par_iter()
-            .for_each_init(TileScratch::default, |scratch, tile| {
-                self.render_tile(tile, scratch);
+        // Each thread takes the next tile when it is done with one: parts of the image that are handed out beforehand take unequal times.
+        let next = AtomicUsize::new(0);
+        rayon::broadcast(|_| {
+            let mut scratch = TileScratch::default();
+            while let Some(tile) = tiles.get(next.fetch_add(1, Ordering::Relaxed)) {
+                self.render_tile(tile, &mut scratch);
                 scratch.write(tile, &mut film.lock().unwrap_or_else(PoisonError::into_inner));
                 let pixels = u64::from(tile.width) * u64::from(tile.height);
                 let so_far = done.fetch_add(pixels, Ordering::Relaxed) + pixels;
                 if let Some(progress) = progress {
                     progress(so_far, total);
                 }
-            });
+            }
+        });
         let mut film = film.into_inner().unwrap_or_else(PoisonError::into_inner);
         film.render_seconds = start.elapsed().as_secs_f64();
         film
@@ -192,6 +196,7 @@ impl Pipeline {
         let TileScratch {
             scratch,
             order,
+            ordered,
             rgb,
             layers,
             rays,
@@ -199,7 +204,11 @@ impl Pipeline {
             radiance,
             hits,
         } = scratch;
-        tile.order(order);
+        let size = [tile.width, tile.height];
+        if *ordered != size {
+            tile.order(order);
+            *ordered = size;
+        }
         let corner = |[x, y]: [u32; 2]| [tile.x + x, tile.y + y];
         let (count, lens) = (self.samples(), self.camera.lens_points());
         let mut sums = [Rgb::BLACK; LANES];

@@ -1,0 +1,307 @@
+//! The rays of a wave, those that wait for a later one, and how both are moved: column by column, by lists of lanes.
+
+use whitstone_core::stream::{Colors, Ids, LANES, Lanes, RayStream, gather};
+use whitstone_core::{DVec3, Rgb, simd};
+
+/// Rays of a wave with what they are worth. Their limits stay infinite.
+#[derive(Default)]
+pub(crate) struct Paths {
+    pub(crate) rays: RayStream,
+    pub(crate) throughput: Colors,
+    /// Black in all lanes where not `absorbing`.
+    pub(crate) absorption: Colors,
+    /// Whether any ray may travel in a medium that absorbs.
+    pub(crate) absorbing: bool,
+    /// Bounces before the ray.
+    pub(crate) depth: Values<u32>,
+    /// Which camera ray it belongs to.
+    pub(crate) slot: Values<u16>,
+}
+
+/// A value for each lane.
+pub(crate) struct Values<T>(pub(crate) Lanes<T>);
+
+impl<T: Copy + Default> Default for Values<T> {
+    fn default() -> Self {
+        Self([T::default(); LANES])
+    }
+}
+
+/// Some lanes, in order.
+#[derive(Default)]
+pub(crate) struct List {
+    lanes: Values<u16>,
+    len: usize,
+}
+
+impl List {
+    pub(crate) fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// Adds a lane if it counts, without a jump.
+    #[inline(always)]
+    pub(crate) fn push_if(&mut self, counts: bool, lane: usize) {
+        self.lanes.0[self.len % LANES] = lane as u16;
+        self.len += usize::from(counts);
+    }
+
+    #[inline(always)]
+    pub(crate) fn lanes(&self) -> &[u16] {
+        &self.lanes.0[..self.len.min(LANES)]
+    }
+}
+
+/// The rays of one kind of branch, lane by lane of the points.
+#[derive(Default)]
+pub(crate) struct Followed {
+    pub(crate) rays: RayStream,
+    pub(crate) throughput: Colors,
+    /// Whether the branch counts for anything.
+    pub(crate) alive: Values<bool>,
+}
+
+impl Paths {
+    pub(crate) fn start(&mut self, rays: &RayStream) {
+        self.rays.copy_first(rays);
+        self.throughput.fill(rays.len, Rgb::WHITE);
+        self.leave_media();
+        self.depth.0.fill(0);
+        for (slot, number) in self.slot.0.iter_mut().zip(0..) {
+            *slot = number;
+        }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.rays.len = 0;
+        self.leave_media();
+    }
+
+    fn leave_media(&mut self) {
+        if self.absorbing {
+            self.absorption.fill(LANES, Rgb::BLACK);
+            self.absorbing = false;
+        }
+    }
+
+    /// Takes over some lanes, but for what the rays leave: nobody asks for that again.
+    pub(crate) fn take(&mut self, from: &Self, lanes: &[u16]) {
+        self.clear();
+        self.rays.len = lanes.len();
+        self.absorbing = from.absorbing;
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                self.rays.gather_lines(0, &from.rays, lanes);
+                self.throughput.gather(0, &from.throughput, lanes);
+                if from.absorbing {
+                    self.absorption.gather(0, &from.absorption, lanes);
+                }
+                gather(&mut self.depth.0, 0, &from.depth.0, lanes);
+                gather(&mut self.slot.0, 0, &from.slot.0, lanes);
+            },
+        );
+    }
+
+    /// Adds some branches of the rays of a group that leave these primitives, in these media (`None`: none that absorbs).
+    pub(crate) fn append(
+        &mut self,
+        group: &Self,
+        leaves: &Ids,
+        branch: &Followed,
+        media: Option<&Colors>,
+        lanes: &[u16],
+    ) {
+        if lanes.is_empty() {
+            return;
+        }
+        self.absorbing |= media.is_some();
+        let start = self.rays.len;
+        self.rays.len += lanes.len();
+        simd::dispatch(
+            #[inline(always)]
+            || {
+                self.rays.gather_lines(start, &branch.rays, lanes);
+                self.rays.skip.gather(start, leaves, lanes);
+                self.throughput.gather(start, &branch.throughput, lanes);
+                if let Some(media) = media {
+                    self.absorption.gather(start, media, lanes);
+                }
+                let places = start..self.rays.len.min(LANES);
+                for (to, &lane) in self.depth.0[places].iter_mut().zip(lanes) {
+                    *to = group.depth.0[lane as usize % LANES] + 1;
+                }
+                gather(&mut self.slot.0, start, &group.slot.0, lanes);
+            },
+        );
+    }
+}
+
+/// A ray that was put off.
+#[derive(Clone, Copy)]
+struct Later {
+    origin: DVec3,
+    direction: DVec3,
+    throughput: Rgb,
+    absorption: Rgb,
+    leaves: [u32; 3],
+    depth: u32,
+    /// The one of the same camera ray that was put off before.
+    below: u32,
+}
+
+/// The end of a stack.
+const BOTTOM: u32 = u32::MAX;
+
+/// The rays that were put off, a stack for each camera ray. All stacks are in one list, whose places are used again.
+pub(crate) struct Waiting {
+    rows: Vec<Later>,
+    free: Vec<u32>,
+    tops: Lanes<u32>,
+    /// On all stacks together.
+    count: usize,
+    /// Camera rays that go on.
+    found: List,
+}
+
+impl Default for Waiting {
+    fn default() -> Self {
+        Self {
+            rows: Vec::new(),
+            free: Vec::new(),
+            tops: [BOTTOM; LANES],
+            count: 0,
+            found: List::default(),
+        }
+    }
+}
+
+impl Waiting {
+    /// Puts some branches off; as [`Paths::append`].
+    pub(crate) fn push(
+        &mut self,
+        group: &Paths,
+        leaves: &Ids,
+        branch: &Followed,
+        media: Option<&Colors>,
+        lanes: &[u16],
+    ) {
+        self.count += lanes.len();
+        for &lane in lanes {
+            let lane = lane as usize % LANES;
+            let top = &mut self.tops[group.slot.0[lane] as usize % LANES];
+            let row = Later {
+                origin: branch.rays.origin.get(lane),
+                direction: branch.rays.direction.get(lane),
+                throughput: branch.throughput.get(lane),
+                absorption: media.map_or(Rgb::BLACK, |media| media.get(lane)),
+                leaves: [leaves.instance[lane], leaves.shape[lane], leaves.primitive[lane]],
+                depth: group.depth.0[lane] + 1,
+                below: *top,
+            };
+            *top = match self.free.pop() {
+                Some(place) => {
+                    self.rows[place as usize] = row;
+                    place
+                }
+                None => {
+                    self.rows.push(row);
+                    self.rows.len() as u32 - 1
+                }
+            };
+        }
+    }
+
+    /// Goes on with the rays that were put off last of the camera rays that these lanes of a group belong to, where any is left.
+    pub(crate) fn resume(&mut self, next: &mut Paths, group: &Paths, lanes: impl Iterator<Item = usize>) {
+        if self.count == 0 {
+            return;
+        }
+        // First which they are, so that no jump depends on what is still on its way from memory.
+        self.found.clear();
+        for lane in lanes {
+            let slot = group.slot.0[lane % LANES] as usize % LANES;
+            self.found.push_if(self.tops[slot] != BOTTOM, slot);
+        }
+        self.count -= self.found.lanes().len();
+        for &slot in self.found.lanes() {
+            let top = &mut self.tops[slot as usize % LANES];
+            let row = &self.rows[*top as usize];
+            self.free.push(*top);
+            *top = row.below;
+            next.absorbing |= !row.absorption.is_black();
+            let to = next.rays.len % LANES;
+            next.rays.len += 1;
+            next.rays.origin.set(to, row.origin);
+            next.rays.direction.set(to, row.direction);
+            let skip = &mut next.rays.skip;
+            [skip.instance[to], skip.shape[to], skip.primitive[to]] = row.leaves;
+            next.throughput.set(to, row.throughput);
+            next.absorption.set(to, row.absorption);
+            next.depth.0[to] = row.depth;
+            next.slot.0[to] = slot;
+        }
+    }
+}
+
+/// The lanes of a wave by the shape that they hit.
+#[derive(Default)]
+pub(crate) struct ByShape {
+    /// By shape: how many lanes hit it, and then where the next of them goes in `order`. Zero between two waves.
+    counts: Vec<u16>,
+    /// The shapes that were hit.
+    hit: Vec<u32>,
+    order: Values<u16>,
+}
+
+impl ByShape {
+    /// Sorts lanes; anything that is not a number below `shapes` is a miss.
+    pub(crate) fn sort(&mut self, hits: &[u32], shapes: usize) {
+        self.hit.clear();
+        self.counts.resize(shapes + 1, 0);
+        for &shape in hits {
+            let count = &mut self.counts[(shape as usize).min(shapes)];
+            if *count == 0 {
+                self.hit.push(shape);
+            }
+            *count += 1;
+        }
+        let mut start = 0;
+        for &shape in &self.hit {
+            let count = &mut self.counts[(shape as usize).min(shapes)];
+            start += std::mem::replace(count, start);
+        }
+        for (lane, &shape) in hits.iter().enumerate() {
+            let place = &mut self.counts[(shape as usize).min(shapes)];
+            self.order.0[*place as usize % LANES] = lane as u16;
+            *place += 1;
+        }
+    }
+
+    /// The only shape that was hit, if there is only one.
+    pub(crate) fn only(&mut self) -> Option<u32> {
+        match self.hit[..] {
+            [shape] => {
+                self.forget(shape);
+                Some(shape)
+            }
+            _ => None,
+        }
+    }
+
+    /// Takes out the shapes, each with its lanes.
+    pub(crate) fn groups(&mut self, mut each: impl FnMut(u32, &[u16])) {
+        let mut start = 0;
+        for place in 0..self.hit.len() {
+            let shape = self.hit[place];
+            let end = self.forget(shape) as usize;
+            each(shape, &self.order.0[start..end]);
+            start = end;
+        }
+    }
+
+    fn forget(&mut self, shape: u32) -> u16 {
+        let last = self.counts.len() - 1;
+        std::mem::take(&mut self.counts[(shape as usize).min(last)])
+    }
+}
