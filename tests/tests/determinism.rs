@@ -1,7 +1,7 @@
 //! The same picture from any number of threads and any accelerator; every scene of the repository renders.
 
 use std::fs;
-use whitstone::core::{FamilyName, Scratch};
+use whitstone::core::{FamilyName, Needs, Scratch};
 use whitstone::scene::RenderOptions;
 use whitstone_tests::{bits, load, program, root, scenes, small};
 
@@ -66,6 +66,34 @@ fn every_pixel_by_itself_is_as_in_the_image() {
         }
         assert_eq!(expected, film.counters, "{}", scene.display());
     }
+}
+
+/// What the pipeline knows of a scene saves work and nothing else.
+#[test]
+fn what_a_scene_does_not_need_is_not_computed_and_is_not_missed() {
+    let registry = whitstone::registry();
+    let (mut without_uv, mut with_uv) = (0, 0);
+    for scene in scenes() {
+        let mut pipeline = load(&scene, &small(), &registry).unwrap_or_else(|report| panic!("{report}"));
+        let planned = pipeline.render(RenderOptions::default());
+        let needs = pipeline.world.needs();
+        pipeline.world = pipeline.world.one_size_fits_all();
+        let general = pipeline.render(RenderOptions::default());
+        let name = scene.display();
+        assert!(planned.rgb == general.rgb, "{name}");
+        let (some, all) = (planned.counters, general.counters);
+        assert_eq!((all.uv, all.textured), (all.shaded, all.shaded), "{name}");
+        if !needs.contains(Needs::UV) {
+            assert_eq!(some.uv, 0, "{name}");
+            without_uv += 1;
+        } else {
+            with_uv += 1;
+        }
+        if !needs.contains(Needs::TEXTURE) {
+            assert_eq!(some.textured, 0, "{name}");
+        }
+    }
+    assert!(without_uv > 20 && with_uv > 10, "{without_uv}, {with_uv}");
 }
 
 #[test]

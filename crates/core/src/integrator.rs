@@ -56,6 +56,8 @@ pub struct World {
     pub ambient: Rgb,
     /// What each material reads, in the same order: asked once, not at every hit.
     needs: Vec<Needs>,
+    /// How each material answers, in the same order.
+    responses: Vec<Lobes>,
     /// All that any material does.
     pub(crate) lobes: Lobes,
 }
@@ -69,8 +71,8 @@ impl World {
         lights: Vec<Arc<dyn Light>>,
     ) -> Self {
         let needs = materials.iter().map(|material| material.needs()).collect();
-        let all = |all, material: &Arc<dyn Material>| all | material.lobes();
-        let lobes = materials.iter().fold(Lobes::NOTHING, all);
+        let responses: Vec<Lobes> = materials.iter().map(|material| material.lobes()).collect();
+        let lobes = responses.iter().fold(Lobes::NOTHING, |all, lobes| all | *lobes);
         let ambient = lights.iter().map(|light| light.ambient()).sum();
         let giving = |what| -> Vec<Arc<dyn Light>> {
             let mut chosen = lights.clone();
@@ -86,8 +88,37 @@ impl World {
             backgrounds,
             ambient,
             needs,
+            responses,
             lobes,
         }
+    }
+
+    /// The same world without what was found out about it: as if every material read everything and answered in every way that
+    /// does no harm, and as if shadow rays might go through surfaces. The same image, by more work: what it costs beside this world is what leaving
+    /// out saves.
+    #[must_use]
+    pub fn one_size_fits_all(mut self) -> Self {
+        self.needs.fill(Needs::EVERYTHING);
+        for lobes in &mut self.responses {
+            *lobes = *lobes | Lobes::HARMLESS;
+        }
+        self.lobes = self.lobes | Lobes::HARMLESS | Lobes::HOLES;
+        self
+    }
+
+    /// How the material of a shape answers.
+    pub fn lobes_of(&self, shape: u32) -> Lobes {
+        self.responses[shape as usize]
+    }
+
+    /// Counts points of a shape that are shaded.
+    #[inline]
+    pub fn count_shaded(&self, shape: u32, points: usize, counters: &mut Counters) {
+        let needs = self.needs[shape as usize];
+        let counted = |need| if needs.contains(need) { points as u64 } else { 0 };
+        counters.shaded += points as u64;
+        counters.uv += counted(Needs::UV);
+        counters.textured += counted(Needs::TEXTURE);
     }
 
     /// What a ray sees that hits nothing.
@@ -492,17 +523,23 @@ impl From<BranchKind> for PathLetter {
     }
 }
 
-/// Rays traced.
+/// Rays traced, and what was computed where they ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Nearest-hit queries: camera rays and branches.
     pub closest: u64,
     /// Shadow rays.
     pub shadow: u64,
+    /// Points that were shaded, those that shadow rays go through among them.
+    pub shaded: u64,
+    /// Those of them whose texture coordinates were computed.
+    pub uv: u64,
+    /// Those of them for which textures were asked.
+    pub textured: u64,
 }
 
 impl Counters {
-    /// Both kinds together.
+    /// Rays of both kinds.
     pub fn total(&self) -> u64 {
         self.closest + self.shadow
     }
@@ -511,5 +548,8 @@ impl Counters {
     pub fn add(&mut self, other: Self) {
         self.closest += other.closest;
         self.shadow += other.shadow;
+        self.shaded += other.shaded;
+        self.uv += other.uv;
+        self.textured += other.textured;
     }
 }

@@ -132,6 +132,8 @@ impl Lobes {
     pub const BRANCHES: Self = Self(2 + 4 + 8);
     /// Everything that the surface shows without following a ray.
     pub const SHOWN: Self = Self(1 + 16);
+    /// What a material can be asked for although it says that it has none of it, and the answer is nothing.
+    pub const HARMLESS: Self = Self(1 + 2 + 4 + 16);
     /// No response at all.
     pub const NOTHING: Self = Self(0);
 

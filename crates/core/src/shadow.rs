@@ -57,9 +57,10 @@ impl World {
                 return left * medium.transmittance(free.max(0.0));
             };
             let material = &self.materials[hit.shape as usize];
-            if !material.lobes().intersects(shadowing.passing()) {
+            if !self.lobes_of(hit.shape).intersects(shadowing.passing()) {
                 return Rgb::BLACK;
             }
+            self.count_shaded(hit.shape, 1, counters);
             let point = self.surface(&ray, &hit).seen_from(-ray.direction);
             let filter = material.shadow(&point, ray.direction, filtered);
             left = left * medium.transmittance(hit.t) * filter.weight;

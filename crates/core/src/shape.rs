@@ -200,6 +200,10 @@ impl Needs {
     pub const SHADING_NORMAL: Self = Self(1);
     /// Texture coordinates.
     pub const UV: Self = Self(2);
+    /// Some texture is asked: nothing that a shape computes, but the counters of `explain --measure` tell it.
+    pub const TEXTURE: Self = Self(4);
+    /// All of these.
+    pub const EVERYTHING: Self = Self(7);
 
     /// Whether all of `other` is in this set.
     pub const fn contains(self, other: Self) -> bool {

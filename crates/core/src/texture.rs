@@ -54,7 +54,7 @@ impl ColorSource {
     pub fn needs(&self) -> Needs {
         match self {
             Self::Constant(_) => Needs::NOTHING,
-            Self::Texture(texture) => texture.needs(),
+            Self::Texture(texture) => texture.needs() | Needs::TEXTURE,
         }
     }
 

@@ -69,13 +69,14 @@ impl Rules {
         }
         let skip = Skip::leaving(&hit);
         let material = &*world.materials[hit.shape as usize];
-        let lobes = material.lobes();
+        let lobes = world.lobes_of(hit.shape);
+        world.count_shaded(hit.shape, 1, &mut scratch.counters);
         let mut local = Rgb::BLACK;
         if lobes.intersects(Lobes::SHOWN) {
             let medium = path.absorption;
             local = self
                 .shadows
-                .local(world, material, &point, view, skip, medium, scratch);
+                .local(world, hit.shape, &point, view, skip, medium, scratch);
         }
         let node = scratch.note(path, Some((&hit, &point)), throughput, local);
         let mut sum = throughput * local;

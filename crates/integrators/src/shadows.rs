@@ -2,9 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::Deserialize;
-use whitstone_core::{
-    DVec3, Illumination, Lobes, Material, Rgb, Scratch, Shadowing, Skip, SurfacePoint, World,
-};
+use whitstone_core::{DVec3, Illumination, Lobes, Rgb, Scratch, Shadowing, Skip, SurfacePoint, World};
 
 /// What stands between a surface and a light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -41,14 +39,14 @@ impl Shadows {
     pub(crate) fn local(
         self,
         world: &World,
-        material: &dyn Material,
+        shape: u32,
         point: &SurfacePoint,
         view: DVec3,
         skip: Skip,
         medium: Rgb,
         scratch: &mut Scratch,
     ) -> Rgb {
-        let lobes = material.lobes();
+        let (material, lobes) = (&world.materials[shape as usize], world.lobes_of(shape));
         let mut sum = Rgb::BLACK;
         if lobes.contains(Lobes::LOCAL) {
             world.gather_lights(point, view, skip, self.into(), medium, scratch);

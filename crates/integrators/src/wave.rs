@@ -139,7 +139,8 @@ impl Rules {
         let len = m.group.rays.len;
         world.surface_stream(shape, &m.group.rays, &m.group_hits, &mut m.points);
         let material = &*world.materials[shape as usize];
-        let lobes = material.lobes();
+        let lobes = world.lobes_of(shape);
+        world.count_shaded(shape, len, counters);
         let shown = lobes.intersects(Lobes::SHOWN);
         if lobes.contains(Lobes::LOCAL) {
             let (points, leaves, media) = (&m.points, &m.group_hits.id, &m.group.absorption);

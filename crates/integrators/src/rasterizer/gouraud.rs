@@ -21,7 +21,6 @@ pub(super) fn radiance(world: &World, ray: &Ray, hit: Option<RawHit>, scratch: &
     let DVec2 { x: u, y: v } = hit.params;
     let corners = [(1.0 - u - v, DVec2::ZERO), (u, DVec2::X), (v, DVec2::Y)];
     let here = [(1.0, hit.params)];
-    let material = &*world.materials[hit.shape as usize];
     let mut sum = Rgb::BLACK;
     for &(weight, params) in if triangle { &corners[..] } else { &here[..] } {
         let corner = RawHit { params, ..hit };
@@ -32,9 +31,10 @@ pub(super) fn radiance(world: &World, ray: &Ray, hit: Option<RawHit>, scratch: &
             -ray.direction
         };
         let point = point.seen_from(view);
-        if material.lobes().intersects(Lobes::SHOWN) {
+        world.count_shaded(hit.shape, 1, &mut scratch.counters);
+        if world.lobes_of(hit.shape).intersects(Lobes::SHOWN) {
             let (skip, medium) = (Skip::leaving(&hit), Rgb::BLACK);
-            sum += Shadows::None.local(world, material, &point, view, skip, medium, scratch) * weight;
+            sum += Shadows::None.local(world, hit.shape, &point, view, skip, medium, scratch) * weight;
         }
     }
     let point = world.surface(ray, &hit).seen_from(-ray.direction);

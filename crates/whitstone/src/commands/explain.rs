@@ -109,8 +109,18 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         .measure
         .then(|| pipeline.render(RenderOptions::default()).counters);
     print_pipeline(&pipeline, &names);
-    if let Some(Counters { closest, shadow }) = counted {
+    if let Some(counted) = counted {
+        let Counters {
+            closest,
+            shadow,
+            shaded,
+            uv,
+            textured,
+        } = counted;
         println!("counted        {closest} rays for the nearest hit, {shadow} for shadows");
+        println!(
+            "               {shaded} points shaded, {uv} with texture coordinates, {textured} with textures"
+        );
     }
     if let Some(tree) = &tree {
         println!();
@@ -371,7 +381,10 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
     json!({
         "used": used.collect::<Vec<_>>(),
         "bytes_estimated": bytes(pipeline),
-        "counters": counted.map(|rays| json!({ "closest": rays.closest, "shadow": rays.shadow })),
+        "counters": counted.map(|rays| json!({
+            "closest": rays.closest, "shadow": rays.shadow, "shaded": rays.shaded, "uv": rays.uv,
+            "textured": rays.textured,
+        })),
         "width": size.width,
         "height": size.height,
         "layers": pipeline.film.aovs.iter().flat_map(|aov| aov.channels()).collect::<Vec<_>>(),

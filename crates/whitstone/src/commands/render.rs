@@ -27,6 +27,9 @@ pub struct Arguments {
     /// Threads; 0 for one a core. The image does not depend on it
     #[arg(long, default_value_t = 0, value_parser = super::threads)]
     threads: usize,
+    /// Compute also what this scene does not need, as if it were not known: the same image, to measure what leaving out saves
+    #[arg(long)]
+    one_size_fits_all: bool,
     /// Write sizes, times and ray counts to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -48,7 +51,10 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             )));
         }
     };
-    let pipeline = build(&arguments.scene, registry)?;
+    let mut pipeline = build(&arguments.scene, registry)?;
+    if arguments.one_size_fits_all {
+        pipeline.world = pipeline.world.one_size_fits_all();
+    }
     let size = pipeline.film.size;
     let bar = progress(u64::from(size.width) * u64::from(size.height), "rendering");
     let film = pipeline.render(RenderOptions {
