@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone::validate::driver::SceneText;
 use whitstone::validate::environment::Environment;
+use whitstone::validate::shrink::shrink;
 use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator, flatten, tree};
 use whitstone_tests::{load, root};
 
@@ -168,6 +169,39 @@ fn ray_trees_agree() -> Result<(), Failed> {
     Ok(())
 }
 
+/// A fault in one number, in a scene with much else in it: what is left has little but that number in it.
+fn what_fails_shrinks() -> Result<(), Failed> {
+    let registry = whitstone::registry();
+    let fault = Options {
+        ours_overrides: vec!["integrator.max_depth=1".to_owned()],
+        ..options()
+    };
+    let mut validator = Validator::new(&registry, fault, &|_| {})?;
+    let scene = Path::new("scenes/showcase/classic.toml");
+    let left = shrink(
+        &mut validator,
+        scene,
+        &["film.width=64".to_owned(), "film.height=48".to_owned()],
+        &|_| {},
+    )?;
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("left.toml");
+    fs::write(&path, &left)?;
+    let again = load(&path, &[], &registry)?;
+    // Two mirrors, or one and a glass: of the four shapes at most three are left.
+    let reflecting = left.contains("mirror") || left.contains("dielectric");
+    let shapes = again.world.geometry.shapes().len();
+    if !reflecting || shapes > 3 || left.lines().count() > 40 {
+        return Err(format!("{shapes} shapes in\n{left}").into());
+    }
+    // Without the fault there is nothing to look for.
+    let mut sound = Validator::new(&registry, options(), &|_| {})?;
+    match shrink(&mut sound, scene, &[], &|_| {}) {
+        Err(why) if why.contains("does not fail") => Ok(()),
+        other => Err(format!("{other:?}").into()),
+    }
+}
+
 /// A test that a machine without Mitsuba leaves out.
 type Test = fn() -> Result<(), Failed>;
 
@@ -176,7 +210,7 @@ fn main() {
     // Scenes are named from the repository.
     std::env::set_current_dir(root()).expect("the repository is there");
     let live = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
-    let tests: [(&str, Test); 4] = [
+    let tests: [(&str, Test); 5] = [
         ("small facets keep their limit", small_facets_keep_their_limit),
         (
             "far from the origin the reference is called inexact",
@@ -184,6 +218,7 @@ fn main() {
         ),
         ("coincident surfaces are named", coincident_surfaces_are_named),
         ("ray trees agree", ray_trees_agree),
+        ("what fails shrinks", what_fails_shrinks),
     ];
     let trials = tests.map(|(name, test)| Trial::test(name, test).with_ignored_flag(!live));
     libtest_mimic::run(&arguments, trials.into()).exit();

@@ -12,6 +12,8 @@ mod place;
 pub mod renderer;
 pub mod report;
 mod result;
+pub mod sensitivity;
+pub mod shrink;
 pub mod stored;
 pub mod tree;
 mod validator;

@@ -78,6 +78,8 @@ pub struct Validator<'a> {
     not_live: Option<String>,
     /// The first failure of a live reference that was there.
     broken: Option<String>,
+    /// Whether cases have pictures.
+    pictures: bool,
     /// Is told what is being done.
     stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
 }
@@ -143,6 +145,7 @@ impl<'a> Validator<'a> {
             live,
             not_live,
             broken: None,
+            pictures: true,
             stage: Box::new(|_| {}),
         })
     }
@@ -150,6 +153,21 @@ impl<'a> Validator<'a> {
     /// Has `stage` told, from now on, what is being done: a scene can take minutes.
     pub fn tell(&mut self, stage: impl Fn(&str) + Send + Sync + 'a) {
         self.stage = Box::new(stage);
+    }
+
+    /// What is changed on both sides.
+    pub(crate) fn changed(&self) -> &[String] {
+        &self.options.overrides
+    }
+
+    /// From now on cases have no pictures: where only the verdict counts, they take most of the time.
+    pub fn without_pictures(&mut self) {
+        self.pictures = false;
+    }
+
+    /// Changes our side only, `path=value`, in the place of what was changed there before.
+    pub fn change_ours(&mut self, overrides: Vec<String>) {
+        self.options.ours_overrides = overrides;
     }
 
     /// The first failure of the live reference while it was used: a crash, no answer, half an image. In
@@ -396,7 +414,9 @@ impl<'a> Validator<'a> {
             case.limit = floor::limit(meta.floor, cap);
         }
         case.bias_limit = floor::bias_limit(meta.floor, cap);
-        case.pictures = pictures(&ours.image, reference);
+        if self.pictures {
+            case.pictures = pictures(&ours.image, reference);
+        }
 
         let not_finite = metrics::count_not_finite(&ours.image, reference)?;
         case.nonfinite = not_finite.ours + not_finite.reference;

@@ -1,0 +1,66 @@
+//! `shrink`: from a scene that fails to a small one that still does.
+
+use super::validate;
+use crate::terminal::{Exit, Failure, progress};
+use clap::Args;
+use std::path::PathBuf;
+use std::time::Duration;
+use whitstone_core::Registry;
+use whitstone_image::atomic;
+use whitstone_validate::Validator;
+use whitstone_validate::shrink::shrink;
+
+/// Take everything out of a scene that fails without which it still fails
+///
+/// Shapes, lights and keys go one after another as long as the comparison with the live reference fails. What is left is written as a scene of its own,
+/// and is what to look at, or to tell others of.
+#[derive(Args, Debug)]
+#[group(id = "shrink")]
+#[command(
+    mut_arg("reference", |argument| argument.default_value("live")),
+    after_help = "Example, with a fault put in:\n  whitstone shrink scenes/showcase/classic.toml --ours camera.fov=50.1 -o small.toml"
+)]
+pub struct Arguments {
+    #[command(flatten)]
+    validate: validate::Arguments,
+    /// Change a value on our side only, to see a fault found: PATH=VALUE
+    #[arg(long, value_name = "PATH=VALUE")]
+    ours: Vec<String>,
+    /// Where to write what is left [default: the terminal]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
+    let scenes = arguments.validate.find()?;
+    let [scene] = &scenes[..] else {
+        return Err(Failure::usage(format!(
+            "expected one scene, found {}",
+            scenes.len()
+        )));
+    };
+    // They are in the scene that is shrunk, not changes of it.
+    let overrides = &arguments.validate.overrides;
+    let mut options = arguments.validate.options(program);
+    options.overrides.clear();
+    options.ours_overrides.clone_from(&arguments.ours);
+    let mut validator =
+        Validator::new(registry, options, &|text| eprintln!("{text}")).map_err(Failure::environment)?;
+    let bar = progress(0, "shrinking");
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let left = shrink(&mut validator, scene, overrides, &|values| {
+        bar.set_message(format!("shrinking: {values} values left"));
+    });
+    bar.finish_and_clear();
+    let left = left.map_err(Failure::usage)?;
+    let text = format!(
+        "# What is left of {} that still fails.\n\n{left}",
+        scene.display()
+    );
+    match &arguments.output {
+        Some(path) => atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?,
+        None => print!("{text}"),
+    }
+    Ok(Exit::Pass)
+}
