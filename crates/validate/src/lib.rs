@@ -12,7 +12,6 @@ mod place;
 pub mod renderer;
 pub mod report;
 mod result;
-pub mod sensitivity;
 pub mod shrink;
 pub mod stored;
 pub mod tree;

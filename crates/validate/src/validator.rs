@@ -155,19 +155,9 @@ impl<'a> Validator<'a> {
         self.stage = Box::new(stage);
     }
 
-    /// What is changed on both sides.
-    pub(crate) fn changed(&self) -> &[String] {
-        &self.options.overrides
-    }
-
     /// From now on cases have no pictures: where only the verdict counts, they take most of the time.
     pub fn without_pictures(&mut self) {
         self.pictures = false;
-    }
-
-    /// Changes our side only, `path=value`, in the place of what was changed there before.
-    pub fn change_ours(&mut self, overrides: Vec<String>) {
-        self.options.ours_overrides = overrides;
     }
 
     /// The first failure of the live reference while it was used: a crash, no answer, half an image. In

@@ -13,7 +13,6 @@ mod page;
 pub mod reference;
 pub mod render;
 pub mod schema;
-pub mod sensitivity;
 pub mod shrink;
 #[cfg(feature = "stress")]
 pub mod stress;
@@ -45,7 +44,6 @@ struct Arguments {
 pub enum Command {
     Render(render::Arguments),
     Validate(validate::Arguments),
-    Sensitivity(sensitivity::Arguments),
     Shrink(shrink::Arguments),
     Compare(compare::Arguments),
     Explain(explain::Arguments),
@@ -67,7 +65,6 @@ impl Command {
         match self {
             Self::Render(arguments) => render::run(arguments, registry),
             Self::Validate(arguments) => validate::run(arguments, registry, program),
-            Self::Sensitivity(arguments) => sensitivity::run(arguments, registry, program),
             Self::Shrink(arguments) => shrink::run(arguments, registry, program),
             Self::Compare(arguments) => compare::run(arguments),
             Self::Explain(arguments) => explain::run(arguments, registry),
