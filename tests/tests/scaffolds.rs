@@ -1,5 +1,10 @@
 //! The plugins that `new-plugin` writes: compiled here, with their own tests, and their scenes rendered.
 
+#![allow(
+    unreachable_pub,
+    reason = "what is public in a package of its own is not in a test"
+)]
+
 #[path = "../../crates/whitstone/src/commands/scaffold/chalk.rs"]
 mod chalk;
 #[path = "../../crates/whitstone/src/commands/scaffold/fisheye.rs"]
