@@ -367,6 +367,66 @@ fn explain_says_what_is_built_and_follows_a_pixel() {
     }
 }
 
+/// What a scene makes run, with memory and work: a part appears where the scene needs it, and its numbers are right.
+#[test]
+fn explain_tells_what_each_part_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("explain.json");
+    let costs = |scene: &str| {
+        let sets = [
+            "--set",
+            "film={width=20,height=10,aovs=[\"depth\"]}",
+            "--json",
+            path.to_str().unwrap(),
+        ];
+        let output = run(&[&["explain", scene], &sets[..]].concat());
+        assert_eq!(code(&output), Some(0), "{}", stderr(&output));
+        assert!(stdout(&output).contains("costs: bytes"), "{}", stdout(&output));
+        json(&path)
+    };
+    let part = |report: &Value, name: &str| {
+        let all = report["costs"].as_array().unwrap();
+        all.iter().find(|cost| cost["part"] == name).cloned()
+    };
+    let plain = costs("scenes/shapes/disk.toml");
+    let film = part(&plain, "film").unwrap();
+    assert_eq!(film["bytes"], 20 * 10 * 4 * 4);
+    assert!(film["work"].as_str().unwrap().starts_with("200 rays"), "{film}");
+    assert!(
+        part(&plain, "accelerator").unwrap()["work"]
+            .as_str()
+            .unwrap()
+            .contains("brute_force")
+    );
+    assert!(part(&plain, "meshes").is_none() && part(&plain, "reflected and refracted rays").is_none());
+    let mesh = costs("scenes/showcase/textured_mesh.toml");
+    assert!(part(&mesh, "meshes").unwrap()["bytes"].as_u64() > Some(1000));
+    assert!(
+        part(&mesh, "textures").unwrap()["work"]
+            .as_str()
+            .unwrap()
+            .contains("image")
+    );
+    let sum: u64 = mesh["costs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter_map(|cost| cost["bytes"].as_u64())
+        .sum();
+    assert_eq!(mesh["bytes_estimated"], sum);
+    let glass = costs("scenes/showcase/classic.toml");
+    let branches = part(&glass, "reflected and refracted rays").unwrap();
+    assert!(
+        branches["work"].as_str().unwrap().starts_with("up to 2"),
+        "{branches}"
+    );
+    let shadows = part(&glass, "shadow rays").unwrap();
+    assert!(
+        shadows["work"].as_str().unwrap().starts_with("about 1 "),
+        "{shadows}"
+    );
+}
+
 #[test]
 fn an_exposure_is_a_number() {
     for exposure in ["nan", "inf", "x"] {

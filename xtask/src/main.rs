@@ -4,8 +4,10 @@ mod assets;
 mod bench;
 mod dependencies;
 mod features;
+mod links;
 mod pages;
 mod peers;
+mod places;
 mod plugins;
 mod readme;
 mod slim;
@@ -28,9 +30,7 @@ struct Arguments {
 enum Verb {
     #[command(flatten)]
     Whitstone(commands::Command),
-    /// Check what the compiler cannot: that every plugin has its file, feature, example, twin and documentation,
-    /// and that all licences of dependencies are allowed
-    Tidy,
+    Tidy(places::Arguments),
     /// Check that every plugin feature compiles alone
     Features,
     /// Write the generated meshes and pictures of scenes/assets
@@ -49,7 +49,10 @@ fn main() -> ExitCode {
     let registry = whitstone::registry();
     finish(match &arguments.verb {
         Verb::Whitstone(command) => command.run(&registry, "cargo xtask"),
-        Verb::Tidy => tidy::run(&registry),
+        Verb::Tidy(arguments) => match &arguments.plugin {
+            Some(plugin) => places::run(plugin),
+            None => tidy::run(&registry),
+        },
         Verb::Features => features::run(&registry),
         Verb::Assets => assets::write(),
         Verb::Bench(arguments) => bench::run(arguments, &registry),

@@ -1,6 +1,6 @@
 //! What the compiler cannot check: one name in five places for every plugin, no list that drifts.
 
-use crate::{assets, dependencies, peers, verdict};
+use crate::{assets, dependencies, links, peers, places, verdict};
 use std::fs;
 use std::path::{Path, PathBuf};
 use whitstone::core::{Entry, FamilyName, Registry};
@@ -22,7 +22,11 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
         .entries()
         .partition(|entry| entry.crate_name == peers::CRATE);
     for entry in &plugins {
-        problems.extend(check_plugin(entry));
+        let found = check_plugin(entry);
+        if !found.is_empty() {
+            problems.push(unfinished(entry));
+        }
+        problems.extend(found);
     }
     problems.extend(peers::check(&peers));
     problems.extend(check_strays(registry));
@@ -31,6 +35,7 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     problems.extend(check_stored());
     problems.extend(check_sources());
     problems.extend(check_studies());
+    problems.extend(links::check());
     problems.extend(dependencies::check());
     verdict(
         &problems,
@@ -44,6 +49,21 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
 
 fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_default()
+}
+
+/// Where to go on with a plugin that lacks something.
+fn unfinished(entry: &Entry) -> String {
+    let all = places::places(entry.family, entry.name);
+    let list = all.iter().zip(1..).map(|(place, number)| {
+        let mark = if place.there { "" } else { " (missing)" };
+        format!("\n  {number} {}{mark}: {}", place.path.display(), place.what)
+    });
+    let list: String = list.collect();
+    format!(
+        "the {} {} is not in all its places:{list}",
+        entry.family.singular(),
+        entry.name
+    )
 }
 
 /// File, feature, example, twin, documentation, laws.

@@ -309,21 +309,17 @@ impl Node {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::accelerator_laws;
 
-    #[test]
-    fn obeys_the_laws_of_accelerators() {
-        for text in [
-            "",
-            "max_leaf = 1",
-            "max_leaf = 1000",
-            "split = \"midpoint\"\naxes = \"longest\"",
-            "split = \"midpoint\"\nmax_leaf = 1",
-            "split = \"median\"\naxes = \"longest\"",
-            "split = \"median\"",
-            "axes = \"longest\"",
-        ] {
-            accelerator_laws::<Bvh2>(text);
-        }
-    }
+    whitstone_testkit::accelerator_laws!(
+        Bvh2,
+        "",
+        "max_leaf = 1",
+        "max_leaf = 1000",
+        "max_leaf = 1..9",
+        "split = \"midpoint\"\naxes = \"longest\"",
+        "split = \"midpoint\"\nmax_leaf = 1",
+        "split = \"median\"\naxes = \"longest\"",
+        "split = \"median\"",
+        "axes = \"longest\"",
+    );
 }

@@ -117,6 +117,12 @@ mod tests {
     use whitstone_core::DVec3;
     use whitstone_testkit::{build, camera_laws};
 
+    whitstone_testkit::camera_laws!(
+        Perspective,
+        "look_at = { origin = [1, 2, 3], target = [0, 0, 0] }\nfov = 1.0..170",
+        "look_at = { origin = [0, 0, 5], target = [0, -2.0..2, 0] }\nnear = 0.0..9",
+    );
+
     fn camera(text: &str, width: u32, height: u32) -> Result<Box<dyn Camera>, SceneErrors> {
         let film = FilmSize { width, height };
         build::<Cameras, Perspective>(&format!("{LOOK}\n{text}"), film)

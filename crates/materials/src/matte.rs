@@ -96,16 +96,15 @@ impl Material for Matte {
 mod tests {
     use super::*;
     use whitstone_core::Incoming;
-    use whitstone_testkit::{build, furnace_laws, material_laws};
+    use whitstone_testkit::build;
 
-    #[test]
-    fn laws() {
-        for text in ["", "reflectance = [0, 0.3, 1]", "reflectance = 0"] {
-            let material = build::<Materials, Matte>(text, ()).unwrap();
-            material_laws(&*material);
-            furnace_laws(&*material);
-        }
-    }
+    whitstone_testkit::material_laws!(
+        Matte: material_laws + furnace_laws + energy_laws + reciprocity_laws,
+        "",
+        "reflectance = [0, 0.3, 1]",
+        "reflectance = 0",
+        "reflectance = [0.0..1, 0.0..1, 0.0..1]",
+    );
 
     #[test]
     fn the_closed_form() {

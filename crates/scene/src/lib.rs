@@ -5,6 +5,7 @@
 //! This crate knows the registry, not the plugins.
 
 mod check;
+mod costs;
 mod description;
 mod document;
 mod film;
@@ -19,6 +20,7 @@ mod sources;
 mod transform;
 
 pub use check::{all_errors, all_errors_with};
+pub use costs::Cost;
 pub use description::{Aov, Description, Expect, FilmTable, GroupTable, PluginTable, ShapeTable};
 pub use document::{Flattened, nearest_top_level};
 pub use film::{Film, Progress, RenderOptions};

@@ -1,6 +1,7 @@
 //! What every accelerator must satisfy.
 
 use crate::ball::Ball;
+use crate::broken::Broken;
 use crate::instances::{Naive, corners_of_copies, worlds_of_copies};
 use crate::random::Random;
 use crate::shapes::same_bits;
@@ -25,7 +26,8 @@ pub fn accelerator_laws<P: Plugin<Accelerators>>(text: &str) {
         Ok(accelerator) => accelerator,
         Err(error) => panic!("{}: {error}", P::TYPE),
     });
-    assert_eq!(broken.err(), None, "{} with \"{text}\"", P::TYPE);
+    let broken = broken.err().map(|broken| broken.law);
+    assert_eq!(broken, None, "{} with \"{text}\"", P::TYPE);
 }
 
 /// Holds an accelerator that is built over some geometry to the answers of trying everything, for
@@ -36,7 +38,7 @@ pub fn accelerator_laws<P: Plugin<Accelerators>>(text: &str) {
 /// At the first difference; the message says for which ray.
 pub fn accelerator_agrees(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) {
     let broken = compare(geometry, accelerator, rays).err();
-    assert_eq!(broken, None);
+    assert_eq!(broken.map(|broken| broken.law), None);
 }
 
 /// Rays in and around some geometry: from anywhere to anywhere, to corners, along axes, in planes of faces, flat over
@@ -47,11 +49,11 @@ pub fn random_rays(geometry: &Geometry, count: u64, seed: u64) -> impl Iterator<
     (0..count).map(move |number| aim.ray((number % 7) as u32, &mut random))
 }
 
-fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result<(), String> {
+fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result<(), Broken> {
     for (name, shapes, rays) in worlds() {
         let geometry = Arc::new(Geometry::new(shapes));
         let accelerator = build(geometry.clone());
-        compare(&geometry, &*accelerator, rays).map_err(|difference| format!("over {name}: {difference}"))?;
+        compare(&geometry, &*accelerator, rays).map_err(|broken| broken.within(&format!("over {name}")))?;
     }
     for (name, shapes, rays) in worlds_of_copies() {
         let naive = |geometry| Box::new(Naive::new(geometry)) as Box<dyn Accelerator>;
@@ -60,14 +62,14 @@ fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result
         // asked one after another, by streams.
         let geometry = || Arc::new(Geometry::new(shapes(&build)));
         for accelerator in [build(geometry()), naive(geometry())] {
-            compare(&truth, &*accelerator, rays)
-                .map_err(|difference| format!("over {name}: {difference}"))?;
+            compare(&truth, &*accelerator, rays).map_err(|broken| broken.within(&format!("over {name}")))?;
         }
     }
     Ok(())
 }
 
-fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Result<(), String> {
+/// The first ray of so many for which the two differ.
+pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Result<(), Broken> {
     let mut random = Random::new(u64::from(rays));
     let aim = Aim::new(geometry);
     let mut skip = Skip::NOTHING;
@@ -100,13 +102,13 @@ fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Res
                 _ => false,
             };
             if !same {
-                return Err(format!(
-                    "{ray:?}, {interval:?}, {skip:?}: expected {expected:?}, found {found:?}"
-                ));
+                let law = format!("{ray:?}, {interval:?}, {skip:?}: expected {expected:?}, found {found:?}");
+                return Err(Broken::at(&ray, law));
             }
             let occluded = accelerator.occluded(&ray, interval, skip);
             if occluded != expected.is_some() {
-                return Err(format!("{ray:?}, {interval:?}, {skip:?}: occluded is {occluded}"));
+                let law = format!("{ray:?}, {interval:?}, {skip:?}: occluded is {occluded}");
+                return Err(Broken::at(&ray, law));
             }
         }
         queries.extend([f64::INFINITY, ends[0].abs()].map(|limit| (ray, limit, skip)));
@@ -121,7 +123,7 @@ fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Res
         };
     }
     accelerator_streams(accelerator, &queries)?;
-    accelerator_streams(accelerator, &bundles)
+    Ok(accelerator_streams(accelerator, &bundles)?)
 }
 
 /// Rays that are close to each other: enough of them that whole groups of lanes are, wherever they begin.
@@ -441,7 +443,7 @@ mod tests {
         }
     }
 
-    fn verdict(fault: Fault) -> Result<(), String> {
+    fn verdict(fault: Fault) -> Result<(), Broken> {
         first_broken(|geometry| {
             let mut elements: Vec<Element> = geometry.elements().collect();
             if fault == Fault::ForgetsOne && elements.len() > 100 {

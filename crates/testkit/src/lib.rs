@@ -2,6 +2,10 @@
 //!
 //! A law is a function that panics, with a message that says which law is broken and where. A plugin's
 //! tests build it from TOML with [`build`] and hand it to the laws of its family.
+//!
+//! One line does all of it, for tables with ranges in them too ([`shape_laws!`], [`accelerator_laws!`], [`material_laws!`],
+//! [`texture_laws!`], [`camera_laws!`], [`light_laws!`]): configurations are drawn, one that breaks a law is shrunk, and what is
+//! printed is a scene that shows it.
 
 mod context;
 pub use context::{TestContext, build, build_in};
@@ -9,6 +13,7 @@ pub use context::{TestContext, build, build_in};
 mod accelerators;
 pub mod assets;
 mod ball;
+mod broken;
 mod instances;
 mod peers;
 mod random;
@@ -16,23 +21,42 @@ mod shapes;
 mod solids;
 
 pub use accelerators::{accelerator_agrees, accelerator_laws, random_rays};
+pub use broken::Broken;
 pub use instances::Naive;
 pub use random::Random;
 pub use shapes::{Aim, placements, shape_laws, shape_laws_everywhere};
 
 mod cameras;
 mod integrators;
+#[cfg(feature = "properties")]
+mod lawful;
 mod lights;
+#[cfg(feature = "properties")]
+mod macros;
 mod materials;
+#[cfg(feature = "properties")]
+mod properties;
 mod samplers;
 mod spread;
 mod streams;
+#[cfg(feature = "properties")]
+mod template;
 mod textures;
+
+#[cfg(feature = "properties")]
+pub use lawful::{Lawful, Things};
+#[cfg(feature = "properties")]
+pub use properties::{Failure, first_failure, hold, holds_in};
+/// For the macros.
+#[doc(hidden)]
+pub use whitstone_core as core;
 
 pub use cameras::camera_laws;
 pub use integrators::{Lamp, Simple, Wall, floor, integrator_laws, world_of_walls};
 pub use lights::{light_laws, light_near_laws};
-pub use materials::{dielectric_laws, furnace_laws, material_laws, sided_material_laws};
+pub use materials::{
+    dielectric_laws, energy_laws, furnace_laws, material_laws, reciprocity_laws, sided_material_laws,
+};
 pub use peers::{peer_agrees, peer_laws};
 pub use samplers::{random_sampler_laws, sampler_laws};
 pub use textures::texture_laws;

@@ -298,6 +298,73 @@ pub fn furnace_laws(material: &dyn Material) {
     }
 }
 
+/// Under light of radiance 1 from every direction above the surface, by many directional lights, no more leaves than arrives: for
+/// materials in the units of radiometry, with the 1/pi in them. Branches are not counted: see [`furnace_laws`].
+///
+/// # Panics
+///
+/// If more leaves than arrives.
+pub fn energy_laws(material: &dyn Material) {
+    // Each light stands for an equal part of the solid angle.
+    let part = std::f64::consts::TAU / f64::from(LIGHTS);
+    let turn = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    for n in directions(6) {
+        let incoming = |i: u32| Incoming {
+            direction: at_cosine(n, (f64::from(i) + 0.5) / f64::from(LIGHTS), turn * f64::from(i))
+                .normalize(),
+            irradiance: Rgb::splat(part),
+        };
+        let lights: Vec<Incoming> = (0..LIGHTS).map(incoming).collect();
+        for (index, cosine) in COSINES.into_iter().enumerate() {
+            let view = at_cosine(n, cosine, index as f64).normalize();
+            let point = surface(n, n, DVec2::splat(0.3), view);
+            let leaving = local(material, &point, view, 0.0, &lights).max_component();
+            assert!(
+                leaving <= 1.0 + 1e-3,
+                "no more light leaves than arrives, found {leaving} at a cosine of {cosine}"
+            );
+        }
+    }
+}
+
+/// Lights of [`energy_laws`].
+const LIGHTS: u32 = 4096;
+
+/// Light takes a path both ways alike (Helmholtz): the share of a light's irradiance that leaves towards the viewer is the same
+/// with the two exchanged. For materials that are meant to be physical; Phong's highlight is not.
+///
+/// # Panics
+///
+/// If the two differ.
+pub fn reciprocity_laws(material: &dyn Material) {
+    for n in directions(8) {
+        // Where cosines still have digits to divide by.
+        let cosines = COSINES.into_iter().filter(|cosine| *cosine >= 1e-3);
+        let slopes: Vec<DVec3> = cosines
+            .enumerate()
+            .map(|(index, cosine)| at_cosine(n, cosine, 0.9 * index as f64).normalize())
+            .collect();
+        for a in &slopes {
+            for b in &slopes {
+                let share = |view: DVec3, light: DVec3| {
+                    let lights = [Incoming {
+                        direction: light,
+                        irradiance: Rgb::WHITE,
+                    }];
+                    let point = surface(n, n, DVec2::splat(0.3), view);
+                    local(material, &point, view, 0.0, &lights) * (1.0 / n.dot(light))
+                };
+                let (there, back) = (share(*a, *b), share(*b, *a));
+                let off = there.to_array().into_iter().zip(back.to_array());
+                assert!(
+                    { off }.all(|(a, b)| (a - b).abs() <= 1e-9 * a.abs().max(b.abs())),
+                    "light takes a path both ways alike, found {there:?} from {b} to {a} and {back:?} back, about {n}"
+                );
+            }
+        }
+    }
+}
+
 /// For a material that reflects and refracts like glass: nothing is lost (`R + T/eta² = 1`), directions
 /// obey Snell's law and lie in the plane of incidence, and a path backwards has the same shares as
 /// forwards.
@@ -429,6 +496,31 @@ mod tests {
         material_laws(&Made {
             lobes: all(),
             branches: |point, view| vec![mirrored(point, view), straight(view)],
+            ..RIGHT
+        });
+    }
+
+    #[test]
+    fn what_is_divided_by_pi_keeps_energy_and_is_reciprocal() {
+        let right = Made {
+            local: |point, view, light| std::f64::consts::FRAC_1_PI * lambert(point, view, light),
+            ..RIGHT
+        };
+        energy_laws(&right);
+        reciprocity_laws(&right);
+    }
+
+    #[test]
+    #[should_panic(expected = "no more light leaves")]
+    fn a_missing_pi_is_found() {
+        energy_laws(&RIGHT);
+    }
+
+    #[test]
+    #[should_panic(expected = "both ways alike")]
+    fn a_highlight_that_forgets_the_viewer_is_found() {
+        reciprocity_laws(&Made {
+            local: |point, view, light| lambert(point, view, light) * (2.0 + point.n_towards(view).dot(view)),
             ..RIGHT
         });
     }

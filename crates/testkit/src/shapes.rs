@@ -1,5 +1,6 @@
 //! What every shape must satisfy.
 
+use crate::broken::Broken;
 use crate::random::Random;
 use crate::solids::check_solid;
 use crate::streams::{accelerator_streams, surface_streams};
@@ -61,7 +62,7 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
     for (name, transform) in placements {
         match crate::build::<Shapes, P>(text, transform) {
             Ok(shape) => {
-                let broken = first_broken(shape, rays).err();
+                let broken = first_broken(shape, rays).err().map(|broken| broken.law);
                 assert_eq!(broken, None, "{} that is {name}", P::TYPE);
             }
             Err(error) if name == "as it is" => panic!("{}: {error}", P::TYPE),
@@ -83,10 +84,11 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
 /// If the shape breaks one of these laws; the message says which and where.
 pub fn shape_laws(shape: Shape, samples: u32) {
     let broken = first_broken(shape, rays_of_part(samples, 1)).err();
-    assert_eq!(broken, None);
+    assert_eq!(broken.map(|broken| broken.law), None);
 }
 
-fn first_broken(shape: Shape, samples: u32) -> Result<(), String> {
+/// The first law that the shape breaks. The same rays for the same number of them.
+pub(crate) fn first_broken(shape: Shape, samples: u32) -> Result<(), Broken> {
     let bench = Bench::new(shape);
     let mut random = Random::new(u64::from(samples));
     let mut from = 0;
@@ -98,14 +100,14 @@ fn first_broken(shape: Shape, samples: u32) -> Result<(), String> {
     Ok(())
 }
 
-fn check_batch(bench: &Bench, numbers: std::ops::Range<u32>, random: &mut Random) -> Result<(), String> {
+fn check_batch(bench: &Bench, numbers: std::ops::Range<u32>, random: &mut Random) -> Result<(), Broken> {
     let samples = numbers.end - numbers.start;
     let (mut hits, mut queries, mut surfaces) = (0, Vec::new(), Vec::new());
     for i in numbers {
         let ray = bench.aim.ray(i, random);
         if let Some(solid) = bench.solid() {
             let checked = check_solid(solid, &ray, bench.size(), random);
-            checked.map_err(|law| format!("{law}; {ray:?}"))?;
+            checked.map_err(|law| Broken::at(&ray, format!("{law}; {ray:?}")))?;
         }
         queries.push((ray, f64::INFINITY, Skip::NOTHING));
         let Some(hit) = bench.closest(&ray, Interval::FORWARD, Skip::NOTHING) else {
@@ -125,12 +127,12 @@ fn check_batch(bench: &Bench, numbers: std::ops::Range<u32>, random: &mut Random
             .pure(&ray, &hit)
             .and_then(|()| bench.scales(&ray, &hit))
             .and_then(|()| bench.on_surface(&ray, &hit, random));
-        checked.map_err(|law| format!("{law}; {ray:?}, {hit:?}"))?;
+        checked.map_err(|law| Broken::at(&ray, format!("{law}; {ray:?}, {hit:?}")))?;
     }
     accelerator_streams(bench, &queries)?;
     surface_streams(&bench.geometry, &surfaces)?;
     if samples >= 50 && hits < samples / 50 {
-        return Err(format!("too few of {samples} rays hit to tell: {hits}"));
+        return Err(format!("too few of {samples} rays hit to tell: {hits}").into());
     }
     Ok(())
 }
@@ -466,7 +468,8 @@ mod tests {
             radius: 1.5,
         };
         let calls = AtomicU32::new(0);
-        first_broken(Shape::Opaque(Box::new(Faulty { ball, fault, calls })), 400)
+        let shape = Shape::Opaque(Box::new(Faulty { ball, fault, calls }));
+        first_broken(shape, 400).map_err(|broken| broken.law)
     }
 
     #[test]

@@ -85,23 +85,20 @@ impl Pattern for Checker {
 mod tests {
     use super::*;
     use whitstone_core::SurfacePoint;
-    use whitstone_testkit::{build, texture_laws};
+    use whitstone_testkit::build;
+
+    whitstone_testkit::texture_laws!(
+        Checker,
+        "",
+        "scale = [10, 1e300]\noffset = [0.5, -1e9]",
+        "a = 0\nb = [1, 2, 3]\nscale = -1",
+        "a = 0.0..1\nscale = [-9.0..9, 0.1..9]\noffset = [-1.0..1, 0]",
+    );
 
     fn at(text: &str, u: f64, v: f64) -> f64 {
         let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
         point.uv = DVec2::new(u, v);
         build::<Textures, Checker>(text, ()).unwrap().value(&point).g
-    }
-
-    #[test]
-    fn laws() {
-        for text in [
-            "",
-            "scale = [10, 1e300]\noffset = [0.5, -1e9]",
-            "a = 0\nb = [1, 2, 3]\nscale = -1",
-        ] {
-            texture_laws(&*build::<Textures, Checker>(text, ()).unwrap());
-        }
     }
 
     #[test]

@@ -8,6 +8,7 @@ pub mod floor;
 mod inexact;
 mod key;
 mod live;
+pub mod matrix;
 mod place;
 pub mod renderer;
 pub mod report;

@@ -2,8 +2,10 @@
 
 use crate::driver::{Hello, PovRay};
 use crate::explain::Reason;
+use crate::matrix::{Cell, Tally};
 use serde::Serialize;
 use whitstone_image::metrics::BlockBias;
+use whitstone_scene::Cost;
 
 /// All cases of a run.
 #[derive(Debug, Serialize)]
@@ -16,6 +18,8 @@ pub struct Results {
     pub results: Vec<CaseResult>,
     /// Scenes that were not compared, and why.
     pub left_out: Vec<LeftOut>,
+    /// Settings of the scenes, where these were asked for.
+    pub matrix: Vec<Cell>,
 }
 
 /// Over all cases.
@@ -35,6 +39,8 @@ pub struct Summary {
     pub nonfinite: usize,
     /// Scenes that were not compared, because this reference has no twin of them: another has.
     pub left_out: usize,
+    /// The cells of the matrix, if one was asked for.
+    pub matrix: Tally,
     /// Median of `rel_rmse_interior` over the cases that have one.
     pub median_rel_rmse_interior: Option<f64>,
     /// "live" or "stored": where the references came from; with the reason if not live.
@@ -172,6 +178,10 @@ pub struct CaseResult {
     pub problems: Vec<String>,
     /// Whether the scene itself is wrong, so that nothing was rendered.
     pub scene_error: bool,
+    /// The plugins that our pipeline was built from, as "family type".
+    pub used: Vec<String>,
+    /// What its parts take.
+    pub costs: Vec<Cost>,
     /// What our pipeline did without.
     pub left_out: Vec<String>,
     /// What of the scene was changed on both sides, because the reference could not show it, and why.
@@ -389,6 +399,7 @@ impl Summary {
             explained: cases.iter().map(|case| case.explained).sum(),
             nonfinite: cases.iter().map(|case| case.nonfinite).sum(),
             left_out: 0,
+            matrix: Tally::default(),
             median_rel_rmse_interior: middle(&errors),
             references,
             seconds,

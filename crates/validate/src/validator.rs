@@ -71,9 +71,9 @@ pub struct Options {
 
 /// Validates scenes.
 pub struct Validator<'a> {
-    registry: &'a Registry,
-    options: Options,
-    live: Option<Live>,
+    pub(crate) registry: &'a Registry,
+    pub(crate) options: Options,
+    pub(crate) live: Option<Live>,
     /// Why there is no live reference, if there is none.
     not_live: Option<String>,
     /// The first failure of a live reference that was there.
@@ -81,7 +81,7 @@ pub struct Validator<'a> {
     /// Whether cases have pictures.
     pictures: bool,
     /// Is told what is being done.
-    stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
+    pub(crate) stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
 }
 
 /// A live reference was asked for and cannot be had: exit code 3.
@@ -261,6 +261,11 @@ impl<'a> Validator<'a> {
         case.render_s = film.render_seconds;
         case.rays = film.counters.total();
         case.mrays_per_s = case.rays as f64 / film.render_seconds / 1e6;
+        case.costs = pipeline.costs();
+        let used = pipeline.used.iter();
+        case.used = used
+            .map(|(family, name)| format!("{} {name}", family.singular()))
+            .collect();
         case.left_out = pipeline
             .left_out
             .iter()
@@ -288,7 +293,7 @@ impl<'a> Validator<'a> {
 
     /// The changes of a scene on both sides: those asked for, and those without which the reference could not show it, which
     /// are also told.
-    fn overrides(&self, path: &Path, told: &mut Vec<String>) -> Result<Vec<String>, String> {
+    pub(crate) fn overrides(&self, path: &Path, told: &mut Vec<String>) -> Result<Vec<String>, String> {
         let mut overrides = self.options.overrides.clone();
         let flattened = flatten(path, &overrides)?;
         for Adaptation { change, reason } in self.options.renderer.adaptations(&flattened.text) {

@@ -307,25 +307,22 @@ impl Primitive for Superquadric {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_testkit::{Random, build, shape_laws_everywhere};
+    use whitstone_testkit::{Random, build};
+
+    whitstone_testkit::shape_laws!(
+        Superquadric,
+        "",
+        "north_south = 0.3\neast_west = 0.3",
+        "north_south = 2\neast_west = 2",
+        "north_south = 0.1\neast_west = 2",
+        "radii = [1, 2, 0.5]\nnorth_south = 1.5\neast_west = 0.5",
+        "north_south = 0.1..2\neast_west = 0.1..2",
+    );
 
     fn shape(text: &str) -> Box<dyn Primitive> {
         match build::<Shapes, Superquadric>(text, Transform::IDENTITY) {
             Ok(Shape::Opaque(shape)) => shape,
             _ => panic!("it is opaque"),
-        }
-    }
-
-    #[test]
-    fn obeys_the_laws_of_shapes() {
-        for text in [
-            "",
-            "north_south = 0.3\neast_west = 0.3",
-            "north_south = 2\neast_west = 2",
-            "north_south = 0.1\neast_west = 2",
-            "radii = [1, 2, 0.5]\nnorth_south = 1.5\neast_west = 0.5",
-        ] {
-            shape_laws_everywhere::<Superquadric>(text, 1_000);
         }
     }
 

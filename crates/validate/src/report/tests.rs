@@ -120,6 +120,12 @@ fn case(scene: &str, twin: &str) -> CaseResult {
         rays: 181_237,
         mrays_per_s: 14.7,
         status: Some(Status::Pass),
+        used: vec!["camera perspective".to_owned(), "shape sphere".to_owned()],
+        costs: vec![whitstone_scene::Cost {
+            part: "film".to_owned(),
+            bytes: Some(110_592),
+            work: "9216 rays from the camera, 1 a pixel".to_owned(),
+        }],
         left_out: vec!["texture coordinates: no texture reads them".to_owned()],
         command: format!("whitstone validate scenes/{scene}.toml"),
         pictures: pictures(96, 0.6, 1e-7),
@@ -273,6 +279,7 @@ fn results(cases: Vec<CaseResult>, references: &str) -> Results {
         },
         results: cases,
         left_out: Vec::new(),
+        matrix: Vec::new(),
     }
 }
 
@@ -500,4 +507,48 @@ fn examples_to_look_at() {
     for (name, results) in pages {
         std::fs::write(folder.join(name), html(&results)).unwrap();
     }
+}
+
+#[test]
+fn the_matrix_shows_what_fails_and_why_the_rest_was_left_out() {
+    use crate::matrix::{Cell, Outcome, Tally};
+    let cell = |axis, setting: &str, outcome, told: &str| Cell {
+        scene: "shapes/sphere".to_owned(),
+        axis,
+        setting: setting.to_owned(),
+        outcome,
+        against: String::new(),
+        told: told.to_owned(),
+    };
+    let mut results = example();
+    assert!(!html(&results).contains("id=\"matrix\""));
+    results.results.retain(|case| case.status == Some(Status::Pass));
+    results.matrix = vec![
+        cell("accelerator", "bvh", Outcome::Pass, "the same bytes"),
+        cell("accelerator", "grid", Outcome::Fail, HOSTILE),
+        cell("filter", "all", Outcome::Skipped, "no texture in use"),
+    ];
+    results.summary.matrix = Tally::of(&results.matrix);
+    let text = html(&results);
+    assert!(
+        text.contains("1 setting of the matrix does not hold"),
+        "the verdict"
+    );
+    let page = parse(&text);
+    let table = page.select("table.matrix")[0].text();
+    assert!(
+        table.contains("grid") && table.contains("no texture in use"),
+        "{table}"
+    );
+    // A failing setting makes a failing page, though all cases pass.
+    assert!(page.select("h1.fail").len() == 1);
+    results.matrix.remove(1);
+    assert!(parse(&html(&results)).select("h1.pass").len() == 1);
+}
+
+#[test]
+fn a_case_shows_what_was_used_and_what_it_takes() {
+    let text = html(&example());
+    assert!(text.contains("camera perspective, shape sphere"));
+    assert!(text.contains("film: 110592 bytes; 9216 rays from the camera, 1 a pixel"));
 }

@@ -3,7 +3,8 @@
 use super::ERROR_VIEW;
 use super::number::{Limited, Number, plain, precise, scientific};
 use crate::explain::Reason;
-use crate::{CaseResult, LeftOut, Pictures, Provenance, Results, Status, WorstPixel};
+use crate::matrix::{Row, Tally, rows};
+use crate::{CaseResult, LeftOut, Pictures, Provenance, Results, Status, WorstPixel, counted};
 use askama::Template;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -32,6 +33,7 @@ pub(super) struct Page<'a> {
     columns: &'static [Column],
     cases: Vec<CaseView<'a>>,
     left_out: &'a [LeftOut],
+    matrix: Vec<Row<'a>>,
 }
 
 /// The first thing that a reader wants to know.
@@ -224,6 +226,7 @@ impl<'a> Page<'a> {
             columns: &COLUMNS,
             cases,
             left_out: &results.left_out,
+            matrix: rows(&results.matrix),
         }
     }
 
@@ -235,16 +238,25 @@ impl<'a> Page<'a> {
 fn verdict(results: &Results) -> Verdict {
     let cases = results.results.len();
     let failed = results.results.iter().filter(|case| failed(case)).count();
+    let settings = match Tally::of(&results.matrix).failed {
+        0 => String::new(),
+        count => format!(
+            "; {} of the matrix {} not hold",
+            counted(count, "setting"),
+            if count == 1 { "does" } else { "do" }
+        ),
+    };
+    let text = match (cases, failed) {
+        (0, _) => "No case was run".to_owned(),
+        (1, 0) => "The one case passes".to_owned(),
+        (n, 0) => format!("All {n} cases pass"),
+        (1, _) => "The one case fails".to_owned(),
+        (n, 1) => format!("1 of {n} cases fails"),
+        (n, failed) => format!("{failed} of {n} cases fail"),
+    };
     Verdict {
-        passed: cases > 0 && failed == 0,
-        text: match (cases, failed) {
-            (0, _) => "No case was run".to_owned(),
-            (1, 0) => "The one case passes".to_owned(),
-            (n, 0) => format!("All {n} cases pass"),
-            (1, _) => "The one case fails".to_owned(),
-            (n, 1) => format!("1 of {n} cases fails"),
-            (n, failed) => format!("{failed} of {n} cases fail"),
-        },
+        passed: cases > 0 && failed == 0 && settings.is_empty(),
+        text: text + &settings,
     }
 }
 

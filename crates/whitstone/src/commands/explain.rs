@@ -5,11 +5,10 @@ use crate::terminal::{Exit, Failure, write_json};
 use crate::wireframe;
 use clap::Args;
 use serde_json::{Value, json};
-use std::mem::size_of_val;
 use std::path::PathBuf;
 use std::sync::Arc;
-use whitstone_core::{Counters, Geometry, InstancePath, Needs, Registry, Rgb, Scratch, Shape, TreeNode};
-use whitstone_scene::{Pipeline, Plan, RenderOptions};
+use whitstone_core::{Counters, Geometry, InstancePath, Needs, Registry, Rgb, Scratch, TreeNode};
+use whitstone_scene::{Cost, Pipeline, Plan, RenderOptions};
 use whitstone_validate::tree;
 
 /// Say what is built for a scene, what is left out and why; with --pixel, follow the rays of one pixel
@@ -189,35 +188,18 @@ fn materials(pipeline: &Pipeline) -> usize {
     places.len()
 }
 
-/// Bytes of triangle meshes.
-fn mesh_bytes(pipeline: &Pipeline) -> usize {
-    let bytes = |shape: &Shape| match shape {
-        Shape::Triangles(mesh) => {
-            size_of_val(mesh.positions.as_slice())
-                + size_of_val(mesh.normals.as_slice())
-                + size_of_val(mesh.uvs.as_slice())
-                + size_of_val(mesh.triangles.as_slice())
-        }
-        _ => 0,
-    };
-    geometries(pipeline)
-        .flat_map(|geometry| geometry.shapes().iter().map(bytes))
+/// What it keeps while it renders, as far as it is told.
+fn bytes(costs: &[Cost]) -> u64 {
+    costs.iter().filter_map(|cost| cost.bytes).sum()
+}
+
+/// Of the parts of that name.
+fn bytes_of(costs: &[Cost], part: &str) -> u64 {
+    costs
+        .iter()
+        .filter(|cost| cost.part == part)
+        .filter_map(|cost| cost.bytes)
         .sum()
-}
-
-/// Bytes of the film while it is rendered: radiance and layers.
-fn film_bytes(pipeline: &Pipeline) -> usize {
-    let size = pipeline.film.size;
-    let layers: usize = pipeline.film.aovs.iter().map(|aov| aov.channels().len()).sum();
-    size.width as usize * size.height as usize * (3 + layers) * size_of::<f32>()
-}
-
-/// What it keeps while it renders: meshes, accelerators, film.
-fn bytes(pipeline: &Pipeline) -> usize {
-    let groups = pipeline.groups.iter().map(|built| built.group.accelerator());
-    let accelerators = std::iter::once(&*pipeline.world.accelerator).chain(groups);
-    let structures = accelerators.filter_map(|accelerator| accelerator.statistics().get("bytes").copied());
-    mesh_bytes(pipeline) + structures.map(|bytes| bytes as usize).sum::<usize>() + film_bytes(pipeline)
 }
 
 fn needs(pipeline: &Pipeline) -> Vec<&'static str> {
@@ -292,8 +274,13 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         &format!("{} for the {shapes} shapes", materials(pipeline)),
     );
     row("needs", &or_none(needs(pipeline)));
-    let (meshes, film) = (mesh_bytes(pipeline), film_bytes(pipeline));
-    row("bytes", &format!("meshes {meshes}, film {film}"));
+    let costs = pipeline.costs();
+    println!("costs: bytes, and the work to be expected");
+    for Cost { part, bytes, work } in &costs {
+        let bytes = bytes.map_or_else(|| "not told".to_owned(), |bytes| bytes.to_string());
+        println!("  {part:<28} {bytes:>12}  {work}");
+    }
+    row("bytes", &format!("{} in all, of what is told", bytes(&costs)));
     row("built in", &format!("{:.6} s", pipeline.build_seconds));
     row("scene hash", &pipeline.scene_hash);
     println!("left out");
@@ -378,9 +365,11 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         .used
         .iter()
         .map(|(family, name)| json!({ "family": family.singular(), "type": name }));
+    let costs = pipeline.costs();
     json!({
         "used": used.collect::<Vec<_>>(),
-        "bytes_estimated": bytes(pipeline),
+        "bytes_estimated": bytes(&costs),
+        "costs": costs,
         "counters": counted.map(|rays| json!({
             "closest": rays.closest, "shadow": rays.shadow, "shaded": rays.shaded, "uv": rays.uv,
             "textured": rays.textured,
@@ -411,7 +400,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         "lights": names.lights,
         "materials": materials(pipeline),
         "needs": needs(pipeline),
-        "bytes": { "meshes": mesh_bytes(pipeline), "film": film_bytes(pipeline) },
+        "bytes": { "meshes": bytes_of(&costs, "meshes"), "film": bytes_of(&costs, "film") },
         "build_s": pipeline.build_seconds,
         "scene_hash": pipeline.scene_hash,
         "left_out": left_out.collect::<Vec<_>>(),

@@ -204,3 +204,22 @@ pub fn build_with<T>(
     }
     Ok((pipeline, note(&plan)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::Shapes;
+
+    #[test]
+    fn a_type_that_is_there_already_is_refused_and_both_are_named() {
+        let again =
+            |registry: &mut Registry| registry.add::<Shapes, whitstone_shapes::sphere::Sphere>("stranger");
+        let told = Cli::new("mine")
+            .with(again)
+            .duplicate
+            .map(|duplicate| duplicate.to_string());
+        let expected = "shape type \"sphere\" is registered twice: by whitstone-shapes and by stranger";
+        assert_eq!(told.as_deref(), Some(expected));
+        assert!(Cli::new("mine").with(|_| Ok(())).duplicate.is_none());
+    }
+}

@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 use whitstone_core::{FamilyName, Registry};
 use whitstone_image::atomic;
 
-/// Write a package with a shape that works and obeys the laws, to be changed into one of your own
+/// Write a package with a plugin that works and obeys the laws, to be changed into one of your own
 ///
-/// It is a superquadric under another name: the plugin, its laws, an example scene and a command line that has all of Whitstone's plugins
-/// beside it. It stands on Whitstone's crates by path.
+/// A shape is a superquadric under another name, a material chalk, a texture rings, a light a moon, a camera a fisheye: the plugin, its
+/// laws, an example scene and a command line that has all of Whitstone's plugins beside it. It stands on Whitstone's crates by path.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone new-plugin shape blob --into ../blob")]
 pub struct Arguments {
-    /// Family of the plugin: shape
+    /// Family of the plugin: shape, material, texture, light or camera
     family: String,
     /// Its type, as scenes will name it: small letters, digits and _
     name: String,
@@ -26,8 +26,8 @@ pub struct Arguments {
     whitstone: Option<PathBuf>,
 }
 
-/// The package that is copied: one that CI builds and tests.
-const FILES: [(&str, &str); 6] = [
+/// What is around the plugin: the package that CI builds and tests, a shape.
+const PACKAGE: [(&str, &str); 4] = [
     (
         "Cargo.toml",
         include_str!("../../../../examples/plugin-superquadric/Cargo.toml"),
@@ -44,28 +44,86 @@ const FILES: [(&str, &str); 6] = [
         "src/main.rs",
         include_str!("../../../../examples/plugin-superquadric/src/main.rs"),
     ),
-    (
-        "src/superquadric.rs",
-        include_str!("../../../../examples/plugin-superquadric/src/superquadric.rs"),
-    ),
-    (
-        "scenes/superquadric.toml",
-        include_str!("../../../../examples/plugin-superquadric/scenes/superquadric.toml"),
-    ),
 ];
+
+/// A plugin to copy.
+struct Scaffold {
+    family: FamilyName,
+    /// The name that is replaced: it must stand for nothing else in the files.
+    name: &'static str,
+    plugin: &'static str,
+    scene: &'static str,
+}
+
+/// Those that there are. All are compiled and tested by the tests of the repository.
+const SCAFFOLDS: [Scaffold; 5] = [
+    Scaffold {
+        family: FamilyName::Shape,
+        name: "superquadric",
+        plugin: include_str!("../../../../examples/plugin-superquadric/src/superquadric.rs"),
+        scene: include_str!("../../../../examples/plugin-superquadric/scenes/superquadric.toml"),
+    },
+    Scaffold {
+        family: FamilyName::Material,
+        name: "chalk",
+        plugin: include_str!("scaffold/chalk.rs"),
+        scene: include_str!("scaffold/chalk.toml"),
+    },
+    Scaffold {
+        family: FamilyName::Texture,
+        name: "rings",
+        plugin: include_str!("scaffold/rings.rs"),
+        scene: include_str!("scaffold/rings.toml"),
+    },
+    Scaffold {
+        family: FamilyName::Light,
+        name: "moon",
+        plugin: include_str!("scaffold/moon.rs"),
+        scene: include_str!("scaffold/moon.toml"),
+    },
+    Scaffold {
+        family: FamilyName::Camera,
+        name: "fisheye",
+        plugin: include_str!("scaffold/fisheye.rs"),
+        scene: include_str!("scaffold/fisheye.toml"),
+    },
+];
+
+impl Scaffold {
+    /// The files of a package with this plugin under another name: path and text.
+    fn files(&self, name: &str) -> Vec<(String, String)> {
+        let package = PACKAGE.into_iter().map(|(path, text)| {
+            // "One shape more": the words of the package are those of the family.
+            let (singular, plural) = (self.family.singular(), self.family.plural());
+            let text = text
+                .replace("Shapes", &camel(plural))
+                .replace("shapes", plural)
+                .replace("shape", singular);
+            (path.to_owned(), renamed(&text, "superquadric", name))
+        });
+        let own = [("src", "rs", self.plugin), ("scenes", "toml", self.scene)];
+        let own = own.into_iter().map(|(folder, extension, text)| {
+            (
+                format!("{folder}/{name}.{extension}"),
+                renamed(text, self.name, name),
+            )
+        });
+        package.chain(own).collect()
+    }
+}
 
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let family = family(&arguments.family)?;
-    if family != FamilyName::Shape {
+    let Some(scaffold) = SCAFFOLDS.iter().find(|scaffold| scaffold.family == family) else {
         return Err(Failure::usage(format!(
-            "there is a package to copy for shapes only; a {} is written like those of crates/{}",
+            "there is no {} to copy; it is written like those of crates/{}",
             family.singular(),
             family.plural()
         )));
-    }
+    };
     let name = &arguments.name;
-    check(name, registry)?;
+    check(family, name, registry)?;
     let into = arguments.into.clone().unwrap_or_else(|| name.into());
     if into.exists() {
         return Err(Failure::usage(format!("{} is there already", into.display())));
@@ -84,9 +142,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         .ok()
         .filter(|folder| folder.join("core/Cargo.toml").is_file())
         .ok_or_else(|| Failure::usage(format!("{} is not Whitstone's repository", whitstone.display())))?;
-    for (file, text) in FILES {
-        let path = into.join(renamed(file, name));
-        let text = renamed(text, name).replace("../../crates", &crates.display().to_string());
+    for (file, text) in scaffold.files(name) {
+        let path = into.join(file);
+        let text = text.replace("../../crates", &crates.display().to_string());
         let folder = path.parent().unwrap_or(Path::new("."));
         std::fs::create_dir_all(folder).map_err(Failure::environment)?;
         atomic::write_bytes(&path, text.as_bytes()).map_err(Failure::environment)?;
@@ -100,7 +158,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
 }
 
 /// A type that can be a module, a package, and that is not there yet.
-fn check(name: &str, registry: &Registry) -> Result<(), Failure> {
+fn check(family: FamilyName, name: &str, registry: &Registry) -> Result<(), Failure> {
     let letters = name.chars().all(|c| matches!(c, 'a'..='z' | '0'..='9' | '_'));
     if !letters
         || !name.starts_with(|c: char| c.is_ascii_lowercase())
@@ -111,10 +169,11 @@ fn check(name: &str, registry: &Registry) -> Result<(), Failure> {
             "{name}: expected a name of small letters, digits and _, that begins with a letter and is no word of Rust"
         )));
     }
-    match registry.get(FamilyName::Shape, name) {
+    match registry.get(family, name) {
         Ok(entry) => Err(Failure::usage(format!(
-            "{} has the shape type \"{name}\" already",
-            entry.crate_name
+            "{} has the {} type \"{name}\" already",
+            entry.crate_name,
+            family.singular()
         ))),
         Err(_) => Ok(()),
     }
@@ -129,17 +188,19 @@ const KEYWORDS: [&str; 41] = [
 ];
 
 /// With the new name in every spelling of the old one.
-fn renamed(text: &str, name: &str) -> String {
-    let camel: String = name
-        .split('_')
-        .map(|word| {
-            let mut letters = word.chars();
-            letters.next().map_or(String::new(), |first| {
-                first.to_ascii_uppercase().to_string() + letters.as_str()
-            })
+fn renamed(text: &str, old: &str, name: &str) -> String {
+    text.replace(&camel(old), &camel(name)).replace(old, name)
+}
+
+/// "half_blob" as a type of Rust.
+fn camel(name: &str) -> String {
+    let words = name.split('_').map(|word| {
+        let mut letters = word.chars();
+        letters.next().map_or(String::new(), |first| {
+            first.to_ascii_uppercase().to_string() + letters.as_str()
         })
-        .collect();
-    text.replace("Superquadric", &camel).replace("superquadric", name)
+    });
+    words.collect()
 }
 
 /// The repository around the working folder.
@@ -163,20 +224,46 @@ mod tests {
             ("2d", "small letters"),
             ("match", "Rust"),
         ] {
-            let Err(Failure::Usage(message)) = check(name, &registry) else {
+            let Err(Failure::Usage(message)) = check(FamilyName::Shape, name, &registry) else {
                 panic!("{name} is refused");
             };
             assert!(message.contains(expected), "{message}");
         }
-        assert!(check("half_blob", &registry).is_ok());
+        assert!(check(FamilyName::Shape, "half_blob", &registry).is_ok());
+        // Another family may have the name.
+        assert!(check(FamilyName::Light, "sphere", &registry).is_ok());
     }
 
     #[test]
-    fn nothing_keeps_the_old_name() {
-        for (file, text) in FILES {
-            let text = renamed(text, "half_blob");
-            assert!(!text.to_lowercase().contains("superquadric"), "{file}");
+    fn nothing_keeps_the_old_name_or_the_old_family() {
+        for scaffold in SCAFFOLDS {
+            let files = scaffold.files("half_blob");
+            assert_eq!(files.len(), 6);
+            for (file, text) in &files {
+                let text = text.to_lowercase();
+                assert!(
+                    !text.contains(scaffold.name) && !text.contains("superquadric"),
+                    "{file}: {text}"
+                );
+                let other = scaffold.family != FamilyName::Shape && !file.starts_with("scenes");
+                assert!(
+                    !(other && text.contains("shape")),
+                    "{file} of a {}",
+                    scaffold.family.singular()
+                );
+            }
+            let registers = format!(
+                "registry.add::<{}, half_blob::HalfBlob>",
+                camel(scaffold.family.plural())
+            );
+            assert!(
+                files.iter().any(|(_, text)| text.contains(&registers)),
+                "{registers}"
+            );
         }
-        assert_eq!(renamed("Superquadric::new", "half_blob"), "HalfBlob::new");
+        assert_eq!(
+            renamed("Superquadric::new", "superquadric", "half_blob"),
+            "HalfBlob::new"
+        );
     }
 }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_validate::driver::Versions;
+use whitstone_validate::matrix::{self, Row, Tally};
 use whitstone_validate::{
     CaseResult, LeftOut, Mode, Options, Provenance, Renderer, Results, Status, Summary, Validator, counted,
     find_scenes, quoted, report,
@@ -50,6 +51,10 @@ pub struct Arguments {
     /// How long the driver may take for one answer, in seconds
     #[arg(long, default_value_t = TIME_LIMIT, value_name = "SECONDS")]
     pub time_limit: u64,
+    /// Also try the settings that users sweep: accelerators and threads beside the scene's own picture, depths and texture
+    /// filters beside a live reference; what a scene does not need is left out and told
+    #[arg(long)]
+    pub matrix: bool,
     /// Write the results to this file too
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -168,6 +173,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     bar.enable_steady_tick(Duration::from_millis(200));
     let mut cases = Vec::new();
     let mut left_out = Vec::new();
+    let mut matrix = Vec::new();
     print_header();
     for path in &scenes {
         let (name, teller) = (path.display().to_string(), bar.clone());
@@ -183,7 +189,19 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             left_out.push(left);
         } else {
             bar.suspend(|| print_case(&case));
+            let sweeps = arguments.matrix && !case.scene_error;
             cases.push(case);
+            if sweeps {
+                let (cells, more) = validator.matrix(path);
+                bar.suspend(|| {
+                    matrix::rows(&cells).iter().for_each(print_row);
+                    more.iter()
+                        .filter(|case| !case.problems.is_empty())
+                        .for_each(print_case);
+                });
+                matrix.extend(cells);
+                cases.extend(more);
+            }
         }
         bar.inc(1);
     }
@@ -201,6 +219,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let results = Results {
         summary: Summary {
             left_out: left_out.len(),
+            matrix: Tally::of(&matrix),
             ..Summary::of(&cases, references, start.elapsed().as_secs_f64())
         },
         provenance: Provenance {
@@ -214,6 +233,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         },
         results: cases,
         left_out,
+        matrix,
     };
     let folder = arguments.target.join("validate");
     write_results(&results, &folder, arguments.json.as_deref())?;
@@ -239,15 +259,18 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             "nothing was compared: this reference has no twin of any of the scenes; see above",
         ));
     }
-    verdict(&results.results)
+    verdict(&results.results, results.summary.matrix)
 }
 
 /// What was compared decides; only if all of that agrees, it matters that something could not be.
-fn verdict(cases: &[CaseResult]) -> Result<Exit, Failure> {
+fn verdict(cases: &[CaseResult], matrix: Tally) -> Result<Exit, Failure> {
     let mut failed = cases
         .iter()
         .filter(|case| case.status != Some(Status::Pass))
         .peekable();
+    if matrix.failed > 0 {
+        return Ok(Exit::Differs);
+    }
     if failed.peek().is_none() {
         return Ok(Exit::Pass);
     }
@@ -351,6 +374,27 @@ fn print_case(case: &CaseResult) {
     }
 }
 
+/// A sweep of the scene above.
+fn print_row(row: &Row<'_>) {
+    let axis = row.axis;
+    if !row.passed.is_empty() {
+        println!(
+            "      {axis:<11} holds beside {}: {}",
+            row.against,
+            row.passed.join(", ")
+        );
+    }
+    for (setting, told) in &row.failed {
+        println!("FAIL  {axis:<11} {setting}: {}", told.replace('\n', "\n      "));
+    }
+    for (settings, why) in &row.skipped {
+        println!(
+            "      {axis:<11} left out, {settings}: {}",
+            why.replace('\n', "\n      ")
+        );
+    }
+}
+
 fn print_left_out(left: &LeftOut) {
     println!(
         "left  {:<30} {} has a reference of it; {}",
@@ -376,5 +420,16 @@ fn print_summary(summary: &Summary, folder: &Path) {
         summary.references,
         summary.seconds,
     );
+    let Tally {
+        passed,
+        failed,
+        skipped,
+    } = summary.matrix;
+    if summary.matrix != Tally::default() {
+        println!(
+            "matrix: {} held, {failed} did not; {skipped} left out",
+            counted(passed, "setting")
+        );
+    }
     println!("report: {}", folder.join("index.html").display());
 }

@@ -1,0 +1,147 @@
+//! What the parts of a pipeline take: memory, and the work to be expected of them.
+
+use crate::Pipeline;
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::mem::size_of_val;
+use std::sync::Arc;
+use whitstone_core::{Accelerator, DVec3, FamilyName, Geometry, Light, Lobes, Shape};
+
+/// What a part that is in use takes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Cost {
+    /// The part.
+    pub part: String,
+    /// Memory while it renders; absent where plugins keep what they do not tell.
+    pub bytes: Option<u64>,
+    /// How often it is asked, as far as that is known before.
+    pub work: String,
+}
+
+impl Pipeline {
+    /// Of each part that the scene makes it run.
+    pub fn costs(&self) -> Vec<Cost> {
+        let mut costs = vec![self.film_cost()];
+        let meshes = self.mesh_bytes();
+        if meshes > 0 {
+            costs.push(cost(
+                "meshes",
+                Some(meshes),
+                "read by the accelerator and at hits".to_owned(),
+            ));
+        }
+        let own = (&*self.world.geometry, &*self.world.accelerator);
+        costs.push(structure("accelerator", &self.accelerator.0, own));
+        for built in &self.groups {
+            let own = (&**built.group.geometry(), built.group.accelerator());
+            costs.push(structure(
+                &format!("group \"{}\"", built.id),
+                &built.accelerator.0,
+                own,
+            ));
+        }
+        let shapes = self.world.materials.len();
+        let having = |lobes: Lobes| {
+            let materials = self.world.materials.iter();
+            materials
+                .filter(|material| material.lobes().intersects(lobes))
+                .count()
+        };
+        let lit = having(Lobes::LOCAL);
+        if lit > 0 && !self.world.lights.is_empty() {
+            let rays = self.light_samples();
+            let work = format!(
+                "about {rays} at each hit of {lit} of {shapes} shapes, where the surface faces the light"
+            );
+            costs.push(cost("shadow rays", Some(0), work));
+        }
+        let branching = having(Lobes::BRANCHES);
+        if branching > 0 && self.integrator.follows_branches() {
+            let both = having(Lobes::REFLECTION).min(having(Lobes::TRANSMISSION | Lobes::STRAIGHT));
+            let most = if both > 0 { 2 } else { 1 };
+            let work = format!(
+                "up to {most} at each hit of {branching} of {shapes} shapes, down to the depth limit"
+            );
+            costs.push(cost("reflected and refracted rays", Some(0), work));
+        }
+        let textures: BTreeSet<_> = self
+            .used
+            .iter()
+            .filter(|(family, _)| *family == FamilyName::Texture)
+            .collect();
+        if !textures.is_empty() {
+            let names: Vec<&str> = textures.into_iter().map(|(_, name)| *name).collect();
+            let work = format!("{}: read where their materials are shaded", names.join(", "));
+            costs.push(cost("textures", None, work));
+        }
+        costs
+    }
+
+    fn film_cost(&self) -> Cost {
+        let size = self.film.size;
+        let pixels = u64::from(size.width) * u64::from(size.height);
+        let layers: usize = self.film.aovs.iter().map(|aov| aov.channels().len()).sum();
+        let samples = u64::from(self.samples());
+        let work = format!("{} rays from the camera, {samples} a pixel", pixels * samples);
+        cost(
+            "film",
+            Some(pixels * (3 + layers as u64) * size_of::<f32>() as u64),
+            work,
+        )
+    }
+
+    /// Of all triangle meshes, those of groups counted once.
+    fn mesh_bytes(&self) -> u64 {
+        let groups = self.groups.iter().map(|built| &**built.group.geometry());
+        let all = std::iter::once(&*self.world.geometry).chain(groups);
+        let bytes = |shape: &Shape| match shape {
+            Shape::Triangles(mesh) => {
+                size_of_val(&*mesh.positions)
+                    + size_of_val(&*mesh.normals)
+                    + size_of_val(&*mesh.uvs)
+                    + size_of_val(&*mesh.triangles)
+            }
+            _ => 0,
+        };
+        all.flat_map(|geometry| geometry.shapes().iter().map(bytes))
+            .sum::<usize>() as u64
+    }
+
+    /// Of all lights, at the middle of the scene.
+    fn light_samples(&self) -> usize {
+        let geometry = &self.world.geometry;
+        let bounds = geometry.elements().map(|element| geometry.bounds(element));
+        let bounds = bounds.filter(|bounds| bounds.is_finite());
+        let whole = bounds.reduce(|a, b| a.union(b));
+        let middle = whole.map_or(DVec3::ZERO, |whole| whole.center());
+        let mut samples = Vec::new();
+        let lights: &[Arc<dyn Light>] = &self.world.lights;
+        lights
+            .iter()
+            .for_each(|light| light.samples(middle, &mut samples));
+        samples.len()
+    }
+}
+
+fn cost(part: &str, bytes: Option<u64>, work: String) -> Cost {
+    Cost {
+        part: part.to_owned(),
+        bytes,
+        work,
+    }
+}
+
+/// An accelerator over some geometry.
+fn structure(part: &str, kind: &str, (geometry, accelerator): (&Geometry, &dyn Accelerator)) -> Cost {
+    let statistics = accelerator.statistics();
+    let elements = geometry.elements().count();
+    let work = match statistics.get("sah_cost") {
+        Some(tests) => {
+            format!("{kind}: about {tests:.1} tests for a ray that crosses it all, of {elements} elements")
+        }
+        None if kind == "brute_force" => format!("{kind}: {elements} tests a ray"),
+        None => format!("{kind}: over {elements} elements"),
+    };
+    let bytes = statistics.get("bytes").map_or(0, |bytes| *bytes as u64);
+    cost(part, Some(bytes), work)
+}

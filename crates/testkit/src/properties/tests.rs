@@ -1,0 +1,258 @@
+//! Wrong plugins of every family: found, shrunk, and wrong again in the scene that is printed.
+
+use super::*;
+use crate::ball::Ball;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::{
+    Aabb, Accelerator, Accelerators, Camera, Cameras, Context, DVec2, DVec3, Element, FilmSize, Geometry,
+    Illumination, Interval, Light, LightGives, LightSample, Lights, Lobes, Material, Materials, Needs,
+    Primitive, PrimitiveHit, RawHit, Ray, Rgb, SceneErrors, Shape, Shapes, Skip, Statistics, SurfacePoint,
+    Texture, Textures, Transform, triangle::ShearedRay,
+};
+
+/// Right up to a limit, wrong above.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct Config {
+    amount: f64,
+}
+
+/// What a configuration from 1 to 9 must show; the limit is 5.
+const TEXT: &str = "amount = 1.0..9";
+const LIMIT: f64 = 5.0;
+
+/// What is found is the law, at an amount little above the limit; the scene breaks it again, and no more when the amount is right.
+fn bites<F: Lawful, P: Plugin<F>>(law: &str, laws: &[fn(&F::Product)]) -> toml::Table {
+    let found = first_failure::<F, P>(TEXT, laws).expect_err("the law is broken");
+    assert!(found.law.contains(law), "{found}");
+    assert!(found.to_string().contains(&found.scene), "{found}");
+    let (table, _) =
+        F::read(&found.scene.parse().expect("it is TOML"), P::TYPE).expect("it shows the plugin");
+    let amount = table["amount"].as_float().expect("it is a number");
+    assert!((LIMIT..LIMIT + 0.1).contains(&amount), "not shrunk: {found}");
+    assert_eq!(holds_in::<F, P>(&found.scene, laws), Err(found.law.clone()));
+    let right = found
+        .scene
+        .replace(&format!("amount = {amount:?}"), "amount = 2.5");
+    assert_ne!(right, found.scene);
+    assert_eq!(holds_in::<F, P>(&right, laws), Ok(()));
+    found.scene.parse().expect("it is TOML")
+}
+
+struct Wrong;
+
+/// Its normals are too long above the limit.
+struct WrongBall(Ball, f64);
+
+impl Plugin<Shapes> for Wrong {
+    const TYPE: &'static str = "wrong_ball";
+    type Config = Config;
+    fn build(config: Config, place: Transform, _: &mut dyn Context) -> Result<Shape, SceneErrors> {
+        let ball = Ball {
+            center: place.world_from_object().translation,
+            radius: 1.0,
+        };
+        Ok(Shape::Opaque(Box::new(WrongBall(ball, config.amount))))
+    }
+}
+
+impl Primitive for WrongBall {
+    fn bounds(&self) -> Aabb {
+        self.0.bounds()
+    }
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        self.0.closest(ray, interval, leaves)
+    }
+    fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        let mut point = self.0.surface(ray, hit, needs);
+        if self.1 > LIMIT {
+            point.n_s *= 1.0 + 1e-9;
+        }
+        point
+    }
+}
+
+#[test]
+fn a_wrong_shape() {
+    let scene = bites::<Shapes, Wrong>("normals must have unit length", &[]);
+    // The camera looks along the ray, and the shape stands where it stood: as it is, which is the smallest place.
+    assert!(scene["camera"]["look_at"]["origin"].is_array());
+    assert_eq!(
+        scene["shape"][0]["transform"]["matrix"][0][0].as_float(),
+        Some(1.0)
+    );
+}
+
+/// Forgets the last element where there are more than the limit.
+struct Forgetful(Arc<Geometry>, f64);
+
+impl Plugin<Accelerators> for Wrong {
+    const TYPE: &'static str = "wrong_accelerator";
+    type Config = Config;
+    fn build(
+        config: Config,
+        geometry: Arc<Geometry>,
+        _: &mut dyn Context,
+    ) -> Result<Box<dyn Accelerator>, SceneErrors> {
+        Ok(Box::new(Forgetful(geometry, config.amount)))
+    }
+}
+
+impl Accelerator for Forgetful {
+    fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
+        let sheared = ShearedRay::new(ray);
+        let mut elements: Vec<Element> = self.0.elements().collect();
+        if self.1 > LIMIT {
+            elements.truncate(3);
+        }
+        let hits = elements.into_iter();
+        let hits = hits.filter_map(|element| self.0.intersect(element, ray, &sheared, interval, skip));
+        hits.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
+    }
+    fn occluded(&self, ray: &Ray, interval: Interval, skip: Skip) -> bool {
+        self.closest(ray, interval, skip).is_some()
+    }
+    fn statistics(&self) -> Statistics {
+        Statistics::new()
+    }
+}
+
+#[test]
+fn a_wrong_accelerator_with_as_few_shapes_as_it_takes() {
+    let scene = bites::<Accelerators, Wrong>("expected", &[]);
+    assert_eq!(scene["shape"].as_array().map(Vec::len), Some(4), "{scene}");
+}
+
+/// No number at grazing above the limit.
+struct Grazing(f64);
+
+impl Plugin<Materials> for Wrong {
+    const TYPE: &'static str = "wrong_material";
+    type Config = Config;
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
+        Ok(Arc::new(Grazing(config.amount)))
+    }
+}
+
+impl Material for Grazing {
+    fn lobes(&self) -> Lobes {
+        Lobes::LOCAL
+    }
+    fn needs(&self) -> Needs {
+        Needs::SHADING_NORMAL
+    }
+    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+        let cosine = point.n_towards(view).dot(view);
+        let odd = if self.0 > LIMIT && cosine < 1e-9 {
+            f64::NAN
+        } else {
+            1.0
+        };
+        light.ambient * odd
+    }
+}
+
+#[test]
+fn a_wrong_material() {
+    bites::<Materials, Wrong>("finite and not negative", &[]);
+    // Another law in the place of those.
+    let law: fn(&Arc<dyn Material>) = |_| {};
+    assert_eq!(first_failure::<Materials, Wrong>(TEXT, &[law]), Ok(()));
+}
+
+/// Negative for negative coordinates above the limit.
+struct Negative(f64);
+
+impl Plugin<Textures> for Wrong {
+    const TYPE: &'static str = "wrong_texture";
+    type Config = Config;
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
+        Ok(Arc::new(Negative(config.amount)))
+    }
+}
+
+impl Texture for Negative {
+    fn needs(&self) -> Needs {
+        Needs::UV
+    }
+    fn value(&self, point: &SurfacePoint) -> Rgb {
+        Rgb::splat(if self.0 > LIMIT && point.uv.x < 0.0 {
+            -1.0
+        } else {
+            1.0
+        })
+    }
+}
+
+#[test]
+fn a_wrong_texture() {
+    bites::<Textures, Wrong>("finite and not negative", &[]);
+}
+
+/// Mirrored above the limit.
+struct Mirrored(f64, DVec2);
+
+impl Plugin<Cameras> for Wrong {
+    const TYPE: &'static str = "wrong_camera";
+    type Config = Config;
+    fn build(config: Config, film: FilmSize, _: &mut dyn Context) -> Result<Box<dyn Camera>, SceneErrors> {
+        let size = DVec2::new(f64::from(film.width), f64::from(film.height));
+        Ok(Box::new(Mirrored(config.amount, size)))
+    }
+}
+
+impl Camera for Mirrored {
+    fn ray(&self, raster: DVec2) -> Ray {
+        let at = raster / self.1 - 0.5;
+        let across = if self.0 > LIMIT { -at.x } else { at.x };
+        Ray::new(DVec3::ZERO, DVec3::new(across, -at.y, -1.0).normalize())
+    }
+}
+
+#[test]
+fn a_wrong_camera() {
+    bites::<Cameras, Wrong>("not mirrored", &[]);
+}
+
+/// Darkness above the limit.
+struct Dark(f64);
+
+impl Plugin<Lights> for Wrong {
+    const TYPE: &'static str = "wrong_light";
+    type Config = Config;
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
+        Ok(Arc::new(Dark(config.amount)))
+    }
+}
+
+impl Light for Dark {
+    fn gives(&self) -> LightGives {
+        LightGives::SAMPLES
+    }
+    fn samples(&self, _: DVec3, out: &mut Vec<LightSample>) {
+        out.push(LightSample {
+            direction: DVec3::Y,
+            distance: f64::INFINITY,
+            irradiance: Rgb::splat(if self.0 > LIMIT { -1.0 } else { 1.0 }),
+        });
+    }
+}
+
+#[test]
+fn a_wrong_light() {
+    bites::<Lights, Wrong>("finite and >= 0", &[]);
+}
+
+#[test]
+#[should_panic(expected = "can never be built")]
+fn a_text_that_is_refused_is_no_pass() {
+    hold::<Lights, Wrong>(&["amount = 1.0..2\nunknown = 3"], &[]);
+}
+
+#[test]
+fn scenes_of_something_else_are_told() {
+    let error = holds_in::<Lights, Wrong>("[[light]]\ntype = \"point\"", &[]).unwrap_err();
+    assert_eq!(error, "the scene shows no light \"wrong_light\"");
+}

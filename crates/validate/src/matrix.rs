@@ -1,0 +1,353 @@
+//! The matrix: the settings that users sweep of a scene, each held to what must hold of it, without those that the scene does
+//! not need.
+//!
+//! The accelerator and the number of threads must not change a bit of the picture, so Whitstone's own picture, which a
+//! reference is compared with, is what they are held to. Depth and texture filters do change it: there the reference
+//! renders the changed scene too, which only a live one can.
+
+mod settings;
+
+use crate::{CaseResult, Renderer, Status, Validator};
+use serde::Serialize;
+use settings::{Facts, Sweep};
+use std::collections::BTreeMap;
+use std::path::Path;
+use whitstone_core::{FamilyName, Lobes};
+use whitstone_scene::{Description, Film, Pipeline, Plan, PluginTable, RenderOptions, Sources};
+
+/// One setting of a scene, or a sweep that the scene does not need.
+#[derive(Clone, Debug, Serialize)]
+pub struct Cell {
+    /// Path of the scene below `scenes/`, without `.toml`.
+    pub scene: String,
+    /// What is swept: "accelerator", "threads", "max_depth" or "filter".
+    pub axis: &'static str,
+    /// The setting; "all" where the whole sweep is left out.
+    pub setting: String,
+    /// How it went.
+    pub outcome: Outcome,
+    /// What it was held to: "own picture", or the reference; empty where it was left out.
+    pub against: String,
+    /// What was found, or why it was left out.
+    pub told: String,
+}
+
+/// How a cell went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Outcome {
+    /// What must hold does.
+    Pass,
+    /// It does not, or the setting cannot be rendered.
+    Fail,
+    /// Left out.
+    Skipped,
+}
+
+/// How many cells there are of each outcome.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Tally {
+    /// That hold.
+    pub passed: usize,
+    /// That do not.
+    pub failed: usize,
+    /// Left out, a whole sweep counted once.
+    pub skipped: usize,
+}
+
+impl Tally {
+    /// Of some cells.
+    pub fn of(cells: &[Cell]) -> Self {
+        let count = |outcome| cells.iter().filter(|cell| cell.outcome == outcome).count();
+        Self {
+            passed: count(Outcome::Pass),
+            failed: count(Outcome::Fail),
+            skipped: count(Outcome::Skipped),
+        }
+    }
+}
+
+/// The cells of one sweep of one scene, for people.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Row<'a> {
+    /// The scene.
+    pub scene: &'a str,
+    /// What is swept.
+    pub axis: &'static str,
+    /// What the cells were held to.
+    pub against: &'a str,
+    /// Settings that hold.
+    pub passed: Vec<&'a str>,
+    /// Settings that do not, and what was found.
+    pub failed: Vec<(&'a str, &'a str)>,
+    /// Settings that were left out by reason.
+    pub skipped: Vec<(String, &'a str)>,
+}
+
+/// The cells by scene and sweep, in their order.
+pub fn rows(cells: &[Cell]) -> Vec<Row<'_>> {
+    let same = |a: &Cell, b: &Cell| a.scene == b.scene && a.axis == b.axis;
+    let groups = cells.chunk_by(same);
+    groups.map(row).collect()
+}
+
+fn row(cells: &[Cell]) -> Row<'_> {
+    let of = |outcome| cells.iter().filter(move |cell| cell.outcome == outcome);
+    let mut skipped: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for cell in of(Outcome::Skipped) {
+        skipped.entry(&cell.told).or_default().push(&cell.setting);
+    }
+    Row {
+        scene: &cells[0].scene,
+        axis: cells[0].axis,
+        against: cells.iter().map(|cell| &*cell.against).max().unwrap_or_default(),
+        passed: of(Outcome::Pass).map(|cell| &*cell.setting).collect(),
+        failed: of(Outcome::Fail)
+            .map(|cell| (&*cell.setting, &*cell.told))
+            .collect(),
+        skipped: skipped
+            .into_iter()
+            .map(|(why, settings)| (settings.join(", "), why))
+            .collect(),
+    }
+}
+
+/// Our side of a scene, to be rendered in several ways.
+struct Own {
+    sources: Sources,
+    overrides: Vec<String>,
+    facts: Facts,
+    film: Film,
+}
+
+impl Validator<'_> {
+    /// All cells of a scene, and those that a reference was asked about as cases too. There are none of a scene that cannot be
+    /// built: its own case tells that.
+    pub fn matrix(&mut self, path: &Path) -> (Vec<Cell>, Vec<CaseResult>) {
+        let (mut cells, mut cases) = (Vec::new(), Vec::new());
+        let Ok(own) = self.own(path) else {
+            return (cells, cases);
+        };
+        let scene = crate::scene_key(path, &self.options.scenes);
+        let cell = |axis, setting: &str, outcome, against: &str, told| Cell {
+            scene: scene.clone(),
+            axis,
+            setting: setting.to_owned(),
+            outcome,
+            against: against.to_owned(),
+            told,
+        };
+        let skipped =
+            |axis, setting: &str, why: &str| cell(axis, setting, Outcome::Skipped, "", why.to_owned());
+        for (axis, sweep) in own.facts.sweeps(self.registry) {
+            let settings = match sweep {
+                Sweep::LeftOut(why) => {
+                    cells.push(skipped(axis, "all", &why));
+                    continue;
+                }
+                Sweep::Settings(settings) => settings,
+            };
+            for setting in settings {
+                let name = &setting.name;
+                if let Some(why) = &setting.left_out {
+                    cells.push(skipped(axis, name, why));
+                } else if setting.overrides.is_empty() {
+                    let (outcome, told) = self.same_picture(&own, axis, name);
+                    cells.push(cell(axis, name, outcome, "own picture", told));
+                } else if self.live.is_none() {
+                    let why = "it changes the picture, and the stored reference is of the scene as it is: needs a live one";
+                    cells.push(skipped(axis, name, why));
+                } else if self.is_unchanged(&own, path, &setting.overrides) {
+                    cells.push(skipped(axis, name, "the picture is that of the scene as it is"));
+                } else {
+                    let mut case = self.validate_changed(path, &setting.overrides);
+                    if case.other_reference.is_some() {
+                        cells.push(skipped(axis, name, &case.problems.join("; ")));
+                        continue;
+                    }
+                    case.config = format!("{axis} {name}");
+                    let (outcome, told) = judged(&case);
+                    cells.push(cell(axis, name, outcome, live_name(self.options.renderer), told));
+                    cases.push(case);
+                }
+            }
+        }
+        (cells, cases)
+    }
+
+    /// The scene as it is.
+    fn own(&self, path: &Path) -> Result<Own, String> {
+        let overrides = self.overrides(path, &mut Vec::new())?;
+        let sources = Sources::load(path, &overrides).map_err(|error| error.to_string())?;
+        let pipeline = self.build(&sources, None)?;
+        let film = self.picture(&pipeline, self.options.threads);
+        let world = &pipeline.world;
+        let facts = Facts {
+            elements: world.geometry.elements().count(),
+            rays: film.counters.total(),
+            pixels: [film.width, film.height],
+            threads: self.options.threads,
+            integrator: used(&pipeline, FamilyName::Integrator).pop().unwrap_or_default(),
+            follows_branches: pipeline.integrator.follows_branches(),
+            branches: world
+                .materials
+                .iter()
+                .any(|material| material.lobes().intersects(Lobes::BRANCHES)),
+            accelerator: pipeline.accelerator.0.clone(),
+            textures: used(&pipeline, FamilyName::Texture),
+            flattened: crate::flatten(path, &overrides)?.text,
+        };
+        Ok(Own {
+            sources,
+            overrides,
+            facts,
+            film,
+        })
+    }
+
+    fn build(&self, sources: &Sources, accelerator: Option<&str>) -> Result<Pipeline, String> {
+        let mut description = Description::parse(sources).map_err(|errors| errors.to_string())?;
+        if let Some(name) = accelerator {
+            description.accelerator = PluginTable::named(name);
+        }
+        let plan = Plan::new(&description, self.registry).map_err(|errors| errors.to_string())?;
+        Pipeline::build(&plan, self.registry).map_err(|errors| errors.to_string())
+    }
+
+    fn picture(&self, pipeline: &Pipeline, threads: usize) -> Film {
+        pipeline.render(RenderOptions {
+            threads,
+            progress: None,
+        })
+    }
+
+    /// The scene by another accelerator or number of threads, beside its own picture.
+    fn same_picture(&self, own: &Own, axis: &str, setting: &str) -> (Outcome, String) {
+        (self.stage)(&format!("{axis} {setting}"));
+        let (accelerator, threads) = match setting.parse() {
+            Ok(threads) if axis == settings::THREADS => (None, threads),
+            _ => (Some(setting), self.options.threads),
+        };
+        let pipeline = match self.build(&own.sources, accelerator) {
+            Ok(pipeline) => pipeline,
+            Err(errors) => return (Outcome::Fail, errors),
+        };
+        // It promises no equal bytes: its own validation says how far it is off.
+        if let Some(caveat) = pipeline.world.accelerator.caveat() {
+            return (Outcome::Skipped, format!("{caveat}: the image depends on it"));
+        }
+        match differing(&own.film, &self.picture(&pipeline, threads)) {
+            0 => (Outcome::Pass, "the same bytes".to_owned()),
+            count => (
+                Outcome::Fail,
+                format!(
+                    "{count} of {} pixels differ from the scene's own picture",
+                    own.film.rgb.len()
+                ),
+            ),
+        }
+    }
+
+    /// Whether changes of the scene do not show: a reference of it would be one of the scene as it is.
+    fn is_unchanged(&self, own: &Own, path: &Path, changes: &[String]) -> bool {
+        let overrides = [&own.overrides, changes].concat();
+        let picture = Sources::load(path, &overrides)
+            .map_err(|error| error.to_string())
+            .and_then(|sources| self.build(&sources, None))
+            .map(|pipeline| self.picture(&pipeline, self.options.threads));
+        // What is wrong with it is told by the case.
+        picture.is_ok_and(|film| differing(&own.film, &film) == 0)
+    }
+
+    /// As [`Self::validate`], for a scene that is changed on both sides.
+    fn validate_changed(&mut self, path: &Path, overrides: &[String]) -> CaseResult {
+        let kept = self.options.clone();
+        for change in overrides {
+            self.options.flags += &format!(" --set {}", crate::quoted(change));
+        }
+        self.options.overrides.extend_from_slice(overrides);
+        let case = self.validate(path);
+        self.options = kept;
+        case
+    }
+}
+
+/// The types in use of a family.
+fn used(pipeline: &Pipeline, family: FamilyName) -> Vec<&'static str> {
+    let used = pipeline.used.iter();
+    used.filter(|(found, _)| *found == family)
+        .map(|(_, name)| *name)
+        .collect()
+}
+
+const fn live_name(renderer: Renderer) -> &'static str {
+    match renderer {
+        Renderer::Mitsuba => "Mitsuba, live",
+        Renderer::PovRay => "POV-Ray, live",
+    }
+}
+
+/// Pixels of which a channel or a layer has another bit.
+fn differing(a: &Film, b: &Film) -> usize {
+    let differs = |pixel: usize| {
+        let bits = |film: &Film| film.rgb[pixel].map(f32::to_bits);
+        let layers = a.layers.iter().zip(&b.layers);
+        bits(a) != bits(b) || { layers }.any(|((_, a), (_, b))| a[pixel].to_bits() != b[pixel].to_bits())
+    };
+    (0..a.rgb.len()).filter(|&pixel| differs(pixel)).count()
+}
+
+/// The verdict of a case, in a line.
+fn judged(case: &CaseResult) -> (Outcome, String) {
+    if case.status == Some(Status::Pass) {
+        let error = case.rel_rmse_interior.unwrap_or_default();
+        (
+            Outcome::Pass,
+            format!("interior error {error:.1e}, limit {:.1e}", case.limit),
+        )
+    } else {
+        (Outcome::Fail, case.problems.join("; "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_of_a_sweep_are_one_row() {
+        let cell = |axis, setting: &str, outcome, told: &str| Cell {
+            scene: "a".to_owned(),
+            axis,
+            setting: setting.to_owned(),
+            outcome,
+            against: if outcome == Outcome::Skipped {
+                ""
+            } else {
+                "own picture"
+            }
+            .to_owned(),
+            told: told.to_owned(),
+        };
+        let cells = [
+            cell("accelerator", "bvh", Outcome::Pass, "the same bytes"),
+            cell("accelerator", "grid", Outcome::Fail, "3 pixels"),
+            cell("accelerator", "x", Outcome::Skipped, "dear"),
+            cell("accelerator", "y", Outcome::Skipped, "dear"),
+            cell("filter", "all", Outcome::Skipped, "no texture"),
+        ];
+        let found = rows(&cells);
+        assert_eq!(found.len(), 2);
+        assert_eq!((found[0].axis, found[0].against), ("accelerator", "own picture"));
+        assert_eq!(found[0].passed, ["bvh"]);
+        assert_eq!(found[0].failed, [("grid", "3 pixels")]);
+        assert_eq!(found[0].skipped, [("x, y".to_owned(), "dear")]);
+        assert_eq!(found[1].skipped, [("all".to_owned(), "no texture")]);
+        let tally = Tally {
+            passed: 1,
+            failed: 1,
+            skipped: 3,
+        };
+        assert_eq!(Tally::of(&cells), tally);
+    }
+}

@@ -1,0 +1,238 @@
+//! Which settings of a scene are worth a cell.
+
+use std::collections::BTreeSet;
+use toml::{Table, Value};
+use whitstone_core::{FamilyName, Registry};
+
+/// Sweeps by name.
+const ACCELERATOR: &str = "accelerator";
+pub(super) const THREADS: &str = "threads";
+const DEPTH: &str = "max_depth";
+const FILTER: &str = "filter";
+
+/// So many elements fit one leaf: nothing is divided.
+const ONE_LEAF: usize = 4;
+/// Side of a tile: smaller images are one task.
+const TILE: u32 = 16;
+/// Tests of elements that take about ten seconds.
+const MOST_TESTS: u64 = 1 << 30;
+/// None; the one that both glass and a mirror need; what shows them in each other.
+const DEPTHS: [i64; 4] = [0, 1, 2, 4];
+/// One, and one that no tiling is a multiple of.
+const COUNTS: [usize; 2] = [1, 3];
+
+/// What decides about the cells of a scene.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Facts {
+    /// Triangles, whole shapes and copies at the top level.
+    pub(super) elements: usize,
+    /// For the scene's own picture.
+    pub(super) rays: u64,
+    /// Columns and rows.
+    pub(super) pixels: [u32; 2],
+    /// Of the run; 0 for all cores.
+    pub(super) threads: usize,
+    /// Its type.
+    pub(super) integrator: &'static str,
+    /// Whether it looks at what materials reflect and transmit.
+    pub(super) follows_branches: bool,
+    /// Whether a material in use does either.
+    pub(super) branches: bool,
+    /// The type in use.
+    pub(super) accelerator: String,
+    /// The types in use.
+    pub(super) textures: Vec<&'static str>,
+    /// The scene as one document.
+    pub(super) flattened: String,
+}
+
+/// What there is to do about a sweep.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Sweep {
+    /// Nothing, and why.
+    LeftOut(String),
+    /// These.
+    Settings(Vec<Setting>),
+}
+
+/// A cell to be.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct Setting {
+    pub(super) name: String,
+    /// Changes of the scene on both sides; none where the picture must not depend on it.
+    pub(super) overrides: Vec<String>,
+    /// Why it is not run.
+    pub(super) left_out: Option<String>,
+}
+
+impl Setting {
+    fn named(name: impl ToString) -> Self {
+        Self {
+            name: name.to_string(),
+            ..Self::default()
+        }
+    }
+}
+
+/// A texture table with the key `filter`.
+struct Filtered {
+    /// For `--set`.
+    path: String,
+    /// What the key may be.
+    values: Vec<String>,
+    /// What it is, if that is written.
+    value: Option<String>,
+}
+
+impl Facts {
+    /// Every sweep with what to do.
+    pub(super) fn sweeps(&self, registry: &Registry) -> [(&'static str, Sweep); 4] {
+        let document: Table = self.flattened.parse().unwrap_or_default();
+        [
+            (ACCELERATOR, self.accelerators(registry)),
+            (THREADS, self.counts()),
+            (DEPTH, self.depths(&document, registry)),
+            (FILTER, self.filters(&document, registry)),
+        ]
+    }
+
+    fn accelerators(&self, registry: &Registry) -> Sweep {
+        let count = self.elements;
+        if count <= ONE_LEAF {
+            let elements = crate::counted(count, "element");
+            return Sweep::LeftOut(format!("{elements} fit one leaf: there is nothing to divide"));
+        }
+        let entries = registry
+            .entries()
+            .filter(|entry| entry.family == FamilyName::Accelerator);
+        let others = entries.filter(|entry| entry.name != self.accelerator);
+        let setting = |name: &str| {
+            let tests = self.rays.saturating_mul(count as u64);
+            let dear = name == "brute_force" && tests > MOST_TESTS;
+            let why = || {
+                format!(
+                    "trying each of {count} elements for {} rays takes too long",
+                    self.rays
+                )
+            };
+            Setting {
+                left_out: dear.then(why),
+                ..Setting::named(name)
+            }
+        };
+        Sweep::Settings(others.map(|entry| setting(entry.name)).collect())
+    }
+
+    fn counts(&self) -> Sweep {
+        let [width, height] = self.pixels;
+        if width <= TILE && height <= TILE {
+            return Sweep::LeftOut("the image is one tile, so one thread renders it".to_owned());
+        }
+        let others = COUNTS.into_iter().filter(|count| *count != self.threads);
+        Sweep::Settings(others.map(Setting::named).collect())
+    }
+
+    fn depths(&self, document: &Table, registry: &Registry) -> Sweep {
+        if !self.follows_branches {
+            return Sweep::LeftOut(format!(
+                "{} does not follow reflections or refractions",
+                self.integrator
+            ));
+        }
+        if !self.branches {
+            return Sweep::LeftOut("no material in use reflects or refracts".to_owned());
+        }
+        let Ok(entry) = registry.get(FamilyName::Integrator, self.integrator) else {
+            return Sweep::LeftOut("the integrator is not registered".to_owned());
+        };
+        let schema = entry.schema().to_value();
+        let property = &schema["properties"][DEPTH];
+        if property.is_null() {
+            return Sweep::LeftOut(format!("{} has no {DEPTH}", self.integrator));
+        }
+        let written = document
+            .get("integrator")
+            .and_then(|table| table.get(DEPTH)?.as_integer());
+        let own = written.or(property["default"].as_i64());
+        let others = DEPTHS.into_iter().filter(|depth| Some(*depth) != own);
+        Sweep::Settings(
+            others
+                .map(|depth| Setting {
+                    overrides: vec![format!("integrator.{DEPTH}={depth}")],
+                    ..Setting::named(depth)
+                })
+                .collect(),
+        )
+    }
+
+    fn filters(&self, document: &Table, registry: &Registry) -> Sweep {
+        if self.textures.is_empty() {
+            return Sweep::LeftOut("no texture in use".to_owned());
+        }
+        let mut found = Vec::new();
+        for (key, value) in document {
+            self.find(key.clone(), value, registry, &mut found);
+        }
+        if found.is_empty() {
+            return Sweep::LeftOut("no texture in use has a filter".to_owned());
+        }
+        let values: BTreeSet<&String> = found.iter().flat_map(|texture| &texture.values).collect();
+        let settings = values.into_iter().map(|value| {
+            let other =
+                |texture: &&Filtered| texture.values.contains(value) && texture.value.as_ref() != Some(value);
+            let change = |texture: &Filtered| format!("{}.{FILTER}={value}", texture.path);
+            Setting {
+                overrides: found.iter().filter(other).map(change).collect(),
+                ..Setting::named(value)
+            }
+        });
+        // Without a change it is the scene itself. One that names the default is found to be the same later.
+        Sweep::Settings(settings.filter(|setting| !setting.overrides.is_empty()).collect())
+    }
+
+    /// The textures in a value and below that have a filter and can be named by a path.
+    fn find(&self, path: String, value: &Value, registry: &Registry, found: &mut Vec<Filtered>) {
+        match value {
+            Value::Array(items) => {
+                for (index, item) in items.iter().enumerate() {
+                    self.find(format!("{path}.{index}"), item, registry, found);
+                }
+            }
+            Value::Table(table) => {
+                if let Some(values) = self.filter_values(table, registry) {
+                    let value = table.get(FILTER).and_then(Value::as_str).map(str::to_owned);
+                    let path = path.clone();
+                    found.push(Filtered { path, values, value });
+                }
+                let plain = |key: &str| !key.is_empty() && !key.contains(['.', '[', ']', '=', ' ']);
+                for (key, value) in table.iter().filter(|(key, _)| plain(key)) {
+                    self.find(format!("{path}.{key}"), value, registry, found);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// What the filter of a table may be, if it is a texture in use that has one.
+    fn filter_values(&self, table: &Table, registry: &Registry) -> Option<Vec<String>> {
+        let kind = table.get("type")?.as_str()?;
+        let name = self.textures.iter().find(|name| **name == kind)?;
+        let schema = registry.get(FamilyName::Texture, name).ok()?.schema().to_value();
+        let property = &schema["properties"][FILTER];
+        let place = property["$ref"]
+            .as_str()
+            .and_then(|place| place.strip_prefix('#'));
+        let words = place.map_or(Some(property), |place| schema.pointer(place))?;
+        let listed = words["enum"].as_array().into_iter().flatten();
+        let told = words["oneOf"].as_array().into_iter().flatten();
+        let told = told.flat_map(|form| {
+            let one = form.get("const").into_iter();
+            one.chain(form["enum"].as_array().into_iter().flatten())
+        });
+        let values: Vec<String> = listed
+            .chain(told)
+            .filter_map(|word| Some(word.as_str()?.to_owned()))
+            .collect();
+        (!values.is_empty()).then_some(values)
+    }
+}

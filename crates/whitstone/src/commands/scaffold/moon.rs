@@ -1,0 +1,110 @@
+//! Parallel light of a ball that is lit from the side: the more of its dark half is seen, the less.
+//!
+//! The phase function of a matte ball (Lambert, *Photometria*, 1760): (sin a + (pi - a) cos a)/pi at the phase angle a.
+//!
+//! - Twin: none; the tests hold it to the closed values of the formula.
+//! - Example: `scenes/moon.toml`.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::f64::consts::PI;
+use std::sync::Arc;
+use toml::Spanned;
+use whitstone_core::config::{Color, Finite, Vector3};
+use whitstone_core::{
+    Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, SceneError, SceneErrors,
+};
+
+/// Parallel light of a ball that is lit from the side.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The way the light travels; of any length but zero.
+    #[schemars(with = "Vector3")]
+    direction: Spanned<Vector3>,
+    /// Irradiance in W/m² on a surface that faces it when it is full.
+    irradiance: Color,
+    /// Angle between the sun and the viewer as the ball sees them, in degrees from 0 (full) to 180 (new); 0 if left out.
+    #[serde(default)]
+    #[schemars(with = "Option<f64>")]
+    phase: Option<Spanned<Finite>>,
+}
+
+/// The same sample everywhere.
+pub struct Moon {
+    sample: LightSample,
+}
+
+impl Plugin<Lights> for Moon {
+    const TYPE: &'static str = "moon";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let mut refuse = |span, message: String| errors.0.push(SceneError::at(span, message));
+        let travel = config.direction.get_ref().get().try_normalize();
+        if travel.is_none() {
+            refuse(config.direction.span(), "the light has no direction".to_owned());
+        }
+        let phase = config.phase.as_ref().map_or(0.0, |phase| phase.get_ref().get());
+        if let Some(written) = config.phase.filter(|_| !(0.0..=180.0).contains(&phase)) {
+            refuse(
+                written.span(),
+                format!("expected a phase from 0 to 180 degrees, found {phase}"),
+            );
+        }
+        let a = phase.to_radians();
+        // Rounding must not make it negative at new moon.
+        let share = ((a.sin() + (PI - a) * a.cos()) / PI).max(0.0);
+        errors.into_result(Arc::new(Self {
+            sample: LightSample {
+                direction: -travel.unwrap_or(DVec3::Z),
+                distance: f64::INFINITY,
+                irradiance: config.irradiance.get() * share,
+            },
+        }) as Arc<dyn Light>)
+    }
+}
+
+impl Light for Moon {
+    fn gives(&self) -> LightGives {
+        LightGives::SAMPLES
+    }
+
+    fn samples(&self, _: DVec3, out: &mut Vec<LightSample>) {
+        out.push(self.sample);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::build;
+
+    whitstone_testkit::light_laws!(
+        Moon,
+        "direction = [1, -2, 0.5]\nirradiance = 1",
+        "direction = [-1.0..1, -1, 0.5]\nirradiance = [0.0..9, 1, 0]\nphase = 0.0..180",
+    );
+
+    #[test]
+    fn a_half_moon_gives_a_third() {
+        let irradiance = |phase: &str| {
+            let text = format!("direction = [0, -1, 0]\nirradiance = 1\nphase = {phase}");
+            let mut samples = Vec::new();
+            build::<Lights, Moon>(&text, ())
+                .unwrap()
+                .samples(DVec3::ZERO, &mut samples);
+            samples[0].irradiance.g
+        };
+        assert_eq!(irradiance("0"), 1.0);
+        assert!((irradiance("90") - 1.0 / PI).abs() < 1e-15);
+        assert!(irradiance("180") < 1e-15);
+    }
+
+    #[test]
+    fn both_faults_are_told() {
+        let errors = build::<Lights, Moon>("direction = [0, 0, 0]\nirradiance = 1\nphase = 270", ());
+        assert_eq!(errors.err().unwrap().0.len(), 2);
+    }
+}

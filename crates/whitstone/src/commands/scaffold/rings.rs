@@ -1,0 +1,101 @@
+//! Two colours in turn around a point of texture space.
+//!
+//! - Twin: none; the tests hold it to the distances that it is made of.
+//! - Example: `scenes/rings.toml`.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use whitstone_core::config::{Color, Positive, Vector2};
+use whitstone_core::{Context, DVec2, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, Texture, Textures};
+
+/// Two colours in turn around a point of texture space.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Colour in the middle.
+    #[serde(default = "light")]
+    a: Color,
+    /// Colour around it.
+    #[serde(default = "dark")]
+    b: Color,
+    /// The middle, in (u, v).
+    #[serde(default = "middle")]
+    center: Vector2,
+    /// From one change of colour to the next, in units of u and v.
+    #[serde(default = "tenth")]
+    width: Positive,
+}
+
+fn light() -> Color {
+    Color::grey(0.8)
+}
+
+fn dark() -> Color {
+    Color::grey(0.2)
+}
+
+fn middle() -> Vector2 {
+    Vector2::new(0.5, 0.5)
+}
+
+fn tenth() -> Positive {
+    Positive::new(0.1).expect("a tenth is positive")
+}
+
+/// See the module.
+pub struct Rings {
+    colors: [Rgb; 2],
+    center: DVec2,
+    width: f64,
+}
+
+impl Plugin<Textures> for Rings {
+    const TYPE: &'static str = "rings";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
+        Ok(Arc::new(Self {
+            colors: [config.a.get(), config.b.get()],
+            center: config.center.get(),
+            width: config.width.get(),
+        }))
+    }
+}
+
+impl Texture for Rings {
+    fn needs(&self) -> Needs {
+        Needs::UV
+    }
+
+    fn value(&self, point: &SurfacePoint) -> Rgb {
+        let distance = (point.uv - self.center).length();
+        // Beyond all numbers the remainder is none, and the comparison says no.
+        let inner = distance.rem_euclid(2.0 * self.width) < self.width;
+        self.colors[usize::from(!inner)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::DVec3;
+    use whitstone_testkit::build;
+
+    whitstone_testkit::texture_laws!(
+        Rings,
+        "",
+        "a = [0, 1, 2]\nb = 0",
+        "center = [-1.0..1, 0]\nwidth = 1e-3..10.0",
+    );
+
+    #[test]
+    fn colours_change_with_the_distance() {
+        let texture = build::<Textures, Rings>("a = 1\nb = 0\nwidth = 0.25", ()).unwrap();
+        for (u, expected) in [(0.5, 1.0), (0.7, 1.0), (0.8, 0.0), (0.2, 0.0), (1.1, 1.0)] {
+            let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+            point.uv = DVec2::new(u, 0.5);
+            assert_eq!(texture.value(&point), Rgb::splat(expected), "{u}");
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! The places that a plugin of the repository is written in by hand: six at most.
+
+use crate::verdict;
+use clap::Args;
+use std::fs;
+use std::path::{Path, PathBuf};
+use whitstone::core::FamilyName;
+use whitstone::{Exit, Failure};
+
+/// Check what the compiler cannot: that every plugin has its file, feature, example, twin and documentation,
+/// and that all licences of dependencies are allowed; with --plugin, list the places of one and what each lacks
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// List the places that a plugin takes, there already or not yet
+    #[arg(long, num_args = 2, value_names = ["FAMILY", "NAME"])]
+    pub(crate) plugin: Option<Vec<String>>,
+}
+
+/// A file that a plugin has a part in.
+pub(crate) struct Place {
+    /// Where. Of a twin that is not there yet, where it may be.
+    pub(crate) path: PathBuf,
+    /// What of it is the plugin's.
+    pub(crate) what: String,
+    /// Whether it is there.
+    pub(crate) there: bool,
+}
+
+/// What CONTRIBUTING.md says under "Adding a plugin".
+pub(crate) fn places(family: FamilyName, name: &str) -> Vec<Place> {
+    let plural = family.plural();
+    let krate = Path::new("crates").join(plural);
+    let read = |path: &Path| fs::read_to_string(path).unwrap_or_default();
+    let place = |path: PathBuf, what: String, there: bool| Place { path, what, there };
+    let (plugin, lib, manifest) = (
+        krate.join("src").join(name).with_extension("rs"),
+        krate.join("src/lib.rs"),
+        krate.join("Cargo.toml"),
+    );
+    let scene = Path::new("scenes").join(plural).join(name).with_extension("toml");
+    let model = PathBuf::from("docs/whitted-model.md");
+    // Of the module, and of the line in `register`.
+    let registered = read(&lib).matches(&format!("feature = \"{name}\"")).count() >= 2;
+    let feature = read(&manifest)
+        .lines()
+        .any(|line| line.starts_with(&format!("{name} = [")));
+    let mut all = vec![
+        place(
+            plugin.clone(),
+            "the plugin with its laws".to_owned(),
+            plugin.is_file(),
+        ),
+        place(
+            lib,
+            "the module and a line in `register`, under the feature".to_owned(),
+            registered,
+        ),
+        place(manifest, format!("the feature `{name}`, also in `all`"), feature),
+        place(scene.clone(), "the example".to_owned(), scene.is_file()),
+    ];
+    // An image does not depend on accelerators.
+    if family != FamilyName::Accelerator {
+        let modelled = read(&model).contains(&format!("**{name}**"));
+        all.push(place(model, format!("what **{name}** is, exactly"), modelled));
+        let (path, there) = twin(family, name);
+        all.push(place(
+            path,
+            "its twin, in Mitsuba or in POV-Ray".to_owned(),
+            there,
+        ));
+    }
+    all
+}
+
+/// Where the twin is, or is to be.
+fn twin(family: FamilyName, name: &str) -> (PathBuf, bool) {
+    let plural = family.plural();
+    let quoted = format!("\"{name}\"");
+    let driver = Path::new("references/mitsuba/whitstone_mitsuba");
+    let files = fs::read_dir(driver).into_iter().flatten().flatten();
+    let mut sources = files
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|e| e == "py"));
+    let named = |path: &PathBuf| fs::read_to_string(path).is_ok_and(|text| text.contains(&quoted));
+    let own = driver.join(plural).with_extension("py");
+    let povray = Path::new("references/povray/whitstone_povray")
+        .join(plural)
+        .join(name)
+        .with_extension("py");
+    if named(&own) {
+        (own, true)
+    } else if povray.is_file() {
+        (povray, true)
+    } else if let Some(found) = sources.find(named) {
+        (found, true)
+    } else {
+        (own, false)
+    }
+}
+
+/// Lists the places of a plugin; those that lack it are problems.
+pub(crate) fn run(plugin: &[String]) -> Result<Exit, Failure> {
+    let [family, name] = plugin else {
+        return Err(Failure::usage("expected a family and a name"));
+    };
+    let families = FamilyName::ALL.into_iter();
+    let mut families = families.filter(|known| family == known.singular() || family == known.plural());
+    let Some(family) = families.next() else {
+        return Err(Failure::usage(format!("{family} is no family of plugins")));
+    };
+    let mut missing = Vec::new();
+    for (number, place) in places(family, name).iter().enumerate() {
+        let mark = if place.there { "there  " } else { "missing" };
+        println!("{} {mark} {}: {}", number + 1, place.path.display(), place.what);
+        if !place.there {
+            missing.push(format!("{}: {}", place.path.display(), place.what));
+        }
+    }
+    println!(
+        "  and a line in CHANGELOG.md; pages, pictures and stored references are written by the commands in CONTRIBUTING.md"
+    );
+    verdict(
+        &missing,
+        &format!("the {} {name} is in all its places", family.singular()),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Six at most, all there for what is registered, none for what is not.
+    #[test]
+    fn every_plugin_takes_six_places_at_most() {
+        std::env::set_current_dir(crate::root()).unwrap();
+        let registry = whitstone::registry();
+        for entry in registry
+            .entries()
+            .filter(|entry| entry.crate_name != crate::peers::CRATE)
+        {
+            let found = places(entry.family, entry.name);
+            assert!(found.len() <= 6);
+            let missing = found
+                .iter()
+                .filter(|place| !place.there)
+                .map(|place| place.path.clone());
+            let missing: Vec<PathBuf> = missing.collect();
+            assert!(
+                missing.is_empty(),
+                "{} {}: {missing:?}",
+                entry.family.singular(),
+                entry.name
+            );
+        }
+        let found = places(FamilyName::Shape, "no_such_shape");
+        assert_eq!(found.len(), 6);
+        assert!(found.iter().all(|place| !place.there));
+    }
+}
