@@ -8,19 +8,22 @@ pub mod floor;
 mod inexact;
 mod key;
 mod live;
+mod pixels;
 mod place;
 pub mod renderer;
 pub mod report;
 mod result;
+pub mod sensitivity;
 pub mod stored;
 pub mod tree;
 mod validator;
 
 pub use key::{find_scenes, scene_key};
 pub use live::{Live, LiveError, hash_sources};
+pub use pixels::Pictures;
 pub use renderer::Renderer;
 pub use result::{
-    CaseResult, Check, LayerResult, LeftOut, Pictures, Provenance, Reference, Results, Status, Summary,
-    WorstPixel, counted,
+    CaseResult, Check, LayerResult, LeftOut, Provenance, Reference, Results, Status, Summary, WorstPixel,
+    counted,
 };
 pub use validator::{Mode, NoLive, Options, Validator, flatten, quoted};

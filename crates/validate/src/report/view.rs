@@ -1,13 +1,15 @@
 //! What the templates show of the results.
 
-use super::ERROR_VIEW;
+use super::changes::{Changes, Kind};
 use super::number::{Limited, Number, plain, precise, scientific};
+use super::script::{drawing, plugins};
+use super::{ERROR_VIEW, Extras};
 use crate::explain::Reason;
 use crate::{CaseResult, LeftOut, Pictures, Provenance, Results, Status, WorstPixel};
 use askama::Template;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use whitstone_image::Tolerance;
 use whitstone_image::error_map::legend;
 
@@ -21,7 +23,7 @@ const LARGEST_SCALE: usize = 16;
 #[template(path = "page.html", config = "src/report/askama.toml")]
 pub(super) struct Page<'a> {
     style: &'static str,
-    script: &'static str,
+    scripts: [&'static str; 3],
     verdict: Verdict,
     tiles: Vec<Tile>,
     references: &'a str,
@@ -29,9 +31,15 @@ pub(super) struct Page<'a> {
     provenance: Vec<(&'static str, String)>,
     tolerance: String,
     scale: ScaleView,
+    /// What the script draws error pictures by, as JSON.
+    drawing: String,
+    /// By family, for the filter.
+    plugins: BTreeMap<&'a str, BTreeSet<&'a str>>,
     columns: &'static [Column],
     cases: Vec<CaseView<'a>>,
     left_out: &'a [LeftOut],
+    diagrams: &'a [super::Diagram],
+    changes: Option<&'a Changes>,
 }
 
 /// The first thing that a reader wants to know.
@@ -134,6 +142,8 @@ struct CaseView<'a> {
     checked: Vec<Checked>,
     measured: Vec<Measured>,
     pictures: Vec<Picture>,
+    pixels: String,
+    plugins: String,
     worst: Vec<Pixel<'a>>,
     over: Number,
     layers: Vec<Layer<'a>>,
@@ -193,7 +203,7 @@ struct Layer<'a> {
 
 impl<'a> Page<'a> {
     /// Failures come first.
-    pub(super) fn new(results: &'a Results) -> Self {
+    pub(super) fn new(results: &'a Results, extras: &'a Extras) -> Self {
         let mut cases: Vec<CaseView> = results
             .results
             .iter()
@@ -204,7 +214,11 @@ impl<'a> Page<'a> {
         let (low, high) = ERROR_VIEW.scale.ends();
         Self {
             style: include_str!("page.css"),
-            script: include_str!("page.js"),
+            scripts: [
+                include_str!("page.js"),
+                include_str!("viewer.js"),
+                include_str!("studies.js"),
+            ],
             verdict: verdict(results),
             tiles: tiles(results),
             references: &results.summary.references,
@@ -221,9 +235,13 @@ impl<'a> Page<'a> {
                 middle: short(ERROR_VIEW.scale.middle()),
                 high: short(high),
             },
+            drawing: drawing(),
+            plugins: plugins(&results.results),
             columns: &COLUMNS,
             cases,
             left_out: &results.left_out,
+            diagrams: &extras.diagrams,
+            changes: extras.changes.as_ref(),
         }
     }
 
@@ -366,10 +384,11 @@ impl<'a> CaseView<'a> {
             id: format!("case-{}", index + 1),
             failed,
             words: format!(
-                "{} {} {twin} {source} {}",
+                "{} {} {twin} {source} {} {}",
                 case.scene,
                 case.config,
-                if failed { "fail" } else { "pass" }
+                if failed { "fail" } else { "pass" },
+                case.plugins.join(" ")
             )
             .to_lowercase(),
             size: if rendered {
@@ -405,6 +424,11 @@ impl<'a> CaseView<'a> {
                 .pictures
                 .as_ref()
                 .map_or_else(Vec::new, |pictures| views(case, pictures)),
+            pixels: case
+                .pictures
+                .as_ref()
+                .map_or_else(String::new, |pictures| STANDARD.encode(&pictures.pixels)),
+            plugins: case.plugins.join(" "),
             worst: case
                 .worst
                 .iter()

@@ -6,13 +6,16 @@ pub mod completions;
 pub mod converge;
 pub mod doctor;
 pub mod explain;
+mod junit;
 pub mod list;
 pub mod new_plugin;
 #[cfg(any(feature = "converge", feature = "stress"))]
 mod page;
 pub mod reference;
 pub mod render;
+pub mod report;
 pub mod schema;
+pub mod sensitivity;
 #[cfg(feature = "stress")]
 pub mod stress;
 pub mod validate;
@@ -43,6 +46,7 @@ struct Arguments {
 pub enum Command {
     Render(render::Arguments),
     Validate(validate::Arguments),
+    Report(report::Arguments),
     Compare(compare::Arguments),
     Explain(explain::Arguments),
     #[cfg(feature = "stress")]
@@ -51,6 +55,7 @@ pub enum Command {
     Converge(converge::Arguments),
     List(list::Arguments),
     Schema(schema::Arguments),
+    Sensitivity(sensitivity::Arguments),
     NewPlugin(new_plugin::Arguments),
     Doctor(doctor::Arguments),
     Completions(completions::Arguments),
@@ -63,6 +68,7 @@ impl Command {
         match self {
             Self::Render(arguments) => render::run(arguments, registry),
             Self::Validate(arguments) => validate::run(arguments, registry, program),
+            Self::Report(arguments) => report::run(arguments, program),
             Self::Compare(arguments) => compare::run(arguments),
             Self::Explain(arguments) => explain::run(arguments, registry),
             #[cfg(feature = "stress")]
@@ -71,6 +77,7 @@ impl Command {
             Self::Converge(arguments) => converge::run(arguments, registry, program),
             Self::List(arguments) => list::run(arguments, registry),
             Self::NewPlugin(arguments) => new_plugin::run(arguments, registry),
+            Self::Sensitivity(arguments) => sensitivity::run(arguments, registry, program),
             Self::Schema(arguments) => schema::run(arguments, registry),
             Self::Doctor(arguments) => doctor::run(arguments, registry),
             Self::Completions(arguments) => completions::run(arguments, Arguments::command(), program),
