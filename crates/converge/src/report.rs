@@ -4,7 +4,7 @@ use crate::cache::Record;
 use crate::errors::Measured;
 use crate::statistics::{Slope, Times, pareto, time_to};
 use crate::study::{Against, Engine, Series, Setting, Study};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Component, Path, PathBuf};
@@ -17,7 +17,7 @@ const NOISY: f64 = 0.3;
 const NOISY_RATIO: f64 = 2.0;
 
 /// One setting of a configuration.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Point {
     /// Such as `sampler.n=4`.
     pub setting: String,
@@ -107,7 +107,7 @@ impl Point {
 }
 
 /// When an error is reached.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Reached {
     /// Interpolated between two points, straight on logarithmic axes.
     pub seconds: f64,
@@ -116,7 +116,7 @@ pub struct Reached {
 }
 
 /// A configuration over all its settings.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SeriesReport {
     /// Who rendered.
     pub engine: Engine,
@@ -213,7 +213,7 @@ pub fn level_name(level: f64) -> String {
 }
 
 /// An error reached by both engines, each with its best configuration.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct TimeTo {
     /// The error.
     pub error: f64,
@@ -234,7 +234,7 @@ pub struct TimeTo {
 }
 
 /// How a study ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// All that it claims holds.
@@ -259,7 +259,7 @@ impl fmt::Display for Verdict {
 }
 
 /// What the errors are measured against.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TruthReport {
     /// Who rendered it.
     pub engine: Engine,
@@ -274,7 +274,7 @@ pub struct TruthReport {
 }
 
 /// A study with its claims.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct StudyReport {
     /// Its name.
     pub study: String,

@@ -9,9 +9,14 @@
 //! | [`png`] | 8-bit rasters for people to look at |
 //! | [`metrics`] | numbers between an image and its reference |
 //! | [`mod@flip`] | how visible a difference is |
+//! | [`mod@ssim`] | how alike two pictures are in structure |
+//! | [`significance`] | whether noise explains a difference |
 //! | [`layers`] | numbers between two AOV layers |
 //! | [`error_map`] | pictures of the difference, with a legend |
+//! | [`color_map`] | its colours as tables |
 //! | [`mask`] | sets of pixels |
+//! | [`areas`] | connected parts of them |
+//! | [`edges`] | pixels at the edges of what layers show |
 //! | [`sum`] | compensated sums |
 //! | [`atomic`] | files that are either complete or absent |
 //!
@@ -22,7 +27,10 @@
 
 #![forbid(unsafe_code)]
 
+pub mod areas;
 pub mod atomic;
+pub mod color_map;
+pub mod edges;
 pub mod error_map;
 pub mod exr_io;
 pub mod flip;
@@ -32,6 +40,8 @@ pub mod mask;
 pub mod metrics;
 pub mod planes;
 pub mod png;
+pub mod significance;
+pub mod ssim;
 pub mod sum;
 pub mod texels;
 pub mod tone;
@@ -39,6 +49,7 @@ pub mod tone;
 #[cfg(test)]
 mod test_data;
 
+pub use color_map::ColorMap;
 pub use error_map::{ErrorView, Quantity, Scale};
 pub use flip::{Flip, flip};
 pub use limits::{Limits, ReadError, ReadFault};
@@ -46,5 +57,7 @@ pub use mask::Mask;
 pub use metrics::{CompareError, CompareOptions, Metrics, Side, Tolerance, compare};
 pub use planes::{Image, ImageError, Placement};
 pub use png::Raster;
+pub use significance::significance;
+pub use ssim::ssim;
 pub use texels::{Encoding, Texels};
 pub use tone::ToneMap;

@@ -22,7 +22,7 @@
 //! In `r`, a denominator below the smallest normal `f32` (about 1.2e-38) counts as that, so that `r` stays finite for a
 //! black reference.
 
-use serde::Serialize;
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::mask::Mask;
 use crate::planes::{Image, ImageError, Placement, RGB};
@@ -222,6 +222,31 @@ pub struct BlockBias {
     pub y: usize,
     /// Pixels of the block that count, 1 to 256.
     pub pixels: usize,
+}
+
+/// [`BlockBias`] in a file, where a channel may have any name.
+#[derive(Deserialize)]
+struct WrittenBias {
+    bias: f64,
+    channel: String,
+    x: usize,
+    y: usize,
+    pixels: usize,
+}
+
+impl<'de> Deserialize<'de> for BlockBias {
+    /// What is no name of a channel counts as `R`: it is read to be shown, and nothing is decided by it.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let written = WrittenBias::deserialize(deserializer)?;
+        let known = RGB.into_iter().find(|name| *name == written.channel);
+        Ok(Self {
+            bias: written.bias,
+            channel: known.unwrap_or(RGB[0]),
+            x: written.x,
+            y: written.y,
+            pixels: written.pixels,
+        })
+    }
 }
 
 /// A pixel and how bad it is.

@@ -88,6 +88,8 @@ pub fn escaped(text: &str) -> String {
             '<' => safe.push_str("&lt;"),
             '>' => safe.push_str("&gt;"),
             '"' => safe.push_str("&quot;"),
+            // Between what a point is and its command.
+            '\n' => safe.push(c),
             c if c.is_control() => safe.push(' '),
             c => safe.push(c),
         }

@@ -1,14 +1,14 @@
 //! What the parts of a pipeline take: memory, and the work to be expected of them.
 
 use crate::Pipeline;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::mem::size_of_val;
 use std::sync::Arc;
 use whitstone_core::{Accelerator, DVec3, FamilyName, Geometry, Light, Lobes, Shape};
 
 /// What a part that is in use takes.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cost {
     /// The part.
     pub part: String,

@@ -9,10 +9,12 @@ mod inexact;
 mod key;
 mod live;
 pub mod matrix;
+mod pixels;
 mod place;
 pub mod renderer;
 pub mod report;
 mod result;
+pub mod sensitivity;
 pub mod shrink;
 pub mod stored;
 pub mod tree;
@@ -20,9 +22,10 @@ mod validator;
 
 pub use key::{find_scenes, scene_key};
 pub use live::{Live, LiveError, hash_sources};
+pub use pixels::Pictures;
 pub use renderer::Renderer;
 pub use result::{
-    CaseResult, Check, LayerResult, LeftOut, Pictures, Provenance, Reference, Results, Status, Summary,
-    WorstPixel, counted,
+    CaseResult, Check, LayerResult, LeftOut, Provenance, Reference, Results, Status, Summary, WorstPixel,
+    counted,
 };
 pub use validator::{Mode, NoLive, Options, Validator, flatten, quoted};

@@ -8,7 +8,7 @@
 mod settings;
 
 use crate::{CaseResult, Renderer, Status, Validator};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use settings::{Facts, Sweep};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,12 +16,12 @@ use whitstone_core::{FamilyName, Lobes};
 use whitstone_scene::{Description, Film, Pipeline, Plan, PluginTable, RenderOptions, Sources};
 
 /// One setting of a scene, or a sweep that the scene does not need.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Cell {
     /// Path of the scene below `scenes/`, without `.toml`.
     pub scene: String,
     /// What is swept: "accelerator", "threads", "max_depth" or "filter".
-    pub axis: &'static str,
+    pub axis: String,
     /// The setting; "all" where the whole sweep is left out.
     pub setting: String,
     /// How it went.
@@ -33,7 +33,7 @@ pub struct Cell {
 }
 
 /// How a cell went.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Outcome {
     /// What must hold does.
@@ -45,7 +45,7 @@ pub enum Outcome {
 }
 
 /// How many cells there are of each outcome.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Tally {
     /// That hold.
     pub passed: usize,
@@ -73,7 +73,7 @@ pub struct Row<'a> {
     /// The scene.
     pub scene: &'a str,
     /// What is swept.
-    pub axis: &'static str,
+    pub axis: &'a str,
     /// What the cells were held to.
     pub against: &'a str,
     /// Settings that hold.
@@ -99,7 +99,7 @@ fn row(cells: &[Cell]) -> Row<'_> {
     }
     Row {
         scene: &cells[0].scene,
-        axis: cells[0].axis,
+        axis: &cells[0].axis,
         against: cells.iter().map(|cell| &*cell.against).max().unwrap_or_default(),
         passed: of(Outcome::Pass).map(|cell| &*cell.setting).collect(),
         failed: of(Outcome::Fail)
@@ -129,16 +129,16 @@ impl Validator<'_> {
             return (cells, cases);
         };
         let scene = crate::scene_key(path, &self.options.scenes);
-        let cell = |axis, setting: &str, outcome, against: &str, told| Cell {
+        let cell = |axis: &str, setting: &str, outcome, against: &str, told| Cell {
             scene: scene.clone(),
-            axis,
+            axis: axis.to_owned(),
             setting: setting.to_owned(),
             outcome,
             against: against.to_owned(),
             told,
         };
         let skipped =
-            |axis, setting: &str, why: &str| cell(axis, setting, Outcome::Skipped, "", why.to_owned());
+            |axis: &str, setting: &str, why: &str| cell(axis, setting, Outcome::Skipped, "", why.to_owned());
         for (axis, sweep) in own.facts.sweeps(self.registry) {
             let settings = match sweep {
                 Sweep::LeftOut(why) => {
@@ -316,9 +316,9 @@ mod tests {
 
     #[test]
     fn cells_of_a_sweep_are_one_row() {
-        let cell = |axis, setting: &str, outcome, told: &str| Cell {
+        let cell = |axis: &str, setting: &str, outcome, told: &str| Cell {
             scene: "a".to_owned(),
-            axis,
+            axis: axis.to_owned(),
             setting: setting.to_owned(),
             outcome,
             against: if outcome == Outcome::Skipped {

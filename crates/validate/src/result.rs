@@ -3,12 +3,13 @@
 use crate::driver::{Hello, PovRay};
 use crate::explain::Reason;
 use crate::matrix::{Cell, Tally};
-use serde::Serialize;
+use crate::pixels::Pictures;
+use serde::{Deserialize, Deserializer, Serialize};
 use whitstone_image::metrics::BlockBias;
 use whitstone_scene::Cost;
 
 /// All cases of a run.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Results {
     /// Counts and medians.
     pub summary: Summary,
@@ -23,7 +24,7 @@ pub struct Results {
 }
 
 /// Over all cases.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Summary {
     /// Number of cases.
     pub cases: usize,
@@ -50,7 +51,7 @@ pub struct Summary {
 }
 
 /// A scene that this reference has no twin of.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LeftOut {
     /// Its name.
     pub scene: String,
@@ -61,7 +62,7 @@ pub struct LeftOut {
 }
 
 /// Versions and the machine.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Provenance {
     /// Of Whitstone.
     pub whitstone: String,
@@ -74,7 +75,7 @@ pub struct Provenance {
 }
 
 /// Whether a case is as it must be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
     /// All limits are kept.
@@ -84,7 +85,8 @@ pub enum Status {
 }
 
 /// What the image was compared with.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Reference {
     /// "mitsuba" or "povray".
     pub name: String,
@@ -99,7 +101,8 @@ pub struct Reference {
 }
 
 /// A scene against a reference. Numbers are absent where no comparison was possible.
-#[derive(Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
 pub struct CaseResult {
     /// Path of the scene below `scenes/`, without `.toml`.
     pub scene: String,
@@ -178,10 +181,10 @@ pub struct CaseResult {
     pub problems: Vec<String>,
     /// Whether the scene itself is wrong, so that nothing was rendered.
     pub scene_error: bool,
-    /// The plugins that our pipeline was built from, as "family type".
-    pub used: Vec<String>,
     /// What its parts take.
     pub costs: Vec<Cost>,
+    /// The plugins that our pipeline uses, such as `shape/sphere`.
+    pub plugins: Vec<String>,
     /// What our pipeline did without.
     pub left_out: Vec<String>,
     /// What of the scene was changed on both sides, because the reference could not show it, and why.
@@ -197,39 +200,41 @@ pub struct CaseResult {
     pub pictures: Option<Pictures>,
 }
 
-/// PNG files in memory.
-#[derive(Debug)]
-pub struct Pictures {
-    /// Ours, tone mapped.
-    pub ours: Vec<u8>,
-    /// The reference, tone mapped alike.
-    pub reference: Vec<u8>,
-    /// The relative error on a fixed colour scale.
-    pub error: Vec<u8>,
-}
-
 /// A pixel that differs.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct WorstPixel {
     /// Column.
     pub x: usize,
     /// Row.
     pub y: usize,
     /// Our value.
+    #[serde(deserialize_with = "nullable")]
     pub ours: [f32; 3],
     /// The reference's.
+    #[serde(deserialize_with = "nullable")]
     pub reference: [f32; 3],
     /// What explains it; none for an unexplained pixel.
     pub reason: Option<Reason>,
     /// For unexplained pixels of a live reference: the smallest and largest value of each channel that it took
     /// under all that was tried.
+    #[serde(deserialize_with = "nullable_range")]
     pub tried: Option<[[f64; 3]; 2]>,
     /// For unexplained pixels: where the two ray trees part.
     pub first_difference: Option<String>,
 }
 
+/// JSON has no other numbers than finite ones: what is not is written as null, and read as NaN.
+fn nullable<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f32; 3], D::Error> {
+    Ok(<[Option<f32>; 3]>::deserialize(deserializer)?.map(|value| value.unwrap_or(f32::NAN)))
+}
+
+fn nullable_range<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[[f64; 3]; 2]>, D::Error> {
+    let range = <Option<[[Option<f64>; 3]; 2]>>::deserialize(deserializer)?;
+    Ok(range.map(|ends| ends.map(|end| end.map(|value| value.unwrap_or(f64::NAN)))))
+}
+
 /// A layer of both images.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LayerResult {
     /// EXR channel.
     pub name: String,

@@ -3,18 +3,15 @@ use crate::environment::Environment;
 use crate::explain::{Range, Reason, explain};
 use crate::key::{folder_of, scene_key};
 use crate::live::{Live, LiveError};
+use crate::pixels::Pictures;
 use crate::renderer::{Adaptation, Renderer};
-use crate::report::ERROR_VIEW;
-use crate::result::{CaseResult, LayerResult, Pictures, Reference, Status, WorstPixel};
+use crate::result::{CaseResult, LayerResult, Reference, Status, WorstPixel};
 use crate::stored::{Stored, StoredError};
 use crate::{floor, inexact, place, tree};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::{Needs, Registry, SceneErrors};
-use whitstone_image::error_map::error_map;
-use whitstone_image::{
-    CompareError, CompareOptions, Image, Mask, Raster, Tolerance, ToneMap, compare, layers, metrics,
-};
+use whitstone_image::{CompareError, CompareOptions, Image, Mask, Tolerance, compare, layers, metrics};
 use whitstone_scene::{
     Description, Flattened, Pipeline, Plan, PluginTable, RenderOptions, Sources, all_errors,
 };
@@ -78,7 +75,7 @@ pub struct Validator<'a> {
     not_live: Option<String>,
     /// The first failure of a live reference that was there.
     broken: Option<String>,
-    /// Whether cases have pictures.
+    /// Whether results have pictures.
     pictures: bool,
     /// Is told what is being done.
     pub(crate) stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
@@ -219,6 +216,21 @@ impl<'a> Validator<'a> {
         case
     }
 
+    /// One of many, without pictures: with a change of our side, and our image shown to `look`.
+    pub(crate) fn trial(
+        &mut self,
+        path: &Path,
+        change: Option<String>,
+        look: &dyn Fn(&mut Image),
+    ) -> CaseResult {
+        self.pictures = false;
+        let before = std::mem::replace(&mut self.options.ours_overrides, Vec::from_iter(change));
+        let case = self.validate_tampered(path, look);
+        self.options.ours_overrides = before;
+        self.pictures = true;
+        case
+    }
+
     /// The command that does something with this scene alone as this run does.
     fn command(&self, verb: &str, path: &Path) -> String {
         let Options { program, flags, .. } = &self.options;
@@ -263,8 +275,8 @@ impl<'a> Validator<'a> {
         case.mrays_per_s = case.rays as f64 / film.render_seconds / 1e6;
         case.costs = pipeline.costs();
         let used = pipeline.used.iter();
-        case.used = used
-            .map(|(family, name)| format!("{} {name}", family.singular()))
+        case.plugins = used
+            .map(|(family, name)| format!("{}/{name}", family.singular()))
             .collect();
         case.left_out = pipeline
             .left_out
@@ -409,16 +421,16 @@ impl<'a> Validator<'a> {
             case.limit = floor::limit(meta.floor, cap);
         }
         case.bias_limit = floor::bias_limit(meta.floor, cap);
-        if self.pictures {
-            case.pictures = pictures(&ours.image, reference);
-        }
-
         let not_finite = metrics::count_not_finite(&ours.image, reference)?;
         case.nonfinite = not_finite.ours + not_finite.reference;
         let tolerance = Tolerance::default();
         let over = metrics::over_tolerance(&ours.image, reference, tolerance)?;
         case.pixels_over_tolerance = over.count();
         let judged = self.explain(ours, against, &over, tolerance, case);
+        if self.pictures {
+            let reasons = judged.iter().map(|one| (one.pixel, one.reason));
+            case.pictures = Pictures::new(&ours.image, reference, reasons);
+        }
         let mut explained = Mask::new(over.width(), over.height());
         for Judged { pixel, reason, .. } in &judged {
             if let Some(reason) = reason {
@@ -653,16 +665,6 @@ pub fn quoted(word: &str) -> String {
     } else {
         format!("'{}'", word.replace('\'', r"'\''"))
     }
-}
-
-fn pictures(ours: &Image, reference: &Image) -> Option<Pictures> {
-    let tone = ToneMap::default();
-    let png = |raster: Raster| raster.to_png().ok();
-    Some(Pictures {
-        ours: png(Raster::preview(ours, tone).ok()?)?,
-        reference: png(Raster::preview(reference, tone).ok()?)?,
-        error: png(error_map(ours, reference, ERROR_VIEW).ok()?)?,
-    })
 }
 
 /// How a picture differs from the exact one, in words.

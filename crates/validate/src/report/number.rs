@@ -125,6 +125,21 @@ pub(super) fn plain(value: f64) -> String {
     digits(value, 3)
 }
 
+/// A round number as short as it can be: `1e-4`.
+pub(super) fn short(value: f64) -> String {
+    let rounded: f64 = format!("{value:.2e}").parse().unwrap_or(value);
+    format!("{rounded:e}")
+}
+
+/// A small number without places that say nothing.
+pub(super) fn plain_count(value: f64) -> String {
+    if value.fract() == 0.0 {
+        format!("{value:.0}")
+    } else {
+        plain(value)
+    }
+}
+
 /// Six digits: enough to see a difference of a thousandth.
 pub(super) fn precise(value: f64) -> String {
     digits(value, 6)

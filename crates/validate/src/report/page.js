@@ -40,12 +40,14 @@
   // Filtering, of the table and of the sections alike.
   const text = document.getElementById("filter");
   const failures = document.getElementById("failures");
+  const plugin = document.getElementById("plugin");
   const shown = document.getElementById("shown");
   const filter = () => {
     const words = text.value.toLowerCase().split(/\s+/).filter(Boolean);
     let count = 0;
     for (const row of body.rows) {
-      const fits = words.every((word) => row.dataset.words.includes(word));
+      const uses = !plugin?.value || row.dataset.plugins.split(" ").includes(plugin.value);
+      const fits = uses && words.every((word) => row.dataset.words.includes(word));
       row.hidden = !fits || (failures.checked && !row.classList.contains("failed"));
       document.getElementById(row.dataset.case).hidden = row.hidden;
       count += !row.hidden;
@@ -54,6 +56,7 @@
   };
   text.addEventListener("input", filter);
   failures.addEventListener("change", filter);
+  plugin?.addEventListener("change", filter);
   filter();
 
   // A link to a case opens it.
@@ -84,52 +87,4 @@
       }
       setTimeout(() => (button.textContent = "Copy"), 1500);
     });
-
-  // A pixel, in the three pictures at once.
-  for (const section of all("details.case")) {
-    const pictures = section.querySelector(".pictures");
-    if (!pictures) continue;
-    const [width, height] = [Number(pictures.dataset.width), Number(pictures.dataset.height)];
-    const marks = all(".mark", pictures);
-    const readout = pictures.querySelector(".pointer");
-    let kept = null;
-    const show = (pixel) => {
-      for (const mark of marks) {
-        mark.hidden = !pixel;
-        if (pixel) {
-          mark.style.left = `${(100 * (pixel[0] + 0.5)) / width}%`;
-          mark.style.top = `${(100 * (pixel[1] + 0.5)) / height}%`;
-        }
-      }
-      readout.textContent = pixel ? `pixel (${pixel[0]}, ${pixel[1]})` : "";
-    };
-    for (const frame of all(".frame", pictures)) {
-      frame.addEventListener("pointermove", (event) => {
-        const box = frame.getBoundingClientRect();
-        const place = (at, size, pixels) => Math.min(pixels - 1, Math.max(0, Math.floor((at / size) * pixels)));
-        show([place(event.clientX - box.left, box.width, width), place(event.clientY - box.top, box.height, height)]);
-      });
-      frame.addEventListener("pointerleave", () => show(kept));
-    }
-    for (const row of all(".worst tbody tr", section)) {
-      const pixel = [Number(row.dataset.x), Number(row.dataset.y)];
-      const place = row.querySelector(".place");
-      const button = document.createElement("button");
-      button.type = "button";
-      button.title = "Show in the pictures";
-      button.setAttribute("aria-pressed", "false");
-      button.textContent = place.textContent;
-      place.replaceChildren(button);
-      row.addEventListener("pointerenter", () => show(pixel));
-      row.addEventListener("pointerleave", () => show(kept));
-      button.addEventListener("click", () => {
-        const pressed = button.getAttribute("aria-pressed") === "true";
-        for (const other of all(".place button", section)) other.setAttribute("aria-pressed", "false");
-        button.setAttribute("aria-pressed", String(!pressed));
-        kept = pressed ? null : pixel;
-        show(kept);
-        if (kept) pictures.scrollIntoView({ block: "nearest" });
-      });
-    }
-  }
 })();

@@ -1,13 +1,12 @@
 mod page;
 
-use super::html;
+use super::{Baseline, Changes, Diagram, Extras, html};
 use crate::driver::Hello;
 use crate::explain::Reason;
 use crate::{CaseResult, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel};
 use page::Page;
-use whitstone_image::error_map::error_map;
+use whitstone_image::Image;
 use whitstone_image::metrics::BlockBias;
-use whitstone_image::{Image, Raster, ToneMap};
 
 /// What a scene file may contain and a page must not.
 const HOSTILE: &str =
@@ -38,20 +37,7 @@ fn pictures(size: usize, ours: f32, noise: f32) -> Option<Pictures> {
         planes.rgb().unwrap().map(|plane| plane[index] * factor)
     })
     .unwrap();
-    let preview = |image: &Image| {
-        Raster::preview(image, ToneMap::default())
-            .unwrap()
-            .to_png()
-            .unwrap()
-    };
-    Some(Pictures {
-        ours: preview(&ours),
-        reference: preview(&reference),
-        error: error_map(&ours, &reference, super::ERROR_VIEW)
-            .unwrap()
-            .to_png()
-            .unwrap(),
-    })
+    Pictures::new(&ours, &reference, [([18, 41], None)].into_iter())
 }
 
 fn case(scene: &str, twin: &str) -> CaseResult {
@@ -120,12 +106,12 @@ fn case(scene: &str, twin: &str) -> CaseResult {
         rays: 181_237,
         mrays_per_s: 14.7,
         status: Some(Status::Pass),
-        used: vec!["camera perspective".to_owned(), "shape sphere".to_owned()],
         costs: vec![whitstone_scene::Cost {
             part: "film".to_owned(),
             bytes: Some(110_592),
             work: "9216 rays from the camera, 1 a pixel".to_owned(),
         }],
+        plugins: vec!["material/matte".to_owned(), "shape/sphere".to_owned()],
         left_out: vec!["texture coordinates: no texture reads them".to_owned()],
         command: format!("whitstone validate scenes/{scene}.toml"),
         pictures: pictures(96, 0.6, 1e-7),
@@ -243,6 +229,7 @@ fn hostile() -> CaseResult {
         problems: vec![text.clone()],
         inexact: vec![text.clone()],
         left_out: vec![text.clone()],
+        plugins: vec![text.clone()],
         command: text.clone(),
         layers: vec![LayerResult {
             name: text.clone(),
@@ -259,7 +246,7 @@ fn hostile() -> CaseResult {
     }
 }
 
-fn results(cases: Vec<CaseResult>, references: &str) -> Results {
+pub(super) fn results(cases: Vec<CaseResult>, references: &str) -> Results {
     Results {
         summary: Summary::of(&cases, references.to_owned(), 41.27),
         provenance: Provenance {
@@ -283,7 +270,7 @@ fn results(cases: Vec<CaseResult>, references: &str) -> Results {
     }
 }
 
-fn example() -> Results {
+pub(super) fn example() -> Results {
     let names = [
         ("cameras/perspective", "formula", 4.17e-7),
         ("lights/spot", "native", 8.9e-7),
@@ -349,7 +336,7 @@ fn selectors_find_what_they_name_and_no_more() {
 #[test]
 fn every_case_has_its_values_and_limits() {
     let results = example();
-    let page = html(&results);
+    let page = html(&results, &Extras::default());
     let document = parse(&page);
     assert_eq!(
         document.select("table.summary tbody tr").len(),
@@ -397,7 +384,7 @@ fn every_case_has_its_values_and_limits() {
 
 #[test]
 fn failures_come_first_are_open_and_marked_by_more_than_colour() {
-    let page = html(&example());
+    let page = html(&example(), &Extras::default());
     let document = parse(&page);
     let first = &document.select("table.summary tbody tr")[0];
     assert_eq!(first.attribute("data-case").as_deref(), Some("case-3"));
@@ -429,7 +416,7 @@ fn failures_come_first_are_open_and_marked_by_more_than_colour() {
 
 #[test]
 fn hostile_text_stays_text() {
-    let page = html(&results(vec![hostile()], HOSTILE));
+    let page = html(&results(vec![hostile()], HOSTILE), &Extras::default());
     let document = parse(&page);
     assert_eq!(document.select("script").len(), 1, "only the page's own");
     assert!(!page.contains("alert(\"1\")") && !page.contains("<img src=x"));
@@ -440,7 +427,7 @@ fn hostile_text_stays_text() {
 
 #[test]
 fn absent_numbers_are_dashes_with_a_reason() {
-    let page = html(&example());
+    let page = html(&example(), &Extras::default());
     let document = parse(&page);
     let missing = row(&document, "case-7");
     assert!(missing.contains('–') && !missing.contains("0 ≤ 0"), "{missing}");
@@ -449,20 +436,26 @@ fn absent_numbers_are_dashes_with_a_reason() {
         compared: true,
         ..CaseResult::default()
     };
-    let page = html(&results(vec![alike], "live"));
+    let page = html(&results(vec![alike], "live"), &Extras::default());
     assert!(row(&parse(&page), "case-1").contains("0 ≤ 0"));
     for dash in document.select(".absent") {
         assert!(dash.attribute("title").is_some_and(|title| !title.is_empty()));
     }
     // No case at all, and one of which nothing is known.
-    let empty = html(&results(Vec::new(), "stored (no Python was found)"));
+    let empty = html(
+        &results(Vec::new(), "stored (no Python was found)"),
+        &Extras::default(),
+    );
     assert!(parse(&empty).select("h1")[0].text().contains("No case was run"));
-    parse(&html(&results(vec![CaseResult::default()], "live")));
+    parse(&html(
+        &results(vec![CaseResult::default()], "live"),
+        &Extras::default(),
+    ));
 }
 
 #[test]
 fn nothing_is_loaded_and_every_picture_has_words() {
-    let page = html(&example());
+    let page = html(&example(), &Extras::default());
     let document = parse(&page);
     for image in document.select("img") {
         assert!(
@@ -505,23 +498,23 @@ fn examples_to_look_at() {
         ("hostile.html", results(vec![hostile(), not_rendered()], HOSTILE)),
     ];
     for (name, results) in pages {
-        std::fs::write(folder.join(name), html(&results)).unwrap();
+        std::fs::write(folder.join(name), html(&results, &Extras::default())).unwrap();
     }
 }
 
 #[test]
 fn the_matrix_shows_what_fails_and_why_the_rest_was_left_out() {
     use crate::matrix::{Cell, Outcome, Tally};
-    let cell = |axis, setting: &str, outcome, told: &str| Cell {
+    let cell = |axis: &str, setting: &str, outcome, told: &str| Cell {
         scene: "shapes/sphere".to_owned(),
-        axis,
+        axis: axis.to_owned(),
         setting: setting.to_owned(),
         outcome,
         against: String::new(),
         told: told.to_owned(),
     };
     let mut results = example();
-    assert!(!html(&results).contains("id=\"matrix\""));
+    assert!(!html(&results, &Extras::default()).contains("id=\"matrix\""));
     results.results.retain(|case| case.status == Some(Status::Pass));
     results.matrix = vec![
         cell("accelerator", "bvh", Outcome::Pass, "the same bytes"),
@@ -529,7 +522,7 @@ fn the_matrix_shows_what_fails_and_why_the_rest_was_left_out() {
         cell("filter", "all", Outcome::Skipped, "no texture in use"),
     ];
     results.summary.matrix = Tally::of(&results.matrix);
-    let text = html(&results);
+    let text = html(&results, &Extras::default());
     assert!(
         text.contains("1 setting of the matrix does not hold"),
         "the verdict"
@@ -543,12 +536,80 @@ fn the_matrix_shows_what_fails_and_why_the_rest_was_left_out() {
     // A failing setting makes a failing page, though all cases pass.
     assert!(page.select("h1.fail").len() == 1);
     results.matrix.remove(1);
-    assert!(parse(&html(&results)).select("h1.pass").len() == 1);
+    assert!(parse(&html(&results, &Extras::default())).select("h1.pass").len() == 1);
 }
 
 #[test]
 fn a_case_shows_what_was_used_and_what_it_takes() {
-    let text = html(&example());
-    assert!(text.contains("camera perspective, shape sphere"));
+    let text = html(&example(), &Extras::default());
+    assert!(text.contains("material/matte, shape/sphere"));
     assert!(text.contains("film: 110592 bytes; 9216 rays from the camera, 1 a pixel"));
+}
+
+#[test]
+fn plugins_can_be_chosen_and_rows_name_theirs() {
+    let page = html(&example(), &Extras::default());
+    let document = parse(&page);
+    let options: Vec<String> = document
+        .select("#plugin option")
+        .iter()
+        .filter_map(|option| option.attribute("value"))
+        .collect();
+    assert_eq!(options, ["", "material/matte", "shape/sphere"]);
+    assert_eq!(
+        document.select("tr[data-case='case-1']")[0]
+            .attribute("data-plugins")
+            .as_deref(),
+        Some("material/matte shape/sphere")
+    );
+    let pixels = document.select("#case-1 .pictures")[0].attribute("data-pixels");
+    assert!(pixels.is_some_and(|text| text.len() > 1000));
+    let drawing = document.select("main")[0].attribute("data-drawing").unwrap();
+    let drawing: serde_json::Value = serde_json::from_str(&drawing).unwrap();
+    assert_eq!(drawing["magma"].as_array().map(Vec::len), Some(768));
+    assert_eq!(drawing["relative"], serde_json::json!([1e-7, 1e-1]));
+}
+
+#[test]
+fn changes_and_diagrams_have_their_sections() {
+    let page = html(&example(), &Extras::default());
+    let document = parse(&page);
+    assert!(document.select("#changes").is_empty() && document.select("#studies").is_empty());
+    let mut old = example();
+    old.results[0].scene = HOSTILE.to_owned();
+    old.results[2].status = Some(Status::Pass);
+    let old: Baseline = serde_json::from_str(&serde_json::to_string(&old).unwrap()).unwrap();
+    let extras = Extras {
+        changes: Some(Changes::between(HOSTILE.to_owned(), &old, &example())),
+        diagrams: vec![Diagram {
+            name: "samples".to_owned(),
+            title: HOSTILE.to_owned(),
+            about: HOSTILE.to_owned(),
+            verdict: "pass".to_owned(),
+            svg: "<svg><circle><title>grid: RMSE 1e-3\nwhitstone render</title></circle></svg>".to_owned(),
+        }],
+    };
+    let page = html(&example(), &extras);
+    let document = parse(&page);
+    let changes = document.select("#changes")[0].text();
+    for part in ["broken", "pass FAIL", "gone", "7 cases are as they were"] {
+        assert!(changes.contains(part), "{part} is not in {changes}");
+    }
+    assert!(
+        document.select("#studies circle title")[0]
+            .text()
+            .contains("whitstone render")
+    );
+    assert!(document.select("[onerror]").is_empty() && document.select("script").len() == 1);
+}
+
+#[test]
+fn results_are_read_as_they_were_written() {
+    let mut results = example();
+    results.results[2].worst[0].tried = Some([[0.0, f64::NEG_INFINITY, 1.0], [1.0; 3]]);
+    let text = serde_json::to_string(&results).unwrap();
+    let read: Results = serde_json::from_str(&text).unwrap();
+    assert!(read.results[2].worst[1].ours[0].is_nan());
+    // What JSON cannot say stays unsaid when it is written again.
+    assert_eq!(serde_json::to_string(&read).unwrap(), text);
 }

@@ -1,14 +1,16 @@
 //! What the templates show of the results.
 
-use super::ERROR_VIEW;
-use super::number::{Limited, Number, plain, precise, scientific};
+use super::changes::{Changes, Kind};
+use super::number::{Limited, Number, plain, plain_count, precise, scientific, short};
+use super::script::{drawing, plugins};
+use super::{ERROR_VIEW, Extras};
 use crate::explain::Reason;
 use crate::matrix::{Row, Tally, rows};
 use crate::{CaseResult, LeftOut, Pictures, Provenance, Results, Status, WorstPixel, counted};
 use askama::Template;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use whitstone_image::Tolerance;
 use whitstone_image::error_map::legend;
 
@@ -22,7 +24,7 @@ const LARGEST_SCALE: usize = 16;
 #[template(path = "page.html", config = "src/report/askama.toml")]
 pub(super) struct Page<'a> {
     style: &'static str,
-    script: &'static str,
+    scripts: [&'static str; 3],
     verdict: Verdict,
     tiles: Vec<Tile>,
     references: &'a str,
@@ -30,10 +32,16 @@ pub(super) struct Page<'a> {
     provenance: Vec<(&'static str, String)>,
     tolerance: String,
     scale: ScaleView,
+    /// What the script draws error pictures by, as JSON.
+    drawing: String,
+    /// By family, for the filter.
+    plugins: BTreeMap<&'a str, BTreeSet<&'a str>>,
     columns: &'static [Column],
     cases: Vec<CaseView<'a>>,
     left_out: &'a [LeftOut],
     matrix: Vec<Row<'a>>,
+    diagrams: &'a [super::Diagram],
+    changes: Option<&'a Changes>,
 }
 
 /// The first thing that a reader wants to know.
@@ -136,6 +144,8 @@ struct CaseView<'a> {
     checked: Vec<Checked>,
     measured: Vec<Measured>,
     pictures: Vec<Picture>,
+    pixels: String,
+    plugins: String,
     worst: Vec<Pixel<'a>>,
     over: Number,
     layers: Vec<Layer<'a>>,
@@ -195,7 +205,7 @@ struct Layer<'a> {
 
 impl<'a> Page<'a> {
     /// Failures come first.
-    pub(super) fn new(results: &'a Results) -> Self {
+    pub(super) fn new(results: &'a Results, extras: &'a Extras) -> Self {
         let mut cases: Vec<CaseView> = results
             .results
             .iter()
@@ -206,7 +216,11 @@ impl<'a> Page<'a> {
         let (low, high) = ERROR_VIEW.scale.ends();
         Self {
             style: include_str!("page.css"),
-            script: include_str!("page.js"),
+            scripts: [
+                include_str!("page.js"),
+                include_str!("viewer.js"),
+                include_str!("studies.js"),
+            ],
             verdict: verdict(results),
             tiles: tiles(results),
             references: &results.summary.references,
@@ -223,10 +237,14 @@ impl<'a> Page<'a> {
                 middle: short(ERROR_VIEW.scale.middle()),
                 high: short(high),
             },
+            drawing: drawing(),
+            plugins: plugins(&results.results),
             columns: &COLUMNS,
             cases,
             left_out: &results.left_out,
             matrix: rows(&results.matrix),
+            diagrams: &extras.diagrams,
+            changes: extras.changes.as_ref(),
         }
     }
 
@@ -348,12 +366,6 @@ fn tolerance() -> String {
     )
 }
 
-/// A round number as short as it can be: `1e-4`.
-fn short(value: f64) -> String {
-    let rounded: f64 = format!("{value:.2e}").parse().unwrap_or(value);
-    format!("{rounded:e}")
-}
-
 fn data_uri(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", STANDARD.encode(png))
 }
@@ -378,10 +390,11 @@ impl<'a> CaseView<'a> {
             id: format!("case-{}", index + 1),
             failed,
             words: format!(
-                "{} {} {twin} {source} {}",
+                "{} {} {twin} {source} {} {}",
                 case.scene,
                 case.config,
-                if failed { "fail" } else { "pass" }
+                if failed { "fail" } else { "pass" },
+                case.plugins.join(" ")
             )
             .to_lowercase(),
             size: if rendered {
@@ -417,6 +430,11 @@ impl<'a> CaseView<'a> {
                 .pictures
                 .as_ref()
                 .map_or_else(Vec::new, |pictures| views(case, pictures)),
+            pixels: case
+                .pictures
+                .as_ref()
+                .map_or_else(String::new, |pictures| STANDARD.encode(&pictures.pixels)),
+            plugins: case.plugins.join(" "),
             worst: case
                 .worst
                 .iter()
@@ -656,15 +674,6 @@ fn in_words(reason: &Reason) -> String {
             "ill-conditioned: {} units in the last place of its rays and one of its vertices take the reference to our value",
             plain_count(*ulps)
         ),
-    }
-}
-
-/// A small number without places that say nothing.
-fn plain_count(value: f64) -> String {
-    if value.fract() == 0.0 {
-        format!("{value:.0}")
-    } else {
-        plain(value)
     }
 }
 

@@ -115,6 +115,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         // After each: a run that is broken off has written what it has.
         write(arguments, &reports)?;
     }
+    super::report::keep_studies(&arguments.target, &reports)?;
     bar.finish_and_clear();
     for page in &arguments.page {
         write_page(page, &reports)?;

@@ -6,13 +6,16 @@ pub mod completions;
 pub mod converge;
 pub mod doctor;
 pub mod explain;
+mod junit;
 pub mod list;
 pub mod new_plugin;
 #[cfg(any(feature = "converge", feature = "stress"))]
 mod page;
 pub mod reference;
 pub mod render;
+pub mod report;
 pub mod schema;
+pub mod sensitivity;
 pub mod shrink;
 #[cfg(feature = "stress")]
 pub mod stress;
@@ -45,6 +48,7 @@ pub enum Command {
     Render(render::Arguments),
     Validate(validate::Arguments),
     Shrink(shrink::Arguments),
+    Report(report::Arguments),
     Compare(compare::Arguments),
     Explain(explain::Arguments),
     #[cfg(feature = "stress")]
@@ -53,6 +57,7 @@ pub enum Command {
     Converge(converge::Arguments),
     List(list::Arguments),
     Schema(schema::Arguments),
+    Sensitivity(sensitivity::Arguments),
     NewPlugin(new_plugin::Arguments),
     Doctor(doctor::Arguments),
     Completions(completions::Arguments),
@@ -66,6 +71,7 @@ impl Command {
             Self::Render(arguments) => render::run(arguments, registry),
             Self::Validate(arguments) => validate::run(arguments, registry, program),
             Self::Shrink(arguments) => shrink::run(arguments, registry, program),
+            Self::Report(arguments) => report::run(arguments, program),
             Self::Compare(arguments) => compare::run(arguments),
             Self::Explain(arguments) => explain::run(arguments, registry),
             #[cfg(feature = "stress")]
@@ -74,6 +80,7 @@ impl Command {
             Self::Converge(arguments) => converge::run(arguments, registry, program),
             Self::List(arguments) => list::run(arguments, registry),
             Self::NewPlugin(arguments) => new_plugin::run(arguments, registry),
+            Self::Sensitivity(arguments) => sensitivity::run(arguments, registry, program),
             Self::Schema(arguments) => schema::run(arguments, registry),
             Self::Doctor(arguments) => doctor::run(arguments, registry),
             Self::Completions(arguments) => completions::run(arguments, Arguments::command(), program),

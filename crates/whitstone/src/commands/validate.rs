@@ -1,16 +1,17 @@
 //! `validate`: scenes against a reference, with a report.
 
+use super::junit::{self, Case, Outcome};
+use super::report;
 use crate::terminal::{Exit, Failure, progress};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use whitstone_core::Registry;
-use whitstone_image::atomic;
 use whitstone_validate::driver::Versions;
 use whitstone_validate::matrix::{self, Row, Tally};
 use whitstone_validate::{
     CaseResult, LeftOut, Mode, Options, Provenance, Renderer, Results, Status, Summary, Validator, counted,
-    find_scenes, quoted, report,
+    find_scenes, quoted,
 };
 
 const SCENES: &str = "scenes";
@@ -58,6 +59,9 @@ pub struct Arguments {
     /// Write the results to this file too
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Write the verdicts to this file as JUnit XML, which most CI systems show
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
 }
 
 /// See [`Mode`] and [`Renderer`].
@@ -236,7 +240,10 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         matrix,
     };
     let folder = arguments.target.join("validate");
-    write_results(&results, &folder, arguments.json.as_deref())?;
+    report::write(&results, &arguments.target, arguments.json.as_deref())?;
+    if let Some(path) = &arguments.junit {
+        junit::write(path, "whitstone validate", &junit_cases(&results))?;
+    }
     print_summary(&results.summary, &folder);
     if let Some(problem) = validator.broken() {
         let (renderer, mode) = arguments.reference.parts();
@@ -283,17 +290,22 @@ fn verdict(cases: &[CaseResult], matrix: Tally) -> Result<Exit, Failure> {
     )))
 }
 
-fn write_results(results: &Results, folder: &Path, json: Option<&Path>) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(Failure::environment)?;
-    let text = serde_json::to_string_pretty(results).map_err(Failure::environment)? + "\n";
-    for path in [Some(folder.join("results.json").as_path()), json]
-        .into_iter()
-        .flatten()
-    {
-        atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
-    }
-    let page = report::html(results);
-    atomic::write_bytes(folder.join("index.html"), page.as_bytes()).map_err(Failure::environment)
+fn junit_cases(results: &Results) -> Vec<Case> {
+    let compared = results.results.iter().map(|case| Case {
+        name: case.scene.clone(),
+        seconds: case.build_s + case.render_s,
+        outcome: match (case.status, case.compared) {
+            (Some(Status::Pass), _) => Outcome::Pass,
+            (_, true) => Outcome::Fails(case.problems.join("\n")),
+            (_, false) => Outcome::Error(case.problems.join("\n")),
+        },
+    });
+    let left_out = results.left_out.iter().map(|left| Case {
+        name: left.scene.clone(),
+        seconds: 0.0,
+        outcome: Outcome::Skipped(left.reason.clone()),
+    });
+    compared.chain(left_out).collect()
 }
 
 /// The heads of the columns of [`print_case`].

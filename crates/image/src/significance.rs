@@ -1,0 +1,316 @@
+//! Whether noise explains a difference: a test for each pixel and channel, where the files say how much noise there is.
+//!
+//! An image of random samples says it by layers, for each channel C of R, G, B:
+//!
+//! | layer | what it holds |
+//! |---|---|
+//! | `variance.C` | the variance of *one sample* of the pixel (divided by n - 1, not by n) |
+//! | `m2.C`, in its place | the mean of the squared samples |
+//! | `samples.N` | the samples n of the pixel; else the text attribute `whitstone:samples` counts for all |
+//!
+//! The variance of a pixel's mean is then that of one sample over n. With layers on both sides this is Welch's test
+//! (*The generalization of "Student's" problem when several different population variances are involved*, Biometrika 34, 1947,
+//! with the degrees of freedom of Satterthwaite 1946); with layers on one side, the other one counts as exact and this is a
+//! Z-test, which takes the variance for known: some hundred samples are enough for that.
+//!
+//! So many tests find something by chance. A value is *significant* where its p is below 1 - (1 - level)^(1/N), N being the
+//! number of tests (Šidák 1967), as in Mitsuba 3's `test_renders.py`: then any significant value at all has a probability of at most
+//! the level if the two renderers agree. What is within the pixel tolerance is not tested, since the rounding of a picture without
+//! noise is significant at any level.
+
+use crate::mask::Mask;
+use crate::metrics::{CompareError, Pair, Side, Tolerance};
+use crate::planes::{Image, ImageError, RGB};
+use serde::Serialize;
+
+/// Which test was made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Test {
+    /// One side has noise.
+    Z,
+    /// Both have.
+    Welch,
+}
+
+/// What the tests of all pixels and channels found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Significance {
+    /// Which test.
+    pub test: Test,
+    /// The probability of a significant value by chance, over all of them together.
+    pub level: f64,
+    /// How many tests there were: all values of the image.
+    pub tests: usize,
+    /// Below this p a value is significant.
+    pub threshold: f64,
+    /// Pixels with a significant value.
+    pub pixels: usize,
+    /// The least p of all.
+    pub least_p: f64,
+    /// Column and row of that; `None` where nothing is over the tolerance.
+    pub least_at: Option<[usize; 2]>,
+    /// The significant pixels.
+    #[serde(skip)]
+    pub mask: Mask,
+}
+
+/// Why there can be no test.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SignificanceError {
+    /// As for every comparison.
+    #[error(transparent)]
+    Compare(#[from] CompareError),
+    /// Layers that do not belong together.
+    #[error("{side}: {error}")]
+    Layers {
+        /// The image.
+        side: Side,
+        /// What is missing.
+        error: ImageError,
+    },
+    /// The number of samples is not told.
+    #[error(
+        "{side} has layers of variance, but neither a layer `samples.N` nor an attribute `whitstone:samples`"
+    )]
+    Samples {
+        /// The image.
+        side: Side,
+    },
+    /// A variance below 0 or not finite, or less than two samples.
+    #[error("{side} says {what} at column {x}, row {y}: no variance can be had from that")]
+    Value {
+        /// The image.
+        side: Side,
+        /// The value.
+        what: String,
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+    },
+}
+
+/// Tests every value at a `level` between 0 and 1; `None` if neither image has the layers.
+///
+/// # Errors
+/// [`SignificanceError`]: what cannot be compared at all, layers that are incomplete or have impossible values, a level out of range.
+pub fn significance(
+    ours: &Image,
+    reference: &Image,
+    level: f64,
+    tolerance: Tolerance,
+) -> Result<Option<Significance>, SignificanceError> {
+    if !(level > 0.0 && level < 1.0) {
+        return Err(SignificanceError::Compare(CompareError::Option {
+            name: "level",
+            range: "above 0 and below 1",
+            value: level,
+        }));
+    }
+    let pair = Pair::new(ours, reference)?;
+    pair.check_finite()?;
+    let noise = [
+        Noise::of(ours, Side::Ours)?,
+        Noise::of(reference, Side::Reference)?,
+    ];
+    let test = match &noise {
+        [None, None] => return Ok(None),
+        [Some(_), Some(_)] => Test::Welch,
+        _ => Test::Z,
+    };
+    let tests = RGB.len() * pair.pixels();
+    // 1 - (1 - level)^(1/N), which rounds to nothing if written so.
+    let threshold = -((-level).ln_1p() / tests as f64).exp_m1();
+    let mean = pair.mean_reference();
+    let mut mask = Mask::new(pair.width, pair.pixels() / pair.width);
+    let (mut least_p, mut least_at) = (1.0_f64, None);
+    for index in 0..pair.pixels() {
+        let place = [index % pair.width, index / pair.width];
+        for (channel, (ours, reference)) in pair.at(index).into_iter().enumerate() {
+            let mut parts = [None; 2];
+            for (part, noise) in parts.iter_mut().zip(&noise) {
+                *part = noise
+                    .as_ref()
+                    .map(|noise| noise.at(index, channel, place))
+                    .transpose()?;
+            }
+            let difference = (ours - reference).abs();
+            if difference <= tolerance.relative * reference.abs() + tolerance.absolute * mean {
+                continue;
+            }
+            let p = match parts {
+                [Some(ours), Some(reference)] => welch(difference, ours, reference),
+                _ => z_test(
+                    difference,
+                    parts.into_iter().flatten().map(|part| part.of_mean()).sum(),
+                ),
+            };
+            if p < threshold {
+                mask.set(place[0], place[1], true);
+            }
+            if p < least_p || least_at.is_none() {
+                (least_p, least_at) = (p, Some(place));
+            }
+        }
+    }
+    Ok(Some(Significance {
+        test,
+        level,
+        tests,
+        threshold,
+        pixels: mask.count(),
+        least_p,
+        least_at,
+        mask,
+    }))
+}
+
+/// What an image says of its noise.
+struct Noise<'a> {
+    side: Side,
+    means: [&'a [f32]; 3],
+    /// Variances, or means of squares.
+    moments: [&'a [f32]; 3],
+    are_squares: bool,
+    samples: Samples<'a>,
+}
+
+enum Samples<'a> {
+    Each(&'a [f32]),
+    All(f64),
+}
+
+/// The noise of a value.
+#[derive(Clone, Copy)]
+struct Part {
+    /// Of one sample.
+    variance: f64,
+    samples: f64,
+}
+
+impl Part {
+    fn of_mean(self) -> f64 {
+        self.variance / self.samples
+    }
+}
+
+impl<'a> Noise<'a> {
+    fn of(image: &'a Image, side: Side) -> Result<Option<Self>, SignificanceError> {
+        let name = |layer: &str, channel: &str| format!("{layer}.{channel}");
+        let has = |layer: &str| RGB.iter().any(|c| image.channel(&name(layer, c)).is_some());
+        let layer = match (has("variance"), has("m2")) {
+            (true, _) => "variance",
+            (_, true) => "m2",
+            _ => return Ok(None),
+        };
+        let fail = |error| SignificanceError::Layers { side, error };
+        let [r, g, b] = RGB.map(|channel| image.require_channel(&name(layer, channel)));
+        let samples = match image.channel("samples.N") {
+            Some(each) => Samples::Each(each),
+            None => {
+                let told = image.attributes().get("samples");
+                let count = told.and_then(|text| text.trim().parse().ok());
+                Samples::All(count.ok_or(SignificanceError::Samples { side })?)
+            }
+        };
+        Ok(Some(Self {
+            side,
+            means: image.rgb().map_err(fail)?,
+            moments: [r.map_err(fail)?, g.map_err(fail)?, b.map_err(fail)?],
+            are_squares: layer == "m2",
+            samples,
+        }))
+    }
+
+    fn at(&self, index: usize, channel: usize, [x, y]: [usize; 2]) -> Result<Part, SignificanceError> {
+        let bad = |what: String| SignificanceError::Value {
+            side: self.side,
+            what,
+            x,
+            y,
+        };
+        let samples = match self.samples {
+            Samples::Each(each) => f64::from(each[index]),
+            Samples::All(count) => count,
+        };
+        if !(samples >= 2.0 && samples.is_finite()) {
+            return Err(bad(format!("{samples} samples")));
+        }
+        let moment = f64::from(self.moments[channel][index]);
+        if !(moment >= 0.0 && moment.is_finite()) {
+            return Err(bad(format!("{moment} for {}", RGB[channel])));
+        }
+        let variance = if self.are_squares {
+            let mean = f64::from(self.means[channel][index]);
+            // Rounding may leave a square of the mean that is larger.
+            (moment - mean * mean).max(0.0) * samples / (samples - 1.0)
+        } else {
+            moment
+        };
+        Ok(Part { variance, samples })
+    }
+}
+
+/// The probability of at least this difference by chance, of a normal distribution.
+fn z_test(difference: f64, variance_of_mean: f64) -> f64 {
+    if variance_of_mean == 0.0 {
+        return if difference == 0.0 { 1.0 } else { 0.0 };
+    }
+    libm::erfc(difference / (2.0 * variance_of_mean).sqrt())
+}
+
+/// The same of the difference of two means with variances of their own, none of them known.
+fn welch(difference: f64, ours: Part, reference: Part) -> f64 {
+    let (a, b) = (ours.of_mean(), reference.of_mean());
+    if a + b == 0.0 {
+        return z_test(difference, 0.0);
+    }
+    let degrees = (a + b) * (a + b) / (a * a / (ours.samples - 1.0) + b * b / (reference.samples - 1.0));
+    student(difference / (a + b).sqrt(), degrees)
+}
+
+/// Both tails of Student's distribution: I of degrees/(degrees + t²) with degrees/2 and 1/2 (DLMF 8.17).
+fn student(t: f64, degrees: f64) -> f64 {
+    let x = degrees / (degrees + t * t);
+    incomplete_beta(x, 1.0 - x, 0.5 * degrees, 0.5)
+}
+
+/// The regularised incomplete beta function of `x`; `rest` is 1 - x.
+fn incomplete_beta(x: f64, rest: f64, a: f64, b: f64) -> f64 {
+    if x <= 0.0 || rest <= 0.0 {
+        return if x <= 0.0 { 0.0 } else { 1.0 };
+    }
+    // The fraction converges fast on this side of the mean only.
+    if x > (a + 1.0) / (a + b + 2.0) {
+        return 1.0 - incomplete_beta(rest, x, b, a);
+    }
+    let front = libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b) + a * x.ln() + b * rest.ln();
+    front.exp() / (a * fraction(x, a, b))
+}
+
+/// The continued fraction of DLMF 8.17.22, by Lentz's method.
+fn fraction(x: f64, a: f64, b: f64) -> f64 {
+    const TINY: f64 = 1e-300;
+    let not_0 = |value: f64| if value.abs() < TINY { TINY } else { value };
+    let (mut value, mut c, mut d) = (1.0, 1.0, 0.0);
+    for step in 1..=10_000 {
+        let m = f64::from(step / 2);
+        let term = if step % 2 == 0 {
+            m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m))
+        } else {
+            -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0))
+        };
+        d = 1.0 / not_0(1.0 + term * d);
+        c = not_0(1.0 + term / c);
+        value *= c * d;
+        if (c * d - 1.0).abs() < 1e-15 {
+            break;
+        }
+    }
+    value
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,38 @@
+//! What the scripts of the page are told.
+
+use super::ERROR_VIEW;
+use crate::CaseResult;
+use crate::pixels::{CODES_A_DECADE, LEAST_RESIDUAL};
+use std::collections::{BTreeMap, BTreeSet};
+use whitstone_image::ColorMap;
+
+/// The other error pictures that the page draws by itself, also with scales that are the same in all reports: least and largest
+/// value in units of radiance, and size of the least and the largest relative value with a sign.
+const ABSOLUTE: [f64; 2] = [1e-7, 1e-1];
+const SIGNED: [f64; 2] = [1e-7, 1e-1];
+
+/// The tables and numbers that `viewer.js` needs.
+pub(super) fn drawing() -> String {
+    let table = |map: ColorMap| map.table().concat();
+    serde_json::json!({
+        "turbo": table(ColorMap::Turbo),
+        "diverging": table(ColorMap::Diverging),
+        "magma": table(ColorMap::Magma),
+        "relative": ERROR_VIEW.scale.ends(),
+        "absolute": ABSOLUTE,
+        "signed": SIGNED,
+        "least": LEAST_RESIDUAL,
+        "codes": CODES_A_DECADE,
+    })
+    .to_string()
+}
+
+/// All plugins that some case uses, by family.
+pub(super) fn plugins(cases: &[CaseResult]) -> BTreeMap<&str, BTreeSet<&str>> {
+    let mut families: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for plugin in cases.iter().flat_map(|case| &case.plugins) {
+        let (family, name) = plugin.split_once('/').unwrap_or(("", plugin));
+        families.entry(family).or_default().insert(name);
+    }
+    families
+}

@@ -1,0 +1,193 @@
+//! Two folders of images, matched by their paths.
+
+use super::super::junit::{self, Case, Outcome};
+use super::measure::Comparison;
+use super::{Arguments, pair, write_trio};
+use crate::terminal::{Exit, Failure, progress, write_json};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use whitstone_validate::counted;
+
+/// A path below both folders, and what came of it.
+struct Row {
+    name: String,
+    /// A comparison, or why there is none.
+    found: Result<Comparison, String>,
+    json: Value,
+}
+
+/// Compares all that can be compared, and fails by what cannot.
+pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
+    let (ours, reference) = (images(&arguments.ours)?, images(&arguments.reference)?);
+    let all: BTreeSet<&PathBuf> = ours.union(&reference).collect();
+    if all.is_empty() {
+        return Err(Failure::usage(format!(
+            "there are no files *.exr below {} and {}",
+            arguments.ours.display(),
+            arguments.reference.display()
+        )));
+    }
+    let bar = progress(all.len() as u64, "comparing");
+    let mut rows = Vec::new();
+    for path in all {
+        let name = name(path);
+        bar.set_message(name.clone());
+        let found = match (ours.contains(path), reference.contains(path)) {
+            (true, true) => compare(arguments, path),
+            (true, false) => Err(format!("it is not below {}", arguments.reference.display())),
+            _ => Err(format!("it is not below {}", arguments.ours.display())),
+        };
+        let [ours, reference] = [&arguments.ours, &arguments.reference].map(|folder| folder.join(path));
+        let json = match &found {
+            Ok(comparison) => comparison.json(arguments, &ours, &reference),
+            Err(problem) => json!({ "status": "error", "problems": [problem] }),
+        };
+        rows.push(Row { name, found, json });
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    print(&rows);
+    write(arguments, &rows)?;
+    end(&rows)
+}
+
+fn compare(arguments: &Arguments, path: &Path) -> Result<Comparison, String> {
+    let told = |failure: Failure| match failure {
+        Failure::Usage(problem) | Failure::Environment(problem) => problem,
+    };
+    let [ours, reference] = [&arguments.ours, &arguments.reference].map(|folder| folder.join(path));
+    let (comparison, [ours, reference]) = pair(arguments, &ours, &reference).map_err(told)?;
+    if let Some(folder) = &arguments.png {
+        let picture = folder.join(path).with_extension("png");
+        let parent = picture.parent().unwrap_or(folder);
+        std::fs::create_dir_all(parent).map_err(|error| format!("{}: {error}", parent.display()))?;
+        write_trio(arguments, &ours, &reference, &picture).map_err(told)?;
+    }
+    Ok(comparison)
+}
+
+/// All images below a folder, by their paths in it. Links to folders are not followed: they may lead in circles.
+fn images(folder: &Path) -> Result<BTreeSet<PathBuf>, Failure> {
+    let mut found = BTreeSet::new();
+    let mut open = vec![PathBuf::new()];
+    while let Some(below) = open.pop() {
+        let path = folder.join(&below);
+        let at = |error: std::io::Error| Failure::usage(format!("{}: {error}", path.display()));
+        for entry in std::fs::read_dir(&path).map_err(at)? {
+            let entry = entry.map_err(at)?;
+            let inside = below.join(entry.file_name());
+            if entry.file_type().map_err(at)?.is_dir() {
+                open.push(inside);
+            } else if inside
+                .extension()
+                .is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
+            {
+                found.insert(inside);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The same on every system.
+fn name(path: &Path) -> String {
+    let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
+    parts.join("/")
+}
+
+fn counts(rows: &[Row]) -> [usize; 3] {
+    let count = |of: fn(&Row) -> bool| rows.iter().filter(|row| of(row)).count();
+    [
+        count(|row| row.found.as_ref().is_ok_and(|found| found.broken.is_empty())),
+        count(|row| row.found.as_ref().is_ok_and(|found| !found.broken.is_empty())),
+        count(|row| row.found.is_err()),
+    ]
+}
+
+fn print(rows: &[Row]) {
+    let width = rows
+        .iter()
+        .map(|row| row.name.chars().count())
+        .max()
+        .unwrap_or(0)
+        .max(5);
+    println!(
+        "       {:<width$}  {:>10}  {:>17}  {:>8}  {:>8}  {:>8}",
+        "image", "rmse", "rel_rmse_interior", "over", "ssim", "flip"
+    );
+    for Row { name, found, json } in rows {
+        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3e}"));
+        match found {
+            Ok(found) => {
+                let status = if found.broken.is_empty() { "pass " } else { "FAIL " };
+                let metrics = found.metrics.as_ref();
+                println!(
+                    "{status}  {name:<width$}  {:>10}  {:>17}  {:>8}  {:>8}  {:>8}",
+                    number(metrics.map(|metrics| metrics.rmse)),
+                    number(metrics.and_then(|metrics| metrics.rel_rmse_interior)),
+                    found.over,
+                    found
+                        .ssim
+                        .flatten()
+                        .map_or_else(|| "-".to_owned(), |ssim| format!("{ssim:.4}")),
+                    json["flip"]
+                        .as_f64()
+                        .map_or_else(|| "-".to_owned(), |flip| format!("{flip:.4}")),
+                );
+                for broken in &found.broken {
+                    println!("       {broken}");
+                }
+            }
+            Err(problem) => println!("ERROR  {name:<width$}  {}", problem.replace('\n', "\n       ")),
+        }
+    }
+    let [passed, failed, errors] = counts(rows);
+    println!(
+        "\n{}: {passed} passed, {failed} failed, {errors} could not be compared",
+        counted(rows.len(), "image")
+    );
+}
+
+fn write(arguments: &Arguments, rows: &[Row]) -> Result<(), Failure> {
+    if let Some(path) = &arguments.json {
+        let [passed, failed, errors] = counts(rows);
+        let images: Vec<Value> = rows
+            .iter()
+            .map(|row| {
+                let mut image = row.json.clone();
+                image["name"] = Value::from(row.name.as_str());
+                image
+            })
+            .collect();
+        let value = json!({
+            "summary": { "images": rows.len(), "passed": passed, "failed": failed, "errors": errors },
+            "images": images,
+        });
+        write_json(path, &value)?;
+    }
+    if let Some(path) = &arguments.junit {
+        let case = |row: &Row| match &row.found {
+            Ok(comparison) => comparison.junit(row.name.clone()),
+            Err(problem) => Case {
+                name: row.name.clone(),
+                seconds: 0.0,
+                outcome: Outcome::Error(problem.clone()),
+            },
+        };
+        let cases: Vec<Case> = rows.iter().map(case).collect();
+        junit::write(path, "whitstone compare", &cases)?;
+    }
+    Ok(())
+}
+
+/// A difference decides; only if there is none, it matters that something could not be compared.
+fn end(rows: &[Row]) -> Result<Exit, Failure> {
+    match counts(rows) {
+        [_, 0, 0] => Ok(Exit::Pass),
+        [_, 0, errors] => Err(Failure::usage(format!(
+            "images that could not be compared: {errors}; see above"
+        ))),
+        _ => Ok(Exit::Differs),
+    }
+}

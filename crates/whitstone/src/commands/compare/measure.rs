@@ -1,0 +1,325 @@
+//! What is measured of two images, held to the limits, printed and written.
+
+use super::super::junit::{Case, Outcome};
+use super::Arguments;
+use crate::terminal::{Exit, Failure};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::time::Instant;
+use whitstone_image::areas::{Area, largest};
+use whitstone_image::edges::edges;
+use whitstone_image::flip::{flip, flip_ldr};
+use whitstone_image::metrics::{self, NotFinite, WorstPixel};
+use whitstone_image::significance::{Significance, Test, significance};
+use whitstone_image::{CompareOptions, Image, Metrics, compare, ssim};
+use whitstone_validate::counted;
+
+/// The level of the tests where none is given, and nothing is decided by them.
+const LEVEL: f64 = 0.01;
+
+/// What was found.
+pub(super) struct Comparison {
+    pub(super) not_finite: NotFinite,
+    /// Absent where values are not finite.
+    pub(super) metrics: Option<Metrics>,
+    /// Pixels at edges of layers, left out of the interior; absent where no layer was named.
+    pub(super) excluded: Option<usize>,
+    /// Means of FLIP over exposures and of what is shown as it is, if wanted.
+    flip: Option<[f64; 2]>,
+    /// If wanted; nothing inside for an image smaller than its window.
+    pub(super) ssim: Option<Option<f64>>,
+    /// Where the files have layers of variance.
+    significance: Option<Significance>,
+    pub(super) over: usize,
+    area: Option<Area>,
+    worst: Vec<WorstPixel>,
+    seconds: f64,
+    /// Each limit that was not kept, with the value.
+    pub(super) broken: Vec<String>,
+}
+
+/// Measures what the arguments want, and holds it to their limits.
+pub(super) fn measure(arguments: &Arguments, ours: &Image, reference: &Image) -> Result<Comparison, Failure> {
+    let start = Instant::now();
+    let tolerance = arguments.tolerance();
+    let not_finite = metrics::count_not_finite(ours, reference).map_err(Failure::usage)?;
+    let finite = not_finite == NotFinite::default();
+    let exclude = match arguments.edges_of.as_slice() {
+        [] => None,
+        layers => Some(edges(ours, reference, layers).map_err(Failure::usage)?),
+    };
+    let options = CompareOptions {
+        tolerance,
+        exclude: exclude.as_ref(),
+        psnr_peak: None,
+    };
+    let when = |wanted: bool| finite && wanted;
+    let metrics = match finite {
+        true => Some(compare(ours, reference, &options).map_err(Failure::usage)?),
+        false => None,
+    };
+    let flip = match when(arguments.flip || arguments.max_flip.is_some()) {
+        true => Some([
+            flip(ours, reference).map_err(Failure::usage)?.mean,
+            flip_ldr(ours, reference).map_err(Failure::usage)?.mean,
+        ]),
+        false => None,
+    };
+    let ssim = match when(arguments.ssim || arguments.min_ssim.is_some()) {
+        true => Some(ssim(ours, reference, arguments.tone()).map_err(Failure::usage)?),
+        false => None,
+    };
+    if arguments.min_ssim.is_some() && ssim == Some(None) {
+        return Err(Failure::usage(
+            "the images are too small for SSIM, whose window has 11 x 11 pixels",
+        ));
+    }
+    let significance = match finite {
+        true => {
+            let level = arguments.significance.unwrap_or(LEVEL);
+            significance(ours, reference, level, tolerance).map_err(Failure::usage)?
+        }
+        false => None,
+    };
+    if when(arguments.significance.is_some()) && significance.is_none() {
+        return Err(Failure::usage(
+            "--significance needs layers variance.R, variance.G, variance.B, or m2.R, m2.G, m2.B, in one of the images",
+        ));
+    }
+    let over = metrics::over_tolerance(ours, reference, tolerance).map_err(Failure::usage)?;
+    let worst = metrics::worst(ours, reference, arguments.worst, Some(&over)).map_err(Failure::usage)?;
+    let mut comparison = Comparison {
+        not_finite,
+        metrics,
+        excluded: exclude.map(|mask| mask.count()),
+        flip,
+        ssim,
+        significance,
+        over: over.count(),
+        area: largest(&over),
+        worst,
+        seconds: start.elapsed().as_secs_f64(),
+        broken: Vec::new(),
+    };
+    comparison.broken = comparison.broken_limits(arguments);
+    Ok(comparison)
+}
+
+impl Comparison {
+    pub(super) fn exit(&self) -> Exit {
+        match self.broken.is_empty() {
+            true => Exit::Pass,
+            false => Exit::Differs,
+        }
+    }
+
+    fn broken_limits(&self, arguments: &Arguments) -> Vec<String> {
+        let mut broken = Vec::new();
+        let NotFinite { ours, reference } = self.not_finite;
+        if ours + reference > 0 {
+            broken.push(format!("not finite: {}", counted(ours + reference, "value")));
+        }
+        if let Some(metrics) = &self.metrics {
+            let interior = (metrics.rel_rmse_interior, arguments.max_rel_rmse_interior);
+            if let (None, Some(_)) = interior {
+                broken.push("there is no interior to compare: all pixels are at edges".to_owned());
+            }
+            let limits = [
+                ("rmse", Some(metrics.rmse), arguments.max_rmse),
+                ("rel_rmse_interior", interior.0, interior.1),
+                ("flip", self.flip.map(|[hdr, _]| hdr), arguments.max_flip),
+            ];
+            for (name, value, limit) in limits {
+                if let (Some(value), Some(limit)) = (value, limit)
+                    && value > limit
+                {
+                    broken.push(format!("{name} {value:.3e} is above the limit {limit:.3e}"));
+                }
+            }
+        }
+        if let (Some(Some(value)), Some(limit)) = (self.ssim, arguments.min_ssim)
+            && value < limit
+        {
+            broken.push(format!("ssim {value:.6} is below the limit {limit:.6}"));
+        }
+        if let (Some(found), Some(_)) = (&self.significance, arguments.significance)
+            && found.pixels > 0
+        {
+            broken.push(format!(
+                "noise does not explain {} at the level {}",
+                counted(found.pixels, "pixel"),
+                found.level
+            ));
+        }
+        if let Some(limit) = arguments.max_over()
+            && self.over > limit
+        {
+            broken.push(format!(
+                "{} pixels are over tolerance, more than {limit}",
+                self.over
+            ));
+        }
+        if let (Some(area), Some(limit)) = (self.area, arguments.max_area)
+            && area.pixels > limit
+        {
+            broken.push(format!(
+                "{} connected pixels are over tolerance, more than {limit}",
+                area.pixels
+            ));
+        }
+        broken
+    }
+
+    pub(super) fn print(&self, ours: &Image, reference: &Image) {
+        let row = |name: &str, value: &str| println!("{name:<22} {value}");
+        row("size", &format!("{} x {}", ours.width(), ours.height()));
+        let NotFinite {
+            ours: in_ours,
+            reference: in_reference,
+        } = self.not_finite;
+        row(
+            "not finite",
+            &format!("{in_ours} in ours, {in_reference} in the reference"),
+        );
+        if let Some(metrics) = &self.metrics {
+            self.print_metrics(metrics);
+        }
+        if let Some([hdr, ldr]) = self.flip {
+            row(
+                "flip",
+                &format!("{hdr:.6} over exposures, {ldr:.6} at exposure 0"),
+            );
+        }
+        if let Some(ssim) = self.ssim {
+            let value = ssim.map_or_else(
+                || "- (smaller than its window of 11 x 11 pixels)".to_owned(),
+                |ssim| format!("{ssim:.6}"),
+            );
+            row("ssim", &value);
+        }
+        if let Some(found) = &self.significance {
+            let test = match found.test {
+                Test::Z => "Z-test",
+                Test::Welch => "Welch's test",
+            };
+            let value = format!(
+                "{} at the level {} ({test}); least p {:.2e}, significant below {:.2e}",
+                counted(found.pixels, "pixel"),
+                found.level,
+                found.least_p,
+                found.threshold
+            );
+            row("not explained by noise", &value);
+        }
+        row(
+            "pixels over tolerance",
+            &format!("{} of {}", self.over, ours.pixel_count()),
+        );
+        if let Some(Area { pixels, from, to }) = self.area {
+            let value = format!(
+                "{} within ({}, {}) to ({}, {})",
+                counted(pixels, "pixel"),
+                from[0],
+                from[1],
+                to[0],
+                to[1]
+            );
+            row("largest area of them", &value);
+        }
+        for pixel in &self.worst {
+            println!(
+                "  pixel ({}, {}): ours {:?}, reference {:?}, relative {:.3e}",
+                pixel.x, pixel.y, pixel.ours, pixel.reference, pixel.residual
+            );
+        }
+        let others = |image: &Image| -> Vec<String> {
+            let names = image.channels().map(|(name, _)| name.to_owned());
+            names
+                .filter(|name| !["R", "G", "B"].contains(&name.as_str()))
+                .collect()
+        };
+        let mut not_compared = [others(ours), others(reference)].concat();
+        not_compared.sort();
+        not_compared.dedup();
+        if !not_compared.is_empty() {
+            row("channels not compared", &not_compared.join(", "));
+        }
+        match self.broken.as_slice() {
+            [] => println!("pass"),
+            broken => println!("DIFFERS: {}", broken.join("; ")),
+        }
+    }
+
+    fn print_metrics(&self, metrics: &Metrics) {
+        let row = |name: &str, value: &str| println!("{name:<22} {value}");
+        let optional = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.6e}"));
+        row("rmse", &format!("{:.6e}", metrics.rmse));
+        let excluded = match self.excluded {
+            None => "no pixel excluded".to_owned(),
+            Some(count) => format!("{} at edges excluded", counted(count, "pixel")),
+        };
+        row(
+            "rel_rmse_interior",
+            &format!("{} ({excluded})", optional(metrics.rel_rmse_interior)),
+        );
+        row("relmse", &format!("{:.6e}", metrics.relmse));
+        row("mape", &format!("{:.6e}", metrics.mape));
+        row("smape", &format!("{:.6e}", metrics.smape));
+        row("mae", &format!("{:.6e}", metrics.mae));
+        row("max_abs", &format!("{:.6e}", metrics.max_abs));
+        row("signed_mean", &format!("{:.6e}", metrics.signed_mean));
+        let psnr = metrics
+            .psnr
+            .map_or_else(|| "-".to_owned(), |psnr| format!("{psnr:.2} dB"));
+        row("psnr", &format!("{psnr} (peak {:.6e})", metrics.psnr_peak));
+        row("mean_reference", &format!("{:.6e}", metrics.mean_reference));
+        if let Some(block) = &metrics.signed_block_bias {
+            let place = format!(
+                "{:.6e} in {} of the block at ({}, {})",
+                block.bias, block.channel, block.x, block.y
+            );
+            row("signed_block_bias", &place);
+        }
+    }
+
+    pub(super) fn json(&self, arguments: &Arguments, ours: &Path, reference: &Path) -> Value {
+        // JSON has no infinity: a residual of a value that is not finite is null, and so is the value.
+        json!({
+            "ours": ours,
+            "reference": reference,
+            "status": if self.broken.is_empty() { "pass" } else { "fail" },
+            "problems": self.broken,
+            "limits": {
+                "max_rmse": arguments.max_rmse,
+                "max_rel_rmse_interior": arguments.max_rel_rmse_interior,
+                "max_over": arguments.max_over(),
+                "max_area": arguments.max_area,
+                "max_flip": arguments.max_flip,
+                "min_ssim": arguments.min_ssim,
+                "significance": arguments.significance,
+            },
+            "tolerance": { "relative": arguments.relative, "absolute": arguments.absolute },
+            "nonfinite": self.not_finite,
+            "metrics": self.metrics,
+            "edge_pixels": self.excluded,
+            "flip": self.flip.map(|[hdr, _]| hdr),
+            "flip_ldr": self.flip.map(|[_, ldr]| ldr),
+            "ssim": self.ssim.flatten(),
+            "significance": self.significance,
+            "pixels_over_tolerance": self.over,
+            "largest_area": self.area,
+            "worst": self.worst,
+        })
+    }
+
+    pub(super) fn junit(&self, name: String) -> Case {
+        Case {
+            name,
+            seconds: self.seconds,
+            outcome: match self.broken.is_empty() {
+                true => Outcome::Pass,
+                false => Outcome::Fails(self.broken.join("\n")),
+            },
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! `sensitivity`: how small a fault is seen.
+
+use super::validate::ReferenceMode;
+use crate::terminal::{Exit, Failure, progress, write_json};
+use clap::Args;
+use serde_json::json;
+use std::path::PathBuf;
+use std::time::Duration;
+use whitstone_core::Registry;
+use whitstone_validate::sensitivity::{Effect, Parameter};
+use whitstone_validate::{Options, Validator};
+
+/// Change every number of a scene on our side only, until the comparison fails: the smallest change that is seen
+///
+/// Each number but those of the film and of [expect] is changed by a ten-millionth of itself, then by ten times as much, and so
+/// on up to ten times itself; whole numbers by one and by themselves. What no change of it makes fail is told, and what
+/// changes no pixel at all.
+///
+/// Exit code 0; 1 if the scene does not pass as it is.
+#[derive(Args, Debug)]
+#[command(after_help = "Example:\n  whitstone sensitivity scenes/shapes/sphere.toml")]
+pub struct Arguments {
+    /// The scene file (TOML)
+    scene: PathBuf,
+    /// Where the reference comes from
+    #[arg(long, value_enum, default_value_t = ReferenceMode::Stored)]
+    reference: ReferenceMode,
+    /// Write all numbers to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Folder for the environment and live references
+    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
+    target: PathBuf,
+    /// Folder with the drivers and the stored references
+    #[arg(long, default_value = "references", value_name = "DIR")]
+    references: PathBuf,
+    /// Threads; 0 for one a core
+    #[arg(long, default_value_t = 0, value_parser = super::threads)]
+    threads: usize,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
+    if !arguments.scene.is_file() {
+        return Err(Failure::usage(format!(
+            "there is no file {}",
+            arguments.scene.display()
+        )));
+    }
+    let (renderer, mode) = arguments.reference.parts();
+    let options = Options {
+        scenes: PathBuf::from("scenes"),
+        references: arguments.references.clone(),
+        target: arguments.target.clone(),
+        renderer,
+        mode,
+        reuse: true,
+        threads: arguments.threads,
+        overrides: Vec::new(),
+        ours_overrides: Vec::new(),
+        time_limit: Duration::from_secs(300),
+        program: program.to_owned(),
+        flags: String::new(),
+    };
+    let mut validator =
+        Validator::new(registry, options, &|text| eprintln!("{text}")).map_err(Failure::environment)?;
+    let bar = progress(1, "sensitivity");
+    let told = |index: usize, all: usize, name: &str| {
+        bar.set_length(all as u64);
+        bar.set_position(index as u64);
+        bar.set_message(name.to_owned());
+    };
+    let found = validator.sensitivity(&arguments.scene, &told);
+    bar.finish_and_clear();
+    let found = match found {
+        Ok(found) => found,
+        Err(problem) if problem.starts_with("the scene does not pass") => {
+            println!("{problem}");
+            return Ok(Exit::Differs);
+        }
+        Err(problem) => return Err(Failure::usage(problem)),
+    };
+    print(&found);
+    if let Some(path) = &arguments.json {
+        write_json(path, &json!({ "scene": arguments.scene, "parameters": found }))?;
+    }
+    Ok(Exit::Pass)
+}
+
+fn print(found: &[Parameter]) {
+    let width = found
+        .iter()
+        .map(|parameter| parameter.path.len())
+        .max()
+        .unwrap_or(0)
+        .max(6);
+    println!(
+        "{:<width$}  {:>12}  {:>10}  {:>10}",
+        "number", "value", "change", "of itself"
+    );
+    for Parameter { path, value, effect } in found {
+        let (change, text) = match effect {
+            Effect::Seen { change, problem } => (*change, format!("seen: {problem}")),
+            Effect::Unseen { change } => (*change, "NOT SEEN up to here, though pixels change".to_owned()),
+            Effect::NoPixel { change } => (*change, "no pixel changes up to here".to_owned()),
+            Effect::Refused { change, problem } => (*change, format!("refused: {problem}")),
+        };
+        let part = match value {
+            0.0 => "-".to_owned(),
+            value => format!("{:.1e}", change / value.abs()),
+        };
+        println!("{path:<width$}  {value:>12}  {change:>10.1e}  {part:>10}  {text}");
+    }
+    let count = |of: fn(&Effect) -> bool| found.iter().filter(|parameter| of(&parameter.effect)).count();
+    println!(
+        "\n{} numbers: {} seen, {} not seen, {} without a pixel, {} that cannot be changed",
+        found.len(),
+        count(|effect| matches!(effect, Effect::Seen { .. })),
+        count(|effect| matches!(effect, Effect::Unseen { .. })),
+        count(|effect| matches!(effect, Effect::NoPixel { .. })),
+        count(|effect| matches!(effect, Effect::Refused { .. })),
+    );
+}

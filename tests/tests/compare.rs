@@ -1,0 +1,285 @@
+//! `compare` of folders, of images with noise, by edges and by areas, and the JUnit XML that it writes.
+
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+use whitstone::image::{Image, exr_io};
+use whitstone_tests::{program, root};
+
+fn run(arguments: &[&str]) -> Output {
+    program!().current_dir(root()).args(arguments).output().unwrap()
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+fn check(arguments: &[&str], code: i32, parts: &[&str]) -> String {
+    let output = run(arguments);
+    let text = text(&output);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
+    for part in parts {
+        assert!(text.contains(part), "{arguments:?}: {part} is not in {text}");
+    }
+    text
+}
+
+/// A wall: its left half has the id 0 and is dark, the right one is bright and has the id 1.
+fn wall(change: impl Fn(usize, usize) -> f32) -> Image {
+    let left = |x: usize| x < 8;
+    let mut image = Image::from_fn(16, 16, |x, y| {
+        [if left(x) { 0.25 } else { 0.75 } + change(x, y); 3]
+    })
+    .unwrap();
+    let ids = (0..256).map(|i| if left(i % 16) { 0.0 } else { 1.0 });
+    image.add_channel("shape_id.I", ids.collect()).unwrap();
+    image
+}
+
+fn put(folder: &Path, name: &str, image: &Image) -> String {
+    let path = folder.join(name);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    exr_io::write(&path, image).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn folders_are_matched_by_path_and_what_is_missing_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (ours, reference) = (at("ours"), at("reference"));
+    let good = wall(|_, _| 0.0);
+    for (name, image) in [("a.exr", &good), ("deep/er/b.EXR", &good), ("deep/c.exr", &good)] {
+        for side in ["ours", "reference"] {
+            put(folder.path(), &format!("{side}/{name}"), image);
+        }
+    }
+    fs::write(folder.path().join("ours/notes.txt"), "not an image").unwrap();
+    let (json, junit, pictures) = (at("all.json"), at("all.xml"), at("pictures"));
+    let both = [ours.as_str(), reference.as_str()];
+    let all = |extra: &[&'static str]| [&["compare"], &both[..], extra].concat();
+    check(
+        &all(&[]),
+        0,
+        &[
+            "3 images: 3 passed, 0 failed, 0 could not be compared",
+            "deep/er/b.EXR",
+        ],
+    );
+
+    // One that only one side has: nothing differs, but something could not be compared.
+    put(folder.path(), "reference/only.exr", &good);
+    check(
+        &all(&[]),
+        2,
+        &["ERROR  only.exr", "it is not below", "could not be compared: 1"],
+    );
+
+    // A damaged and a differing one beside it: the others are compared all the same.
+    fs::write(folder.path().join("ours/a.exr"), "no image").unwrap();
+    put(
+        folder.path(),
+        "ours/deep/c.exr",
+        &wall(|x, y| if (x, y) == (3, 3) { 0.5 } else { 0.0 }),
+    );
+    let arguments = [
+        &["compare"],
+        &both[..],
+        &["--json", &json, "--junit", &junit, "--png", &pictures],
+    ]
+    .concat();
+    check(
+        &arguments,
+        1,
+        &[
+            "FAIL   deep/c.exr",
+            "ERROR  a.exr",
+            "4 images: 1 passed, 1 failed, 2 could not be compared",
+        ],
+    );
+    let value: Value = serde_json::from_slice(&fs::read(json).unwrap()).unwrap();
+    assert_eq!(
+        (&value["summary"]["errors"], &value["images"][1]["name"]),
+        (&Value::from(2), &Value::from("deep/c.exr"))
+    );
+    assert_eq!(value["images"][1]["metrics"]["width"], 16);
+    let junit = fs::read_to_string(junit).unwrap();
+    for part in [
+        "<testsuite name=\"whitstone compare\" tests=\"4\" failures=\"1\" errors=\"2\" skipped=\"0\"",
+        "<testcase name=\"deep/er/b.EXR\"",
+        "<failure message=\"1 pixels are over tolerance, more than 0\"",
+        "<error message=",
+    ] {
+        assert!(junit.contains(part), "{part} is not in {junit}");
+    }
+    assert!(folder.path().join("pictures/deep/c.png").is_file());
+    assert!(!folder.path().join("pictures/only.png").exists());
+
+    check(
+        &["compare", &ours, &at("reference/only.exr")],
+        2,
+        &["is a folder and"],
+    );
+    check(
+        &["compare", &at("pictures"), &at("pictures")],
+        2,
+        &["there are no files *.exr"],
+    );
+}
+
+#[test]
+fn edges_are_left_out_of_the_interior() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = put(folder.path(), "plain.exr", &wall(|_, _| 0.0));
+    let edge = put(
+        folder.path(),
+        "edge.exr",
+        &wall(|x, _| if x == 8 { 0.1 } else { 0.0 }),
+    );
+    let inside = put(
+        folder.path(),
+        "inside.exr",
+        &wall(|x, _| if x == 10 { 0.1 } else { 0.0 }),
+    );
+    let limit = ["--max-rel-rmse-interior", "1e-6"];
+    let with = |image: &str, extra: &[&str]| {
+        let fixed = ["compare", image, &plain];
+        [&fixed[..], &limit, extra]
+            .concat()
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<String>>()
+    };
+    let check = |arguments: Vec<String>, code, parts: &[&str]| {
+        check(
+            &arguments.iter().map(String::as_str).collect::<Vec<_>>(),
+            code,
+            parts,
+        )
+    };
+    check(with(&edge, &[]), 1, &["no pixel excluded"]);
+    check(
+        with(&edge, &["--edges-of", "shape_id.I"]),
+        0,
+        &["32 pixels at edges excluded"],
+    );
+    check(
+        with(&inside, &["--edges-of", "shape_id.I"]),
+        1,
+        &["rel_rmse_interior"],
+    );
+    check(
+        with(&edge, &["--edges-of", "R=0.3"]),
+        0,
+        &["32 pixels at edges excluded"],
+    );
+    check(with(&edge, &["--edges-of", "R=0"]), 0, &[]);
+    check(
+        with(&edge, &["--edges-of", "none.I"]),
+        2,
+        &["no channel `none.I`"],
+    );
+    check(with(&edge, &["--edges-of", "R"]), 2, &["R=STEP"]);
+}
+
+#[test]
+fn areas_and_structure_have_limits() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = put(folder.path(), "plain.exr", &wall(|_, _| 0.0));
+    let hole = |x: usize, y: usize| {
+        if (2..5).contains(&x) && (4..6).contains(&y) {
+            0.2
+        } else {
+            0.0
+        }
+    };
+    let spots = |x: usize, y: usize| if x % 5 == 1 && y % 5 == 1 { 0.2 } else { 0.0 };
+    let hole = put(folder.path(), "hole.exr", &wall(hole));
+    let spots = put(folder.path(), "spots.exr", &wall(spots));
+    check(
+        &["compare", &hole, &plain, "--max-area", "6"],
+        0,
+        &["6 pixels within (2, 4) to (4, 5)"],
+    );
+    check(
+        &["compare", &hole, &plain, "--max-area", "5"],
+        1,
+        &["6 connected pixels"],
+    );
+    check(
+        &["compare", &spots, &plain, "--max-area", "1"],
+        0,
+        &["pixels over tolerance"],
+    );
+    check(
+        &["compare", &plain, &plain, "--min-ssim", "1"],
+        0,
+        &["ssim                   1.000000"],
+    );
+    check(
+        &["compare", &hole, &plain, "--min-ssim", "0.99"],
+        1,
+        &["is below the limit 0.990000"],
+    );
+    check(
+        &["compare", &hole, &plain, "--ssim", "--max-over", "6"],
+        0,
+        &["ssim"],
+    );
+}
+
+#[test]
+fn noise_explains_what_it_can() {
+    let folder = tempfile::tempdir().unwrap();
+    let noisy = |fault: f32| {
+        let noise = |x: usize, y: usize| ((x * 7 + y * 11) % 5) as f32 * 0.01 - 0.02;
+        let mut image = wall(|x, y| noise(x, y) + if (x, y) == (9, 9) { fault } else { 0.0 });
+        for channel in ["R", "G", "B"] {
+            image
+                .add_channel(format!("variance.{channel}"), vec![0.04; 256])
+                .unwrap();
+        }
+        image.add_channel("samples.N", vec![400.0; 256]).unwrap();
+        image
+    };
+    let plain = put(folder.path(), "plain.exr", &wall(|_, _| 0.0));
+    let good = put(folder.path(), "good.exr", &noisy(0.0));
+    let bad = put(folder.path(), "bad.exr", &noisy(0.2));
+    let level = ["--significance", "0.01"];
+    for (ours, reference) in [(&good, &plain), (&plain, &good), (&good, &good)] {
+        check(
+            &[&["compare", ours, reference], &level[..]].concat(),
+            0,
+            &["not explained by noise 0 pixels"],
+        );
+    }
+    for (ours, reference, test) in [
+        (&bad, &plain, "Z-test"),
+        (&plain, &bad, "Z-test"),
+        (&bad, &good, "Welch's"),
+    ] {
+        let arguments = [&["compare", ours, reference], &level[..]].concat();
+        check(
+            &arguments,
+            1,
+            &["noise does not explain 1 pixel at the level 0.01", test],
+        );
+    }
+    // Without the option it is told and decides nothing.
+    check(
+        &["compare", &bad, &good, "--max-over", "9"],
+        0,
+        &["1 pixel at the level 0.01"],
+    );
+    check(
+        &["compare", &plain, &plain, "--significance", "0.01"],
+        2,
+        &["needs layers variance.R"],
+    );
+    check(
+        &["compare", &good, &plain, "--significance", "1"],
+        2,
+        &["below 1"],
+    );
+}
