@@ -143,7 +143,7 @@ fn code(residual: f64) -> u8 {
     } else if size < -0.5 {
         0
     } else {
-        sign | (size.round() as u8).min(125) + 1
+        sign | ((size.round() as u8).min(125) + 1)
     }
 }
 
