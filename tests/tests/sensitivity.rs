@@ -26,9 +26,9 @@ fn numbers_that_matter_are_seen_and_others_are_told() {
             .unwrap_or_else(|| panic!("no {path}: {text}"))["effect"]
     };
     for (path, at_most) in [
-        ("light.0.intensity", 1.0),
-        ("shape.0.radius", 0.01),
-        ("camera.fov", 1.0),
+        ("light.0.intensity", 0.01),
+        ("shape.0.radius", 1e-4),
+        ("camera.fov", 0.01),
     ] {
         let effect = of(path);
         assert_eq!(effect["effect"], "seen", "{path}: {effect}");

@@ -83,6 +83,7 @@ impl Validator<'_> {
         let mut found = Vec::new();
         for (index, (name, number)) in numbers.iter().enumerate() {
             told(index, numbers.len(), name);
+            let number = &self.kind(path, name, *number);
             let effect = self.effect(path, name, *number, picture);
             found.push(Parameter {
                 path: name.clone(),
@@ -91,6 +92,16 @@ impl Validator<'_> {
             });
         }
         Ok(found)
+    }
+
+    /// What is written as a whole number is mostly a real one: only a scene that refuses a fraction there tells.
+    fn kind(&mut self, path: &Path, name: &str, number: Number) -> Number {
+        let real = Number::Real(number.value());
+        let refused = |case: &CaseResult| case.scene_error;
+        match number {
+            Number::Whole(_) if refused(&self.changed(path, name, real, real.steps()[0]).0) => number,
+            _ => real,
+        }
     }
 
     fn effect(&mut self, path: &Path, name: &str, number: Number, plain: u64) -> Effect {

@@ -206,8 +206,8 @@
       const cell = (column) => row.cells[column].textContent.trim().replace(/\s+/g, " ");
       return [
         place,
-        `ours ${row ? cell(2) : triple((c) => pixels.ours[c][index], number)}`,
-        `reference ${row ? cell(3) : triple((c) => pixels.reference[c][index], number)}`,
+        `ours ${row ? cell(2).replaceAll(" ", ", ") : triple((c) => pixels.ours[c][index], number)}`,
+        `reference ${row ? cell(3).replaceAll(" ", ", ") : triple((c) => pixels.reference[c][index], number)}`,
         `difference ${triple((c) => pixels.absolute(c, index), short)}`,
         `relative ${triple((c) => pixels.relative[c][index], short)}`,
         row ? cell(4) : JUDGEMENTS[pixels.judged[index]],
