@@ -122,6 +122,7 @@ pub fn page(folder: &Path) -> std::io::Result<PathBuf> {
             povray: None,
         },
         results: cases,
+        matrix: Vec::new(),
         left_out: Vec::new(),
     };
     let extras = Extras {

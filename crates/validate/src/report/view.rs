@@ -1,7 +1,7 @@
 //! What the templates show of the results.
 
 use super::changes::{Changes, Kind};
-use super::number::{Limited, Number, plain, plain_count, precise, scientific, short};
+use super::number::{Limited, Number, plain_count, precise, scientific, short};
 use super::script::{drawing, plugins};
 use super::{ERROR_VIEW, Extras};
 use crate::explain::Reason;
