@@ -146,11 +146,10 @@ impl<P: Straight> Primitive for P {
         simd::dispatch(
             #[inline(always)]
             || {
-                for start in rays.groups() {
-                    for lane in start..start + GROUP {
-                        let (ray, hit) = (rays.ray(lane), hits.hit(lane));
-                        points.set(lane, &Straight::surface(&primitive, &ray, &hit, Needs::NOTHING));
-                    }
+                // Not in whole groups: what a lane without a hit holds may be no primitive of this shape.
+                for lane in 0..len {
+                    let (ray, hit) = (rays.ray(lane), hits.hit(lane));
+                    points.set(lane, &Straight::surface(&primitive, &ray, &hit, Needs::NOTHING));
                 }
             },
         );
