@@ -12,7 +12,7 @@ use whitstone_validate::{Options, Validator};
 
 /// Change every number of a scene on our side only, until the comparison fails: the smallest change that is seen
 ///
-/// Each number but those of the film and of [expect] is changed by a ten-millionth of itself, then by ten times as much, and so
+/// Each number but those of the film and of the table `expect` is changed by a ten-millionth of itself, then by ten times as much, and so
 /// on up to ten times itself; whole numbers by one and by themselves. What no change of it makes fail is told, and what
 /// changes no pixel at all.
 ///
