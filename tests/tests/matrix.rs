@@ -193,6 +193,7 @@ fn sweeps_are_left_out_where_they_show_nothing() {
 fn the_command_tells_cells_and_reasons() {
     let folder = tempfile::tempdir().unwrap();
     let report: PathBuf = folder.path().join("report.json");
+    let junit: PathBuf = folder.path().join("junit.xml");
     let output = program!()
         .current_dir(root())
         .args([
@@ -206,10 +207,20 @@ fn the_command_tells_cells_and_reasons() {
         .arg(folder.path().join("target"))
         .arg("--json")
         .arg(&report)
+        .arg("--junit")
+        .arg(&junit)
         .output()
         .unwrap();
     let stdout = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{stdout}");
+    let junit = std::fs::read_to_string(junit).unwrap();
+    for case in [
+        "sphere.toml\"",
+        "sphere.toml, threads 1\"",
+        "sphere.toml, threads 3\"",
+    ] {
+        assert!(junit.contains(case), "{case}: {junit}");
+    }
     assert!(
         stdout.contains("left out, all: no texture in use has a filter"),
         "{stdout}"

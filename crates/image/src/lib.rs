@@ -10,7 +10,7 @@
 //! | [`metrics`] | numbers between an image and its reference |
 //! | [`mod@flip`] | how visible a difference is |
 //! | [`mod@ssim`] | how alike two pictures are in structure |
-//! | [`significance`] | whether noise explains a difference |
+//! | [`mod@significance`] | whether noise explains a difference |
 //! | [`layers`] | numbers between two AOV layers |
 //! | [`error_map`] | pictures of the difference, with a legend |
 //! | [`color_map`] | its colours as tables |

@@ -15,6 +15,9 @@ use std::path::Path;
 use whitstone_core::{FamilyName, Lobes};
 use whitstone_scene::{Description, Film, Pipeline, Plan, PluginTable, RenderOptions, Sources};
 
+/// What settings that must not change the picture are held to.
+pub const OWN: &str = "own picture";
+
 /// One setting of a scene, or a sweep that the scene does not need.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Cell {
@@ -26,7 +29,7 @@ pub struct Cell {
     pub setting: String,
     /// How it went.
     pub outcome: Outcome,
-    /// What it was held to: "own picture", or the reference; empty where it was left out.
+    /// What it was held to: [`OWN`], or the reference; empty where it was left out.
     pub against: String,
     /// What was found, or why it was left out.
     pub told: String,
@@ -153,7 +156,7 @@ impl Validator<'_> {
                     cells.push(skipped(axis, name, why));
                 } else if setting.overrides.is_empty() {
                     let (outcome, told) = self.same_picture(&own, axis, name);
-                    cells.push(cell(axis, name, outcome, "own picture", told));
+                    cells.push(cell(axis, name, outcome, OWN, told));
                 } else if self.live.is_none() {
                     let why = "it changes the picture, and the stored reference is of the scene as it is: needs a live one";
                     cells.push(skipped(axis, name, why));

@@ -67,6 +67,7 @@ impl Validator<'_> {
         path: &Path,
         told: &dyn Fn(usize, usize, &str),
     ) -> Result<Vec<Parameter>, String> {
+        self.without_pictures();
         let text = flatten(path, &[])?.text;
         let table: Value = toml::from_str(&text).map_err(|error| error.to_string())?;
         let mut numbers = Vec::new();

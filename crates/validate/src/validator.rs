@@ -216,18 +216,16 @@ impl<'a> Validator<'a> {
         case
     }
 
-    /// One of many, without pictures: with a change of our side, and our image shown to `look`.
+    /// One of many: with a change of our side, and our image shown to `look`.
     pub(crate) fn trial(
         &mut self,
         path: &Path,
         change: Option<String>,
         look: &dyn Fn(&mut Image),
     ) -> CaseResult {
-        self.pictures = false;
         let before = std::mem::replace(&mut self.options.ours_overrides, Vec::from_iter(change));
         let case = self.validate_tampered(path, look);
         self.options.ours_overrides = before;
-        self.pictures = true;
         case
     }
 

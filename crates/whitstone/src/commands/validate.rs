@@ -292,7 +292,10 @@ fn verdict(cases: &[CaseResult], matrix: Tally) -> Result<Exit, Failure> {
 
 fn junit_cases(results: &Results) -> Vec<Case> {
     let compared = results.results.iter().map(|case| Case {
-        name: case.scene.clone(),
+        name: match case.config.as_str() {
+            "default" => case.scene.clone(),
+            config => format!("{}, {config}", case.scene),
+        },
         seconds: case.build_s + case.render_s,
         outcome: match (case.status, case.compared) {
             (Some(Status::Pass), _) => Outcome::Pass,
@@ -305,7 +308,18 @@ fn junit_cases(results: &Results) -> Vec<Case> {
         seconds: 0.0,
         outcome: Outcome::Skipped(left.reason.clone()),
     });
-    compared.chain(left_out).collect()
+    // Those that a reference was asked about are among the cases.
+    let own = results.matrix.iter().filter(|cell| cell.against == matrix::OWN);
+    let own = own.map(|cell| Case {
+        name: format!("{}, {} {}", cell.scene, cell.axis, cell.setting),
+        seconds: 0.0,
+        outcome: match cell.outcome {
+            matrix::Outcome::Fail => Outcome::Fails(cell.told.clone()),
+            matrix::Outcome::Pass => Outcome::Pass,
+            matrix::Outcome::Skipped => Outcome::Skipped(cell.told.clone()),
+        },
+    });
+    compared.chain(left_out).chain(own).collect()
 }
 
 /// The heads of the columns of [`print_case`].
