@@ -317,7 +317,12 @@ fn explain_says_what_is_built_and_follows_a_pixel() {
     let scene = "scenes/showcase/classic.toml";
     let small = ["--set", "film.width=40", "--set", "film.height=40"];
     let written = ["--json", path.to_str().unwrap()];
-    let output = run(&[&["explain", scene, "--pixel", "20,20"], &small[..], &written[..]].concat());
+    let output = run(&[
+        &["explain", scene, "--pixel", "20,20", "--reference", "none"],
+        &small[..],
+        &written[..],
+    ]
+    .concat());
     assert_eq!(code(&output), Some(0), "{}", stderr(&output));
     let text = stdout(&output);
     for expected in ["accelerator", "left out", "pixel (20, 20)", "camera ray: "] {
@@ -336,7 +341,16 @@ fn explain_says_what_is_built_and_follows_a_pixel() {
         (scene, "integrator={type=\"appel\"}", false),
         (nested, "integrator.max_depth=2", true),
     ] {
-        let arguments = ["explain", scene, "--pixel", "27,22", "--set", change];
+        let arguments = [
+            "explain",
+            scene,
+            "--pixel",
+            "27,22",
+            "--reference",
+            "none",
+            "--set",
+            change,
+        ];
         let output = run(&[&arguments[..], &small[..], &written[..]].concat());
         assert_eq!(code(&output), Some(0), "{}", stderr(&output));
         let report = json(&path);

@@ -9,8 +9,10 @@ use std::time::Duration;
 use whitstone::validate::driver::SceneText;
 use whitstone::validate::environment::Environment;
 use whitstone::validate::shrink::shrink;
-use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator, flatten, tree};
-use whitstone_tests::{load, root};
+use whitstone::validate::{
+    CaseResult, Mode, Options, Renderer, Status, Validator, WorstPixel, flatten, tree,
+};
+use whitstone_tests::{load, program, root};
 
 const CAMERA: &str = "film = { width = 64, height = 64 }\n[camera]\ntype = \"perspective\"\n";
 const SKY: &str = "[[light]]\ntype = \"background\"\nradiance = [0.2, 0.3, 0.4]\n";
@@ -114,20 +116,23 @@ fn far_from_the_origin_the_reference_is_called_inexact() -> Result<(), Failed> {
 }
 
 /// Two rectangles in one plane, one turned within it: their distances differ by rounding only.
-fn coincident_surfaces_are_named() -> Result<(), Failed> {
+fn coplanar() -> String {
     let shape = |turn: f64, reflectance: f64| {
         format!(
             "[[shape]]\ntype = \"rectangle\"\nmaterial = {{ type = \"matte\", reflectance = {reflectance} }}\ntransform = [\
              {{ rotate = {{ axis = [0, 0, 1], degrees = {turn} }} }}, {{ rotate = {{ axis = [1, 2, 0.5], degrees = 33 }} }}]\n"
         )
     };
-    let scene = format!(
+    format!(
         "{CAMERA}look_at = {{ origin = [0, 1, 4], target = [0, 0, 0] }}\n\
          [[light]]\ntype = \"ambient\"\nradiance = 1\n{}{}",
         shape(0.0, 0.2),
         shape(45.0, 0.8)
-    );
-    let case = validate(&scene, "")?;
+    )
+}
+
+fn coincident_surfaces_are_named() -> Result<(), Failed> {
+    let case = validate(&coplanar(), "")?;
     let named = |text: &String| text.contains("coincident surfaces: rounding decides");
     let told = case
         .worst
@@ -167,6 +172,60 @@ fn ray_trees_agree() -> Result<(), Failed> {
         return Err("no tree has a leaf at the depth limit".into());
     }
     Ok(())
+}
+
+/// `explain --pixel` shows both trees, and where they part if one side is another scene.
+fn explain_shows_both_trees() -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    let json = folder.path().join("pixel.json");
+    let explain = |scene: &Path, pixel: &str, more: &[&str]| -> Result<(String, serde_json::Value), Failed> {
+        let output = program!()
+            .current_dir(root())
+            .arg("explain")
+            .arg(scene)
+            .args(["--pixel", pixel, "--reference", "live"])
+            .arg("--json")
+            .arg(&json)
+            .args(more)
+            .output()?;
+        if !output.status.success() {
+            return Err(String::from_utf8_lossy(&output.stderr).into_owned().into());
+        }
+        let report = serde_json::from_slice(&fs::read(&json)?)?;
+        Ok((String::from_utf8_lossy(&output.stdout).into_owned(), report))
+    };
+    let classic = Path::new("scenes/showcase/classic.toml");
+    let (text, report) = explain(classic, "130,80", &[])?;
+    let reference = &report["pixel"]["reference"];
+    let rays = |side: &serde_json::Value| side["rays"].as_array().map(Vec::len);
+    let agree = reference["first_difference"].is_null()
+        && rays(reference) == rays(&report["pixel"])
+        && rays(reference) > Some(3)
+        && text.contains("the two trees agree: ")
+        && text.contains("ours  ");
+    if !agree {
+        return Err(format!("{text}\n{reference}").into());
+    }
+    // The tree goes on below the rays that are shown.
+    let (short, _) = explain(classic, "130,80", &["--max-rays", "2"])?;
+    if short.matches("throughput").count() != 2 || !short.contains("that agree; --max-rays shows them") {
+        return Err(short.into());
+    }
+    let case = validate(&coplanar(), "")?;
+    let scene = folder.path().join("scene.toml");
+    fs::write(&scene, coplanar())?;
+    let differs = |pixel: &&WorstPixel| pixel.first_difference.is_some();
+    let worst = case.worst.iter().find(differs).ok_or("no pixel differs")?;
+    let (text, report) = explain(&scene, &format!("{},{}", worst.x, worst.y), &[])?;
+    let told = &report["pixel"]["reference"]["first_difference"];
+    match told.as_str() {
+        Some(what) if what.starts_with("camera ray: ours hits shape") => {}
+        _ => return Err(told.to_string().into()),
+    }
+    check(
+        text.contains("the two part at camera ray: ours hits shape"),
+        &case,
+    )
 }
 
 /// A fault in one number, in a scene with much else in it: what is left has little but that number in it.
@@ -210,7 +269,7 @@ fn main() {
     // Scenes are named from the repository.
     std::env::set_current_dir(root()).expect("the repository is there");
     let live = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
-    let tests: [(&str, Test); 5] = [
+    let tests: [(&str, Test); 6] = [
         ("small facets keep their limit", small_facets_keep_their_limit),
         (
             "far from the origin the reference is called inexact",
@@ -218,6 +277,7 @@ fn main() {
         ),
         ("coincident surfaces are named", coincident_surfaces_are_named),
         ("ray trees agree", ray_trees_agree),
+        ("explain shows both trees", explain_shows_both_trees),
         ("what fails shrinks", what_fails_shrinks),
     ];
     let trials = tests.map(|(name, test)| Trial::test(name, test).with_ignored_flag(!live));

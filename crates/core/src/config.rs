@@ -29,6 +29,9 @@ pub fn inline_reference(index: usize) -> String {
 /// U+0001 cannot be in a TOML key and hardly in an id, so no id of a scene is mistaken for it.
 const INLINE: char = '\u{1}';
 
+/// What the user wrote there.
+const INLINE_TABLE: &str = "a table with `type`";
+
 /// So many errors of one table are enough to see what is wrong with it; finding each costs a copy of it.
 const MOST_ERRORS: usize = 32;
 
@@ -120,21 +123,37 @@ fn explain(message: String, span: SourceSpan) -> SceneError {
         && let Some((wrong, known)) = rest.split_once('`')
     {
         let known: Vec<&str> = known.split('`').skip(1).step_by(2).collect();
-        let (wrong, help) = (
-            wrong.to_owned(),
+        let (message, help) = (
+            match wrong.starts_with(INLINE) {
+                true => format!("wrong type: {INLINE_TABLE}, expected a text"),
+                false => format!("unknown value \"{wrong}\""),
+            },
             match nearest(wrong, known.iter().copied()) {
                 Some(name) => format!("did you mean \"{name}\"?"),
                 None => format!("known values are {}", known.join(", ")),
             },
         );
-        error.message = format!("unknown value \"{wrong}\"");
+        error.message = message;
         error.help = Some(help);
     } else if let Some(rest) = error.message.strip_prefix("missing field ") {
         error.message = format!("missing key {rest}");
     } else if let Some(rest) = error.message.strip_prefix("invalid type: ") {
-        error.message = format!("wrong type: {rest}");
+        error.message = format!("wrong type: {}", as_written(rest));
     }
     error
+}
+
+/// A message of Serde in the words of TOML, and with what the user wrote in place of an [`inline_reference`].
+fn as_written(message: &str) -> String {
+    let reference = format!("string \"{}", INLINE.escape_debug());
+    let replaced = message.split_once(&reference).and_then(|(before, after)| {
+        let (_, after) = after.split_once('"')?;
+        Some(format!("{before}{INLINE_TABLE}{after}"))
+    });
+    let words = replaced.unwrap_or_else(|| message.to_owned());
+    words
+        .replacen("map, ", "a table, ", 1)
+        .replacen("sequence, ", "an array, ", 1)
 }
 
 /// `a`, `b`, `c`.

@@ -12,6 +12,7 @@
 //! | [`mod@ssim`] | how alike two pictures are in structure |
 //! | [`mod@significance`] | whether noise explains a difference |
 //! | [`layers`] | numbers between two AOV layers |
+//! | [`layer_view`] | pictures of them |
 //! | [`error_map`] | pictures of the difference, with a legend |
 //! | [`color_map`] | its colours as tables |
 //! | [`mask`] | sets of pixels |
@@ -34,6 +35,7 @@ pub mod edges;
 pub mod error_map;
 pub mod exr_io;
 pub mod flip;
+pub mod layer_view;
 pub mod layers;
 pub mod limits;
 pub mod mask;

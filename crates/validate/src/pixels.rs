@@ -19,6 +19,7 @@ use miniz_oxide::deflate::compress_to_vec_zlib;
 use serde::{Deserialize, Serialize};
 use whitstone_image::error_map::error_map;
 use whitstone_image::flip::flip_ldr;
+use whitstone_image::layer_view;
 use whitstone_image::metrics::{mean_reference, relative_residual};
 use whitstone_image::{Image, Raster, ToneMap};
 
@@ -47,6 +48,22 @@ pub struct Pictures {
     /// The pixels of both, packed.
     #[serde(with = "base64")]
     pub pixels: Vec<u8>,
+    /// The layers that both have.
+    #[serde(default)]
+    pub layers: Vec<LayerPictures>,
+}
+
+/// A layer of both sides.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct LayerPictures {
+    /// Its name.
+    pub name: String,
+    /// Ours, PNG.
+    #[serde(with = "base64")]
+    pub ours: Vec<u8>,
+    /// The reference, PNG, in the same colours.
+    #[serde(with = "base64")]
+    pub reference: Vec<u8>,
 }
 
 impl Pictures {
@@ -63,6 +80,21 @@ impl Pictures {
             reference: png(Raster::preview(reference, tone).ok()?)?,
             error: png(error_map(ours, reference, ERROR_VIEW).ok()?)?,
             pixels: pack(ours, reference, judged)?,
+            layers: layer_view::layers(ours)
+                .into_iter()
+                .filter_map(|name| LayerPictures::new(ours, reference, name))
+                .collect(),
+        })
+    }
+}
+
+impl LayerPictures {
+    fn new(ours: &Image, reference: &Image, name: &str) -> Option<Self> {
+        let [mine, theirs] = layer_view::layer_views(ours, reference, name)?;
+        Some(Self {
+            name: name.to_owned(),
+            ours: mine.to_png().ok()?,
+            reference: theirs.to_png().ok()?,
         })
     }
 }

@@ -62,7 +62,7 @@ pub struct LeftOut {
 }
 
 /// Versions and the machine.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Provenance {
     /// Of Whitstone.
     pub whitstone: String,
@@ -101,7 +101,7 @@ pub struct Reference {
 }
 
 /// A scene against a reference. Numbers are absent where no comparison was possible.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct CaseResult {
     /// Path of the scene below `scenes/`, without `.toml`.

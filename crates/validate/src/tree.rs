@@ -1,7 +1,8 @@
 //! Ray trees of one sample, ours and the reference's, and where they part.
 
 use crate::driver::{number, numbers};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use whitstone_core::{Scratch, TreeNode};
 use whitstone_scene::Pipeline;
 
@@ -12,7 +13,7 @@ const LEAST_THROUGHPUT: f64 = f32::MIN_POSITIVE as f64;
 const COINCIDENT_ULPS: f64 = 4.0;
 
 /// A node of the reference's tree, as the driver tells it.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Node {
     /// "" for the camera ray, then a letter for each branch: R or T.
     pub path: String,
@@ -20,7 +21,7 @@ pub struct Node {
     pub shape: i64,
     /// Number of the primitive; -1 for a miss.
     pub primitive: i64,
-    /// Distance; infinite for a miss.
+    /// Distance; infinite for a miss, which JSON has as null.
     #[serde(deserialize_with = "number")]
     pub t: f64,
     /// Shading normal.
@@ -45,34 +46,62 @@ pub fn ours(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Vec<TreeNode
     scratch.record.unwrap_or_default()
 }
 
-/// The first node, by depth, at which hit, distance, normal or weights differ by more than single
-/// precision accounts for.
-pub fn first_difference(ours: &[TreeNode], theirs: &[Node]) -> Option<String> {
-    let mut paths: Vec<&str> = ours
-        .iter()
-        .map(|node| node.path.as_str())
-        .chain(theirs.iter().map(|node| node.path.as_str()))
-        .collect();
-    paths.sort_by_key(|path| (path.len(), path.to_owned()));
-    paths.dedup();
-    paths.into_iter().find_map(|path| {
-        let name = if path.is_empty() {
-            "camera ray".to_owned()
-        } else {
-            format!("ray {path}")
-        };
-        let mine = ours.iter().find(|node| node.path == path);
-        let other = theirs.iter().find(|node| node.path == path);
-        match (mine, other) {
-            (Some(mine), None) => {
-                matters(mine.throughput.to_array()).then(|| format!("{name}: only ours goes on"))
-            }
-            (None, Some(other)) => {
-                matters(other.throughput).then(|| format!("{name}: only the reference goes on"))
-            }
-            (Some(mine), Some(other)) => difference(mine, other).map(|what| format!("{name}: {what}")),
-            (None, None) => None,
+/// A ray that at least one of the two trees has.
+#[derive(Clone, Debug)]
+pub struct Pair<'a> {
+    /// As in the trees.
+    pub path: &'a str,
+    /// Ours.
+    pub ours: Option<&'a TreeNode>,
+    /// The reference's.
+    pub theirs: Option<&'a Node>,
+    /// What differs by more than single precision accounts for: hit, distance, normal or weights.
+    pub difference: Option<String>,
+}
+
+impl Pair<'_> {
+    /// For people.
+    pub fn name(&self) -> String {
+        match self.path {
+            "" => "camera ray".to_owned(),
+            path => format!("ray {path}"),
         }
+    }
+}
+
+/// The rays of both trees by depth, reflections before transmissions.
+pub fn pairs<'a>(ours: &'a [TreeNode], theirs: &'a [Node]) -> Vec<Pair<'a>> {
+    let mut found: BTreeMap<(usize, &str), (Option<&TreeNode>, Option<&Node>)> = BTreeMap::new();
+    for node in ours {
+        found.entry((node.path.len(), &node.path)).or_default().0 = Some(node);
+    }
+    for node in theirs {
+        found.entry((node.path.len(), &node.path)).or_default().1 = Some(node);
+    }
+    let pair =
+        |((_, path), (ours, theirs)): ((usize, &'a str), (Option<&'a TreeNode>, Option<&'a Node>))| Pair {
+            path,
+            ours,
+            theirs,
+            difference: match (ours, theirs) {
+                (Some(ours), None) => {
+                    matters(ours.throughput.to_array()).then(|| "only ours goes on".to_owned())
+                }
+                (None, Some(theirs)) => {
+                    matters(theirs.throughput).then(|| "only the reference goes on".to_owned())
+                }
+                (Some(ours), Some(theirs)) => difference(ours, theirs),
+                (None, None) => None,
+            },
+        };
+    found.into_iter().map(pair).collect()
+}
+
+/// The first ray, by depth, that differs, and how.
+pub fn first_difference(ours: &[TreeNode], theirs: &[Node]) -> Option<String> {
+    pairs(ours, theirs).iter().find_map(|pair| {
+        let what = pair.difference.as_ref()?;
+        Some(format!("{}: {what}", pair.name()))
     })
 }
 

@@ -127,6 +127,8 @@ pub fn page(folder: &Path) -> std::io::Result<PathBuf> {
     };
     let extras = Extras {
         diagrams: vec![diagram()],
+        stress: Vec::new(),
+        sensitivity: std::collections::BTreeMap::new(),
         changes: None,
     };
     let path = folder.join("index.html");

@@ -4,6 +4,7 @@
 //! they show; `page.css` and the scripts go into the page as they are. It reads well without these, which sort, filter and
 //! copy (`page.js`), show pixels in other ways than the pictures do (`viewer.js`) and point at the dots of diagrams (`studies.js`).
 
+mod case;
 mod changes;
 mod number;
 mod script;
@@ -14,7 +15,12 @@ pub(crate) mod tests;
 
 pub use changes::{Baseline, Change, Changes, Kind};
 
-use crate::Results;
+use crate::matrix::{Cell, Tally};
+use crate::sensitivity::Parameter;
+use crate::{CaseResult, Results, Summary};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+use view::{Page, Shape};
 use whitstone_image::error_map::{ErrorView, Quantity, Scale};
 
 /// What the error pictures of a report show, and what its legend says.
@@ -23,17 +29,39 @@ pub const ERROR_VIEW: ErrorView = ErrorView {
     scale: Scale::Log { min: 1e-7, max: 1e-1 },
 };
 
+/// Cases that one page holds; of more, each scene gets its own.
+pub const ON_ONE_PAGE: usize = 150;
+
+/// The page of all scenes.
+const INDEX: &str = "index.html";
+/// Folder of the pages of scenes, beside it.
+pub const SCENES: &str = "scenes";
+
 /// What a page may have beside the results.
 #[derive(Debug, Default)]
 pub struct Extras {
     /// Diagrams of error against run time.
     pub diagrams: Vec<Diagram>,
+    /// Diagrams of families of stiff and extreme cases.
+    pub stress: Vec<Diagram>,
+    /// By the name of a scene, how small a change of each of its numbers is seen.
+    pub sensitivity: BTreeMap<String, Vec<Parameter>>,
     /// What changed since an earlier run.
     pub changes: Option<Changes>,
 }
 
+impl Extras {
+    /// It was measured of the scene as it is.
+    fn sensitivity_of(&self, case: &CaseResult) -> &[Parameter] {
+        let known = self.sensitivity.get(&case.scene);
+        known
+            .filter(|_| case.config == "default")
+            .map_or(&[], Vec::as_slice)
+    }
+}
+
 /// A diagram of a study.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Diagram {
     /// Name of the study.
     pub name: String,
@@ -49,5 +77,76 @@ pub struct Diagram {
 
 /// The page: complete, without anything from a network, to be opened from disk.
 pub fn html(results: &Results, extras: &Extras) -> String {
-    view::Page::new(results, extras).to_string()
+    Page::new(results, extras, Shape::Whole).to_string()
+}
+
+/// Files of a report by their paths: the page alone, or for more than [`ON_ONE_PAGE`] cases an index and a page for each scene.
+pub fn pages(results: &Results, extras: &Extras) -> Vec<(String, String)> {
+    if results.results.len() <= ON_ONE_PAGE {
+        return vec![(INDEX.to_owned(), html(results, extras))];
+    }
+    let paths = paths(results);
+    let index = Page::new(results, extras, Shape::Index(&paths)).to_string();
+    let up = format!("../{INDEX}");
+    let beside = Extras {
+        sensitivity: extras.sensitivity.clone(),
+        ..Extras::default()
+    };
+    let scenes = paths.iter().map(|(scene, path)| {
+        let page = Page::new(&of_scene(results, scene), &beside, Shape::Scene(&up)).to_string();
+        (path.clone(), page)
+    });
+    std::iter::once((INDEX.to_owned(), index)).chain(scenes).collect()
+}
+
+/// A path for each scene: its name as far as every file system takes it.
+fn paths(results: &Results) -> BTreeMap<&str, String> {
+    let mut taken = BTreeSet::new();
+    let mut paths = BTreeMap::new();
+    for case in &results.results {
+        paths.entry(case.scene.as_str()).or_insert_with(|| {
+            let plain = |c: char| {
+                if c.is_ascii_alphanumeric() || c == '_' {
+                    c
+                } else {
+                    '-'
+                }
+            };
+            let name: String = case.scene.chars().map(plain).collect();
+            let mut path = format!("{SCENES}/{name}.html");
+            let mut number = 1;
+            while !taken.insert(path.to_lowercase()) {
+                number += 1;
+                path = format!("{SCENES}/{name}-{number}.html");
+            }
+            path
+        });
+    }
+    paths
+}
+
+/// What of the results is of one scene.
+fn of_scene(results: &Results, scene: &str) -> Results {
+    let cases: Vec<CaseResult> = results
+        .results
+        .iter()
+        .filter(|case| case.scene == scene)
+        .cloned()
+        .collect();
+    let matrix: Vec<Cell> = results
+        .matrix
+        .iter()
+        .filter(|cell| cell.scene == scene)
+        .cloned()
+        .collect();
+    let seconds = cases.iter().map(|case| case.build_s + case.render_s).sum();
+    let mut summary = Summary::of(&cases, results.summary.references.clone(), seconds);
+    summary.matrix = Tally::of(&matrix);
+    Results {
+        summary,
+        provenance: results.provenance.clone(),
+        results: cases,
+        left_out: Vec::new(),
+        matrix,
+    }
 }

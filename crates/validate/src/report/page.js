@@ -49,7 +49,9 @@
       const uses = !plugin?.value || row.dataset.plugins.split(" ").includes(plugin.value);
       const fits = uses && words.every((word) => row.dataset.words.includes(word));
       row.hidden = !fits || (failures.checked && !row.classList.contains("failed"));
-      document.getElementById(row.dataset.case).hidden = row.hidden;
+      // Where each scene has a page of its own, there is none here.
+      const section = document.getElementById(row.dataset.case);
+      if (section) section.hidden = row.hidden;
       count += !row.hidden;
     }
     shown.textContent = `${count} of ${body.rows.length} shown`;

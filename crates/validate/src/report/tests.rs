@@ -1,10 +1,12 @@
 mod page;
 
-use super::{Baseline, Changes, Diagram, Extras, html};
+use super::{Baseline, Changes, Diagram, Extras, html, pages};
 use crate::driver::Hello;
 use crate::explain::Reason;
+use crate::sensitivity::{Effect, Parameter};
 use crate::{CaseResult, LayerResult, Pictures, Provenance, Reference, Results, Status, Summary, WorstPixel};
 use page::Page;
+use std::collections::{BTreeMap, BTreeSet};
 use whitstone_image::Image;
 use whitstone_image::metrics::BlockBias;
 
@@ -570,24 +572,101 @@ fn plugins_can_be_chosen_and_rows_name_theirs() {
     assert_eq!(drawing["relative"], serde_json::json!([1e-7, 1e-1]));
 }
 
+fn diagram(name: &str) -> Diagram {
+    Diagram {
+        name: name.to_owned(),
+        title: HOSTILE.to_owned(),
+        about: HOSTILE.to_owned(),
+        verdict: "pass".to_owned(),
+        svg: "<svg><circle><title>grid: RMSE 1e-3\nwhitstone render</title></circle></svg>".to_owned(),
+    }
+}
+
+/// A page of each scene, and an index that leads to all of them and back.
+#[test]
+fn many_cases_have_a_page_for_each_scene() {
+    let mut results = example();
+    let few = pages(&results, &Extras::default());
+    assert_eq!(few.len(), 1);
+    assert_eq!(few[0].0, "index.html");
+    let template = results.results[0].clone();
+    // Two of these names are one to a file system.
+    for (scene, count) in [("a/b", 80), ("a-b", 80), ("A/b", 3)] {
+        for depth in 0..count {
+            let mut case = template.clone();
+            case.scene = scene.to_owned();
+            case.config = if depth == 0 {
+                "default".to_owned()
+            } else {
+                format!("depth {depth}")
+            };
+            results.results.push(case);
+        }
+    }
+    let extras = Extras {
+        sensitivity: BTreeMap::from([(
+            "a/b".to_owned(),
+            vec![Parameter {
+                path: HOSTILE.to_owned(),
+                value: 2.0,
+                effect: Effect::Seen {
+                    change: 1e-6,
+                    problem: HOSTILE.to_owned(),
+                },
+            }],
+        )]),
+        ..Extras::default()
+    };
+    let files: BTreeMap<String, String> = pages(&results, &extras).into_iter().collect();
+    let index = parse(&files["index.html"]);
+    assert!(index.select("#cases").is_empty() && index.select("details.case").is_empty());
+    let links: BTreeSet<String> = index
+        .select(".summary a")
+        .iter()
+        .filter_map(|link| link.attribute("href"))
+        .collect();
+    let other: BTreeSet<String> = files
+        .keys()
+        .filter(|path| *path != "index.html")
+        .cloned()
+        .collect();
+    assert_eq!(links, other);
+    for expected in ["scenes/a-b.html", "scenes/a-b-2.html", "scenes/A-b-3.html"] {
+        assert!(files.contains_key(expected), "{expected}: {:?}", files.keys());
+    }
+    let mut cases = 0;
+    for path in &other {
+        let page = parse(&files[path]);
+        cases += page.select("details.case").len();
+        assert_eq!(
+            page.select(".product a")[0].attribute("href").as_deref(),
+            Some("../index.html")
+        );
+        assert!(page.select("[onerror]").is_empty());
+    }
+    assert_eq!(cases, results.results.len());
+    let sensed = parse(&files["scenes/a-b.html"]);
+    // Of the scene as it is, not of its settings.
+    assert_eq!(sensed.select("table.sensitivity").len(), 1);
+    assert!(sensed.select("table.sensitivity")[0].text().contains("5e-7"));
+}
+
 #[test]
 fn changes_and_diagrams_have_their_sections() {
     let page = html(&example(), &Extras::default());
     let document = parse(&page);
-    assert!(document.select("#changes").is_empty() && document.select("#studies").is_empty());
+    for section in ["#changes", "#studies", "#stress"] {
+        assert!(document.select(section).is_empty(), "{section}");
+    }
     let mut old = example();
     old.results[0].scene = HOSTILE.to_owned();
     old.results[2].status = Some(Status::Pass);
     let old: Baseline = serde_json::from_str(&serde_json::to_string(&old).unwrap()).unwrap();
     let extras = Extras {
         changes: Some(Changes::between(HOSTILE.to_owned(), &old, &example())),
-        diagrams: vec![Diagram {
-            name: "samples".to_owned(),
-            title: HOSTILE.to_owned(),
-            about: HOSTILE.to_owned(),
-            verdict: "pass".to_owned(),
-            svg: "<svg><circle><title>grid: RMSE 1e-3\nwhitstone render</title></circle></svg>".to_owned(),
-        }],
+        stress: vec![diagram("planet")],
+        sensitivity: BTreeMap::new(),
+        diagrams: vec![diagram("samples")],
     };
     let page = html(&example(), &extras);
     let document = parse(&page);
@@ -600,6 +679,7 @@ fn changes_and_diagrams_have_their_sections() {
             .text()
             .contains("whitstone render")
     );
+    assert_eq!(document.select("#stress details").len(), 1);
     assert!(document.select("[onerror]").is_empty() && document.select("script").len() == 1);
 }
 

@@ -1,5 +1,6 @@
 //! `explain`: what a scene makes the pipeline do, and where one pixel's light comes from.
 
+use super::pixel::{PixelArguments, PixelTree};
 use super::{SceneArguments, build_with};
 use crate::terminal::{Exit, Failure, write_json};
 use crate::wireframe;
@@ -7,25 +8,17 @@ use clap::Args;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
-use whitstone_core::{Counters, Geometry, InstancePath, Needs, Registry, Rgb, Scratch, TreeNode};
+use whitstone_core::{Counters, Geometry, Needs, Registry};
 use whitstone_scene::{Cost, Pipeline, Plan, RenderOptions};
-use whitstone_validate::tree;
 
-/// Say what is built for a scene, what is left out and why; with --pixel, follow the rays of one pixel
+/// Say what is built for a scene, what is left out and why; with --pixel, follow the rays of one pixel beside those of Mitsuba
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone explain scenes/showcase/classic.toml --pixel 256,300")]
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// Print the tree of rays of this pixel: column from the left, row from the top, both from 0
-    #[arg(long, value_name = "X,Y", value_parser = parse_pixel)]
-    pixel: Option<[usize; 2]>,
-    /// Which sample of the pixel
-    #[arg(long, value_name = "N", default_value_t = 0, requires = "pixel")]
-    sample: u32,
-    /// Most rays of the tree to print
-    #[arg(long, value_name = "N", default_value_t = 200)]
-    max_rays: usize,
+    #[command(flatten)]
+    pixel: PixelArguments,
     /// Write a picture of the boxes of the accelerator over that of the scene, as PNG: white for the whole, then
     /// orange, blue, yellow, green, red, pink by level
     #[arg(long, value_name = "FILE")]
@@ -41,15 +34,8 @@ pub struct Arguments {
     json: Option<PathBuf>,
 }
 
-fn parse_pixel(text: &str) -> Result<[usize; 2], String> {
-    let numbers: Option<Vec<usize>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-    numbers
-        .and_then(|numbers| numbers.try_into().ok())
-        .ok_or_else(|| "expected column,row, for example 10,20".to_owned())
-}
-
 /// What is known from the description and lost in the pipeline.
-struct Names {
+pub(super) struct Names {
     camera: String,
     sampler: String,
     integrator: String,
@@ -81,7 +67,8 @@ impl Names {
         }
     }
 
-    fn shape(&self, number: i64) -> &str {
+    /// Of a shape by number.
+    pub(super) fn shape(&self, number: i64) -> &str {
         let name = usize::try_from(number)
             .ok()
             .and_then(|number| self.shapes.get(number));
@@ -89,21 +76,10 @@ impl Names {
     }
 }
 
-/// The rays of one pixel.
-struct PixelTree {
-    pixel: [usize; 2],
-    sample: u32,
-    value: Rgb,
-    nodes: Vec<TreeNode>,
-}
-
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let (pipeline, names) = build_with(&arguments.scene, registry, Names::of)?;
-    let tree = arguments
-        .pixel
-        .map(|pixel| trace(&pipeline, pixel, arguments.sample))
-        .transpose()?;
+    let tree = arguments.pixel.trace(&pipeline, &arguments.scene)?;
     let counted = arguments
         .measure
         .then(|| pipeline.render(RenderOptions::default()).counters);
@@ -123,7 +99,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     }
     if let Some(tree) = &tree {
         println!();
-        print_tree(&pipeline, tree, &names, arguments.max_rays);
+        tree.print(&pipeline, &names);
     }
     if let Some(path) = &arguments.json {
         write_json(path, &report(&pipeline, &names, tree.as_ref(), counted))?;
@@ -133,29 +109,6 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         picture.write_png(path).map_err(Failure::environment)?;
     }
     Ok(Exit::Pass)
-}
-
-fn trace(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Result<PixelTree, Failure> {
-    let size = pipeline.film.size;
-    let [width, height] = [size.width as usize, size.height as usize];
-    if pixel[0] >= width || pixel[1] >= height {
-        let [x, y] = pixel;
-        return Err(Failure::usage(format!(
-            "pixel {x},{y} is outside of the image of {width} x {height}"
-        )));
-    }
-    let count = pipeline.samples();
-    if sample >= count {
-        return Err(Failure::usage(format!(
-            "sample {sample}: a pixel has {count}, counted from 0"
-        )));
-    }
-    Ok(PixelTree {
-        pixel,
-        sample,
-        value: pipeline.pixel(pixel.map(|p| p as u32), &mut Scratch::default()),
-        nodes: tree::ours(pipeline, pixel, sample),
-    })
 }
 
 fn elements(pipeline: &Pipeline) -> usize {
@@ -168,11 +121,6 @@ fn elements(pipeline: &Pipeline) -> usize {
 fn geometries(pipeline: &Pipeline) -> impl Iterator<Item = &Geometry> {
     let groups = pipeline.groups.iter().map(|built| &**built.group.geometry());
     std::iter::once(&*pipeline.world.geometry).chain(groups)
-}
-
-/// The instances that lead to a copy, outermost first.
-fn placed_by(pipeline: &Pipeline, copy: u32) -> Vec<u32> {
-    pipeline.world.geometry.placed_by(InstancePath(copy))
 }
 
 /// Materials that differ; shapes share them.
@@ -289,72 +237,6 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     }
 }
 
-fn print_tree(pipeline: &Pipeline, tree: &PixelTree, names: &Names, most: usize) {
-    let [x, y] = tree.pixel;
-    println!("pixel ({x}, {y}): {}", colour(tree.value));
-    println!("rays of sample {} (R reflected, T transmitted):", tree.sample);
-    for node in in_order(&tree.nodes).into_iter().take(most) {
-        print_node(pipeline, node, names);
-    }
-    if tree.nodes.len() > most {
-        println!("... and {} more; --max-rays shows them", tree.nodes.len() - most);
-    }
-}
-
-/// Parents before their children, reflections before transmissions.
-fn in_order(nodes: &[TreeNode]) -> Vec<&TreeNode> {
-    let mut sorted: Vec<&TreeNode> = nodes.iter().collect();
-    sorted.sort_by(|a, b| a.path.cmp(&b.path));
-    sorted
-}
-
-fn print_node(pipeline: &Pipeline, node: &TreeNode, names: &Names) {
-    // Beyond some depth, more indentation would only fill the lines.
-    let indent = "  ".repeat(1 + node.path.len().min(20));
-    let name = match node.path.len() {
-        0 => "camera ray".to_owned(),
-        1..=20 => node.path.clone(),
-        depth => format!("depth {depth} {}", &node.path[depth - 1..]),
-    };
-    if node.shape < 0 {
-        let what = if node.limit {
-            "beyond the depth limit"
-        } else {
-            "nothing"
-        };
-        println!(
-            "{indent}{name}: {what}, throughput {}, background {}",
-            colour(node.throughput),
-            colour(node.local)
-        );
-        return;
-    }
-    let copies = placed_by(pipeline, node.copy).into_iter().map(|place| {
-        let place = i64::from(place);
-        format!(" in shape {place} ({})", names.shape(place))
-    });
-    let copies: String = copies.rev().collect();
-    println!(
-        "{indent}{name}: shape {} ({}){copies}, primitive {}, t {}, normal {:?}, throughput {}, local {}",
-        node.shape,
-        names.shape(node.shape),
-        node.primitive,
-        node.t,
-        node.n_s.to_array(),
-        colour(node.throughput),
-        colour(node.local)
-    );
-}
-
-fn colour(value: Rgb) -> String {
-    let [r, g, b] = value.to_array();
-    if r == g && g == b {
-        format!("{r}")
-    } else {
-        format!("[{r}, {g}, {b}]")
-    }
-}
-
 fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted: Option<Counters>) -> Value {
     let size = pipeline.film.size;
     let left_out = pipeline
@@ -404,31 +286,6 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         "build_s": pipeline.build_seconds,
         "scene_hash": pipeline.scene_hash,
         "left_out": left_out.collect::<Vec<_>>(),
-        "pixel": tree.map(tree_report),
-    })
-}
-
-fn tree_report(tree: &PixelTree) -> Value {
-    let node = |node: &&TreeNode| {
-        json!({
-            "path": node.path,
-            "shape": node.shape,
-            "primitive": node.primitive,
-            "copy": node.copy,
-            // Null for a miss: JSON has no infinity.
-            "t": node.t,
-            "position": node.position.to_array(),
-            "n_s": node.n_s.to_array(),
-            "throughput": node.throughput.to_array(),
-            "local": node.local.to_array(),
-            "limit": node.limit,
-        })
-    };
-    json!({
-        "x": tree.pixel[0],
-        "y": tree.pixel[1],
-        "sample": tree.sample,
-        "value": tree.value.to_array(),
-        "rays": in_order(&tree.nodes).iter().map(node).collect::<Vec<_>>(),
+        "pixel": tree.map(PixelTree::report),
     })
 }

@@ -11,6 +11,7 @@ pub mod list;
 pub mod new_plugin;
 #[cfg(any(feature = "converge", feature = "stress"))]
 mod page;
+mod pixel;
 pub mod reference;
 pub mod render;
 pub mod report;

@@ -2,18 +2,21 @@
 
 use crate::terminal::{Exit, Failure};
 use clap::Args;
+use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 #[cfg(feature = "converge")]
 use whitstone_converge::{StudyReport, plot};
 use whitstone_image::atomic;
-use whitstone_validate::report::{Baseline, Changes, Diagram, Extras, Kind, html};
+use whitstone_validate::report::{Baseline, Changes, Diagram, Extras, Kind, SCENES, pages};
+use whitstone_validate::sensitivity::Parameter;
 use whitstone_validate::{CaseResult, Pictures, Results, counted};
 
-/// Write the report of the last `validate` anew, with the diagrams of the last `converge`, and open it
+/// Write the report of the last `validate` anew, with what `converge`, `stress` and `sensitivity` found last, and open it
 ///
-/// The page is index.html in the folder of the results: one file that works from disk, without a network. With
+/// The page is index.html in the folder of the results: one file that works from disk, without a network; of more than 150 cases it
+/// is an index, and each scene has a page in the folder `scenes` beside it. With
 /// --baseline it also says what changed since an earlier run, and so does the terminal.
 ///
 /// Exit code 1 if a case of the baseline passed there and fails now, or is gone; else 0.
@@ -28,7 +31,7 @@ pub struct Arguments {
     /// Results of an earlier run: a results.json, or what `validate --json` wrote
     #[arg(long, value_name = "OLD.json")]
     baseline: Option<PathBuf>,
-    /// Folder of `validate` and `converge`
+    /// Folder of these commands
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
 }
@@ -80,11 +83,71 @@ pub(super) fn write(results: &Results, target: &Path, json: Option<&Path>) -> Re
 fn write_page(results: &Results, target: &Path, changes: Option<Changes>) -> Result<PathBuf, Failure> {
     let extras = Extras {
         diagrams: diagrams(target),
+        stress: kept(&stress(target)),
+        sensitivity: kept(&sensitivity(target)),
         changes,
     };
-    let path = folder(target).join("index.html");
-    atomic::write_bytes(&path, html(results, &extras).as_bytes()).map_err(Failure::environment)?;
-    Ok(path)
+    let folder = folder(target);
+    // Of scenes of an earlier run.
+    if folder.join(SCENES).is_dir() {
+        std::fs::remove_dir_all(folder.join(SCENES)).map_err(Failure::environment)?;
+    }
+    let files = pages(results, &extras);
+    for (path, page) in &files {
+        let path = folder.join(path);
+        std::fs::create_dir_all(path.parent().unwrap_or(&folder)).map_err(Failure::environment)?;
+        atomic::write_bytes(&path, page.as_bytes()).map_err(Failure::environment)?;
+    }
+    // The first is that of all scenes.
+    Ok(folder.join(&files[0].0))
+}
+
+/// How small a fault is seen, by scene.
+fn sensitivity(target: &Path) -> PathBuf {
+    target.join("sensitivity.json")
+}
+
+/// Diagrams of families.
+fn stress(target: &Path) -> PathBuf {
+    target.join("stress").join("diagrams.json")
+}
+
+/// What an earlier command left for reports; nothing where it is not there or of another version, which is told.
+fn kept<T: serde::de::DeserializeOwned + Default>(path: &Path) -> T {
+    if !path.is_file() {
+        return T::default();
+    }
+    from_json(path).unwrap_or_else(|problem| {
+        eprintln!("warning: {problem}; the report is without it");
+        T::default()
+    })
+}
+
+fn keep<T: serde::Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(value).map_err(Failure::environment)? + "\n";
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+    }
+    atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)
+}
+
+/// Keeps how small a fault is seen in a scene for reports, beside what is there of others.
+pub(super) fn keep_sensitivity(target: &Path, scene: String, found: &[Parameter]) -> Result<(), Failure> {
+    let path = sensitivity(target);
+    let mut all: BTreeMap<String, Vec<Parameter>> = kept(&path);
+    all.insert(scene, found.to_vec());
+    keep(&path, &all)
+}
+
+/// Keeps the diagrams of families for reports, beside what is there of others.
+#[cfg(feature = "stress")]
+pub(super) fn keep_stress(target: &Path, diagrams: Vec<Diagram>) -> Result<(), Failure> {
+    let path = stress(target);
+    let mut all: Vec<Diagram> = kept(&path);
+    all.retain(|old| diagrams.iter().all(|new| new.name != old.name));
+    all.extend(diagrams);
+    all.sort_by(|a, b| a.name.cmp(&b.name));
+    keep(&path, &all)
 }
 
 /// The last validation, with its pictures as far as these belong to it.
@@ -132,26 +195,17 @@ fn studies(target: &Path) -> PathBuf {
 #[cfg(feature = "converge")]
 pub(super) fn keep_studies(target: &Path, reports: &[StudyReport]) -> Result<(), Failure> {
     let path = studies(target);
-    let mut all: Vec<StudyReport> = from_json(&path).unwrap_or_default();
+    let mut all: Vec<StudyReport> = kept(&path);
     all.retain(|old| reports.iter().all(|new| new.study != old.study));
     all.extend_from_slice(reports);
     all.sort_by(|a, b| a.study.cmp(&b.study));
-    let text = serde_json::to_string_pretty(&all).map_err(Failure::environment)? + "\n";
-    std::fs::create_dir_all(target.join("converge")).map_err(Failure::environment)?;
-    atomic::write_bytes(&path, text.as_bytes()).map_err(Failure::environment)
+    keep(&path, &all)
 }
 
 /// The diagrams of all studies that were measured.
 #[cfg(feature = "converge")]
 fn diagrams(target: &Path) -> Vec<Diagram> {
-    let path = studies(target);
-    if !path.is_file() {
-        return Vec::new();
-    }
-    let reports: Vec<StudyReport> = from_json(&path).unwrap_or_else(|problem| {
-        eprintln!("warning: {problem}; there are no diagrams");
-        Vec::new()
-    });
+    let reports: Vec<StudyReport> = kept(&studies(target));
     let diagram = |report: &StudyReport| Diagram {
         name: report.study.clone(),
         title: report.title.clone(),

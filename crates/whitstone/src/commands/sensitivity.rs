@@ -1,20 +1,24 @@
 //! `sensitivity`: how small a fault is seen.
 
+use super::report;
 use super::validate::ReferenceMode;
 use crate::terminal::{Exit, Failure, progress, write_json};
 use clap::Args;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::Registry;
 use whitstone_validate::sensitivity::{Effect, Parameter};
-use whitstone_validate::{Options, Validator};
+use whitstone_validate::{Options, Validator, scene_key};
+
+/// That names of scenes are relative to.
+const SCENES: &str = "scenes";
 
 /// Change every number of a scene on our side only, until the comparison fails: the smallest change that is seen
 ///
 /// Each number but those of the film and of the table `expect` is changed by a ten-millionth of itself, then by ten times as much, and so
 /// on up to ten times itself; whole numbers by one and by themselves. What no change of it makes fail is told, and what
-/// changes no pixel at all.
+/// changes no pixel at all. The next `report` shows it with the scene.
 ///
 /// Exit code 0; 1 if the scene does not pass as it is.
 #[derive(Args, Debug)]
@@ -49,7 +53,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     }
     let (renderer, mode) = arguments.reference.parts();
     let options = Options {
-        scenes: PathBuf::from("scenes"),
+        scenes: PathBuf::from(SCENES),
         references: arguments.references.clone(),
         target: arguments.target.clone(),
         renderer,
@@ -81,6 +85,11 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         Err(problem) => return Err(Failure::usage(problem)),
     };
     print(&found);
+    report::keep_sensitivity(
+        &arguments.target,
+        scene_key(&arguments.scene, Path::new(SCENES)),
+        &found,
+    )?;
     if let Some(path) = &arguments.json {
         write_json(path, &json!({ "scene": arguments.scene, "parameters": found }))?;
     }

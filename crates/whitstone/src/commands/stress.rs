@@ -1,6 +1,7 @@
 //! `stress`: families of stiff and extreme cases.
 
 use super::page::{self, Marks};
+use super::report;
 use crate::terminal::{Exit, Failure, progress, write_json};
 use clap::Args;
 use serde_json::json;
@@ -13,6 +14,7 @@ use whitstone_stress::{
 };
 use whitstone_validate::driver::Driver;
 use whitstone_validate::environment::Environment;
+use whitstone_validate::report::Diagram;
 
 /// Turn knobs over decades until engines break, and say at which value each does
 ///
@@ -106,6 +108,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         reports.push(report);
     }
     bar.finish_and_clear();
+    report::keep_stress(&arguments.target, reports.iter().map(diagram).collect())?;
     if let Some(path) = &arguments.json {
         write_json(path, &json!({ "families": reports }))?;
     }
@@ -129,6 +132,25 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     } else {
         Exit::Differs
     })
+}
+
+/// As a report has it.
+fn diagram(family: &FamilyReport) -> Diagram {
+    Diagram {
+        name: family.family.clone(),
+        title: family.family.clone(),
+        about: format!(
+            "{}; error: {}; of use up to {:e}; promise: {}",
+            family.knob, family.measure, family.usable_level, family.pass_level
+        ),
+        verdict: format!(
+            "frontier {}, of Mitsuba {}: {}",
+            family.frontier(Engine::Whitstone),
+            family.frontier(Engine::Mitsuba),
+            family.verdict
+        ),
+        svg: plot::svg(family),
+    }
 }
 
 /// The marks around what is written into a page: the table of all families, and that of those in which Mitsuba takes part.

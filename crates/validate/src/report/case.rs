@@ -1,0 +1,510 @@
+//! What the templates show of a case.
+
+use super::number::{Limited, Number, plain_count, precise, scientific, short};
+use crate::explain::Reason;
+use crate::pixels::LayerPictures;
+use crate::sensitivity::{Effect, Parameter};
+use crate::{CaseResult, Pictures, Status, WorstPixel};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use whitstone_image::Tolerance;
+
+/// Width in which a picture is easy to see, in pixels of the page.
+pub(super) const PICTURE_WIDTH: usize = 384;
+/// Larger pixels show nothing more.
+const LARGEST_SCALE: usize = 16;
+
+/// A case, in the table and in its own section.
+pub(super) struct CaseView<'a> {
+    pub(super) case: &'a CaseResult,
+    pub(super) id: String,
+    pub(super) failed: bool,
+    /// Lower case, for the filter.
+    pub(super) words: String,
+    pub(super) size: String,
+    pub(super) reference: String,
+    pub(super) source: &'a str,
+    pub(super) twin: &'a str,
+    pub(super) twin_meaning: &'static str,
+    pub(super) interior: Limited,
+    pub(super) bias: Limited,
+    pub(super) explained: Limited,
+    pub(super) unexplained: Limited,
+    pub(super) nonfinite: Limited,
+    pub(super) ids: Limited,
+    pub(super) rmse: Number,
+    pub(super) render_s: Number,
+    pub(super) reference_s: Number,
+    pub(super) mrays_per_s: Number,
+    pub(super) checked: Vec<Checked>,
+    pub(super) measured: Vec<Measured>,
+    pub(super) pictures: Vec<Picture>,
+    pub(super) pixels: String,
+    pub(super) plugins: String,
+    pub(super) worst: Vec<Pixel<'a>>,
+    pub(super) over: Number,
+    pub(super) layers: Vec<Layer<'a>>,
+    pub(super) layer_pictures: Vec<LayerView<'a>>,
+    pub(super) sensitivity: Vec<Sensed<'a>>,
+}
+
+/// A number with a limit.
+pub(super) struct Checked {
+    pub(super) name: &'static str,
+    pub(super) note: String,
+    pub(super) limited: Limited,
+}
+
+/// A number without.
+pub(super) struct Measured {
+    pub(super) name: &'static str,
+    pub(super) value: Number,
+    pub(super) note: &'static str,
+}
+
+/// One of the three pictures.
+pub(super) struct Picture {
+    pub(super) caption: &'static str,
+    pub(super) alternative: String,
+    pub(super) data: String,
+    /// On the page, in CSS pixels.
+    pub(super) width: usize,
+    pub(super) is_error: bool,
+}
+
+/// A row of the worst pixels.
+pub(super) struct Pixel<'a> {
+    pub(super) x: usize,
+    pub(super) y: usize,
+    pub(super) ours: [Component; 3],
+    pub(super) reference: [Component; 3],
+    pub(super) times: Number,
+    pub(super) reason: Option<String>,
+    pub(super) tried: Option<String>,
+    pub(super) first_difference: Option<&'a str>,
+}
+
+/// A channel of a pixel.
+pub(super) struct Component {
+    pub(super) text: String,
+    /// Whether the two differ by more than the tolerance here.
+    pub(super) over: bool,
+}
+
+/// A row of the layers.
+pub(super) struct Layer<'a> {
+    pub(super) name: &'a str,
+    /// For layers of ids.
+    pub(super) differing: Option<Limited>,
+    pub(super) rms: Number,
+    pub(super) max_abs: Number,
+}
+
+/// A layer as both sides show it.
+pub(super) struct LayerView<'a> {
+    pub(super) name: &'a str,
+    pub(super) sides: [Picture; 2],
+}
+
+/// How small a change of a number of the scene is seen.
+pub(super) struct Sensed<'a> {
+    pub(super) path: &'a str,
+    pub(super) value: String,
+    pub(super) change: Number,
+    pub(super) of_itself: Number,
+    pub(super) effect: String,
+    /// Whether the comparison sees it.
+    pub(super) seen: bool,
+}
+
+pub(super) fn data_uri(png: &[u8]) -> String {
+    format!("data:image/png;base64,{}", STANDARD.encode(png))
+}
+
+pub(super) fn failed(case: &CaseResult) -> bool {
+    case.status != Some(Status::Pass)
+}
+
+impl<'a> CaseView<'a> {
+    /// All of it; `parameters` tell how small a change of each number is seen.
+    pub(super) fn new(index: usize, case: &'a CaseResult, parameters: &'a [Parameter]) -> Self {
+        let mut view = Self::row(index, case);
+        view.checked = view.checked();
+        view.measured = view.measured();
+        view.layers = layers(case);
+        view.sensitivity = parameters.iter().map(Sensed::new).collect();
+        if let Some(pictures) = &case.pictures {
+            view.pictures = views(case, pictures);
+            view.pixels = STANDARD.encode(&pictures.pixels);
+            view.layer_pictures = layer_views(case, pictures);
+        }
+        let pixel = |pixel| Pixel::new(pixel, case.mean_reference);
+        view.worst = case.worst.iter().map(pixel).collect();
+        view
+    }
+
+    /// What the table shows of it, and no more.
+    pub(super) fn row(index: usize, case: &'a CaseResult) -> Self {
+        let rendered = case.width > 0;
+        let ids = Limited::count(case.worst_ids());
+        let ours = |value: f64| Number::plain(rendered.then_some(value)).or("it was not rendered");
+        let source = case
+            .reference
+            .as_ref()
+            .map_or("none", |reference| reference.source.as_str());
+        let twin = if case.twin.is_empty() { "none" } else { &case.twin };
+        let failed = failed(case);
+        Self {
+            case,
+            id: format!("case-{}", index + 1),
+            failed,
+            words: format!(
+                "{} {} {twin} {source} {} {}",
+                case.scene,
+                case.config,
+                if failed { "fail" } else { "pass" },
+                case.plugins.join(" ")
+            )
+            .to_lowercase(),
+            size: if rendered {
+                format!(
+                    "{} × {} pixels, {} a pixel",
+                    case.width,
+                    case.height,
+                    samples(case.samples)
+                )
+            } else {
+                "not rendered".to_owned()
+            },
+            reference: reference(case),
+            source,
+            twin,
+            twin_meaning: twin_meaning(twin),
+            interior: Limited::error(case.interior()),
+            bias: Limited::error(case.bias()),
+            explained: Limited::count(case.explained()),
+            unexplained: Limited::count(case.unexplained()),
+            nonfinite: Limited::count(case.nonfinite()),
+            ids: Limited {
+                value: ids.value.or("no layer of ids was compared"),
+                ..ids
+            },
+            rmse: Number::error(case.rmse),
+            render_s: ours(case.render_s),
+            reference_s: Number::plain(case.reference_s).or("there is no reference"),
+            mrays_per_s: ours(case.mrays_per_s),
+            checked: Vec::new(),
+            measured: Vec::new(),
+            pictures: Vec::new(),
+            pixels: String::new(),
+            plugins: case.plugins.join(" "),
+            worst: Vec::new(),
+            over: Number::count(case.compared.then_some(case.pixels_over_tolerance as u64)),
+            layers: Vec::new(),
+            layer_pictures: Vec::new(),
+            sensitivity: Vec::new(),
+        }
+    }
+
+    /// The cells with limits, in the order of the columns of the table.
+    pub(super) fn limited(&self) -> [&Limited; 6] {
+        [
+            &self.interior,
+            &self.bias,
+            &self.explained,
+            &self.unexplained,
+            &self.nonfinite,
+            &self.ids,
+        ]
+    }
+
+    fn checked(&self) -> Vec<Checked> {
+        let row = |name, note: String, limited: &Limited| Checked {
+            name,
+            note,
+            limited: limited.clone(),
+        };
+        let bias = self.case.signed_block_bias.map_or_else(String::new, |block| {
+            format!(
+                "ours is {} in {} of the block at ({}, {}), {} pixels",
+                if block.bias < 0.0 { "darker" } else { "brighter" },
+                block.channel,
+                block.x,
+                block.y,
+                block.pixels
+            )
+        });
+        let radius = if self.case.explained_radius_px > 0.0 {
+            format!(
+                "by shifts of at most {} pixel",
+                short(self.case.explained_radius_px)
+            )
+        } else {
+            String::new()
+        };
+        vec![
+            row("interior error", "rel_rmse_interior".to_owned(), &self.interior),
+            row("block bias", bias, &self.bias),
+            row("pixels explained", radius, &self.explained),
+            row("pixels unexplained", String::new(), &self.unexplained),
+            row("values not finite", String::new(), &self.nonfinite),
+            row(
+                "pixels whose ids differ",
+                "in the worst layer".to_owned(),
+                &self.ids,
+            ),
+        ]
+    }
+
+    fn measured(&self) -> Vec<Measured> {
+        let case = self.case;
+        let row = |name, value: Number, note| Measured { name, value, note };
+        let ours = |value: f64, unit| {
+            Number::with_unit((case.width > 0).then_some(value), unit).or("it was not rendered")
+        };
+        vec![
+            row("pixels over tolerance", self.over.clone(), ""),
+            row("RMSE", self.rmse.clone(), "all pixels"),
+            row(
+                "relMSE",
+                Number::error(case.relmse),
+                "mean of d² / (reference² + 0.01)",
+            ),
+            row("mean |d|", Number::error(case.mae), ""),
+            row("largest |d|", Number::error(case.max_abs), ""),
+            row("mean |reference|", Number::plain(case.mean_reference), ""),
+            row(
+                "floor",
+                Number::error((case.floor > 0.0).then_some(case.floor))
+                    .or("the floor comes with the reference"),
+                "the reference's own error",
+            ),
+            row(
+                "drift",
+                Number::error(case.drift).or("needs a live and a stored reference"),
+                "of the live from the stored reference",
+            ),
+            row("built in", ours(case.build_s, "s"), ""),
+            row("rendered in", ours(case.render_s, "s"), ""),
+            row(
+                "reference traced in",
+                Number::with_unit(case.reference_s, "s").or("there is no reference"),
+                "",
+            ),
+            row(
+                "our rays",
+                Number::count((case.width > 0).then_some(case.rays)).or("it was not rendered"),
+                "shadow rays included",
+            ),
+            row("our speed", ours(case.mrays_per_s, "Mrays/s"), ""),
+        ]
+    }
+
+    /// "3 of 134".
+    pub(super) fn worst_shown(&self) -> String {
+        format!("{} of {}", self.worst.len(), self.over)
+    }
+}
+
+fn samples(samples: u32) -> String {
+    match samples {
+        1 => "1 sample".to_owned(),
+        n => format!("{n} samples"),
+    }
+}
+
+fn reference(case: &CaseResult) -> String {
+    match (&case.reference, reference_name(case)) {
+        (Some(reference), Some(name)) => {
+            format!(
+                "{}, {name}, spawn offset K = {}",
+                reference.source,
+                plain_count(reference.k)
+            )
+        }
+        _ => "none".to_owned(),
+    }
+}
+
+/// Who made the reference of a case.
+pub(super) fn reference_name(case: &CaseResult) -> Option<String> {
+    let reference = case.reference.as_ref()?;
+    Some(format!(
+        "{} {}, {}",
+        reference.name, reference.version, reference.variant
+    ))
+}
+
+fn twin_meaning(twin: &str) -> &'static str {
+    match twin {
+        "native" => "the reference's own plugins compute all of it",
+        "hosted" => "some formulas are plugins of ours that run inside Mitsuba",
+        "formula" => "the driver adds some terms by itself, or builds them of the reference's parts",
+        "tessellated" => "Mitsuba sees a mesh in place of a shape that it does not have",
+        _ => "",
+    }
+}
+
+fn views(case: &CaseResult, pictures: &Pictures) -> Vec<Picture> {
+    let scale = ((PICTURE_WIDTH + case.width / 2) / case.width.max(1)).clamp(1, LARGEST_SCALE);
+    let picture = |caption, alternative: String, png: &[u8], is_error| Picture {
+        caption,
+        alternative,
+        data: data_uri(png),
+        width: case.width * scale,
+        is_error,
+    };
+    let error = format!(
+        "Relative error of {}, pixel by pixel: {} pixels are over tolerance, the interior error is {}",
+        case.scene,
+        case.pixels_over_tolerance,
+        case.rel_rmse_interior
+            .map_or_else(|| "not known".to_owned(), scientific),
+    );
+    vec![
+        picture(
+            "ours",
+            format!("{}, rendered by Whitstone", case.scene),
+            &pictures.ours,
+            false,
+        ),
+        picture(
+            "reference",
+            format!("{}, the reference", case.scene),
+            &pictures.reference,
+            false,
+        ),
+        picture("relative error", error, &pictures.error, true),
+    ]
+}
+
+/// Small ones, side by side.
+fn layer_views<'a>(case: &CaseResult, pictures: &'a Pictures) -> Vec<LayerView<'a>> {
+    let scale = (PICTURE_WIDTH / 2).div_ceil(case.width.max(1)).min(LARGEST_SCALE);
+    let width = (case.width * scale).min(PICTURE_WIDTH);
+    let side = |caption, alternative: String, png: &[u8]| Picture {
+        caption,
+        alternative,
+        data: data_uri(png),
+        width,
+        is_error: false,
+    };
+    let view = |LayerPictures {
+                    name,
+                    ours,
+                    reference,
+                }: &'a LayerPictures| LayerView {
+        name,
+        sides: [
+            side(
+                "ours",
+                format!("{name} of {}, rendered by Whitstone", case.scene),
+                ours,
+            ),
+            side(
+                "reference",
+                format!("{name} of {}, the reference", case.scene),
+                reference,
+            ),
+        ],
+    };
+    pictures.layers.iter().map(view).collect()
+}
+
+impl<'a> Sensed<'a> {
+    fn new(parameter: &'a Parameter) -> Self {
+        let (change, effect) = match &parameter.effect {
+            Effect::Seen { change, problem } => (*change, problem.clone()),
+            Effect::Unseen { change } => (*change, "not seen up to here, though pixels change".to_owned()),
+            Effect::NoPixel { change } => (*change, "no pixel changes up to here".to_owned()),
+            Effect::Refused { change, problem } => (*change, format!("refused: {problem}")),
+        };
+        let part = (parameter.value != 0.0).then(|| change / parameter.value.abs());
+        Self {
+            path: &parameter.path,
+            value: precise(parameter.value),
+            change: Number::error(change),
+            of_itself: Number::error(part).or("it is 0"),
+            effect,
+            seen: matches!(parameter.effect, Effect::Seen { .. }),
+        }
+    }
+}
+
+impl<'a> Pixel<'a> {
+    fn new(pixel: &'a WorstPixel, mean_reference: Option<f64>) -> Self {
+        let tolerance = Tolerance::default();
+        // Without a mean only what is not finite is known to differ.
+        let times: [Option<f64>; 3] = std::array::from_fn(|channel| {
+            let (ours, reference) = (
+                f64::from(pixel.ours[channel]),
+                f64::from(pixel.reference[channel]),
+            );
+            let difference = (ours - reference).abs();
+            if !difference.is_finite() {
+                Some(f64::INFINITY)
+            } else if difference == 0.0 {
+                Some(0.0)
+            } else {
+                mean_reference.map(|mean| {
+                    difference / (tolerance.relative * reference.abs() + tolerance.absolute * mean)
+                })
+            }
+        });
+        let components = |values: [f32; 3]| {
+            std::array::from_fn(|channel| Component {
+                text: precise(f64::from(values[channel])),
+                over: times[channel].is_some_and(|times| times > 1.0),
+            })
+        };
+        let largest = times.iter().flatten().copied().reduce(f64::max);
+        Self {
+            x: pixel.x,
+            y: pixel.y,
+            ours: components(pixel.ours),
+            reference: components(pixel.reference),
+            times: Number::plain(largest.filter(|times| *times > 0.0))
+                .or("the mean of the reference is not known"),
+            reason: pixel.reason.as_ref().map(in_words),
+            tried: pixel.tried.map(|[min, max]| {
+                let color = |values: [f64; 3]| values.map(precise).join(", ");
+                format!("all tried: {} to {}", color(min), color(max))
+            }),
+            first_difference: pixel.first_difference.as_deref(),
+        }
+    }
+}
+
+/// What explains a pixel.
+fn in_words(reason: &Reason) -> String {
+    match reason {
+        Reason::Shift { radius_px } => format!(
+            "an edge: a shift of {} pixel takes the reference to our value",
+            short(*radius_px)
+        ),
+        Reason::SpawnOffset => {
+            "the reference takes our value with another spawn offset or traversal".to_owned()
+        }
+        Reason::StoredRange => "within the range that is kept with the stored reference".to_owned(),
+        Reason::Rounding { ulps } => format!(
+            "ill-conditioned: {} units in the last place take the reference to our value",
+            plain_count(*ulps)
+        ),
+        Reason::Vertices { ulps } => format!(
+            "ill-conditioned: {} units in the last place of its rays and one of its vertices take the reference to our value",
+            plain_count(*ulps)
+        ),
+    }
+}
+
+fn layers(case: &CaseResult) -> Vec<Layer<'_>> {
+    case.layers
+        .iter()
+        .map(|layer| Layer {
+            name: &layer.name,
+            differing: layer.differing.map(|_| Limited::count(case.ids(layer))),
+            rms: Number::error(layer.rms).or("ids are compared as they are"),
+            max_abs: Number::error(layer.max_abs).or("ids are compared as they are"),
+        })
+        .collect()
+}

@@ -1,0 +1,346 @@
+//! The rays of one pixel, ours alone or beside those of a live reference: a part of `explain`.
+
+use super::SceneArguments;
+use super::explain::Names;
+use crate::terminal::Failure;
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Duration;
+use whitstone_core::{InstancePath, Rgb, Scratch, TreeNode};
+use whitstone_scene::Pipeline;
+use whitstone_validate::driver::SceneText;
+use whitstone_validate::environment::Environment;
+use whitstone_validate::tree::{self, Node, Pair};
+use whitstone_validate::{Live, counted, flatten};
+
+/// How long the driver may take for an answer.
+const TIME_LIMIT: Duration = Duration::from_secs(300);
+/// Width of the column of ours.
+const COLUMN: usize = 48;
+
+/// Which pixel.
+#[derive(Args, Clone, Debug)]
+pub(super) struct PixelArguments {
+    /// Print the tree of rays of this pixel: column from the left, row from the top, both from 0. Beside that of Mitsuba, up to
+    /// where the two part
+    #[arg(long, value_name = "X,Y", value_parser = parse)]
+    pixel: Option<[usize; 2]>,
+    /// Which sample of the pixel
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "pixel")]
+    sample: u32,
+    /// Most rays of the tree to print
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    max_rays: usize,
+    /// Whether to ask Mitsuba for its rays too
+    #[arg(long, value_enum, default_value_t = Beside::Auto, requires = "pixel")]
+    reference: Beside,
+    /// Folder with the environment of Mitsuba
+    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
+    target: PathBuf,
+    /// Folder with the driver of Mitsuba
+    #[arg(long, default_value = "references", value_name = "DIR")]
+    references: PathBuf,
+}
+
+/// Whether the reference takes part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Beside {
+    /// If its environment is there already
+    Auto,
+    /// Make its environment if needed; exit code 3 where it cannot answer
+    Live,
+    /// Ours alone
+    None,
+}
+
+fn parse(text: &str) -> Result<[usize; 2], String> {
+    let numbers: Option<Vec<usize>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    numbers
+        .and_then(|numbers| numbers.try_into().ok())
+        .ok_or_else(|| "expected column,row, for example 10,20".to_owned())
+}
+
+/// The rays of one pixel.
+pub(super) struct PixelTree {
+    pixel: [usize; 2],
+    sample: u32,
+    value: Rgb,
+    nodes: Vec<TreeNode>,
+    most: usize,
+    /// Those of the reference, or why they are not here.
+    theirs: Result<Theirs, String>,
+}
+
+/// The reference's side.
+struct Theirs {
+    name: String,
+    nodes: Vec<Node>,
+}
+
+impl PixelArguments {
+    /// Follows the rays of the pixel, if one is asked for.
+    pub(super) fn trace(
+        &self,
+        pipeline: &Pipeline,
+        scene: &SceneArguments,
+    ) -> Result<Option<PixelTree>, Failure> {
+        let Some(pixel) = self.pixel else {
+            return Ok(None);
+        };
+        let size = pipeline.film.size;
+        let [width, height] = [size.width as usize, size.height as usize];
+        if pixel[0] >= width || pixel[1] >= height {
+            let [x, y] = pixel;
+            return Err(Failure::usage(format!(
+                "pixel {x},{y} is outside of the image of {width} x {height}"
+            )));
+        }
+        let (count, sample) = (pipeline.samples(), self.sample);
+        if sample >= count {
+            return Err(Failure::usage(format!(
+                "sample {sample}: a pixel has {count}, counted from 0"
+            )));
+        }
+        let theirs = self.theirs(scene, pixel);
+        if let (Err(problem), Beside::Live) = (&theirs, self.reference) {
+            return Err(Failure::environment(problem));
+        }
+        Ok(Some(PixelTree {
+            pixel,
+            sample,
+            value: pipeline.pixel(pixel.map(|p| p as u32), &mut Scratch::default()),
+            nodes: tree::ours(pipeline, pixel, sample),
+            most: self.max_rays,
+            theirs,
+        }))
+    }
+
+    fn theirs(&self, scene: &SceneArguments, pixel: [usize; 2]) -> Result<Theirs, String> {
+        let environment = match self.reference {
+            Beside::None => return Err("--reference none".to_owned()),
+            Beside::Live => Environment::ensure(&self.target, &self.references, &|text| eprintln!("{text}"))
+                .map_err(|error| error.to_string())?,
+            Beside::Auto => Environment::existing(&self.target, &self.references)
+                .ok_or("there is no environment of Mitsuba here; --reference live makes it")?,
+        };
+        let cache = self.target.join("live");
+        let mut live =
+            Live::start(environment, cache, true, TIME_LIMIT).map_err(|error| error.to_string())?;
+        let flattened = flatten(&scene.scene, &scene.overrides)?;
+        let text = SceneText {
+            text: &flattened.text,
+            base: &flattened.base,
+        };
+        let nodes = live
+            .tree(text, pixel, self.sample)
+            .map_err(|error| error.to_string())?;
+        Ok(Theirs {
+            name: live.renderer().to_string(),
+            nodes,
+        })
+    }
+}
+
+impl PixelTree {
+    /// For people.
+    pub(super) fn print(&self, pipeline: &Pipeline, names: &Names) {
+        let [x, y] = self.pixel;
+        println!("pixel ({x}, {y}): {}", colour(self.value));
+        match &self.theirs {
+            Ok(theirs) => self.print_beside(theirs, names),
+            Err(why) => {
+                println!("rays of sample {} (R reflected, T transmitted):", self.sample);
+                for node in in_order(&self.nodes).into_iter().take(self.most) {
+                    print_node(pipeline, node, names);
+                }
+                self.print_rest(self.nodes.len());
+                println!("without those of Mitsuba: {why}");
+            }
+        }
+    }
+
+    fn print_rest(&self, all: usize) {
+        if all > self.most {
+            println!("... and {} more; --max-rays shows them", all - self.most);
+        }
+    }
+
+    /// Both, up to the first ray in which they differ: what follows it cannot agree.
+    fn print_beside(&self, theirs: &Theirs, names: &Names) {
+        let pairs = tree::pairs(&self.nodes, &theirs.nodes);
+        let parted = pairs.iter().position(|pair| pair.difference.is_some());
+        let shown = parted.map_or(pairs.len(), |place| place + 1);
+        println!(
+            "rays of sample {} by depth (R reflected, T transmitted), numbers in single precision:",
+            self.sample
+        );
+        println!("{:13}{:COLUMN$}  {}", "", "ours", theirs.name);
+        // The one that differs is shown in any case.
+        let left_out = shown.saturating_sub(self.most);
+        for pair in pairs[..shown].iter().take(self.most.saturating_sub(1)) {
+            print_pair(pair, names);
+        }
+        if left_out > 0 {
+            println!("... {left_out} that agree; --max-rays shows them");
+        }
+        if let Some(last) = pairs[..shown].last().filter(|_| shown >= self.most.max(1)) {
+            print_pair(last, names);
+        }
+        match parted.map(|place| &pairs[place]) {
+            None => println!("the two trees agree: {}", counted(pairs.len(), "ray")),
+            Some(pair) => {
+                let difference = pair.difference.as_deref().unwrap_or_default();
+                println!("the two part at {}: {difference}", pair.name());
+                let behind = pairs.len() - shown;
+                if behind > 0 {
+                    println!("{behind} more rays are not shown: --json writes all");
+                }
+            }
+        }
+    }
+
+    /// For programs.
+    pub(super) fn report(&self) -> Value {
+        let node = |node: &&TreeNode| {
+            json!({
+                "path": node.path,
+                "shape": node.shape,
+                "primitive": node.primitive,
+                "copy": node.copy,
+                // Null for a miss: JSON has no infinity.
+                "t": node.t,
+                "position": node.position.to_array(),
+                "n_s": node.n_s.to_array(),
+                "throughput": node.throughput.to_array(),
+                "local": node.local.to_array(),
+                "limit": node.limit,
+            })
+        };
+        let reference = self.theirs.as_ref().ok().map(|theirs| {
+            json!({
+                "name": theirs.name,
+                "rays": theirs.nodes,
+                "first_difference": tree::first_difference(&self.nodes, &theirs.nodes),
+            })
+        });
+        json!({
+            "x": self.pixel[0],
+            "y": self.pixel[1],
+            "sample": self.sample,
+            "value": self.value.to_array(),
+            "rays": in_order(&self.nodes).iter().map(node).collect::<Vec<_>>(),
+            "reference": reference,
+        })
+    }
+}
+
+/// Parents before their children, reflections before transmissions.
+fn in_order(nodes: &[TreeNode]) -> Vec<&TreeNode> {
+    let mut sorted: Vec<&TreeNode> = nodes.iter().collect();
+    sorted.sort_by(|a, b| a.path.cmp(&b.path));
+    sorted
+}
+
+/// A ray of both, a line for each thing that is compared.
+fn print_pair(pair: &Pair<'_>, names: &Names) {
+    println!("{}", pair.name());
+    let hit = |shape: i64, primitive: i64, limit: bool| match (limit, shape < 0) {
+        (true, _) => "at the depth limit".to_owned(),
+        (false, true) => "nothing".to_owned(),
+        (false, false) => format!("shape {shape} ({}), primitive {primitive}", names.shape(shape)),
+    };
+    let mine = pair.ours.map(|node| {
+        [
+            hit(node.shape, node.primitive, node.limit),
+            single(node.t),
+            vector(node.n_s.to_array()),
+            vector(node.throughput.to_array()),
+            vector(node.local.to_array()),
+        ]
+    });
+    let other = pair.theirs.map(|node| {
+        [
+            hit(node.shape, node.primitive, node.limit),
+            single(node.t),
+            vector(node.n_s),
+            vector(node.throughput),
+            vector(node.local),
+        ]
+    });
+    let is_hit =
+        pair.ours.is_some_and(|node| node.shape >= 0) || pair.theirs.is_some_and(|node| node.shape >= 0);
+    for (line, name) in ["hits", "distance", "normal", "throughput", "local"]
+        .into_iter()
+        .enumerate()
+    {
+        // A miss has neither.
+        if !is_hit && (name == "distance" || name == "normal") {
+            continue;
+        }
+        let of =
+            |lines: &Option<[String; 5]>| lines.as_ref().map_or_else(|| "-".to_owned(), |l| l[line].clone());
+        println!("  {name:<11}{:COLUMN$}  {}", of(&mine), of(&other));
+    }
+}
+
+/// The digits that single precision has.
+fn single(value: f64) -> String {
+    format!("{:?}", value as f32)
+}
+
+fn vector(values: [f64; 3]) -> String {
+    format!("[{}]", values.map(single).join(", "))
+}
+
+/// The instances that lead to a copy, outermost first.
+fn placed_by(pipeline: &Pipeline, copy: u32) -> Vec<u32> {
+    pipeline.world.geometry.placed_by(InstancePath(copy))
+}
+
+fn print_node(pipeline: &Pipeline, node: &TreeNode, names: &Names) {
+    // Beyond some depth, more indentation would only fill the lines.
+    let indent = "  ".repeat(1 + node.path.len().min(20));
+    let name = match node.path.len() {
+        0 => "camera ray".to_owned(),
+        1..=20 => node.path.clone(),
+        depth => format!("depth {depth} {}", &node.path[depth - 1..]),
+    };
+    if node.shape < 0 {
+        let what = if node.limit {
+            "beyond the depth limit"
+        } else {
+            "nothing"
+        };
+        println!(
+            "{indent}{name}: {what}, throughput {}, background {}",
+            colour(node.throughput),
+            colour(node.local)
+        );
+        return;
+    }
+    let copies = placed_by(pipeline, node.copy).into_iter().map(|place| {
+        let place = i64::from(place);
+        format!(" in shape {place} ({})", names.shape(place))
+    });
+    let copies: String = copies.rev().collect();
+    println!(
+        "{indent}{name}: shape {} ({}){copies}, primitive {}, t {}, normal {:?}, throughput {}, local {}",
+        node.shape,
+        names.shape(node.shape),
+        node.primitive,
+        node.t,
+        node.n_s.to_array(),
+        colour(node.throughput),
+        colour(node.local)
+    );
+}
+
+fn colour(value: Rgb) -> String {
+    let [r, g, b] = value.to_array();
+    if r == g && g == b {
+        format!("{r}")
+    } else {
+        format!("[{r}, {g}, {b}]")
+    }
+}
