@@ -648,7 +648,7 @@ fn many_cases_have_a_page_for_each_scene() {
     let sensed = parse(&files["scenes/a-b.html"]);
     // Of the scene as it is, not of its settings.
     assert_eq!(sensed.select("table.sensitivity").len(), 1);
-    assert!(sensed.select("table.sensitivity")[0].text().contains("5e-7"));
+    assert!(sensed.select("table.sensitivity")[0].text().contains("5.00e-7"));
 }
 
 #[test]
