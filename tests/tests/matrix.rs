@@ -215,9 +215,9 @@ fn the_command_tells_cells_and_reasons() {
     assert_eq!(output.status.code(), Some(0), "{stdout}");
     let junit = std::fs::read_to_string(junit).unwrap();
     for case in [
-        "sphere.toml\"",
-        "sphere.toml, threads 1\"",
-        "sphere.toml, threads 3\"",
+        "shapes/sphere\"",
+        "shapes/sphere, threads 1\"",
+        "shapes/sphere, threads 3\"",
     ] {
         assert!(junit.contains(case), "{case}: {junit}");
     }
