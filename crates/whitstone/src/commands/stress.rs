@@ -138,10 +138,10 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
 fn diagram(family: &FamilyReport) -> Diagram {
     Diagram {
         name: family.family.clone(),
-        title: family.family.clone(),
+        title: family.knob.clone(),
         about: format!(
-            "{}; error: {}; of use up to {:e}; promise: {}",
-            family.knob, family.measure, family.usable_level, family.pass_level
+            "Error: {}; of use up to {:e}; promise: {}.",
+            family.measure, family.usable_level, family.pass_level
         ),
         verdict: format!(
             "frontier {}, of Mitsuba {}: {}",
