@@ -16,6 +16,7 @@ mod polynomial;
 mod quadratic;
 mod root;
 mod shapes;
+pub mod tracer;
 mod vector;
 
 pub use interval::Interval as Enclosure;

@@ -9,6 +9,7 @@ mod inexact;
 mod key;
 mod live;
 pub mod matrix;
+pub mod opinion;
 mod pixels;
 mod place;
 pub mod renderer;
@@ -20,7 +21,7 @@ pub mod stored;
 pub mod tree;
 mod validator;
 
-pub use key::{find_scenes, scene_key};
+pub use key::{find_scenes, quoted, scene_key};
 pub use live::{Live, LiveError, hash_sources};
 pub use pixels::Pictures;
 pub use renderer::Renderer;
@@ -28,4 +29,4 @@ pub use result::{
     CaseResult, Check, LayerResult, LeftOut, Provenance, Reference, Results, Status, Summary, WorstPixel,
     counted,
 };
-pub use validator::{Mode, NoLive, Options, Validator, flatten, quoted};
+pub use validator::{Mode, NoLive, Options, Validator, flatten};

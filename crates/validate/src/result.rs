@@ -3,6 +3,7 @@
 use crate::driver::{Hello, PovRay};
 use crate::explain::Reason;
 use crate::matrix::{Cell, Tally};
+use crate::opinion::{Opinion, Verdict};
 use crate::pixels::Pictures;
 use serde::{Deserialize, Deserializer, Serialize};
 use whitstone_image::metrics::BlockBias;
@@ -198,6 +199,8 @@ pub struct CaseResult {
     /// Pictures for the report.
     #[serde(skip)]
     pub pictures: Option<Pictures>,
+    /// What the oracle says, if it was asked.
+    pub opinion: Option<Opinion>,
 }
 
 /// A pixel that differs.
@@ -221,6 +224,9 @@ pub struct WorstPixel {
     pub tried: Option<[[f64; 3]; 2]>,
     /// For unexplained pixels: where the two ray trees part.
     pub first_difference: Option<String>,
+    /// Who is right, if the oracle was asked.
+    #[serde(default)]
+    pub oracle: Option<Verdict>,
 }
 
 /// JSON has no other numbers than finite ones: what is not is written as null, and read as NaN.

@@ -1,7 +1,7 @@
 use crate::driver::{DriverError, SceneText};
 use crate::environment::Environment;
 use crate::explain::{Range, Reason, explain};
-use crate::key::{folder_of, scene_key};
+use crate::key::{folder_of, quoted, scene_key};
 use crate::live::{Live, LiveError};
 use crate::pixels::Pictures;
 use crate::renderer::{Adaptation, Renderer};
@@ -77,6 +77,8 @@ pub struct Validator<'a> {
     broken: Option<String>,
     /// Whether results have pictures.
     pictures: bool,
+    /// Whether the oracle is asked about pixels that differ.
+    pub(crate) oracle: bool,
     /// Is told what is being done.
     pub(crate) stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
 }
@@ -143,6 +145,7 @@ impl<'a> Validator<'a> {
             not_live,
             broken: None,
             pictures: true,
+            oracle: false,
             stage: Box::new(|_| {}),
         })
     }
@@ -203,6 +206,8 @@ impl<'a> Validator<'a> {
                     Ok(against) => {
                         if let Err(error) = self.judge(&mut case, &ours, &against) {
                             case.problems.push(error.to_string());
+                        } else if self.oracle {
+                            self.opine(path, &mut case, &ours.image, &against.stored.image);
                         }
                     }
                 }
@@ -580,6 +585,7 @@ impl<'a> Validator<'a> {
                 reason,
                 tried: tried.map(|range| [range.min, range.max]),
                 first_difference,
+                oracle: None,
             });
         }
         Ok(())
@@ -653,16 +659,6 @@ pub fn flatten(path: &Path, overrides: &[String]) -> Result<Flattened, String> {
         Sources::load(path, overrides).map_err(|error| error.sources.report(&error.errors, false))?;
     let description = Description::parse(&sources).map_err(|errors| sources.report(&errors, false))?;
     Ok(description.flattened)
-}
-
-/// A word of a command as a shell reads it.
-pub fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_alphanumeric() || "_./=,:@%+-".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', r"'\''"))
-    }
 }
 
 /// How a picture differs from the exact one, in words.

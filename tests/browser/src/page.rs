@@ -55,6 +55,7 @@ fn case(scene: &str, plugins: &[&str], failed: bool) -> CaseResult {
             reason,
             tried: None,
             first_difference: None,
+            oracle: None,
         }
     };
     CaseResult {

@@ -2,6 +2,7 @@
 
 use super::number::{Limited, Number, plain_count, precise, scientific, short};
 use crate::explain::Reason;
+use crate::opinion::Verdict;
 use crate::pixels::LayerPictures;
 use crate::sensitivity::{Effect, Parameter};
 use crate::{CaseResult, Pictures, Status, WorstPixel};
@@ -82,6 +83,7 @@ pub(super) struct Pixel<'a> {
     pub(super) reason: Option<String>,
     pub(super) tried: Option<String>,
     pub(super) first_difference: Option<&'a str>,
+    pub(super) oracle: Option<Verdict>,
 }
 
 /// A channel of a pixel.
@@ -471,6 +473,7 @@ impl<'a> Pixel<'a> {
                 format!("all tried: {} to {}", color(min), color(max))
             }),
             first_difference: pixel.first_difference.as_deref(),
+            oracle: pixel.oracle,
         }
     }
 }

@@ -86,6 +86,7 @@ fn case(scene: &str, twin: &str) -> CaseResult {
             reason: Some(Reason::Shift { radius_px: 1e-3 }),
             tried: None,
             first_difference: None,
+            oracle: None,
         }],
         layers: vec![
             LayerResult {
@@ -130,6 +131,7 @@ fn failing() -> CaseResult {
         reason,
         tried: first.map(|_| [[0.05, 0.12, 0.2], [0.0912, 0.13, 0.2]]),
         first_difference: first.map(str::to_owned),
+        oracle: None,
     };
     CaseResult {
         rmse: Some(1.07e-2),
@@ -241,6 +243,7 @@ fn hostile() -> CaseResult {
         }],
         worst: vec![WorstPixel {
             first_difference: Some(text),
+            oracle: None,
             ..failing().worst[0].clone()
         }],
         mean_reference: None,

@@ -56,6 +56,9 @@ pub struct Arguments {
     /// filters beside a live reference; what a scene does not need is left out and told
     #[arg(long)]
     pub matrix: bool,
+    /// Ask the oracle, a tracer with as many digits as it takes, who is right about each pixel that differs
+    #[arg(long)]
+    pub oracle: bool,
     /// Write the results to this file too
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -168,6 +171,9 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     let scenes = arguments.find()?;
     let mut validator = Validator::new(registry, arguments.options(program), &|text| eprintln!("{text}"))
         .map_err(Failure::environment)?;
+    if arguments.oracle {
+        validator.ask_oracle();
+    }
     if let Some(why) = validator.not_live() {
         let (renderer, _) = arguments.reference.parts();
         eprintln!("warning: no live {renderer}: {why}\nwarning: comparing with the stored references");
@@ -369,6 +375,13 @@ fn print_case(case: &CaseResult) {
     }
     for change in &case.adapted {
         println!("      on both sides {change}");
+    }
+    if let Some(opinion) = case
+        .opinion
+        .as_ref()
+        .filter(|opinion| opinion.asked > 0 || opinion.silent.is_some())
+    {
+        println!("      oracle: {opinion}");
     }
     for problem in &case.problems {
         println!("      {}", problem.replace('\n', "\n      "));

@@ -1,0 +1,369 @@
+//! A Whitted tracer of its own: the third opinion on a pixel.
+//!
+//! It tries every shape for every ray and follows the tree by plain recursion, so that there is little to be wrong. Where a ray meets a
+//! surface is found with as many digits as it takes ([`crate::Oracle`]); the point is then the double vector nearest to it, and what is
+//! computed there are the formulas of `docs/whitted-model.md`, in double precision, in their plainest form.
+//!
+//! How much of a value is certain is found by stochastic arithmetic (Vignes 1993, *A stochastic arithmetic for reliable scientific
+//! computation*): the tree is followed again several times, with every point and direction moved at random by a few units in the
+//! last place. What these values differ by is its uncertainty; a pixel in which that is large is ill-posed.
+//!
+//! What it does not know it says: a scene with such a part has no tracer, and a ray whose hit no number of digits decides has no value.
+
+mod camera;
+mod light;
+mod material;
+mod scene;
+mod texture;
+
+use camera::Camera;
+use light::Lights;
+use material::{Branch, Medium};
+use scene::{Hit, Scene};
+use serde::Deserialize;
+use whitstone_core::config::decode;
+use whitstone_core::{DVec3, Ray, Rgb, SceneError, SceneErrors};
+use whitstone_scene::{Description, PluginTable};
+
+/// How often each pixel is traced with other roundings.
+const REPEATS: u64 = 4;
+/// The uncertainty is so many times the largest deviation that was seen.
+const SAFETY: f64 = 4.0;
+/// By how many units in the last place points and directions are moved.
+const ULPS: f64 = 2.0;
+
+/// A pixel according to the oracle.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    /// It is this, give or take.
+    Known {
+        /// Linear R, G, B.
+        rgb: [f64; 3],
+        /// How far the truth may be from it, by channel.
+        uncertainty: [f64; 3],
+    },
+    /// The oracle does not know, and why.
+    Unknown(String),
+}
+
+/// Why a ray has no value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Unsure {
+    /// A ray touches a surface, or two surfaces are at one place.
+    Touch,
+    /// The tree has too many rays.
+    Long,
+}
+
+/// Rays of a tree before it counts as too long.
+const MOST_RAYS: u32 = 20_000;
+
+/// Traces pixels of one scene.
+pub struct Tracer {
+    scene: Scene,
+    camera: Camera,
+    lights: Lights,
+    rules: Rules,
+    positions: Vec<[f64; 2]>,
+}
+
+/// `[integrator]`.
+struct Rules {
+    max_depth: u32,
+    min_contribution: f64,
+    black_at_max_depth: bool,
+    shadows: bool,
+    branches: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Whitted {
+    #[serde(default = "six")]
+    max_depth: u32,
+    #[serde(default)]
+    min_contribution: f64,
+    #[serde(default)]
+    at_max_depth: Option<String>,
+    #[serde(default)]
+    shadows: Option<String>,
+}
+
+fn six() -> u32 {
+    6
+}
+
+impl Rules {
+    fn new(plugin: &PluginTable<'_>) -> Result<Self, SceneErrors> {
+        if !["whitted", "appel"].contains(&&*plugin.name) {
+            return Err(unknown(plugin, "integrator"));
+        }
+        let Whitted {
+            max_depth,
+            min_contribution,
+            at_max_depth,
+            shadows,
+        } = decode(&plugin.table)?;
+        let shadows = match shadows.as_deref() {
+            None | Some("opaque") => true,
+            Some("none") => false,
+            Some(_) => return Err(unknown_part(plugin, "filtered shadows")),
+        };
+        Ok(Self {
+            max_depth,
+            min_contribution,
+            black_at_max_depth: at_max_depth.as_deref() == Some("black"),
+            shadows,
+            branches: plugin.name == "whitted",
+        })
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Grid {
+    #[serde(default = "two")]
+    n: u32,
+}
+
+fn two() -> u32 {
+    2
+}
+
+/// Positions in a pixel, in their order.
+fn positions(plugin: &PluginTable<'_>) -> Result<Vec<[f64; 2]>, SceneErrors> {
+    match &*plugin.name {
+        "center" => Ok(vec![[0.5; 2]]),
+        "grid" => {
+            let Grid { n } = decode(&plugin.table)?;
+            let at = |i: u32| (f64::from(i) + 0.5) / f64::from(n);
+            Ok((0..n).flat_map(|b| (0..n).map(move |a| [at(a), at(b)])).collect())
+        }
+        _ => Err(unknown(plugin, "sampler")),
+    }
+}
+
+/// "the oracle does not know the light "x"", at its place.
+pub(crate) fn unknown(plugin: &PluginTable<'_>, family: &str) -> SceneErrors {
+    let message = format!("the oracle does not know the {family} \"{}\"", plugin.name);
+    SceneError::at(plugin.name_span.clone(), message).into()
+}
+
+/// The same of a part of it.
+pub(crate) fn unknown_part(plugin: &PluginTable<'_>, what: &str) -> SceneErrors {
+    SceneError::at(
+        plugin.name_span.clone(),
+        format!("the oracle does not know {what}"),
+    )
+    .into()
+}
+
+/// Pseudo-random signs and sizes, of splitmix64 (Steele, Lea and Flood 2014); none in the first run.
+struct Jitter(Option<u64>);
+
+impl Jitter {
+    fn next(&mut self) -> f64 {
+        let Some(state) = &mut self.0 else {
+            return 0.0;
+        };
+        *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = *state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^= z >> 31;
+        (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    /// Each coordinate moved by up to [`ULPS`] of the largest one.
+    fn point(&mut self, p: DVec3) -> DVec3 {
+        let size = p.abs().max_element() * f64::EPSILON * ULPS;
+        p + DVec3::new(self.next(), self.next(), self.next()) * size
+    }
+
+    fn direction(&mut self, d: DVec3) -> DVec3 {
+        self.point(d).normalize()
+    }
+}
+
+/// What a tree is followed with.
+struct Walk {
+    jitter: Jitter,
+    rays: u32,
+}
+
+/// A ray on its way.
+struct Arriving {
+    ray: Ray,
+    /// The surface that it leaves.
+    from: Option<(usize, u32)>,
+    throughput: Rgb,
+    medium: Medium,
+    depth: u32,
+}
+
+impl Tracer {
+    /// For a scene that could be planned.
+    ///
+    /// # Errors
+    /// What the oracle does not know of it.
+    pub fn new(description: &Description<'_>) -> Result<Self, SceneErrors> {
+        Ok(Self {
+            scene: Scene::new(description)?,
+            camera: Camera::new(&description.camera, &description.film)?,
+            lights: Lights::new(&description.lights)?,
+            rules: Rules::new(&description.integrator)?,
+            positions: positions(&description.sampler)?,
+        })
+    }
+
+    /// The value of a pixel, column and row from the left top.
+    pub fn pixel(&self, pixel: [u32; 2]) -> Value {
+        let value = match self.once(pixel, None) {
+            Ok(value) => value,
+            Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
+        };
+        let mut uncertainty = [0.0_f64; 3];
+        for seed in 1..=REPEATS {
+            // A tree that is undecided after a tiny move shows that it is next to one.
+            let other = match self.once(pixel, Some(seed)) {
+                Ok(other) => other,
+                Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
+            };
+            for ((most, a), b) in uncertainty.iter_mut().zip(value.to_array()).zip(other.to_array()) {
+                *most = most.max(SAFETY * (a - b).abs());
+            }
+        }
+        Value::Known {
+            rgb: value.to_array(),
+            uncertainty,
+        }
+    }
+
+    fn once(&self, [x, y]: [u32; 2], seed: Option<u64>) -> Result<Rgb, Unsure> {
+        let mut walk = Walk {
+            jitter: Jitter(seed),
+            rays: 0,
+        };
+        let mut sum = Rgb::splat(0.0);
+        for position in &self.positions {
+            let place = [f64::from(x) + position[0], f64::from(y) + position[1]];
+            let ray = self.camera.ray(place);
+            let arriving = Arriving {
+                ray: Ray {
+                    direction: walk.jitter.direction(ray.direction),
+                    ..ray
+                },
+                from: None,
+                throughput: Rgb::splat(1.0),
+                medium: Medium::default(),
+                depth: 0,
+            };
+            sum += self.radiance(&arriving, &mut walk)?;
+        }
+        Ok(sum * (1.0 / self.positions.len() as f64))
+    }
+
+    /// Section 6.
+    fn radiance(&self, arriving: &Arriving, walk: &mut Walk) -> Result<Rgb, Unsure> {
+        walk.rays += 1;
+        if walk.rays > MOST_RAYS {
+            return Err(Unsure::Long);
+        }
+        let Some(hit) = self.scene.nearest(&arriving.ray, arriving.from, f64::INFINITY)? else {
+            return Ok(self.lights.background() * arriving.medium.endless());
+        };
+        let transmittance = arriving.medium.over(hit.t);
+        let throughput = arriving.throughput * transmittance;
+        let point = walk.jitter.point(hit.point);
+        let viewer = -arriving.ray.direction;
+        let material = self.scene.material(&hit, viewer);
+        let mut sum = material.emission() + material.ambient(self.lights.ambient);
+        for light in &self.lights.all {
+            let Some((l, distance, e)) = light.at(point) else {
+                continue;
+            };
+            // Rule G, and the side that is lit.
+            let counts = hit.normal.dot(l) * hit.normal.dot(viewer) > 0.0 && material.n().dot(l) > 0.0;
+            if counts && !self.hidden(&hit, point, l, distance)? {
+                sum += material.answer(l) * e;
+            }
+        }
+        if self.rules.branches {
+            for branch in material.branches(arriving.medium) {
+                sum += self.branch(&branch, &hit, point, viewer, throughput, arriving.depth, walk)?;
+            }
+        }
+        Ok(sum * transmittance)
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "what a branch of a tree hangs on")]
+    fn branch(
+        &self,
+        branch: &Branch,
+        hit: &Hit,
+        point: DVec3,
+        viewer: DVec3,
+        throughput: Rgb,
+        depth: u32,
+        walk: &mut Walk,
+    ) -> Result<Rgb, Unsure> {
+        // Rule G.
+        let side = hit.normal.dot(branch.direction) * hit.normal.dot(viewer);
+        let allowed = if branch.transmitted {
+            side < 0.0
+        } else {
+            side > 0.0
+        };
+        let next = throughput * branch.weight;
+        let most = next.max_component();
+        if !allowed || most == 0.0 || most < self.rules.min_contribution {
+            return Ok(Rgb::splat(0.0));
+        }
+        if depth >= self.rules.max_depth {
+            return Ok(match self.rules.black_at_max_depth {
+                true => Rgb::splat(0.0),
+                false => branch.weight * self.lights.background() * branch.medium.endless(),
+            });
+        }
+        let arriving = Arriving {
+            ray: Ray {
+                origin: point,
+                direction: walk.jitter.direction(branch.direction),
+            },
+            from: Some((hit.shape, hit.primitive)),
+            throughput: next,
+            medium: branch.medium,
+            depth: depth + 1,
+        };
+        Ok(branch.weight * self.radiance(&arriving, walk)?)
+    }
+
+    /// Whether a surface lies strictly between a point and a light.
+    fn hidden(&self, hit: &Hit, point: DVec3, l: DVec3, distance: f64) -> Result<bool, Unsure> {
+        if !self.rules.shadows {
+            return Ok(false);
+        }
+        let ray = Ray {
+            origin: point,
+            direction: l,
+        };
+        // Section 7: a shadow ray ends 8 units in the last place before the light.
+        let size = point.abs().max_element() + distance;
+        let end = if distance.is_finite() {
+            distance - 8.0 * f64::EPSILON * size
+        } else {
+            distance
+        };
+        let from = Some((hit.shape, hit.primitive));
+        Ok(self.scene.nearest(&ray, from, end)?.is_some())
+    }
+}
+
+impl Unsure {
+    fn told(self) -> &'static str {
+        match self {
+            Self::Touch => "a ray touches a surface or an edge, or two surfaces are at one place",
+            Self::Long => "the tree of rays is too long for it",
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! The oracle's own tracer against the pipeline: two programs of one model.
+
+use whitstone::scene::{Description, Plan, Sources};
+use whitstone_core::Scratch;
+use whitstone_oracle::tracer::{Tracer, Value};
+use whitstone_tests::{load, scenes};
+
+/// Pixels of each scene along a side, from a lattice that no scene is symmetric to.
+const SIDE: u32 = 6;
+/// Relative to the largest channel, beside the uncertainty that the oracle tells: what rounding does along a tree.
+const TOLERANCE: f64 = 1e-9;
+
+/// How many pixels agree, differ, and are not known; `None` where the oracle does not know the scene.
+fn counts(scene: &std::path::Path, theirs: &[String], ours: &[String]) -> Option<[usize; 3]> {
+    let registry = whitstone::registry();
+    let sources = Sources::load(scene, theirs).ok()?;
+    let description = Description::parse(&sources).ok()?;
+    Plan::new(&description, &registry).ok()?;
+    let tracer = Tracer::new(&description).ok()?;
+    let pipeline = load(scene, ours, &registry).ok()?;
+    let size = pipeline.film.size;
+    let mut found = [0; 3];
+    for place in 0..SIDE * SIDE {
+        let part = |k: u32, side: u32| ((f64::from(k) + 0.37) / f64::from(SIDE) * f64::from(side)) as u32;
+        let pixel = [part(place % SIDE, size.width), part(place / SIDE, size.height)];
+        let mine = pipeline.pixel(pixel, &mut Scratch::default()).to_array();
+        found[match tracer.pixel(pixel) {
+            Value::Unknown(_) => 2,
+            Value::Known { rgb, uncertainty } => {
+                let largest = rgb.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+                let near = |c: usize| (mine[c] - rgb[c]).abs() <= TOLERANCE * largest + uncertainty[c];
+                usize::from(!(0..3).all(near))
+            }
+        }] += 1;
+    }
+    Some(found)
+}
+
+#[test]
+fn pixels_are_those_of_the_oracle() {
+    let mut known = 0;
+    let mut problems = Vec::new();
+    for scene in scenes() {
+        let Some([agree, differ, unknown]) = counts(&scene, &[], &[]) else {
+            continue;
+        };
+        known += 1;
+        let name = scene.display();
+        println!("{name}: {agree} agree, {differ} differ, {unknown} are not known");
+        if differ > 0 || unknown > agree / 8 {
+            problems.push(format!(
+                "{name}: {agree} agree, {differ} differ, {unknown} are not known"
+            ));
+        }
+    }
+    assert!(problems.is_empty(), "{}", problems.join("\n"));
+    assert!(known > 25, "the oracle knows {known} scenes");
+}
+
+/// A fault of a millionth in one number is seen.
+#[test]
+fn the_comparison_bites() {
+    let scene = whitstone_tests::root().join("scenes/showcase/classic.toml");
+    for fault in ["camera.fov=45.000045", "light.0.intensity=60.00006"] {
+        let [agree, differ, _] = counts(&scene, &[], &[fault.to_owned()]).expect("the oracle knows it");
+        assert!(differ > agree, "{fault}: {agree} agree, {differ} differ");
+    }
+}
