@@ -71,30 +71,34 @@ impl Pair<'_> {
 
 /// The rays of both trees by depth, reflections before transmissions.
 pub fn pairs<'a>(ours: &'a [TreeNode], theirs: &'a [Node]) -> Vec<Pair<'a>> {
-    let mut found: BTreeMap<(usize, &str), (Option<&TreeNode>, Option<&Node>)> = BTreeMap::new();
+    let empty = |path: &'a str| Pair {
+        path,
+        ours: None,
+        theirs: None,
+        difference: None,
+    };
+    let mut found: BTreeMap<(usize, &str), Pair<'a>> = BTreeMap::new();
+    let mut pair_of = |path: &'a str, fill: &dyn Fn(&mut Pair<'a>)| {
+        fill(found.entry((path.len(), path)).or_insert_with(|| empty(path)));
+    };
     for node in ours {
-        found.entry((node.path.len(), &node.path)).or_default().0 = Some(node);
+        pair_of(&node.path, &|pair| pair.ours = Some(node));
     }
     for node in theirs {
-        found.entry((node.path.len(), &node.path)).or_default().1 = Some(node);
+        pair_of(&node.path, &|pair| pair.theirs = Some(node));
     }
-    let pair =
-        |((_, path), (ours, theirs)): ((usize, &'a str), (Option<&'a TreeNode>, Option<&'a Node>))| Pair {
-            path,
-            ours,
-            theirs,
-            difference: match (ours, theirs) {
-                (Some(ours), None) => {
-                    matters(ours.throughput.to_array()).then(|| "only ours goes on".to_owned())
-                }
-                (None, Some(theirs)) => {
-                    matters(theirs.throughput).then(|| "only the reference goes on".to_owned())
-                }
-                (Some(ours), Some(theirs)) => difference(ours, theirs),
-                (None, None) => None,
-            },
+    let mut pairs: Vec<Pair<'a>> = found.into_values().collect();
+    for pair in &mut pairs {
+        pair.difference = match (pair.ours, pair.theirs) {
+            (Some(ours), None) => matters(ours.throughput.to_array()).then(|| "only ours goes on".to_owned()),
+            (None, Some(theirs)) => {
+                matters(theirs.throughput).then(|| "only the reference goes on".to_owned())
+            }
+            (Some(ours), Some(theirs)) => difference(ours, theirs),
+            (None, None) => None,
         };
-    found.into_iter().map(pair).collect()
+    }
+    pairs
 }
 
 /// The first ray, by depth, that differs, and how.
