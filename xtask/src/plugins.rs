@@ -1,8 +1,8 @@
 //! What the files of plugins say about them in their headers: their twin, example and laws, for `whitstone list --json`.
 
 use crate::peers;
-use serde_json::{Map, Value, json};
-use std::collections::BTreeSet;
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use whitstone::core::Registry;
 
@@ -11,7 +11,8 @@ pub(crate) const FILE: &str = "crates/whitstone/src/plugins.json";
 
 /// The content of the file.
 pub(crate) fn json(registry: &Registry) -> String {
-    let mut families = Map::new();
+    // Sorted here: a map of JSON keeps the order of insertion in some builds, by a feature that other packages turn on.
+    let mut families: BTreeMap<&str, BTreeMap<&str, BTreeMap<&str, Value>>> = BTreeMap::new();
     for entry in registry
         .entries()
         .filter(|entry| entry.crate_name != peers::CRATE)
@@ -19,14 +20,19 @@ pub(crate) fn json(registry: &Registry) -> String {
         let family = entry.family.plural();
         let path = format!("crates/{family}/src/{}.rs", entry.name);
         let source = fs::read_to_string(path).unwrap_or_default();
-        let all = families.entry(family).or_insert_with(|| json!({}));
-        all[entry.name] = json!({
-            "twin": note(&source, "Twin").map(|text| text.trim_end_matches('.').to_owned()),
-            "example": note(&source, "Example").map(|text| text.trim_matches(['`', '.']).to_owned()),
-            "laws": laws(&source),
-        });
+        let twin = note(&source, "Twin").map(|text| text.trim_end_matches('.').to_owned());
+        let example = note(&source, "Example").map(|text| text.trim_matches(['`', '.']).to_owned());
+        let notes = [
+            ("twin", json!(twin)),
+            ("example", json!(example)),
+            ("laws", json!(laws(&source))),
+        ];
+        families
+            .entry(family)
+            .or_default()
+            .insert(entry.name, BTreeMap::from(notes));
     }
-    format!("{:#}\n", Value::from(families))
+    format!("{:#}\n", json!(families))
 }
 
 /// What follows a name in the list of a header, up to the next item.

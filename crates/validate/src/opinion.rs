@@ -6,8 +6,6 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::Path;
 use whitstone_image::{Image, Tolerance, metrics};
-use whitstone_oracle::tracer::{Tracer, Value};
-use whitstone_scene::{Description, Plan, Sources};
 
 /// Of so many pixels the oracle is asked at most: it takes its time.
 const MOST: usize = 200;
@@ -101,12 +99,15 @@ impl fmt::Display for Opinion {
     }
 }
 
+/// The value of a pixel and its uncertainty by channel; `None` where it is not known.
+type Value = Option<[[f64; 3]; 2]>;
+
 /// Who is right, with the tolerance of each channel.
-fn verdict(value: &Value, ours: [f64; 3], reference: [f64; 3], tolerance: [f64; 3]) -> Verdict {
-    let Value::Known { rgb, uncertainty } = value else {
+fn verdict(value: Value, ours: [f64; 3], reference: [f64; 3], tolerance: [f64; 3]) -> Verdict {
+    let Some([rgb, uncertainty]) = value else {
         return Verdict::Unknown;
     };
-    if (0..3).any(|c| !rgb[c].is_finite() || !(uncertainty[c] <= tolerance[c])) {
+    if (0..3).any(|c| !rgb[c].is_finite() || uncertainty[c].is_nan() || uncertainty[c] > tolerance[c]) {
         return Verdict::IllPosed;
     }
     let right = |side: [f64; 3]| (0..3).all(|c| (side[c] - rgb[c]).abs() <= tolerance[c] + uncertainty[c]);
@@ -118,16 +119,33 @@ fn verdict(value: &Value, ours: [f64; 3], reference: [f64; 3], tolerance: [f64; 
     }
 }
 
-/// The oracle's tracer of the scene that both sides were given.
-fn tracer(validator: &Validator<'_>, path: &Path, overrides: &[String]) -> Result<Tracer, String> {
+/// The oracle's values of pixels of the scene that both sides were given.
+#[cfg(feature = "oracle")]
+fn tracer(
+    validator: &Validator<'_>,
+    path: &Path,
+    overrides: &[String],
+) -> Result<impl Fn([u32; 2]) -> Value + use<>, String> {
+    use whitstone_oracle::tracer::{Tracer, Value};
+    use whitstone_scene::{Description, Plan, Sources};
+
     let sources =
         Sources::load(path, overrides).map_err(|error| error.sources.report(&error.errors, false))?;
     let description = Description::parse(&sources).map_err(|errors| sources.report(&errors, false))?;
     Plan::new(&description, validator.registry).map_err(|errors| sources.report(&errors, false))?;
-    Tracer::new(&description).map_err(|errors| {
+    let tracer = Tracer::new(&description).map_err(|errors| {
         let first = errors.0.first().map(|error| error.message.clone());
         first.unwrap_or_default()
+    })?;
+    Ok(move |pixel| match tracer.pixel(pixel) {
+        Value::Known { rgb, uncertainty } => Some([rgb, uncertainty]),
+        Value::Unknown(_) => None,
     })
+}
+
+#[cfg(not(feature = "oracle"))]
+fn tracer(_: &Validator<'_>, _: &Path, _: &[String]) -> Result<fn([u32; 2]) -> Value, String> {
+    Err("this program was built without the oracle, which comes with the feature `stress`".to_owned())
 }
 
 impl Validator<'_> {
@@ -172,8 +190,8 @@ impl Validator<'_> {
             ));
             let theirs = value(reference, pixel);
             let allowed = theirs.map(|v| tolerance.relative * v.abs() + tolerance.absolute * mean);
-            let told = tracer.pixel(pixel.map(|p| p as u32));
-            let verdict = verdict(&told, value(ours, pixel), theirs, allowed);
+            let told = tracer(pixel.map(|p| p as u32));
+            let verdict = verdict(told, value(ours, pixel), theirs, allowed);
             opinion.count(verdict);
             for worst in case.worst.iter_mut().filter(|worst| [worst.x, worst.y] == pixel) {
                 worst.oracle = Some(verdict);
@@ -189,21 +207,17 @@ mod tests {
 
     #[test]
     fn who_is_right() {
-        let known = |rgb: f64, uncertainty: f64| Value::Known {
-            rgb: [rgb; 3],
-            uncertainty: [uncertainty; 3],
-        };
+        let known = |rgb: f64, uncertainty: f64| Some([[rgb; 3], [uncertainty; 3]]);
         let judge =
-            |value: &Value, ours: f64, reference: f64| verdict(value, [ours; 3], [reference; 3], [0.01; 3]);
+            |value: Value, ours: f64, reference: f64| verdict(value, [ours; 3], [reference; 3], [0.01; 3]);
         let certain = known(1.0, 1e-12);
-        assert_eq!(judge(&certain, 1.001, 1.5), Verdict::Ours);
-        assert_eq!(judge(&certain, 1.5, 0.995), Verdict::Reference);
-        assert_eq!(judge(&certain, 1.009, 0.992), Verdict::Both);
-        assert_eq!(judge(&certain, 1.5, 0.5), Verdict::Neither);
-        assert_eq!(judge(&certain, f64::NAN, 1.0), Verdict::Reference);
-        assert_eq!(judge(&known(1.0, 0.02), 1.0, 1.5), Verdict::IllPosed);
-        assert_eq!(judge(&known(f64::NAN, 0.0), 1.0, 1.5), Verdict::IllPosed);
-        let unknown = Value::Unknown("a touch".to_owned());
-        assert_eq!(judge(&unknown, 1.0, 1.0), Verdict::Unknown);
+        assert_eq!(judge(certain, 1.001, 1.5), Verdict::Ours);
+        assert_eq!(judge(certain, 1.5, 0.995), Verdict::Reference);
+        assert_eq!(judge(certain, 1.009, 0.992), Verdict::Both);
+        assert_eq!(judge(certain, 1.5, 0.5), Verdict::Neither);
+        assert_eq!(judge(certain, f64::NAN, 1.0), Verdict::Reference);
+        assert_eq!(judge(known(1.0, 0.02), 1.0, 1.5), Verdict::IllPosed);
+        assert_eq!(judge(known(f64::NAN, 0.0), 1.0, 1.5), Verdict::IllPosed);
+        assert_eq!(judge(None, 1.0, 1.0), Verdict::Unknown);
     }
 }

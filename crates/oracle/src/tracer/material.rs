@@ -92,11 +92,11 @@ enum Highlight {
 enum Kind {
     Matte(Texture),
     Gloss {
-        k: [Texture; 3],
+        k: Box<[Texture; 3]>,
         exponent: f64,
         highlight: Highlight,
         /// Of whitted.
-        branches: Option<([Texture; 2], Interface)>,
+        branches: Option<Box<([Texture; 2], Interface)>>,
     },
     Mirror(Texture),
     Dielectric(Interface),
@@ -150,17 +150,17 @@ impl Material {
                         );
                         let branches = [texture(gloss.k_refl, 0.0)?, texture(gloss.k_refr, 0.0)?];
                         Kind::Gloss {
-                            k: [
+                            k: Box::new([
                                 texture(gloss.k_d, default)?,
                                 texture(gloss.k_s, default)?,
                                 texture(ambient, default)?,
-                            ],
+                            ]),
                             exponent: gloss.exponent.unwrap_or(32.0),
                             highlight: match plugin.name == "blinn_phong" {
                                 true => Highlight::Blinn,
                                 false => Highlight::Phong,
                             },
-                            branches: whitted.then_some((branches, interface)),
+                            branches: whitted.then(|| Box::new((branches, interface))),
                         }
                     }
                     _ => return Err(unknown(plugin, "material")),
@@ -266,9 +266,10 @@ impl At<'_> {
                 }
             },
             Kind::Gloss {
-                branches: Some(([k_refl, k_refr], interface)),
+                branches: Some(branches),
                 ..
             } => {
+                let ([k_refl, k_refr], interface) = &**branches;
                 let [refl, refr] = [k_refl.at(self.uv), k_refr.at(self.uv)];
                 match self.refracted(interface) {
                     None => vec![reflected(refl + refr)],
