@@ -2,8 +2,10 @@
 
 use super::unknown;
 use serde::Deserialize;
+use std::f64::consts::{PI, TAU};
 use whitstone_core::config::{Color, decode};
-use whitstone_core::{DVec3, Rgb, SceneErrors};
+use whitstone_core::steps::Steps;
+use whitstone_core::{DAffine3, DVec3, Rgb, SceneErrors};
 use whitstone_scene::PluginTable;
 
 #[derive(Deserialize)]
@@ -43,6 +45,20 @@ struct Uniform {
     radiance: Color,
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Area {
+    shape: Option<String>,
+    transform: Option<Steps>,
+    radiance: Color,
+    #[serde(default = "four")]
+    samples: u32,
+}
+
+fn four() -> u32 {
+    4
+}
+
 /// A light that shines on surfaces.
 pub(super) enum Light {
     At {
@@ -55,6 +71,13 @@ pub(super) enum Light {
     Far {
         towards: DVec3,
         irradiance: Rgb,
+    },
+    /// One of the points of a surface that shines.
+    Facing {
+        position: DVec3,
+        normal: DVec3,
+        /// Its part of the area, times the radiance.
+        power: Rgb,
     },
 }
 
@@ -103,6 +126,7 @@ impl Lights {
                         irradiance: far.irradiance.get(),
                     });
                 }
+                "area" => lights.all.extend(area(&decode(&plugin.table)?)),
                 "ambient" => lights.ambient += decode::<Uniform>(&plugin.table)?.radiance.get(),
                 "background" => lights.background += decode::<Uniform>(&plugin.table)?.radiance.get(),
                 _ => return Err(unknown(plugin, "light")),
@@ -116,11 +140,63 @@ impl Lights {
     }
 }
 
+/// The lights that an area light is, one behind the other.
+fn area(light: &Area) -> Vec<Light> {
+    let transform = light.transform.as_ref();
+    let map = transform.map_or(DAffine3::IDENTITY, |steps| *steps.get().world_from_object());
+    let [x, y] = [map.matrix3.x_axis, map.matrix3.y_axis];
+    let across = x.cross(y).length();
+    let kind = light.shape.as_deref().unwrap_or("rectangle");
+    let area = match kind {
+        "disk" => PI * across,
+        "sphere" => 4.0 * PI * x.length_squared(),
+        _ => 4.0 * across,
+    };
+    let n = light.samples;
+    let power = light.radiance.get() * (area / f64::from(n * n));
+    let normals = map.matrix3.inverse().transpose();
+    let place = |k: u32| {
+        let at = |i: u32| (f64::from(i) + 0.5) / f64::from(n);
+        let (u, v) = (at(k % n), at(k / n));
+        let (sin, cos) = (TAU * u).sin_cos();
+        let (q, normal) = match kind {
+            "disk" => (DVec3::new(v.sqrt() * cos, v.sqrt() * sin, 0.0), DVec3::Z),
+            "sphere" => {
+                let z = 1.0 - 2.0 * v;
+                let r = (1.0 - z * z).sqrt();
+                let q = DVec3::new(r * cos, r * sin, z);
+                (q, q)
+            }
+            _ => (DVec3::new(2.0 * u - 1.0, 2.0 * v - 1.0, 0.0), DVec3::Z),
+        };
+        Light::Facing {
+            position: map.transform_point3(q),
+            normal: (normals * normal).normalize(),
+            power,
+        }
+    };
+    (0..n * n).map(place).collect()
+}
+
 impl Light {
     /// Direction to it, its distance and the irradiance of a surface that faces it.
     pub(super) fn at(&self, p: DVec3) -> Option<(DVec3, f64, Rgb)> {
         match *self {
             Self::Far { towards, irradiance } => Some((towards, f64::INFINITY, irradiance)),
+            Self::Facing {
+                position,
+                normal,
+                power,
+            } => {
+                let to = position - p;
+                let distance = to.length();
+                if distance == 0.0 {
+                    return None;
+                }
+                let l = to / distance;
+                let part = (-normal.dot(l)).max(0.0) / (distance * distance);
+                Some((l, distance, power * part))
+            }
             Self::At {
                 position,
                 intensity,

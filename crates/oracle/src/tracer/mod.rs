@@ -13,12 +13,14 @@
 mod camera;
 mod light;
 mod material;
+mod sampler;
 mod scene;
 mod texture;
 
 use camera::Camera;
 use light::Lights;
 use material::{Branch, Medium};
+use sampler::Sampler;
 use scene::{Hit, Scene};
 use serde::Deserialize;
 use whitstone_core::config::decode;
@@ -64,7 +66,7 @@ pub struct Tracer {
     camera: Camera,
     lights: Lights,
     rules: Rules,
-    positions: Vec<[f64; 2]>,
+    sampler: Sampler,
 }
 
 /// `[integrator]`.
@@ -116,30 +118,6 @@ impl Rules {
             shadows,
             branches: plugin.name == "whitted",
         })
-    }
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Grid {
-    #[serde(default = "two")]
-    n: u32,
-}
-
-fn two() -> u32 {
-    2
-}
-
-/// Positions in a pixel, in their order.
-fn positions(plugin: &PluginTable<'_>) -> Result<Vec<[f64; 2]>, SceneErrors> {
-    match &*plugin.name {
-        "center" => Ok(vec![[0.5; 2]]),
-        "grid" => {
-            let Grid { n } = decode(&plugin.table)?;
-            let at = |i: u32| (f64::from(i) + 0.5) / f64::from(n);
-            Ok((0..n).flat_map(|b| (0..n).map(move |a| [at(a), at(b)])).collect())
-        }
-        _ => Err(unknown(plugin, "sampler")),
     }
 }
 
@@ -212,7 +190,7 @@ impl Tracer {
             camera: Camera::new(&description.camera, &description.film)?,
             lights: Lights::new(&description.lights)?,
             rules: Rules::new(&description.integrator)?,
-            positions: positions(&description.sampler)?,
+            sampler: Sampler::new(&description.sampler)?,
         })
     }
 
@@ -245,7 +223,8 @@ impl Tracer {
             rays: 0,
         };
         let mut sum = Rgb::splat(0.0);
-        for position in &self.positions {
+        let positions = self.sampler.positions([x, y]);
+        for position in &positions {
             let place = [f64::from(x) + position[0], f64::from(y) + position[1]];
             let ray = self.camera.ray(place);
             let arriving = Arriving {
@@ -260,7 +239,7 @@ impl Tracer {
             };
             sum += self.radiance(&arriving, &mut walk)?;
         }
-        Ok(sum * (1.0 / self.positions.len() as f64))
+        Ok(sum * (1.0 / positions.len() as f64))
     }
 
     /// Section 6.
