@@ -37,7 +37,7 @@ fn octaves() -> u32 {
 }
 
 /// The model's hash.
-fn m(mut x: u32) -> u32 {
+pub(crate) fn m(mut x: u32) -> u32 {
     x ^= x >> 16;
     x = x.wrapping_mul(0x7feb_352d);
     x ^= x >> 15;

@@ -188,12 +188,7 @@ impl Light {
                 normal,
                 power,
             } => {
-                let to = position - p;
-                let distance = to.length();
-                if distance == 0.0 {
-                    return None;
-                }
-                let l = to / distance;
+                let (l, distance) = towards(position, p)?;
                 let part = (-normal.dot(l)).max(0.0) / (distance * distance);
                 Some((l, distance, power * part))
             }
@@ -203,12 +198,7 @@ impl Light {
                 by_square,
                 cone,
             } => {
-                let to = position - p;
-                let distance = to.length();
-                if distance == 0.0 {
-                    return None;
-                }
-                let l = to / distance;
+                let (l, distance) = towards(position, p)?;
                 let part = cone.map_or(1.0, |(axis, [beam, cutoff])| {
                     // By the sine and the cosine: an arc cosine near 1 has few digits.
                     let angle = axis.cross(-l).length().atan2(axis.dot(-l));
@@ -225,4 +215,11 @@ impl Light {
             }
         }
     }
+}
+
+/// Direction and distance; a light at the very point gives nothing.
+fn towards(position: DVec3, p: DVec3) -> Option<(DVec3, f64)> {
+    let to = position - p;
+    let distance = to.length();
+    (distance != 0.0).then(|| (to / distance, distance))
 }

@@ -502,10 +502,8 @@ impl At<'_> {
             return None;
         }
         let cos_t = (1.0 - sine).sqrt();
-        let r_s = (n_i * cos_i - n_t * cos_t) / (n_i * cos_i + n_t * cos_t);
-        let r_p = (n_t * cos_i - n_i * cos_t) / (n_t * cos_i + n_i * cos_t);
         let direction = (eta * cos_i - cos_t) * self.n - eta * self.viewer;
-        Some((branch(direction), 0.5 * (r_s * r_s + r_p * r_p), eta))
+        Some((branch(direction), reflectance(cos_i, n_t / n_i), eta))
     }
 }
 

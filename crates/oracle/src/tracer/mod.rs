@@ -59,6 +59,8 @@ pub(crate) enum Unsure {
 
 /// Rays of a tree before it counts as too long.
 const MOST_RAYS: u32 = 20_000;
+/// Bounces before it does: each is a call inside the one before it.
+const MOST_BOUNCES: u32 = 500;
 
 /// Traces pixels of one scene.
 pub struct Tracer {
@@ -245,7 +247,7 @@ impl Tracer {
     /// Section 6.
     fn radiance(&self, arriving: &Arriving, walk: &mut Walk) -> Result<Rgb, Unsure> {
         walk.rays += 1;
-        if walk.rays > MOST_RAYS {
+        if walk.rays > MOST_RAYS || arriving.depth > MOST_BOUNCES {
             return Err(Unsure::Long);
         }
         let Some(hit) = self.scene.nearest(&arriving.ray, arriving.from, f64::INFINITY)? else {

@@ -1,6 +1,7 @@
 //! Section 5.
 
 use super::unknown;
+use crate::shapes::heightfield::m;
 use serde::Deserialize;
 use whitstone_core::SceneErrors;
 use whitstone_core::config::decode;
@@ -104,15 +105,6 @@ impl Sampler {
 /// In [0, 1).
 fn part(x: u32) -> f64 {
     f64::from(x) / 4_294_967_296.0
-}
-
-/// Of section 9.
-fn m(mut x: u32) -> u32 {
-    x ^= x >> 16;
-    x = x.wrapping_mul(0x7feb_352d);
-    x ^= x >> 15;
-    x = x.wrapping_mul(0x846c_a68b);
-    x ^ (x >> 16)
 }
 
 fn laine_karras(mut x: u32, q: u32) -> u32 {

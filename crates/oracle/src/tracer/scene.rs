@@ -39,11 +39,16 @@ pub(super) struct Hit {
     pub(super) normal: DVec3,
 }
 
-/// Keys of shapes that interpolate normals.
+/// Quads of a heightfield that it tries for every ray.
+const MOST_QUADS: u64 = 1 << 16;
+
+/// Keys that say what of a shape the tracer does not know.
 #[derive(Deserialize)]
-struct Interpolation {
+struct Keys {
     normals: Option<serde::de::IgnoredAny>,
     shading: Option<String>,
+    columns: Option<u64>,
+    rows: Option<u64>,
 }
 
 /// The tracer knows shapes whose shading normal is the geometric one.
@@ -51,7 +56,15 @@ fn check_normals(shape: &ShapeTable<'_>) -> Result<(), SceneErrors> {
     let plugin = &shape.plugin;
     match &*plugin.name {
         "triangle" | "mesh" | "heightfield" => {
-            let Interpolation { normals, shading } = decode(&plugin.table)?;
+            let Keys {
+                normals,
+                shading,
+                columns,
+                rows,
+            } = decode(&plugin.table)?;
+            if columns.unwrap_or(64).saturating_mul(rows.unwrap_or(64)) > MOST_QUADS {
+                return Err(unknown_part(plugin, "so large a heightfield"));
+            }
             let flat = plugin.name != "mesh" || shading.as_deref() == Some("flat");
             match normals.is_none() && flat {
                 true => Ok(()),

@@ -19,7 +19,8 @@ use whitstone_validate::report::Diagram;
 /// Turn knobs over decades until engines break, and say at which value each does
 ///
 /// Every family asks Whitstone, its deliberately naive variants and Mitsuba the same questions, and holds the answers to the oracle or to a closed
-/// form. The frontier is the first value of the knob at which an engine is of no use any more; "none" is best.
+/// form. The frontier is the first value of the knob at which an engine is of no use any more; "none" is best. The next `report` shows
+/// the diagrams.
 ///
 /// Exit code 0 if Whitstone keeps its promise in every family, gets at least as far as Mitsuba, and the naive variants fail;
 /// 1 if not.
