@@ -415,6 +415,12 @@ fn explain_tells_what_each_part_takes() {
     assert!(part(&plain, "meshes").is_none() && part(&plain, "reflected and refracted rays").is_none());
     let mesh = costs("scenes/showcase/textured_mesh.toml");
     assert!(part(&mesh, "meshes").unwrap()["bytes"].as_u64() > Some(1000));
+    // 32 x 32 texels of 3 bytes, and what their codes mean.
+    assert_eq!(
+        part(&mesh, "textures").unwrap()["bytes"],
+        32 * 32 * 3 + 256 * size_of::<f64>()
+    );
+    assert!(part(&mesh, "texture levels").is_none() && part(&mesh, "footprints of rays").is_none());
     assert!(
         part(&mesh, "textures").unwrap()["work"]
             .as_str()

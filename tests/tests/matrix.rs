@@ -94,7 +94,7 @@ fn what_must_not_change_the_picture_does_not() {
     let filter = axis(&found, "filter");
     assert_eq!(
         filter.iter().map(|cell| cell.0).collect::<Vec<_>>(),
-        ["bilinear", "nearest"]
+        ["bilinear", "ewa", "nearest", "trilinear"]
     );
     assert!(
         filter

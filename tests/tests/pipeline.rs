@@ -36,3 +36,59 @@ fn constant_textures_are_colours() {
         assert_eq!(traces, lobes.contains(Lobes::REFLECTION), "{k_refl}");
     }
 }
+
+/// What is left out is what would have been black: the picture is the same as with the light in place.
+#[test]
+fn lights_that_reach_nothing_are_left_out() {
+    let scene = |lights: &str, material: &str| {
+        pipeline(&format!(
+            "[film]\nwidth = 16\nheight = 16\n{lights}\n[[shape]]\ntype = \"sphere\"\nmaterial = {{ type = \"{material}\" }}\n"
+        ))
+    };
+    let point = "[[light]]\ntype = \"point\"\nposition = [3, 3, 3]\nintensity = 20\n";
+    let spot = |target: &str| {
+        format!(
+            "[[light]]\ntype = \"spot\"\nposition = [0, 3, 0]\ntarget = {target}\nintensity = 9\ncutoff_angle = 30\n"
+        )
+    };
+    let area = |degrees: f64| {
+        format!(
+            "[[light]]\ntype = \"area\"\nradiance = 3\nsamples = 2\n\
+             transform = [{{ rotate = {{ axis = [1, 0, 0], degrees = {degrees} }} }}, {{ translate = [0, 3, 0] }}]\n"
+        )
+    };
+    for (light, kept) in [
+        (spot("[0, 0, 0]"), 2),
+        // The ball around the box ends 35.3 degrees from the middle: a cone 63 degrees aside reaches it, one 67 degrees aside does not.
+        (spot("[5.9, 0, 0]"), 2),
+        (spot("[7.1, 0, 0]"), 1),
+        (spot("[0, 6, 0]"), 1),
+        (area(90.0), 2),
+        (area(-90.0), 1),
+        (
+            "[[light]]\ntype = \"directional\"\ndirection = [0, -1, 0]\nirradiance = 0\n".to_owned(),
+            1,
+        ),
+        (
+            "[[light]]\ntype = \"point\"\nposition = [0, 9, 0]\nintensity = 0\n".to_owned(),
+            1,
+        ),
+    ] {
+        let built = scene(&format!("{point}{light}"), "matte");
+        assert_eq!(built.world.lights.len(), kept, "{light}");
+        let told = built
+            .left_out
+            .iter()
+            .any(|part| part.what.starts_with("light 2 ("));
+        assert_eq!(told, kept == 1, "{light}");
+        if kept == 1 {
+            let alone = scene(point, "matte");
+            let options = whitstone::scene::RenderOptions::default();
+            assert_eq!(built.render(options).rgb, alone.render(options).rgb, "{light}");
+        }
+    }
+    let mirror = scene(point, "mirror");
+    assert_eq!(mirror.world.lights.len(), 0);
+    let why = mirror.left_out.iter().find(|part| part.what == "light 1 (point)");
+    assert_eq!(why.unwrap().why, "no material in use reflects light by itself");
+}

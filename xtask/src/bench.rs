@@ -7,6 +7,7 @@ mod fetch;
 mod machine;
 mod peer;
 mod picture;
+pub(crate) mod plugins;
 mod povray;
 mod prepare;
 mod rasterizer;
@@ -33,6 +34,7 @@ pub(crate) struct Arguments {
 #[derive(Subcommand, Debug)]
 enum What {
     Accelerators(accelerators::Arguments),
+    Plugins(plugins::Arguments),
     Rasterizer(rasterizer::Arguments),
     Scale(scale::Arguments),
     Scaling(scaling::Arguments),
@@ -44,6 +46,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     match &arguments.what {
         None => picture::run(&arguments.picture, registry),
         Some(What::Accelerators(arguments)) => accelerators::run(arguments, registry),
+        Some(What::Plugins(arguments)) => plugins::run(arguments, registry),
         Some(What::Rasterizer(arguments)) => rasterizer::run(arguments, registry),
         Some(What::Scale(arguments)) => scale::run(arguments, registry),
         Some(What::Scaling(arguments)) => scaling::run(arguments, registry),

@@ -1,5 +1,6 @@
 //! A page for every plugin, from what it says of itself: its schema, the header of its file, its example.
 
+use crate::bench::plugins::{Costs, kept};
 use crate::{peers, plugins};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -24,6 +25,7 @@ pub(crate) fn pages<E>(
     cases: &Cases<'_>,
     picture: impl Fn(&str) -> Result<Vec<u8>, E>,
 ) -> Result<Vec<(PathBuf, Vec<u8>)>, E> {
+    let costs = kept();
     let mut files = Vec::new();
     let mut summary = String::from("# Whitstone\n\n");
     for (title, file) in documents() {
@@ -37,7 +39,10 @@ pub(crate) fn pages<E>(
             let name = entry.name;
             let _ = writeln!(summary, "- [{name}](plugins/{plural}/{name}.md)");
             let path = PathBuf::from(FOLDER).join(plural);
-            files.push((path.join(format!("{name}.md")), page(entry, cases).into_bytes()));
+            files.push((
+                path.join(format!("{name}.md")),
+                page(entry, cases, &costs).into_bytes(),
+            ));
             files.push((path.join(format!("{name}.png")), picture(&example(entry))?));
         }
     }
@@ -66,7 +71,7 @@ fn example(entry: &Entry) -> String {
     format!("scenes/{}/{}.toml", entry.family.plural(), entry.name)
 }
 
-fn page(entry: &Entry, cases: &Cases<'_>) -> String {
+fn page(entry: &Entry, cases: &Cases<'_>, costs: &Costs) -> String {
     let (family, name) = (entry.family, entry.name);
     let plural = family.plural();
     let file = format!("crates/{plural}/src/{name}.rs");
@@ -117,6 +122,13 @@ fn page(entry: &Entry, cases: &Cases<'_>) -> String {
             case.limit, case.pixels_over_tolerance, case.unexplained
         );
     }
+    let _ = match costs.get(plural).and_then(|costs| costs.get(name)) {
+        Some(cost) => writeln!(
+            text,
+            "- Cost of the example: {cost} ns a ray on one thread, shading and shadow rays included (`cargo xtask bench plugins`)"
+        ),
+        None => writeln!(text, "- Cost: not measured yet (`cargo xtask bench plugins`)"),
+    };
     text
 }
 

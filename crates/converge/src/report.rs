@@ -473,6 +473,9 @@ impl StudyReport {
                 }
             }
         }
+        for [smaller, greater] in &study.expect.smaller {
+            fails.extend(self.not_smaller(smaller, greater));
+        }
         if study.expect.same_error {
             fails.extend(self.unequal());
         }
@@ -487,6 +490,38 @@ impl StudyReport {
                     "whitstone does not reach an error of {name} between two settings"
                 ));
             }
+        }
+        fails
+    }
+
+    /// Settings at which the first series has not the smaller error; or that the two have none in common.
+    fn not_smaller(&self, smaller: &str, greater: &str) -> Vec<String> {
+        let (mut fails, mut compared) = (Vec::new(), 0);
+        for engine in [Engine::Whitstone, Engine::Mitsuba] {
+            let of = |name: &str| {
+                let mut all = self.series.iter().filter(|series| series.engine == engine);
+                all.find(|series| series.configuration == name && series.absent.is_none())
+            };
+            let (Some(a), Some(b)) = (of(smaller), of(greater)) else {
+                continue;
+            };
+            for (point, other) in a.points.iter().flat_map(|point| {
+                let others = b.points.iter().filter(|other| other.setting == point.setting);
+                others.map(move |other| (point, other))
+            }) {
+                compared += 1;
+                if !(point.rmse < other.rmse && point.rmse.is_some()) {
+                    fails.push(format!(
+                        "{}, {}: the error is not below that of {}",
+                        a.name(),
+                        point.setting,
+                        b.name()
+                    ));
+                }
+            }
+        }
+        if compared == 0 {
+            fails.push(format!("{smaller} and {greater} have no setting in common"));
         }
         fails
     }

@@ -23,11 +23,28 @@ pub enum Engine {
     /// Mitsuba, by the driver of the harness.
     Mitsuba,
     /// Textbook forms in double precision; of families of stress cases only.
-    #[serde(rename = "naive f64", skip_deserializing)]
+    #[serde(rename = "naive f64")]
     NaiveF64,
     /// The same in single precision.
-    #[serde(rename = "naive f32", skip_deserializing)]
+    #[serde(rename = "naive f32")]
     NaiveF32,
+}
+
+/// Who can be asked for a rendering.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Renderer {
+    Whitstone,
+    Mitsuba,
+}
+
+impl From<Renderer> for Engine {
+    fn from(renderer: Renderer) -> Self {
+        match renderer {
+            Renderer::Whitstone => Self::Whitstone,
+            Renderer::Mitsuba => Self::Mitsuba,
+        }
+    }
 }
 
 impl Engine {
@@ -97,7 +114,7 @@ struct StudyTable {
 #[serde(deny_unknown_fields)]
 struct TruthTable {
     #[serde(default = "whitstone")]
-    engine: Engine,
+    engine: Renderer,
     #[serde(default)]
     set: Vec<Text>,
     /// Whether each series has a truth of its own, with the changes of the series.
@@ -111,13 +128,13 @@ struct TruthTable {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CheckTable {
-    engine: Option<Engine>,
+    engine: Option<Renderer>,
     #[serde(default)]
     set: Vec<Text>,
 }
 
-fn whitstone() -> Engine {
-    Engine::Whitstone
+fn whitstone() -> Renderer {
+    Renderer::Whitstone
 }
 
 #[derive(Debug, Deserialize)]
@@ -125,15 +142,15 @@ fn whitstone() -> Engine {
 struct SeriesTable {
     name: String,
     #[serde(default = "one_engine")]
-    engines: Vec<Engine>,
+    engines: Vec<Renderer>,
     #[serde(default)]
     set: Vec<Text>,
     sweep: Spanned<Sweep>,
     slope: Option<[f64; 2]>,
 }
 
-fn one_engine() -> Vec<Engine> {
-    vec![Engine::Whitstone]
+fn one_engine() -> Vec<Renderer> {
+    vec![Renderer::Whitstone]
 }
 
 /// A study of a family of stress cases: rays at one shape, judged by the oracle.
@@ -169,6 +186,9 @@ pub struct ExpectTable {
     /// Pairs of series: the first falls faster, and the intervals of the slopes do not touch.
     #[serde(default)]
     pub steeper: Vec<[String; 2]>,
+    /// Pairs of series: the first has the smaller error at each setting that both have.
+    #[serde(default)]
+    pub smaller: Vec<[String; 2]>,
     /// Errors that Whitstone must reach.
     #[serde(default)]
     pub reached: Vec<f64>,
@@ -324,7 +344,7 @@ impl Study {
                 .as_ref()
                 .map_or(LEVELS.to_vec(), |levels| levels.get_ref().clone()),
             truth: Truth {
-                engine: table.truth.engine,
+                engine: table.truth.engine.into(),
                 set: changes(&table.truth.set),
             },
             truth_of_series: table.truth.of_series,
@@ -333,7 +353,7 @@ impl Study {
                 .check
                 .iter()
                 .map(|check| Truth {
-                    engine: check.engine.unwrap_or(table.truth.engine),
+                    engine: check.engine.unwrap_or(table.truth.engine).into(),
                     set: changes(&check.set),
                 })
                 .collect(),
@@ -453,7 +473,8 @@ fn check(table: &StudyTable, errors: &mut SceneErrors) {
         }
     }
     let names = |name: &String| table.series.get_ref().iter().any(|series| series.name == *name);
-    for name in table.expect.steeper.iter().flatten().filter(|name| !names(name)) {
+    let pairs = table.expect.steeper.iter().chain(&table.expect.smaller);
+    for name in pairs.flatten().filter(|name| !names(name)) {
         fail(
             table.series.span(),
             &format!("[expect] names a series \"{name}\" that is not there"),
@@ -493,7 +514,7 @@ fn series(table: &SeriesTable) -> Vec<Series> {
         .iter()
         .map(|engine| Series {
             name: table.name.clone(),
-            engine: *engine,
+            engine: (*engine).into(),
             set: changes(&table.set),
             settings: settings.clone(),
             slope: table.slope,

@@ -110,6 +110,16 @@ impl TriangleMesh {
         }
         point
     }
+
+    /// See [`crate::Primitive::beside`].
+    fn beside(&self, hit: &RawHit, q: DVec3, needs: Needs) -> SurfacePoint {
+        let [a, b, c] = self.corners(hit.primitive);
+        let (e, f) = (b - a, c - a);
+        let across = e.cross(f);
+        let per = (q - a) / across.length_squared();
+        let params = DVec2::new(per.cross(f).dot(across), e.cross(per).dot(across));
+        self.surface(&RawHit { params, ..*hit }, needs)
+    }
 }
 
 /// One thing that an accelerator stores.
@@ -274,6 +284,15 @@ impl Geometry {
             Some(Shape::Opaque(primitive)) => primitive.surface(ray, hit, needs),
             // The shapes of groups have numbers behind all those of the scene.
             Some(Shape::Instance(_)) | None => self.instanced(ray, hit, needs),
+        }
+    }
+
+    /// See [`crate::Primitive::beside`]; `point` is in the space of this geometry.
+    pub fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        match self.shapes.get(hit.shape as usize) {
+            Some(Shape::Triangles(mesh)) => Some(mesh.beside(hit, q, needs)),
+            Some(Shape::Opaque(primitive)) => primitive.beside(point, hit, q, needs),
+            Some(Shape::Instance(_)) | None => self.copy(hit.instance)?.1.beside(point, hit, q, needs),
         }
     }
 

@@ -363,7 +363,35 @@ impl Instance {
             n_g,
             n_s,
             uv: point.uv,
+            footprint: point.footprint,
         }
+    }
+
+    /// See [`crate::Primitive::beside`].
+    pub(crate) fn beside(
+        &self,
+        point: &SurfacePoint,
+        hit: &RawHit,
+        q: DVec3,
+        needs: Needs,
+    ) -> Option<SurfacePoint> {
+        let inside = InstancePath(hit.instance.0 - self.first_path.0);
+        let shape = match inside {
+            InstancePath::WORLD => hit.shape - self.group.first_shape,
+            _ => hit.shape,
+        };
+        let hit = RawHit {
+            instance: inside,
+            shape,
+            ..*hit
+        };
+        let into = self.transform.object_from_world();
+        let mut local = *point;
+        local.position = into.transform_point3(point.position);
+        let geometry = &self.group.geometry;
+        let mut there = geometry.beside(&local, &hit, into.transform_point3(q), needs)?;
+        there.n_s = self.transform.normal_to_world(there.n_s);
+        Some(there)
     }
 }
 

@@ -5,8 +5,9 @@ use crate::stream::{
     groups,
 };
 use crate::{
-    Accelerator, BranchKind, Context, Geometry, Incoming, Interval, Light, LightGives, LightSample, Lobes,
-    Material, Needs, ObjectOrder, RawHit, Ray, Refused, Rgb, Shadowing, Skip, SurfacePoint, View,
+    Accelerator, BranchKind, Context, Footprint, Geometry, Incoming, Interval, Light, LightGives,
+    LightSample, Lobes, Material, Needs, ObjectOrder, RawHit, Ray, Refused, Rgb, Shadowing, Skip, Spread,
+    SurfacePoint, View,
 };
 use glam::DVec3;
 use std::any::Any;
@@ -24,6 +25,7 @@ pub trait Integrator: Send + Sync {
     /// [`Self::radiance`] for every ray of a stream of camera rays: the same bits, and the same counts.
     fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
         for lane in 0..rays.len {
+            scratch.spread = rays.spread(lane);
             out.set(lane, self.radiance(world, &rays.ray(lane), scratch));
         }
     }
@@ -60,6 +62,8 @@ pub struct World {
     responses: Vec<Lobes>,
     /// All that any material does.
     pub(crate) lobes: Lobes,
+    /// Whether any material reads footprints.
+    footprints: bool,
 }
 
 impl World {
@@ -70,9 +74,18 @@ impl World {
         materials: Vec<Arc<dyn Material>>,
         lights: Vec<Arc<dyn Light>>,
     ) -> Self {
-        let needs = materials.iter().map(|material| material.needs()).collect();
+        let mut needs: Vec<Needs> = materials.iter().map(|material| material.needs()).collect();
         let responses: Vec<Lobes> = materials.iter().map(|material| material.lobes()).collect();
         let lobes = responses.iter().fold(Lobes::NOTHING, |all, lobes| all | *lobes);
+        let footprints = needs.iter().any(|needs| needs.contains(Needs::FOOTPRINT));
+        if footprints {
+            // Rays that go on must know how far apart they are.
+            for (needs, lobes) in needs.iter_mut().zip(&responses) {
+                if lobes.intersects(Lobes::BRANCHES) {
+                    *needs |= Needs::FOOTPRINT;
+                }
+            }
+        }
         let ambient = lights.iter().map(|light| light.ambient()).sum();
         let giving = |what| -> Vec<Arc<dyn Light>> {
             let mut chosen = lights.clone();
@@ -90,6 +103,7 @@ impl World {
             needs,
             responses,
             lobes,
+            footprints,
         }
     }
 
@@ -99,6 +113,7 @@ impl World {
     #[must_use]
     pub fn one_size_fits_all(mut self) -> Self {
         self.needs.fill(Needs::EVERYTHING);
+        self.footprints = true;
         for lobes in &mut self.responses {
             *lobes = *lobes | Lobes::HARMLESS;
         }
@@ -109,6 +124,16 @@ impl World {
     /// How the material of a shape answers.
     pub fn lobes_of(&self, shape: u32) -> Lobes {
         self.responses[shape as usize]
+    }
+
+    /// What is read of the surface points of a shape.
+    pub(crate) fn needs_of(&self, shape: u32) -> Needs {
+        self.needs[shape as usize]
+    }
+
+    /// Whether some texture in use reads footprints, so that rays must carry how far apart they are.
+    pub fn reads_footprints(&self) -> bool {
+        self.footprints
     }
 
     /// Counts points of a shape that are shaded.
@@ -150,11 +175,40 @@ impl World {
         self.geometry.surface(ray, hit, self.needs[hit.shape as usize])
     }
 
+    /// The footprint of a ray at its hit, with what the material reads of it; none if the ray does not carry how far apart it is from others.
+    pub fn footprint(
+        &self,
+        ray: &Ray,
+        hit: &RawHit,
+        point: &SurfacePoint,
+        spread: Option<&Spread>,
+    ) -> Footprint {
+        let needs = self.needs[hit.shape as usize];
+        match spread {
+            Some(spread) if needs.contains(Needs::FOOTPRINT) => {
+                spread.footprint(&self.geometry, ray, hit, point, needs)
+            }
+            _ => Footprint::NONE,
+        }
+    }
+
     /// [`Self::surface`] for every ray of a stream, all of which hit this shape, as its viewers see it.
     pub fn surface_stream(&self, shape: u32, rays: &RayStream, hits: &HitStream, points: &mut PointStream) {
         points.len = rays.len;
         let needs = self.needs[shape as usize];
         self.geometry.surface_stream(shape, rays, hits, needs, points);
+        match rays.spread.get() {
+            Some(spreads) if needs.contains(Needs::FOOTPRINT) => {
+                for lane in 0..rays.len.min(LANES) {
+                    let (ray, hit, point) = (rays.ray(lane), hits.hit(lane), points.get(lane));
+                    let spread = spreads.get(lane);
+                    let found = spread.footprint(&self.geometry, &ray, &hit, &point, needs);
+                    points.footprint.memory().set(lane, &found);
+                }
+                points.footprint.turn_on();
+            }
+            _ => points.footprint.turn_off(),
+        }
         simd::dispatch(
             #[inline(always)]
             || {
@@ -369,6 +423,9 @@ pub struct Scratch {
     pub counters: Counters,
     /// Working memory of the integrator's own kind; see [`Scratch::take_memory`].
     memory: Option<Box<dyn Any + Send>>,
+    /// How far the camera ray of the next call of [`Integrator::radiance`] is from its neighbours, where textures ask for it
+    /// ([`World::reads_footprints`]): taken by that call.
+    pub spread: Option<Spread>,
     /// Where integrators note every ray of the tree, if there is a list: for finding faults.
     pub record: Option<Vec<TreeNode>>,
 }
@@ -488,6 +545,8 @@ pub struct PathState {
     /// For [`Scratch::record`]: the number there of the node that it comes from, and the letter of the
     /// branch; `None` for a camera ray.
     pub origin: Option<(u32, PathLetter)>,
+    /// How far apart it is from its neighbours, where textures ask for it.
+    pub spread: Option<Spread>,
 }
 
 impl PathState {
@@ -501,6 +560,7 @@ impl PathState {
             absorption: Rgb::BLACK,
             depth: 0,
             origin: None,
+            spread: None,
         }
     }
 }

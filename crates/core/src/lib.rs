@@ -9,6 +9,7 @@ mod camera;
 mod color;
 pub mod config;
 mod error;
+pub mod footprint;
 mod geometry;
 pub mod hash;
 mod instance;
@@ -33,8 +34,9 @@ pub use accelerator::{Accelerator, Effort, Outline, Statistics};
 pub use camera::{Camera, FilmSize};
 pub use color::Rgb;
 pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
+pub use footprint::{Footprint, Spread};
 pub use geometry::{Element, Geometry, TriangleMesh};
-pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4};
+pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3};
 pub use instance::{Group, Instance};
 pub use integrator::{Counters, Integrator, LightMemory, PathLetter, PathState, Scratch, TreeNode, World};
 pub use light::{Light, LightGives, LightSample};
@@ -48,11 +50,11 @@ pub use registry::{
     Accelerators, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights, Materials, Plugin,
     Registry, Samplers, Shapes, Textures,
 };
-pub use sampler::Sampler;
+pub use sampler::{Refinement, Sampler};
 pub use shadow::Shadowing;
 pub use shape::{InstancePath, Needs, Primitive, PrimitiveHit, RawHit, Shape, Skip, SurfacePoint};
 pub use solid::{SolidRef, Span, Spans};
 pub use straight::{LEAVES_NOTHING, Straight};
-pub use texture::{ColorSource, Texture};
+pub use texture::{ColorSource, Texture, TextureBytes};
 pub use transform::Transform;
 pub use whitstone_simd as simd;

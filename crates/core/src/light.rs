@@ -1,5 +1,5 @@
-use crate::Rgb;
 use crate::stream::{Colors, SampleStreams, Vectors};
+use crate::{Aabb, Rgb};
 use glam::DVec3;
 use std::ops::{BitOr, BitOrAssign};
 
@@ -30,6 +30,13 @@ pub trait Light: Send + Sync {
                 out.stream(streams[k]).set(lane, sample);
             }
         }
+    }
+
+    /// Whether [`Self::samples`] may give anything but black at any point of a box, which may be endless. `true` where that is not known:
+    /// a light is left out of a scene if this is `false` for all that could show it.
+    fn reaches(&self, bounds: &Aabb) -> bool {
+        let _ = bounds;
+        true
     }
 
     /// Uniform radiance from all around, for the materials' ambient terms.

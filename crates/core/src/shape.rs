@@ -1,5 +1,5 @@
 use crate::stream::{HitStream, Lanes, PointStream, RayStream};
-use crate::{Aabb, Instance, Interval, Ray, Spans, TriangleMesh};
+use crate::{Aabb, Footprint, Instance, Interval, Ray, Spans, TriangleMesh};
 use glam::{DVec2, DVec3};
 use std::ops::{BitOr, BitOrAssign};
 
@@ -32,6 +32,15 @@ pub trait Primitive: Send + Sync {
     /// The surface at a hit that `closest` returned for this ray. Only what `needs` names must be
     /// right in the result.
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
+
+    /// The surface next to a hit, nearest to `q`, which is beside it in its tangent plane: the same sub-primitive, which goes on beyond its border, with
+    /// texture coordinates that go on too where they start anew. Of `point`, the surface at the hit, only position and
+    /// texture coordinates are read; of the result only the shading normal and what `needs` names.
+    /// `None` from shapes that cannot tell: textures of (u, v) show their finest level there, and mirrors count as flat.
+    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let _ = (point, hit, q, needs);
+        None
+    }
 
     /// Whether it bounds a volume, so that it may be an operand of constructive solid geometry.
     fn solid(&self) -> bool {
@@ -202,8 +211,10 @@ impl Needs {
     pub const UV: Self = Self(2);
     /// Some texture is asked: nothing that a shape computes, but the counters of `explain --measure` tell it.
     pub const TEXTURE: Self = Self(4);
+    /// What neighbouring rays see: nothing that a shape computes in `surface`, but rays then carry how far apart they are.
+    pub const FOOTPRINT: Self = Self(8);
     /// All of these.
-    pub const EVERYTHING: Self = Self(7);
+    pub const EVERYTHING: Self = Self(15);
 
     /// Whether all of `other` is in this set.
     pub const fn contains(self, other: Self) -> bool {
@@ -238,6 +249,8 @@ pub struct SurfacePoint {
     pub n_s: DVec3,
     /// Texture coordinates.
     pub uv: DVec2,
+    /// What the neighbouring rays see: the integrator adds it where the material reads it.
+    pub footprint: Footprint,
 }
 
 impl SurfacePoint {
@@ -250,6 +263,7 @@ impl SurfacePoint {
             n_g,
             n_s: n_g,
             uv: DVec2::ZERO,
+            footprint: Footprint::NONE,
         }
     }
 

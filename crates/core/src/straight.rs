@@ -1,7 +1,7 @@
 use crate::simd;
 use crate::stream::{GROUP, HitStream, LANES, Lanes, PointStream, RayStream};
 use crate::{Aabb, InstancePath, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, Spans, SurfacePoint};
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 /// The number of no sub-primitive.
 pub const LEAVES_NOTHING: u32 = u32::MAX;
@@ -27,6 +27,12 @@ pub trait Straight: Clone + Send + Sync {
 
     /// See [`Primitive::surface`].
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
+
+    /// See [`Primitive::beside`]; need not be straight-line.
+    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let _ = (point, hit, q, needs);
+        None
+    }
 
     /// See [`Primitive::solid`].
     fn solid(&self) -> bool {
@@ -59,6 +65,10 @@ impl<P: Straight> Primitive for P {
 
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         Straight::surface(self, ray, hit, needs)
+    }
+
+    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        Straight::beside(self, point, hit, q, needs)
     }
 
     fn solid(&self) -> bool {

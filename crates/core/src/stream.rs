@@ -9,8 +9,12 @@
 //! Lanes from `len` on hold whatever was there before: arithmetic on them is harmless and its result is
 //! never read.
 
+use crate::footprint::{FootprintStream, SpreadStream};
 use crate::simd::{prefetch, select};
-use crate::{InstancePath, Interval, LightSample, PrimitiveHit, RawHit, Ray, Rgb, Skip, SurfacePoint};
+use crate::{
+    Footprint, InstancePath, Interval, LightSample, PrimitiveHit, RawHit, Ray, Rgb, Skip, Spread,
+    SurfacePoint,
+};
 use glam::{DVec2, DVec3};
 
 /// Most rays in a stream.
@@ -40,6 +44,47 @@ pub const NO_SHAPE: u32 = u32::MAX;
 pub fn gather<T: Copy>(to: &mut Lanes<T>, start: usize, from: &Lanes<T>, lanes: &[u16]) {
     for (to, &lane) in to[start..].iter_mut().zip(lanes) {
         *to = from[lane as usize % LANES];
+    }
+}
+
+/// A column that is there only where something asks for it. What was allocated is used again.
+#[derive(Clone)]
+pub struct Optional<T> {
+    on: bool,
+    memory: Option<Box<T>>,
+}
+
+impl<T> Default for Optional<T> {
+    fn default() -> Self {
+        Self {
+            on: false,
+            memory: None,
+        }
+    }
+}
+
+impl<T: Default> Optional<T> {
+    /// The column, if it is there.
+    #[inline(always)]
+    pub fn get(&self) -> Option<&T> {
+        if self.on { self.memory.as_deref() } else { None }
+    }
+
+    /// The column, there from now on; it holds what was there before.
+    pub fn turn_on(&mut self) -> &mut T {
+        self.on = true;
+        self.memory()
+    }
+
+    /// The column, whether it is there or not.
+    pub fn memory(&mut self) -> &mut T {
+        self.memory.get_or_insert_default()
+    }
+
+    /// The column is there no longer.
+    #[inline(always)]
+    pub fn turn_off(&mut self) {
+        self.on = false;
     }
 }
 
@@ -212,6 +257,8 @@ pub struct RayStream {
     pub limit: Lanes<f64>,
     /// The primitives that they leave.
     pub skip: Ids,
+    /// How far apart neighbouring rays are, where textures ask for it: of all rays or of none.
+    pub spread: Optional<SpreadStream>,
 }
 
 impl Default for RayStream {
@@ -222,6 +269,7 @@ impl Default for RayStream {
             direction: Vectors::default(),
             limit: [f64::INFINITY; LANES],
             skip: Ids::default(),
+            spread: Optional::default(),
         }
     }
 }
@@ -288,6 +336,10 @@ impl RayStream {
         self.direction.copy_first(len, &from.direction);
         self.limit[..len].copy_from_slice(&from.limit[..len]);
         self.skip.copy_first(len, &from.skip);
+        match from.spread.get() {
+            None => self.spread.turn_off(),
+            Some(spread) => self.spread.turn_on().clone_from(spread),
+        }
     }
 
     /// As [`Vectors::gather`], but for the limits and for what the rays leave.
@@ -295,6 +347,16 @@ impl RayStream {
     pub fn gather_lines(&mut self, start: usize, from: &Self, lanes: &[u16]) {
         self.origin.gather(start, &from.origin, lanes);
         self.direction.gather(start, &from.direction, lanes);
+        match from.spread.get() {
+            None => self.spread.turn_off(),
+            Some(spread) => self.spread.turn_on().gather(start, spread, lanes),
+        }
+    }
+
+    /// The spread of a lane, if the rays have any.
+    #[inline]
+    pub fn spread(&self, lane: usize) -> Option<Spread> {
+        self.spread.get().map(|spread| spread.get(lane))
     }
 }
 
@@ -404,6 +466,8 @@ pub struct PointStream {
     pub v: Numbers,
     /// Unit directions to the viewers.
     pub view: Vectors,
+    /// See [`SurfacePoint::footprint`]: there where the material reads it.
+    pub footprint: Optional<FootprintStream>,
 }
 
 impl PointStream {
@@ -416,10 +480,14 @@ impl PointStream {
             n_g: self.n_g.get(lane),
             n_s: self.n_s.get(lane),
             uv: DVec2::new(self.u.0[lane], self.v.0[lane]),
+            footprint: match self.footprint.get() {
+                None => Footprint::NONE,
+                Some(footprint) => footprint.get(lane),
+            },
         }
     }
 
-    /// Replaces the point of a lane, not the view.
+    /// Replaces the point of a lane, not the view and not the footprint.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, point: &SurfacePoint) {
         self.position.set(lane, point.position);

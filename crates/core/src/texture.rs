@@ -7,7 +7,7 @@ pub trait Texture: Send + Sync {
     /// What it reads of a surface point.
     fn needs(&self) -> Needs;
 
-    /// The linear value at a point.
+    /// The linear value at a point; one that filters shows a mean over its footprint.
     fn value(&self, point: &SurfacePoint) -> Rgb;
 
     /// [`Self::value`] for every point of a stream.
@@ -17,10 +17,24 @@ pub trait Texture: Send + Sync {
         }
     }
 
+    /// What it keeps in memory, if it tells.
+    fn bytes(&self) -> Option<TextureBytes> {
+        None
+    }
+
     /// The value if it is the same everywhere: the pipeline then puts the colour in the texture's place.
     fn constant(&self) -> Option<Rgb> {
         None
     }
+}
+
+/// Memory of a texture in bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TextureBytes {
+    /// What it was made of: texels, voxels.
+    pub texels: u64,
+    /// Coarser levels for filters.
+    pub levels: u64,
 }
 
 /// A colour parameter of a plugin: a constant costs no call.

@@ -1,7 +1,7 @@
 //! The rays of a wave, those that wait for a later one, and how both are moved: column by column, by lists of lanes.
 
 use whitstone_core::stream::{Colors, Ids, LANES, Lanes, RayStream, gather};
-use whitstone_core::{DVec3, Rgb, simd};
+use whitstone_core::{DVec3, Rgb, Spread, simd};
 
 /// Rays of a wave with what they are worth. Their limits stay infinite.
 #[derive(Default)]
@@ -74,6 +74,7 @@ impl Paths {
 
     pub(crate) fn clear(&mut self) {
         self.rays.len = 0;
+        self.rays.spread.turn_off();
         self.leave_media();
     }
 
@@ -156,6 +157,8 @@ const BOTTOM: u32 = u32::MAX;
 /// The rays that were put off, a stack for each camera ray. All stacks are in one list, whose places are used again.
 pub(crate) struct Waiting {
     rows: Vec<Later>,
+    /// How far apart the rays of the rows are, where textures ask for it; else empty.
+    spreads: Vec<Spread>,
     free: Vec<u32>,
     tops: Lanes<u32>,
     /// On all stacks together.
@@ -168,6 +171,7 @@ impl Default for Waiting {
     fn default() -> Self {
         Self {
             rows: Vec::new(),
+            spreads: Vec::new(),
             free: Vec::new(),
             tops: [BOTTOM; LANES],
             count: 0,
@@ -209,6 +213,10 @@ impl Waiting {
                     self.rows.len() as u32 - 1
                 }
             };
+            if let Some(spread) = branch.rays.spread(lane) {
+                self.spreads.resize(self.rows.len(), Spread::default());
+                self.spreads[*top as usize] = spread;
+            }
         }
     }
 
@@ -227,6 +235,10 @@ impl Waiting {
         for &slot in self.found.lanes() {
             let top = &mut self.tops[slot as usize % LANES];
             let row = &self.rows[*top as usize];
+            if group.rays.spread.get().is_some() {
+                let spread = &self.spreads[*top as usize];
+                next.rays.spread.turn_on().set(next.rays.len % LANES, spread);
+            }
             self.free.push(*top);
             *top = row.below;
             next.absorbing |= !row.absorption.is_black();

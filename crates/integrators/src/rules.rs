@@ -39,7 +39,10 @@ impl Rules {
     pub(crate) fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
         scratch.pending.clear();
         let mut sum = Rgb::BLACK;
-        let mut next = Some(PathState::camera(*ray));
+        let mut next = Some(PathState {
+            spread: scratch.spread.take(),
+            ..PathState::camera(*ray)
+        });
         while let Some(path) = next.take().or_else(|| scratch.pending.pop()) {
             sum += self.trace(world, &path, scratch, &mut next);
         }
@@ -62,11 +65,12 @@ impl Rules {
         };
         let throughput = path.throughput * path.absorption.transmittance(hit.t);
         let view = -path.ray.direction;
-        let point = world.surface(&path.ray, &hit).seen_from(view);
+        let mut point = world.surface(&path.ray, &hit).seen_from(view);
         if throughput.is_black() {
             scratch.note(path, Some((&hit, &point)), throughput, Rgb::BLACK);
             return Rgb::BLACK;
         }
+        point.footprint = world.footprint(&path.ray, &hit, &point, path.spread.as_ref());
         let skip = Skip::leaving(&hit);
         let material = &*world.materials[hit.shape as usize];
         let lobes = world.lobes_of(hit.shape);
@@ -92,6 +96,10 @@ impl Rules {
                 };
                 child.origin = Some((node, branch.kind.into()));
                 if path.depth < limits.max_depth {
+                    child.spread = path.spread.map(|spread| {
+                        let branch = (branch.kind.into(), branch.direction);
+                        world.spread_of_branch(&spread, &path.ray, &hit, &point, branch)
+                    });
                     scratch.pending.extend(next.replace(child));
                 } else if limits.beyond == Beyond::Background {
                     let limit = endless(world, child.absorption, branch.direction);
@@ -135,6 +143,7 @@ fn follow(
         absorption,
         depth,
         origin: None,
+        spread: None,
     })
 }
 

@@ -9,7 +9,8 @@ use crate::rules::{Beyond, Limits, Rules};
 use std::mem::swap;
 use whitstone_core::stream::{Colors, GROUP, HitStream, LANES, NO_SHAPE, PointStream, RayStream, Vectors};
 use whitstone_core::{
-    BranchStream, BranchStreams, Counters, LightMemory, Lobes, Material, Rgb, Scratch, World, simd,
+    BranchStream, BranchStreams, Counters, LightMemory, Lobes, Material, PathLetter, Rgb, Scratch, World,
+    simd,
 };
 
 /// Working memory: about 200 KiB a thread.
@@ -166,6 +167,7 @@ impl Rules {
                 if m.stop_at_limit(world, limits) | shown {
                     add(&m.group, &m.radiance, out);
                 }
+                m.spread(world);
                 m.go_on();
             }
             _ => {
@@ -279,6 +281,30 @@ impl Memory {
             }
         }
         limits.beyond == Beyond::Background
+    }
+
+    /// Finds how far apart the branches of neighbouring rays are.
+    fn spread(&mut self, world: &World) {
+        let (rays, hits, points) = (&self.group.rays, &self.group_hits, &self.points);
+        let Some(spreads) = rays.spread.get() else {
+            self.reflected.rays.spread.turn_off();
+            self.transmitted.rays.spread.turn_off();
+            return;
+        };
+        let kinds = [
+            (PathLetter::R, &mut self.reflected),
+            (PathLetter::T, &mut self.transmitted),
+        ];
+        for (letter, branch) in kinds {
+            let out = branch.rays.spread.turn_on();
+            for lane in (0..rays.len).filter(|lane| branch.alive.0[*lane]) {
+                let direction = branch.rays.direction.get(lane);
+                let (ray, hit, point) = (rays.ray(lane), hits.hit(lane), points.get(lane));
+                let found =
+                    world.spread_of_branch(&spreads.get(lane), &ray, &hit, &point, (letter, direction));
+                out.set(lane, &found);
+            }
+        }
     }
 
     /// Takes the first branch of each ray into the next wave and puts its second one off. The order of the rays in a wave has no

@@ -16,7 +16,8 @@ use toml::Spanned;
 use whitstone_core::config::{Color, IntegerIn, Steps};
 use whitstone_core::stream::{LANES, SampleStreams, Vectors};
 use whitstone_core::{
-    Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors, Transform,
+    Aabb, Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
+    Transform,
 };
 
 /// A surface that shines, as a grid of fixed points of it.
@@ -176,6 +177,18 @@ impl Light for Area {
                 }
             }
         }
+    }
+
+    /// A point of it shines to the side of its normal: whether the ball around the box reaches there.
+    fn reaches(&self, bounds: &Aabb) -> bool {
+        let (center, radius) = emission::ball_around(bounds);
+        let before = |spot: &Spot| {
+            let out = center - spot.position;
+            // Where that is no number, it may reach.
+            let behind = spot.normal.dot(out) + radius < -1e-9 * (out.length() + radius);
+            !behind
+        };
+        !self.intensity.is_black() && self.spots.iter().any(before)
     }
 }
 

@@ -11,7 +11,7 @@ use toml::Spanned;
 use whitstone_core::config::{Color, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, SceneError, SceneErrors,
+    Aabb, Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, SceneError, SceneErrors,
 };
 
 /// Parallel light from infinitely far away, such as the sun's.
@@ -63,6 +63,10 @@ impl Light for Directional {
         for lane in 0..len {
             out.set(lane, &self.sample);
         }
+    }
+
+    fn reaches(&self, _: &Aabb) -> bool {
+        !self.sample.irradiance.is_black()
     }
 }
 

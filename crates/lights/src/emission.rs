@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::stream::{GROUP, SampleStreams, Vectors, groups};
-use whitstone_core::{DVec3, LightSample, Rgb, simd};
+use whitstone_core::{Aabb, DVec3, LightSample, Rgb, simd};
 
 /// How the light of a source with a position falls off with the distance d.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -29,6 +29,14 @@ pub(crate) fn direction_and_length(v: DVec3) -> Option<(DVec3, f64)> {
     let scaled = v / largest;
     let length = scaled.length();
     Some((scaled / length, length * largest))
+}
+
+/// Centre and radius of the ball around a box; the radius is infinite, and nothing else a number, where the box is endless.
+pub(crate) fn ball_around(bounds: &Aabb) -> (DVec3, f64) {
+    let center = bounds.center();
+    // Points of a surface may lie outside of its box by their rounding.
+    let rounding = 1e-12 * center.abs().max_element();
+    (center, (bounds.max - center).length() * (1.0 + 1e-12) + rounding)
 }
 
 /// [`sample`] for every point of a stream.

@@ -9,7 +9,9 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{Color, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
-use whitstone_core::{Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneErrors};
+use whitstone_core::{
+    Aabb, Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneErrors,
+};
 
 /// A point that shines equally in all directions.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -60,6 +62,10 @@ impl Light for Point {
 
     fn samples_stream(&self, len: usize, points: &Vectors, out: &mut SampleStreams) {
         emission::sample_stream(self.position, len, points, self.intensity, self.falloff, out);
+    }
+
+    fn reaches(&self, _: &Aabb) -> bool {
+        !self.intensity.is_black()
     }
 }
 

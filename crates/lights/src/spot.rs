@@ -14,7 +14,7 @@ use toml::Spanned;
 use whitstone_core::config::{Color, Finite, Vector3};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
+    Aabb, Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
 };
 
 /// A point that shines into a cone with a soft edge.
@@ -57,6 +57,9 @@ pub struct Spot {
 
 /// Far above the rounding of a cosine of unit vectors.
 const COSINE_MARGIN: f64 = 1e-12;
+
+/// Far above the rounding of an angle, in radians.
+const ANGLE_MARGIN: f64 = 1e-9;
 
 impl Plugin<Lights> for Spot {
     const TYPE: &'static str = "spot";
@@ -127,6 +130,17 @@ impl Light for Spot {
             let irradiance = self.inside_cone(&samples.get(lane)).unwrap_or(Rgb::BLACK);
             samples.irradiance.set(lane, irradiance);
         }
+    }
+
+    /// The cone against the ball around the box.
+    fn reaches(&self, bounds: &Aabb) -> bool {
+        let (center, radius) = emission::ball_around(bounds);
+        let out = center - self.position;
+        let (along, across) = (self.axis.dot(out), self.axis.cross(out).length());
+        // Beyond the cone's edge, seen from the light, by more than the ball's half width. Where a distance is no number, the light may reach.
+        let beyond = across.atan2(along) - self.cutoff - ANGLE_MARGIN;
+        let misses = beyond > 0.0 && (radius / out.length()).asin() < beyond;
+        !(self.intensity.is_black() || misses)
     }
 }
 

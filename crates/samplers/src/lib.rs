@@ -10,10 +10,13 @@
 use whitstone_core::hash::mix;
 use whitstone_core::{DuplicateType, Registry, Samplers};
 
+#[cfg(feature = "adaptive")]
+pub mod adaptive;
 #[cfg(feature = "center")]
 pub mod center;
 #[cfg(feature = "grid")]
 pub mod grid;
+mod scrambled;
 #[cfg(feature = "sobol")]
 pub mod sobol;
 #[cfg(feature = "stratified")]
@@ -27,6 +30,8 @@ fn hash_of_pixel(seed: u32, [i, j]: [u32; 2]) -> u32 {
 /// Adds every sampler whose feature is on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
+    #[cfg(feature = "adaptive")]
+    registry.add::<Samplers, adaptive::Adaptive>(from)?;
     #[cfg(feature = "center")]
     registry.add::<Samplers, center::Center>(from)?;
     #[cfg(feature = "grid")]

@@ -1,18 +1,14 @@
 //! Sobol' points, scrambled after Owen by another seed in each pixel.
 //!
-//! Sources: Sobol' 1967, of whose sequence these are the first two dimensions (van der Corput's and the one of x + 1, whose matrix is Pascal's
-//! triangle modulo 2); Owen 1995, *Randomly permuted (t,m,s)-nets and (t,s)-sequences*; Burley 2020, *Practical hash-based Owen
-//! scrambling*, Journal of Computer Graphics Techniques 9(4), listing 2, with the permutation of Laine and Karras. The points are computed here and not by a
-//! library, because the model has to say exactly which they are, and libraries use hashes of their own.
+//! The module `scrambled` has their sources.
 //!
 //! - Twin: Mitsuba, through the driver, which traces the same positions.
 //! - Example: `scenes/samplers/sobol.toml`.
 
-use crate::hash_of_pixel;
+use crate::scrambled;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::config::IntegerIn;
-use whitstone_core::hash::mix;
 use whitstone_core::{Context, DVec2, Plugin, Sampler, Samplers, SceneErrors};
 
 /// Sobol' points, scrambled after Owen, other ones in each pixel.
@@ -59,39 +55,14 @@ impl Sampler for Sobol {
     }
 
     fn position(&self, pixel: [u32; 2], index: u32) -> DVec2 {
-        let h = hash_of_pixel(self.seed, pixel);
-        let place = |reversed: u32, dimension: u32| {
-            let bits = permute(reversed, mix(h.wrapping_add(dimension))).reverse_bits();
-            f64::from(bits) / 4_294_967_296.0
-        };
-        DVec2::new(place(index, 1), place(second(index), 2))
+        scrambled::position(self.seed, pixel, index)
     }
-}
-
-/// The second dimension with its bits reversed, as the permutation wants them: of the first dimension that is the index itself.
-fn second(index: u32) -> u32 {
-    let mut direction = 1_u32;
-    let mut sum = 0;
-    for bit in 0..32 {
-        if index >> bit & 1 == 1 {
-            sum ^= direction;
-        }
-        direction ^= direction << 1;
-    }
-    sum
-}
-
-/// Laine and Karras's permutation: each bit is turned over by a hash of those below it.
-fn permute(x: u32, seed: u32) -> u32 {
-    const FACTORS: [u32; 4] = [0x6c50_b47c, 0xb82f_1e52, 0xc7af_e638, 0x8d22_f6e6];
-    FACTORS
-        .iter()
-        .fold(x.wrapping_add(seed), |x, factor| x ^ x.wrapping_mul(*factor))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scrambled::second;
     use std::collections::BTreeSet;
     use whitstone_testkit::{build, random_sampler_laws};
 

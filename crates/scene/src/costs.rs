@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::mem::size_of_val;
 use std::sync::Arc;
-use whitstone_core::{Accelerator, DVec3, FamilyName, Geometry, Light, Lobes, Shape};
+use whitstone_core::{Accelerator, DVec3, FamilyName, Geometry, Light, Lobes, Shape, TextureBytes};
 
 /// What a part that is in use takes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -72,7 +72,17 @@ impl Pipeline {
         if !textures.is_empty() {
             let names: Vec<&str> = textures.into_iter().map(|(_, name)| *name).collect();
             let work = format!("{}: read where their materials are shaded", names.join(", "));
-            costs.push(cost("textures", None, work));
+            let told = self.textures.iter().map(|texture| texture.bytes());
+            let told: Option<Vec<TextureBytes>> = told.collect();
+            let sum = |of: fn(&TextureBytes) -> u64| told.as_ref().map(|told| told.iter().map(of).sum());
+            costs.push(cost("textures", sum(|bytes| bytes.texels), work));
+            let levels: Option<u64> = sum(|bytes| bytes.levels);
+            if self.world.reads_footprints() {
+                let work = "coarser levels of textures, read by filters".to_owned();
+                costs.push(cost("texture levels", levels, work));
+                let work = "how far apart neighbouring rays are: at each hit of what is filtered, and where rays go on";
+                costs.push(cost("footprints of rays", Some(0), work.to_owned()));
+            }
         }
         costs
     }

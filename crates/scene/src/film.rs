@@ -1,9 +1,11 @@
+use crate::adaptive::Adaptive;
 use crate::{Aov, Pipeline};
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
-use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, RayStream};
-use whitstone_core::{Counters, DVec2, Needs, RawHit, Ray, Rgb, Scratch};
+use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, Optional, RayStream};
+use whitstone_core::{Counters, DVec2, Needs, RawHit, Ray, Rgb, Scratch, Spread};
 use whitstone_image::{Image, ImageError};
 
 /// Edge length of the square tiles that threads share out, in pixels.
@@ -65,15 +67,25 @@ impl Tile {
 /// Working memory of one thread, and the tile that was rendered last.
 #[derive(Default)]
 struct TileScratch {
-    scratch: Scratch,
     /// The pixels from the tile's corner, in the order of the lanes.
     order: Vec<[u32; 2]>,
     /// The size of the tile that `order` is of.
     ordered: [u32; 2],
+    /// The pixels of the image, in the same order.
+    pixels: Vec<[u32; 2]>,
     rgb: Vec<[f32; 3]>,
     /// All channels of the first pixel, then those of the next.
     layers: Vec<f32>,
+    memory: SampleMemory,
+}
+
+/// Working memory for samples of as many pixels as a stream has lanes.
+#[derive(Default)]
+pub(crate) struct SampleMemory {
+    pub scratch: Scratch,
     rays: Box<RayStream>,
+    /// Neighbours of the camera rays.
+    beside: Optional<[RayStream; 2]>,
     raster: Box<Raster>,
     radiance: Box<Colors>,
     hits: Box<HitStream>,
@@ -88,13 +100,29 @@ impl Default for Raster {
 }
 
 impl TileScratch {
+    /// Sets the pixels to those of a tile.
+    fn enter(&mut self, tile: &Tile) {
+        let size = [tile.width, tile.height];
+        if self.ordered != size {
+            tile.order(&mut self.order);
+            self.ordered = size;
+        }
+        self.pixels.clear();
+        self.pixels
+            .extend(self.order.iter().map(|[x, y]| [tile.x + x, tile.y + y]));
+    }
+
     /// Hands over what was rendered and counted since the last call.
-    fn write(&mut self, tile: &Tile, film: &mut Film) {
-        film.counters.add(std::mem::take(&mut self.scratch.counters));
+    fn write(&mut self, film: &mut Film) {
+        film.counters
+            .add(std::mem::take(&mut self.memory.scratch.counters));
         let channels = film.layers.len();
-        for (lane, ([x, y], rgb)) in self.order.iter().zip(&self.rgb).enumerate() {
-            let place = (tile.y + y) as usize * film.width as usize + (tile.x + x) as usize;
-            film.rgb[place] = *rgb;
+        for (lane, [x, y]) in self.pixels.iter().enumerate() {
+            let place = *y as usize * film.width as usize + *x as usize;
+            // None where the pixel is not done.
+            if let Some(rgb) = self.rgb.get(lane) {
+                film.rgb[place] = *rgb;
+            }
             for (channel, (_, layer)) in film.layers.iter_mut().enumerate() {
                 layer[place] = self.layers[lane * channels + channel];
             }
@@ -173,76 +201,81 @@ impl Pipeline {
             counters: Counters::default(),
             render_seconds: 0.0,
         });
+        let adaptive = self.sampler.refinement().map(|rule| Adaptive::new(rule, size));
+        let first = adaptive.as_ref().map_or(self.sampler.count(), Adaptive::first);
         // Each thread takes the next tile when it is done with one: parts of the image that are handed out beforehand take unequal times.
         let next = AtomicUsize::new(0);
         rayon::broadcast(|_| {
             let mut scratch = TileScratch::default();
             while let Some(tile) = tiles.get(next.fetch_add(1, Ordering::Relaxed)) {
-                self.render_tile(tile, &mut scratch);
-                scratch.write(tile, &mut film.lock().unwrap_or_else(PoisonError::into_inner));
+                self.render_tile(tile, first, adaptive.as_ref(), &mut scratch);
+                scratch.write(&mut film.lock().unwrap_or_else(PoisonError::into_inner));
                 let pixels = u64::from(tile.width) * u64::from(tile.height);
                 let so_far = done.fetch_add(pixels, Ordering::Relaxed) + pixels;
-                if let Some(progress) = progress {
+                if let Some(progress) = progress
+                    && adaptive.is_none()
+                {
                     progress(so_far, total);
                 }
             }
         });
         let mut film = film.into_inner().unwrap_or_else(PoisonError::into_inner);
+        if let Some(adaptive) = adaptive {
+            let mut scratch = TileScratch::default();
+            let pixels = tiles.iter().flat_map(|tile| {
+                scratch.enter(tile);
+                scratch.pixels.clone()
+            });
+            adaptive.refine(self, pixels.collect(), &mut film, progress);
+        }
         film.render_seconds = start.elapsed().as_secs_f64();
         film
     }
 
-    fn render_tile(&self, tile: &Tile, scratch: &mut TileScratch) {
+    /// With the first `positions` of each pixel.
+    fn render_tile(
+        &self,
+        tile: &Tile,
+        positions: u32,
+        adaptive: Option<&Adaptive>,
+        scratch: &mut TileScratch,
+    ) {
+        scratch.enter(tile);
         let TileScratch {
-            scratch,
-            order,
-            ordered,
+            pixels,
             rgb,
             layers,
-            rays,
-            raster,
-            radiance,
-            hits,
+            memory,
+            ..
         } = scratch;
-        let size = [tile.width, tile.height];
-        if *ordered != size {
-            tile.order(order);
-            *ordered = size;
-        }
-        let corner = |[x, y]: [u32; 2]| [tile.x + x, tile.y + y];
-        let (count, lens) = (self.samples(), self.camera.lens_points());
-        let mut sums = [Rgb::BLACK; LANES];
-        rays.len = order.len();
-        for sample in 0..count {
-            for (raster, pixel) in raster.0.iter_mut().zip(&*order) {
-                *raster = self.raster(corner(*pixel), sample / lens);
-            }
-            self.camera.lens_stream(&raster.0, sample % lens, rays);
-            match &self.object_order {
-                None => self
-                    .integrator
-                    .radiance_stream(&self.world, rays, scratch, radiance),
-                Some(objects) => objects.radiance_stream(&self.world, &raster.0, rays, scratch, radiance),
-            }
-            for (lane, sum) in sums.iter_mut().enumerate().take(order.len()) {
-                *sum += radiance.get(lane);
-            }
-        }
         rgb.clear();
-        rgb.extend(sums[..order.len()].iter().map(|sum| {
-            let mean = *sum * (1.0 / f64::from(count));
-            mean.to_array().map(|c| c as f32)
-        }));
+        match adaptive {
+            None => {
+                let mut sums = [Rgb::BLACK; LANES];
+                self.sample(pixels, 0..positions, memory, |lane, radiance| {
+                    sums[lane] += radiance
+                });
+                let count = f64::from(positions * self.camera.lens_points());
+                rgb.extend(sums[..pixels.len()].iter().map(|sum| {
+                    let mean = *sum * (1.0 / count);
+                    mean.to_array().map(|c| c as f32)
+                }));
+            }
+            Some(adaptive) => adaptive.start(self, pixels, memory),
+        }
         layers.clear();
         if self.film.aovs.is_empty() {
             return;
         }
-        for (raster, pixel) in raster.0.iter_mut().zip(&*order) {
-            *raster = pixel_corner(corner(*pixel)) + 0.5;
+        let SampleMemory {
+            rays, raster, hits, ..
+        } = memory;
+        for (raster, pixel) in raster.0.iter_mut().zip(&*pixels) {
+            *raster = pixel_corner(*pixel) + 0.5;
         }
         self.camera.ray_stream(&raster.0, rays);
         self.world.accelerator.closest_stream(rays, hits);
-        for lane in 0..order.len() {
+        for lane in 0..pixels.len() {
             let (ray, hit) = (rays.ray(lane), hits.get(lane));
             let near = self.camera.near(raster.0[lane]);
             for aov in &self.film.aovs {
@@ -255,7 +288,47 @@ impl Pipeline {
         }
     }
 
-    /// Samples a pixel: each position of the sampler through each point of the camera's lens, one position after another.
+    /// Radiance at some positions of some pixels, as many as a stream has lanes, through each point of the lens: told lane by lane, one sample
+    /// after another.
+    #[inline]
+    pub(crate) fn sample(
+        &self,
+        pixels: &[[u32; 2]],
+        positions: Range<u32>,
+        memory: &mut SampleMemory,
+        mut tell: impl FnMut(usize, Rgb),
+    ) {
+        let SampleMemory {
+            scratch,
+            rays,
+            beside,
+            raster,
+            radiance,
+            ..
+        } = memory;
+        let lens = self.camera.lens_points();
+        rays.len = pixels.len();
+        for sample in positions.start * lens..positions.end * lens {
+            for (raster, pixel) in raster.0.iter_mut().zip(pixels) {
+                *raster = self.raster(*pixel, sample / lens);
+            }
+            self.camera.lens_stream(&raster.0, sample % lens, rays);
+            if let Some(scale) = self.sample_distance() {
+                rays.spread_from_camera(&*self.camera, &raster.0, sample % lens, scale, beside);
+            }
+            match &self.object_order {
+                None => self
+                    .integrator
+                    .radiance_stream(&self.world, rays, scratch, radiance),
+                Some(objects) => objects.radiance_stream(&self.world, &raster.0, rays, scratch, radiance),
+            }
+            for lane in 0..pixels.len() {
+                tell(lane, radiance.get(lane));
+            }
+        }
+    }
+
+    /// Samples a pixel, at most: each position of the sampler through each point of the camera's lens, one position after another.
     pub fn samples(&self) -> u32 {
         self.sampler.count() * self.camera.lens_points()
     }
@@ -263,6 +336,21 @@ impl Pipeline {
     /// Where a position of the sampler lies in the image.
     fn raster(&self, pixel: [u32; 2], position: u32) -> DVec2 {
         pixel_corner(pixel) + self.sampler.position(pixel, position)
+    }
+
+    /// How far apart samples are, in pixels, as if they lay in a grid; `None` if no texture asks for it.
+    fn sample_distance(&self) -> Option<f64> {
+        let refined = || self.sampler.refinement().map(|rule| rule.first);
+        let count = || f64::from(refined().unwrap_or_else(|| self.sampler.count()));
+        self.world.reads_footprints().then(|| 1.0 / count().sqrt())
+    }
+
+    /// How far apart the camera ray of a sample of a pixel is from its neighbours, if any texture asks for it.
+    pub fn camera_spread(&self, pixel: [u32; 2], sample: u32) -> Option<Spread> {
+        let lens = self.camera.lens_points();
+        let raster = self.raster(pixel, sample / lens);
+        let scale = self.sample_distance()?;
+        Some(Spread::of_camera(&*self.camera, raster, sample % lens, scale))
     }
 
     /// The camera ray of a sample of a pixel.
@@ -274,14 +362,21 @@ impl Pipeline {
 
     /// The value of one pixel, the mean over its samples, by itself: the same as in the image.
     pub fn pixel(&self, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
+        if let Some(rule) = self.sampler.refinement() {
+            return Adaptive::new(rule, self.film.size).pixel(self, pixel, scratch);
+        }
         let count = self.samples();
         let sum: Rgb = (0..count)
-            .map(|sample| {
-                self.integrator
-                    .radiance(&self.world, &self.camera_ray(pixel, sample), scratch)
-            })
+            .map(|sample| self.radiance_of(pixel, sample, scratch))
             .sum();
         sum * (1.0 / f64::from(count))
+    }
+
+    /// The radiance of one sample of a pixel, by itself.
+    pub(crate) fn radiance_of(&self, pixel: [u32; 2], sample: u32, scratch: &mut Scratch) -> Rgb {
+        scratch.spread = self.camera_spread(pixel, sample);
+        self.integrator
+            .radiance(&self.world, &self.camera_ray(pixel, sample), scratch)
     }
 
     /// Along a ray that starts at `near` in front of the camera.

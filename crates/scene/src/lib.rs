@@ -4,6 +4,7 @@
 //!
 //! This crate knows the registry, not the plugins.
 
+mod adaptive;
 mod check;
 mod costs;
 mod description;
@@ -14,6 +15,7 @@ mod memory;
 mod operands;
 mod pipeline;
 mod plan;
+mod reach;
 #[cfg(feature = "schema")]
 mod schema;
 mod sources;

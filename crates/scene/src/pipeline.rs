@@ -1,6 +1,7 @@
 use crate::groups::{BuiltGroup, unknown_id};
 use crate::memory::Memory;
 use crate::operands::{self, Operands};
+use crate::reach;
 use crate::{Description, FilmTable, LeftOut, Plan, PluginTable, ShapeTable};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -55,6 +56,8 @@ pub struct Pipeline {
     pub accelerator: (String, String),
     /// The groups that are placed, by id.
     pub groups: Vec<BuiltGroup>,
+    /// The textures in use, each once.
+    pub textures: Vec<Arc<dyn Texture>>,
     /// The plugins that it is built from.
     pub used: BTreeSet<(FamilyName, &'static str)>,
     /// What was not built, with the reasons.
@@ -129,6 +132,17 @@ impl Pipeline {
         let mut left_out = builder.unused_materials();
         left_out.extend_from_slice(&plan.left_out);
         left_out.extend(builder.unused_textures());
+        if let Some(built) = &built
+            && errors.0.is_empty()
+        {
+            let tables = &description.lights;
+            left_out.extend(reach::leave_out_lights(
+                tables,
+                &mut lights,
+                &built.geometry,
+                &materials,
+            ));
+        }
         if let Some(integrator) = &integrator {
             left_out.extend(unused_parts(
                 description,
@@ -150,6 +164,7 @@ impl Pipeline {
         };
         let (warnings, used) = (builder.warnings, builder.used);
         let groups = builder.groups.into_values().collect();
+        let textures = builder.textures.into_values().flatten().collect();
         let pipeline = match (camera, sampler, integrator, built) {
             (Some(camera), Some(sampler), Some(integrator), Some(built))
                 if complete && errors.0.is_empty() =>
@@ -164,6 +179,7 @@ impl Pipeline {
                     scene_hash: description.flattened.hash.clone(),
                     accelerator: built.chosen,
                     groups,
+                    textures,
                     used,
                     left_out,
                     warnings,
@@ -258,6 +274,9 @@ fn unused_parts(
         });
     if !needs.contains(whitstone_core::Needs::UV) {
         leave_out("texture coordinates", "no texture in use reads them");
+    }
+    if !needs.contains(whitstone_core::Needs::FOOTPRINT) {
+        leave_out("footprints of rays", "no texture in use filters by them");
     }
     if description.film.aovs.is_empty() {
         leave_out("output layers", "the film asks for none");

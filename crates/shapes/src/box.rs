@@ -155,6 +155,13 @@ impl Straight for Cuboid {
         point
     }
 
+    fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let p = turned(self.frame.point_to_object(q), hit.primitive >> 1);
+        let params = DVec2::new(p.y, p.z);
+        let there = RawHit { params, ..*hit };
+        Some(Straight::surface(self, &Ray::new(q, p), &there, needs))
+    }
+
     fn solid(&self) -> bool {
         true
     }

@@ -7,7 +7,7 @@
 //! arithmetic*, 2004), the roots are those that do not cancel (Press et al., *Numerical Recipes*, 5.6).
 
 use crate::frame::{Frame, UNIT};
-use crate::near::comes_near_ball;
+use crate::near::{comes_near_ball, goes_on};
 use whitstone_core::simd::select;
 use whitstone_core::{
     Aabb, DMat3, DVec2, DVec3, LEAVES_NOTHING, Needs, PrimitiveHit, RawHit, Ray, SceneError, Spans, Straight,
@@ -314,6 +314,12 @@ impl<M: Mapping> Straight for Clipped<M> {
             point.uv = self.mapping.uv(p, hit.primitive);
         }
         point
+    }
+
+    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let there = RawHit { t: 0.0, ..*hit };
+        let there = Straight::surface(self, &Ray::new(q, point.n_g), &there, needs);
+        Some(goes_on(there, point))
     }
 
     fn solid(&self) -> bool {

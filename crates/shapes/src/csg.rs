@@ -270,6 +270,17 @@ impl Primitive for Csg {
         point
     }
 
+    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let (operand, primitive) = self.operand(hit.primitive);
+        let hit = RawHit { primitive, ..*hit };
+        let solid = &self.operands[operand as usize].solid;
+        let mut there = solid.beside(point, &hit, q, needs)?;
+        if self.is_taken_away(operand) {
+            there.n_s = -there.n_s;
+        }
+        Some(there)
+    }
+
     fn solid(&self) -> bool {
         true
     }

@@ -4,6 +4,7 @@
 //! - Example: `scenes/shapes/disk.toml`.
 
 use crate::frame::{Frame, flat_hit};
+use crate::near::goes_on;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
@@ -77,6 +78,13 @@ impl Straight for Disk {
             point.uv = DVec2::new(hit.params.length(), phi / TAU);
         }
         point
+    }
+
+    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let params = self.frame.point_to_object(q).truncate();
+        let there = RawHit { params, ..*hit };
+        let there = Straight::surface(self, &Ray::new(q, self.frame.normal(2)), &there, needs);
+        Some(goes_on(there, point))
     }
 }
 

@@ -252,6 +252,11 @@ impl Primitive for Implicit {
         let p = self.level.ray(ray).at(hit.t);
         self.level.surface(ray, p, |p| self.sample(p))
     }
+
+    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let there = RawHit { t: 0.0, ..*hit };
+        Some(self.surface(&Ray::new(q, point.n_g), &there, needs))
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,12 @@
-//! The cheap test of round and compact shapes.
+//! The cheap test of round and compact shapes, and texture coordinates that are angles.
 
-use whitstone_core::{DVec3, Ray};
+use whitstone_core::{DVec3, Ray, SurfacePoint};
+
+/// A point beside another one, with texture coordinates that go on where they start anew after a turn.
+pub(crate) fn goes_on(mut there: SurfacePoint, here: &SurfacePoint) -> SurfacePoint {
+    there.uv -= (there.uv - here.uv).round();
+    there
+}
 
 /// Whether a ray may meet a ball: false only if it certainly does not.
 #[inline(always)]

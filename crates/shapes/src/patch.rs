@@ -304,6 +304,23 @@ impl Primitive for Patch {
         }
         point
     }
+
+    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let patch = &self.patches[hit.primitive as usize];
+        let Jet { u, v, .. } = patch.at(hit.params.x, hit.params.y);
+        let step = q - point.position;
+        // The step that comes nearest, by the normal equations.
+        let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+        let change = DVec2::new(
+            vv * u.dot(step) - uv * v.dot(step),
+            uu * v.dot(step) - uv * u.dot(step),
+        );
+        let params = hit.params + change / (uu * vv - uv * uv);
+        let there = RawHit { params, ..*hit };
+        params
+            .is_finite()
+            .then(|| self.surface(&Ray::new(q, step), &there, needs))
+    }
 }
 
 /// Nearer, or at the same distance the first of its kind: where parts of a patch join, a root may be found twice.

@@ -10,8 +10,8 @@ use crate::frame::{Frame, flat_hit};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
-    Aabb, Context, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape, Shapes, Spans,
-    Straight, SurfacePoint, Transform, solid,
+    Aabb, Context, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape, Shapes,
+    Spans, Straight, SurfacePoint, Transform, solid,
 };
 
 /// The endless plane z = 0 of its object space; the outside is +z.
@@ -65,6 +65,17 @@ impl Straight for Plane {
         point
     }
 
+    fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let params = self.frame.point_to_object(q).truncate();
+        let there = RawHit { params, ..*hit };
+        Some(Straight::surface(
+            self,
+            &Ray::new(q, self.frame.normal(2)),
+            &there,
+            needs,
+        ))
+    }
+
     /// As an operand it is the half-space below.
     fn solid(&self) -> bool {
         true
@@ -96,7 +107,6 @@ impl Straight for Plane {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::DVec3;
     use whitstone_core::Interval;
     use whitstone_testkit::{build, shape_laws_everywhere};
 

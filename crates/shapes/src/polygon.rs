@@ -329,6 +329,10 @@ impl Primitive for Polygon {
         }
         point
     }
+
+    fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        Some(self.surface(&Ray::new(q, self.normal), hit, needs))
+    }
 }
 
 #[cfg(test)]

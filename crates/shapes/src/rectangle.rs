@@ -58,6 +58,17 @@ impl Straight for Rectangle {
         }
         point
     }
+
+    fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let params = self.frame.point_to_object(q).truncate();
+        let there = RawHit { params, ..*hit };
+        Some(Straight::surface(
+            self,
+            &Ray::new(q, self.frame.normal(2)),
+            &there,
+            needs,
+        ))
+    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 //! - Twin: Mitsuba `sphere` (native).
 //! - Example: `scenes/shapes/sphere.toml`.
 
-use crate::near::comes_near_ball;
+use crate::near::{comes_near_ball, goes_on};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
@@ -107,6 +107,12 @@ impl Straight for Sphere {
             point.uv = self.uv(n);
         }
         point
+    }
+
+    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let there = RawHit { t: 0.0, ..*hit };
+        let there = Straight::surface(self, &Ray::new(q, point.n_g), &there, needs);
+        Some(goes_on(there, point))
     }
 
     fn solid(&self) -> bool {

@@ -10,7 +10,7 @@
 //! - Twin: POV-Ray `torus` (native).
 //! - Example: `scenes/shapes/torus.toml`.
 
-use crate::near::comes_near_ball;
+use crate::near::{comes_near_ball, goes_on};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
@@ -211,9 +211,14 @@ impl Line {
         }
     }
 
+    /// Where on the line the ray starts.
+    fn at_start(&self) -> f64 {
+        (-self.start - self.more) / self.unit
+    }
+
     /// How fast the ray leaves the surface, or comes nearer, where it starts.
     fn slope_at_start(&self) -> f64 {
-        self.distance((-self.start - self.more) / self.unit).slope
+        self.distance(self.at_start()).slope
     }
 
     /// The distance from the surface and its derivative, NaN on the axis and in the middle of the tube.
@@ -443,6 +448,14 @@ impl Primitive for Torus {
             point.uv = self.uv(outward, normal);
         }
         point
+    }
+
+    fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        let ray = Ray::new(q, self.axis);
+        let line = Line::new(self, &ray);
+        let params = DVec2::new(line.at_start(), 0.0);
+        let there = self.surface(&ray, &RawHit { params, ..*hit }, needs);
+        Some(goes_on(there, point))
     }
 }
 

@@ -9,6 +9,7 @@ use whitstone_core::DVec3;
 /// All assets: the name of each file and its bytes, the same in every run.
 pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
     vec![
+        ("checker.png", checker()),
         ("corners.png", corners()),
         ("icosphere.ply", icosphere(3)),
         ("icosphere_0.ply", icosphere(0)),
@@ -235,6 +236,17 @@ fn corners() -> Vec<u8> {
             () if x % 4 == 0 && y % 4 == 0 => [20, 20, 20],
             () => [(60 + 5 * x) as u8, (60 + 4 * y) as u8, 120],
         })
+    });
+    png(&picture)
+}
+
+/// A checkerboard of 8 x 8 squares in 128 x 128 pixels, 8 bits sRGB, without pure black and white.
+fn checker() -> Vec<u8> {
+    const SIZE: u32 = 128;
+    const SQUARE: u32 = 16;
+    let picture = image::RgbImage::from_fn(SIZE, SIZE, |x, y| {
+        let light = (x / SQUARE + y / SQUARE).is_multiple_of(2);
+        image::Rgb(if light { [240; 3] } else { [30, 40, 60] })
     });
     png(&picture)
 }

@@ -3,7 +3,7 @@
 use crate::spread::directions;
 use crate::streams::light_streams;
 use crate::textures::is_colour;
-use whitstone_core::{DVec3, Light, LightGives, LightSample, Rgb};
+use whitstone_core::{Aabb, DVec3, Light, LightGives, LightSample, Rgb};
 
 fn samples(light: &dyn Light, point: DVec3) -> Vec<LightSample> {
     let mut out = Vec::new();
@@ -71,6 +71,7 @@ pub fn light_laws(light: &dyn Light) {
         .and_then(|()| light_streams(light, &directions(300).collect::<Vec<_>>()))
         .err();
     assert_eq!(broken, None, "light of a stream");
+    nothing_where_it_does_not_reach(light);
     let ambient = light.ambient();
     assert!(
         is_colour(ambient),
@@ -83,6 +84,44 @@ pub fn light_laws(light: &dyn Light) {
     );
     let says = gives.contains(LightGives::SAMPLES);
     assert!(says || !reached, "a light with samples says that it gives them");
+}
+
+/// Boxes of many sizes, far and near: where the light says that it does not reach, every point is black.
+fn nothing_where_it_does_not_reach(light: &dyn Light) {
+    assert!(
+        light.reaches(&Aabb::EVERYTHING) || is_dark(light, &Aabb::around([-DVec3::ONE, DVec3::ONE])),
+        "a light that reaches nothing is black"
+    );
+    for direction in directions(64) {
+        for (distance, half) in [
+            (0.0, 1.0),
+            (1.0, 0.01),
+            (3.0, 1.0),
+            (3.0, 1e-6),
+            (100.0, 60.0),
+            (1e6, 1e3),
+        ] {
+            let center = distance * direction;
+            let bounds = Aabb::around([center - half, center + half]);
+            assert!(
+                light.reaches(&bounds) || is_dark(light, &bounds),
+                "a light that does not reach a box of half width {half} around {center} is black in it"
+            );
+        }
+    }
+}
+
+fn is_dark(light: &dyn Light, bounds: &Aabb) -> bool {
+    let (center, half) = (bounds.center(), 0.5 * (bounds.max - bounds.min));
+    let shares = [-1.0, -0.5, 0.0, 0.5, 1.0];
+    let points = shares.iter().flat_map(|x| {
+        shares
+            .iter()
+            .flat_map(move |y| shares.map(|z| DVec3::new(*x, *y, z)))
+    });
+    points
+        .flat_map(|share| samples(light, center + share * half))
+        .all(|sample| sample.irradiance.is_black())
 }
 
 /// For a light at a position, with an intensity that falls off with the square of the distance: along
@@ -219,5 +258,33 @@ mod tests {
             Rgb::WHITE,
             DVec3::X,
         );
+    }
+
+    /// Says that it reaches nothing on one side.
+    struct Half(f64);
+
+    impl Light for Half {
+        fn gives(&self) -> LightGives {
+            LightGives::SAMPLES
+        }
+        fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
+            if point.x > self.0 {
+                out.push(sun(DVec3::Y, 1.0));
+            }
+        }
+        fn reaches(&self, bounds: &Aabb) -> bool {
+            bounds.max.x > 0.0
+        }
+    }
+
+    #[test]
+    fn a_light_of_one_side_passes() {
+        light_laws(&Half(0.0));
+    }
+
+    #[test]
+    #[should_panic(expected = "a light that does not reach a box")]
+    fn a_light_that_reaches_further_than_it_says_is_found() {
+        light_laws(&Half(-0.5));
     }
 }

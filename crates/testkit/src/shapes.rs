@@ -7,8 +7,8 @@ use crate::streams::{accelerator_streams, surface_streams};
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
-    Aabb, Accelerator, DAffine3, DMat3, DVec3, Geometry, Interval, Needs, Plugin, RawHit, Ray, Shape, Shapes,
-    Skip, Statistics, SurfacePoint, Transform,
+    Aabb, Accelerator, DAffine3, DMat3, DVec2, DVec3, Geometry, Interval, Needs, Plugin, RawHit, Ray, Shape,
+    Shapes, Skip, Statistics, SurfacePoint, Transform,
 };
 
 /// Where a shape may stand: straight, turned, mirrored, tiny, huge, far away, thin and sheared. Those that
@@ -126,7 +126,8 @@ fn check_batch(bench: &Bench, numbers: std::ops::Range<u32>, random: &mut Random
         let checked = bench
             .pure(&ray, &hit)
             .and_then(|()| bench.scales(&ray, &hit))
-            .and_then(|()| bench.on_surface(&ray, &hit, random));
+            .and_then(|()| bench.on_surface(&ray, &hit, random))
+            .and_then(|()| bench.goes_on(&ray, &hit));
         checked.map_err(|law| Broken::at(&ray, format!("{law}; {ray:?}, {hit:?}")))?;
     }
     accelerator_streams(bench, &queries)?;
@@ -216,6 +217,9 @@ impl Aim {
         Ray::new(origin, length * direction.normalize())
     }
 }
+
+/// How far a surface may bend away from its tangent plane, as a part of the step along it: eight times as far as a sphere that fills its box.
+const FLAT: f64 = 8.0 / (1u32 << 21) as f64;
 
 /// A shape alone in its world.
 struct Bench {
@@ -312,6 +316,7 @@ impl Bench {
             n_g,
             n_s,
             uv,
+            footprint: _,
         } = point;
         law(
             [n_g, n_s].iter().all(|n| (n.length() - 1.0).abs() < 1e-14),
@@ -354,6 +359,52 @@ impl Bench {
             }
         }
         Ok(())
+    }
+
+    /// What a shape tells of its surface beside a hit, if it does, is what a ray finds there.
+    fn goes_on(&self, ray: &Ray, hit: &RawHit) -> Result<(), String> {
+        let needs = Needs::SHADING_NORMAL | Needs::UV;
+        let here = self.geometry.surface(ray, hit, needs);
+        let (a, b) = here.n_g.any_orthonormal_pair();
+        let along = 0.8 * a - 0.6 * b;
+        // Far beyond rounding, and so near that most surfaces are flat there but for a millionth.
+        let step = self.size() / (1u32 << 20) as f64;
+        let q = here.position + step * along;
+        let Some(told) = self.geometry.beside(&here, hit, q, needs) else {
+            return Ok(());
+        };
+        let above = 1e-3 * self.size();
+        let down = Ray::new(q + above * here.n_g, -here.n_g);
+        let found = self.closest(&down, Interval::up_to(2.0 * above), Skip::NOTHING);
+        // One that bends so soon that a step is no longer small says nothing about derivatives.
+        let flat = |found: &RawHit| (found.t - above).abs() <= FLAT * step;
+        let Some(found) = found.filter(|found| found.id() == hit.id() && flat(found)) else {
+            return Ok(());
+        };
+        let there = self.geometry.surface(&down, &found, needs);
+        // Angles start anew after a turn.
+        let folded = |uv: DVec2| uv - uv.round();
+        let (change, wrong) = (folded(there.uv - here.uv), folded(told.uv - there.uv));
+        // What becomes of the error of the point, which is much where a shape is thin.
+        let moved = |side: f64| {
+            let q = q + (side * here.error) * here.n_g;
+            self.geometry
+                .beside(&here, hit, q, needs)
+                .map_or((DVec2::ZERO, DVec3::ZERO), |told| (told.uv, told.n_s))
+        };
+        let ((uv, n_s), (other_uv, other_n_s)) = (moved(-4.0), moved(4.0));
+        let unsure = (uv - other_uv).length() + (n_s - other_n_s).length();
+        let rounding = 1e-9 * (1.0 + here.uv.length()) + 64.0 * here.error / self.size() + unsure;
+        // Around poles coordinates change too fast to be compared.
+        law(
+            change.length() > 1e-3 || wrong.length() <= 0.05 * change.length() + rounding,
+            "texture coordinates beside a hit must be those that a ray finds there",
+        )?;
+        let turned = there.n_s - here.n_s;
+        law(
+            turned.length() > 1e-3 || (told.n_s - there.n_s).length() <= 0.05 * turned.length() + rounding,
+            "the normal beside a hit must be the one that a ray finds there",
+        )
     }
 
     /// Beside an edge, what leaves one part of the surface rightly meets the next one, as near as the edge is: with a million

@@ -182,6 +182,7 @@ fn points_of(points: &[(SurfacePoint, DVec3)]) -> PointStream {
     for (lane, (point, view)) in points.iter().enumerate() {
         stream.set(lane, point);
         stream.view.set(lane, *view);
+        stream.footprint.turn_on().set(lane, &point.footprint);
     }
     stream.len = points.len();
     stream

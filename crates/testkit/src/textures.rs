@@ -1,7 +1,7 @@
 //! What every texture must satisfy.
 
 use crate::streams::texture_streams;
-use whitstone_core::{DVec2, DVec3, Needs, Rgb, SurfacePoint, Texture};
+use whitstone_core::{DVec2, DVec3, Footprint, Needs, Rgb, SurfacePoint, Texture, Vec2, Vec3};
 
 /// Values are finite and not negative whatever the texture coordinates and the position are, always the same, one by one and in
 /// streams, depend on the coordinates only if the texture says that it needs them, and are the constant that it says it is.
@@ -70,6 +70,43 @@ pub fn texture_laws(texture: &dyn Texture) {
                 "a texture that says that it is constant is so at ({u}, {v})"
             );
         }
+    }
+    // What neighbouring rays see may be anything, and matters only to textures that say so.
+    let reads_footprints = texture.needs().contains(Needs::FOOTPRINT);
+    let steps = [
+        0.0,
+        1e-9,
+        -0.01,
+        0.3,
+        40.0,
+        1e30,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        f32::NAN,
+    ];
+    let footprints: Vec<SurfacePoint> = (0..steps.len().pow(3))
+        .map(|number| {
+            let step = |place: u32| steps[number / steps.len().pow(place) % steps.len()];
+            let mut point = at(0.7, 0.2);
+            point.footprint = Footprint {
+                position: [Vec3::new(step(0), step(1), 0.5), Vec3::new(-0.1, step(2), 0.1)],
+                uv: [Vec2::new(step(0), step(1)), Vec2::new(step(2), 0.02)],
+            };
+            point
+        })
+        .collect();
+    let broken = texture_streams(texture, &footprints).err();
+    assert_eq!(broken, None, "values of a stream of footprints");
+    for point in footprints {
+        let (footprint, found) = (point.footprint, texture.value(&point));
+        assert!(
+            is_colour(found),
+            "the value over {footprint:?} is finite and not negative, found {found:?}"
+        );
+        assert!(
+            reads_footprints || found == elsewhere,
+            "a texture that reads footprints says that it needs them"
+        );
     }
     // Textures in space: a third coordinate from elsewhere in the list.
     let places: Vec<SurfacePoint> = (0..coordinates.len())
@@ -160,6 +197,23 @@ mod tests {
     #[should_panic(expected = "says that it needs it")]
     fn a_hidden_need_is_found() {
         texture_laws(&Made(Needs::NOTHING, |uv: DVec2| f64::from(uv.x > 0.5)));
+    }
+
+    struct Wide;
+
+    impl Texture for Wide {
+        fn needs(&self) -> Needs {
+            Needs::NOTHING
+        }
+        fn value(&self, point: &SurfacePoint) -> Rgb {
+            Rgb::splat(f64::from(point.footprint.uv[0].x.abs().min(1.0)))
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "footprints says that it needs them")]
+    fn a_hidden_need_of_footprints_is_found() {
+        texture_laws(&Wide);
     }
 
     struct Claims;

@@ -4,12 +4,12 @@
 //! - Example: `scenes/textures/image.toml`.
 
 use crate::mapping::{Mapping, Projection};
-use crate::raster::{ColorSpace, Filter, Raster, Store};
+use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store};
 use crate::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
-use whitstone_core::config::{FilePath, Scale2, Vector2};
+use whitstone_core::config::{FilePath, IntegerIn, Scale2, Vector2};
 use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Texture, Textures};
 use whitstone_image::limits::Limits;
 use whitstone_image::texels;
@@ -20,9 +20,15 @@ use whitstone_image::texels;
 pub struct Config {
     /// The file, relative to the scene.
     file: FilePath,
-    /// Between texel centres: "bilinear" interpolation, or the "nearest" texel.
+    /// Between texel centres: "bilinear" interpolation, or the "nearest" texel. What several texels fall into one sample of: "trilinear" looks up a
+    /// pyramid of ever coarser levels, "ewa" takes the mean over the ellipse that a sample covers; both are bilinear where samples are closer than texels,
+    /// and take 4 bytes more for each texel.
     #[serde(default)]
     filter: Filter,
+    /// Of "ewa": how many times longer than wide the ellipse of a sample may be; a longer one is made wider, so that no lookup reads texels
+    /// without end. 16 if left out.
+    #[schemars(with = "Option<IntegerIn<1, 64>>")]
+    max_anisotropy: MaxAnisotropy,
     /// Outside of the picture: "repeat" it, "clamp" to its border, or "mirror" it.
     #[serde(default)]
     wrap: Wrap,
@@ -70,15 +76,15 @@ impl Plugin<Textures> for Image {
             let (x, y) = (at % texels.width, at / texels.width);
             return Err(refuse(format!("a colour is negative at column {x}, row {y}")));
         }
-        let pattern = Raster {
-            width: texels.width,
-            height: texels.height,
-            store: Store::new(texels, config.color_space),
+        let size = [texels.width, texels.height];
+        let store = Store::new(texels, config.color_space);
+        let lookup = Lookup {
             filter: config.filter,
             wrap: config.wrap,
             scale: config.scale.get(),
             offset: config.offset.get(),
         };
+        let pattern = Raster::new(size, store, lookup, config.max_anisotropy, context)?;
         config.mapping.put(Projection::Uv, pattern)
     }
 }
@@ -116,7 +122,7 @@ mod tests {
 
     #[test]
     fn laws() {
-        for filter in ["nearest", "bilinear"] {
+        for filter in ["nearest", "bilinear", "trilinear", "ewa"] {
             for wrap in ["repeat", "clamp", "mirror"] {
                 let text = format!("filter = \"{filter}\"\nwrap = \"{wrap}\"\nscale = [-3, 1e200]");
                 texture_laws(&*picture(&text));
@@ -232,6 +238,199 @@ mod tests {
             let error = build(folder.path(), &text).err().unwrap().0.remove(0);
             assert_eq!(error.span, Some(7..text.len()), "{name}");
             assert!(error.message.contains(why), "{}", error.message);
+        }
+    }
+
+    /// A picture of noise, so that no mean of it is like another one.
+    fn noise(width: u32, height: u32, extra: &str) -> Arc<dyn Texture> {
+        let code = |x: usize, y: usize, c: u32| {
+            let number = 3 * (y as u32 * width + x as u32) + c;
+            (whitstone_core::hash::mix(number) >> 24) as u8
+        };
+        let raster = png::Raster::from_fn(width as usize, height as usize, |x, y| {
+            [0, 1, 2].map(|c| code(x, y, c))
+        });
+        let folder = tempfile::tempdir().unwrap();
+        raster.write_png(folder.path().join("a.png")).unwrap();
+        let text = format!("file = \"a.png\"\ncolor_space = \"linear\"\n{extra}");
+        build(folder.path(), &text).unwrap()
+    }
+
+    /// The value of a sample whose neighbours are these steps away.
+    fn over(texture: &dyn Texture, at: [f64; 2], steps: [[f64; 2]; 2]) -> Rgb {
+        let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        point.uv = at.into();
+        point.footprint.uv = steps.map(|step| DVec2::from(step).as_vec2());
+        texture.value(&point)
+    }
+
+    fn distance(a: Rgb, b: Rgb) -> f64 {
+        (a + b * -1.0)
+            .to_array()
+            .into_iter()
+            .fold(0.0, |most, c| most.max(c.abs()))
+    }
+
+    #[test]
+    fn one_colour_stays_itself_under_every_filter() {
+        let folder = tempfile::tempdir().unwrap();
+        let raster = png::Raster::from_fn(13, 6, |_, _| [90, 7, 255]);
+        raster.write_png(folder.path().join("a.png")).unwrap();
+        let expected = Rgb::from([90.0, 7.0, 255.0].map(|code| srgb_to_linear(code / 255.0)));
+        for filter in ["trilinear", "ewa"] {
+            for wrap in ["repeat", "clamp", "mirror"] {
+                let text = format!("file = \"a.png\"\nfilter = \"{filter}\"\nwrap = \"{wrap}\"");
+                let texture = build(folder.path(), &text).unwrap();
+                for step in [0.0, 1e-3, 0.05, 0.3, 1.7, 50.0] {
+                    for other in [1e-4, 0.1, 3.0] {
+                        let found = over(&*texture, [0.3, 2.6], [[step, 0.2 * step], [-0.1 * other, other]]);
+                        // As many roundings of single precision as texels in the longest ellipse.
+                        let most = 1024.0 * f64::from(f32::EPSILON);
+                        assert!(
+                            distance(found, expected) < most,
+                            "{filter} {wrap} {step} {other}: {found:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn where_samples_are_closer_than_texels_all_filters_are_bilinear() {
+        let pictures = ["bilinear", "trilinear", "ewa"].map(|f| noise(16, 16, &format!("filter = \"{f}\"")));
+        for k in 0..40 {
+            let at = [0.07 * f64::from(k), 0.31 * f64::from(k)];
+            let steps = [[0.9 / 16.0, 0.01], [-0.03, 0.8 / 16.0]];
+            let [plain, trilinear, ewa] = [0, 1, 2].map(|i| over(&*pictures[i], at, steps));
+            assert_eq!((plain, plain), (trilinear, ewa), "{k}");
+        }
+        // Above that they are not.
+        let wide = [[3.0 / 16.0, 0.0], [0.0, 3.0 / 16.0]];
+        let [plain, trilinear, ewa] = [0, 1, 2].map(|i| over(&*pictures[i], [0.2, 0.4], wide));
+        assert!(plain != trilinear && plain != ewa && trilinear != ewa);
+    }
+
+    /// Means of noise over circles and ellipses are compared with means over many points of the square or parallelogram of the sample, of which the filters are
+    /// approximations: what is to be seen is that they are near, and how near.
+    #[test]
+    fn ellipses_are_nearer_to_the_mean_over_a_sample_than_levels_are() {
+        let [plain, trilinear, ewa] =
+            ["bilinear", "trilinear", "ewa"].map(|f| noise(64, 64, &format!("filter = \"{f}\"")));
+        let mean = |at: [f64; 2], [s, t]: [[f64; 2]; 2]| {
+            let points = 64;
+            let mut sum = Rgb::BLACK;
+            for k in 0..points * points {
+                let part = |k: i32| (f64::from(k) + 0.5) / f64::from(points) - 0.5;
+                let (a, b) = (part(k % points), part(k / points));
+                let at = [at[0] + a * s[0] + b * t[0], at[1] + a * s[1] + b * t[1]];
+                sum += over(&*plain, at, [[0.0; 2]; 2]);
+            }
+            sum * (1.0 / f64::from(points * points))
+        };
+        // In texels, as round as samples can be, and as long as they come: (error of levels, error of ellipses).
+        let errors = |s: [f64; 2], t: [f64; 2]| {
+            let steps = [s, t].map(|step| step.map(|x| x / 64.0));
+            let of = |texture: &dyn Texture| {
+                let square = |k: i32| {
+                    let at = [0.013 + 0.17 * f64::from(k), 0.029 + 0.11 * f64::from(k)];
+                    distance(over(texture, at, steps), mean(at, steps)).powi(2)
+                };
+                ((0..24).map(square).sum::<f64>() / 24.0).sqrt()
+            };
+            (of(&*trilinear), of(&*ewa))
+        };
+        let (levels, ellipses) = errors([4.0, 0.0], [0.0, 4.0]);
+        assert!(
+            ellipses < levels && levels < 0.15,
+            "round: {levels} and {ellipses}"
+        );
+        for (s, t) in [
+            ([24.0, 0.0], [0.0, 2.0]),
+            ([0.0, 24.0], [2.0, 0.0]),
+            ([17.0, 17.0], [-1.4, 1.4]),
+            ([17.0, -17.0], [16.0, -18.5]),
+        ] {
+            let (levels, ellipses) = errors(s, t);
+            assert!(
+                3.0 * ellipses < 2.0 * levels,
+                "{s:?} {t:?}: {levels} and {ellipses}"
+            );
+        }
+    }
+
+    #[test]
+    fn far_away_there_is_one_colour_and_it_is_the_mean() {
+        for (width, height) in [(16, 16), (13, 7), (1, 5), (1, 1)] {
+            let plain = noise(width, height, "filter = \"nearest\"");
+            let mut mean = Rgb::BLACK;
+            for k in 0..width * height {
+                let (i, j) = (f64::from(k % width) + 0.5, f64::from(k / width) + 0.5);
+                mean += at(&*plain, i / f64::from(width), j / f64::from(height));
+            }
+            mean = mean * (1.0 / f64::from(width * height));
+            for filter in ["trilinear", "ewa"] {
+                let texture = noise(width, height, &format!("filter = \"{filter}\""));
+                for far in [1e4, 1e30, f64::INFINITY] {
+                    let found = over(&*texture, [0.2, 0.9], [[far, 0.0], [0.0, far]]);
+                    assert!(
+                        distance(found, mean) < 1e-6,
+                        "{filter} {width} x {height}, {far}: {found:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn long_ellipses_are_bounded_and_the_bound_is_heard() {
+        let [one, sixteen] =
+            ["1", "16"].map(|n| noise(64, 64, &format!("filter = \"ewa\"\nmax_anisotropy = {n}")));
+        let steps = [[0.5, 0.0], [0.0, 1.0 / 64.0]];
+        assert!(over(&*one, [0.3, 0.3], steps) != over(&*sixteen, [0.3, 0.3], steps));
+        let usual = noise(64, 64, "filter = \"ewa\"");
+        assert_eq!(
+            over(&*usual, [0.3, 0.3], steps),
+            over(&*sixteen, [0.3, 0.3], steps)
+        );
+        // Both steps along one line: no width at all.
+        let flat = [[0.5, 0.25], [1.0, 0.5]];
+        assert!(is_colour(over(&*usual, [0.3, 0.3], flat)));
+        let folder = tempfile::tempdir().unwrap();
+        png::Raster::from_fn(2, 2, |_, _| [0; 3])
+            .write_png(folder.path().join("a.png"))
+            .unwrap();
+        for (filter, bad) in [
+            ("ewa", "0"),
+            ("ewa", "65"),
+            ("ewa", "inf"),
+            ("ewa", "2.5"),
+            ("trilinear", "8"),
+            ("bilinear", "8"),
+        ] {
+            let text = format!("file = \"a.png\"\nfilter = \"{filter}\"\nmax_anisotropy = {bad}");
+            let error = build(folder.path(), &text).err().unwrap().0.remove(0);
+            assert_eq!(&text[error.span.unwrap()], bad, "{}", error.message);
+        }
+    }
+
+    fn is_colour(color: Rgb) -> bool {
+        color.to_array().into_iter().all(|c| c.is_finite() && c >= 0.0)
+    }
+
+    #[test]
+    fn levels_are_there_only_where_they_are_read_and_their_memory_is_told() {
+        let bytes = |filter: &str| noise(64, 32, &format!("filter = \"{filter}\"")).bytes().unwrap();
+        let table = 256 * size_of::<f64>() as u64;
+        for filter in ["nearest", "bilinear"] {
+            assert_eq!(
+                (bytes(filter).texels, bytes(filter).levels),
+                (3 * 64 * 32 + table, 0)
+            );
+        }
+        // 32 x 16 + 16 x 8 + 8 x 4 + 4 x 2 + 2 x 1 + 1 x 1 texels of three numbers.
+        for filter in ["trilinear", "ewa"] {
+            assert_eq!(bytes(filter).levels, 683 * 12);
         }
     }
 }

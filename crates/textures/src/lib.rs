@@ -21,6 +21,8 @@ mod mapping;
 #[cfg(feature = "noise")]
 pub mod noise;
 #[cfg(any(feature = "image", feature = "synthesized"))]
+mod pyramid;
+#[cfg(any(feature = "image", feature = "synthesized"))]
 mod raster;
 #[cfg(feature = "solid")]
 pub mod solid;

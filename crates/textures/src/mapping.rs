@@ -14,7 +14,8 @@ use toml::Spanned;
 use whitstone_core::config::{Positive, Steps};
 use whitstone_core::stream::{Colors, LANES, PointStream};
 use whitstone_core::{
-    DAffine3, DMat3, DVec3, Needs, Rgb, SceneError, SceneErrors, SurfacePoint, Texture, Transform, simd,
+    DAffine3, DMat3, DVec3, Needs, Rgb, SceneError, SceneErrors, SurfacePoint, Texture, TextureBytes,
+    Transform, simd,
 };
 
 /// A colour for each point of texture space.
@@ -22,6 +23,24 @@ pub(crate) trait Pattern: Send + Sync {
     /// The linear value at a point; finite and not negative whatever the point is. Mark it `#[inline(always)]` if it is
     /// straight-line.
     fn at(&self, q: DVec3) -> Rgb;
+
+    /// Whether it shows a mean over what a sample covers.
+    #[inline(always)]
+    fn filters(&self) -> bool {
+        false
+    }
+
+    /// That mean, of a sample whose neighbours are these steps away; the value at the point where they are zero. Finite and not negative
+    /// whatever they are.
+    fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
+        let _ = steps;
+        self.at(q)
+    }
+
+    /// What it keeps in memory that grows with what it is made of.
+    fn bytes(&self) -> TextureBytes {
+        TextureBytes::default()
+    }
 }
 
 /// How texture space lies on surfaces.
@@ -135,10 +154,42 @@ impl<P: Pattern> Mapped<P> {
         }
     }
 
+    /// The steps to the neighbours of a point, before they are projected.
+    fn steps(&self, point: &SurfacePoint) -> [DVec3; 2] {
+        let step = |side: usize| {
+            let step = match self.projection {
+                Projection::Uv => point.footprint.uv[side].as_dvec2().extend(0.0),
+                _ => point.footprint.position[side].as_dvec3(),
+            };
+            self.moved.map_or(step, |map| map.matrix3 * step)
+        };
+        [step(0), step(1)]
+    }
+
+    /// The mean over the footprint of a point.
+    fn filtered(&self, point: &SurfacePoint) -> Rgb {
+        let source = match self.projection {
+            Projection::Uv => point.uv.extend(0.0),
+            _ => point.position,
+        };
+        let q = self.moved(source);
+        let [right, below] = self.steps(point);
+        let steps = [self.projection.step(q, right), self.projection.step(q, below)];
+        self.pattern.over(self.projection.project(q), steps)
+    }
+
     /// The mean of the projections along the axes.
     fn triplanar(&self, point: &SurfacePoint) -> Rgb {
         let q = self.moved(point.position);
-        let along = |a: usize| self.pattern.at(DVec3::new(q[(a + 1) % 3], q[(a + 2) % 3], 0.0));
+        let plane = |q: DVec3, a: usize| DVec3::new(q[(a + 1) % 3], q[(a + 2) % 3], 0.0);
+        let along = |a: usize| {
+            if self.pattern.filters() {
+                let steps = self.steps(point).map(|step| plane(step, a));
+                self.pattern.over(plane(q, a), steps)
+            } else {
+                self.pattern.at(plane(q, a))
+            }
+        };
         let normal = (self.turned * point.n_s).abs();
         // By the largest, so that not all powers vanish.
         let shares = (normal / normal.max_element())
@@ -201,6 +252,44 @@ impl Projection {
     }
 }
 
+impl Projection {
+    /// What a small step away from q is in texture space; not finite where the projection is not smooth.
+    #[inline]
+    fn step(self, q: DVec3, step: DVec3) -> DVec3 {
+        let turn = || (q.x * step.y - q.y * step.x) / (TAU * q.truncate().length_squared());
+        match self {
+            Self::Uv | Self::Solid | Self::Triplanar => step,
+            Self::Planar => DVec3::new(step.x, step.y, 0.0),
+            Self::Spherical => {
+                let r = q.truncate().length();
+                let away = q.truncate().dot(step.truncate()) / r;
+                let down = (q.z * away - r * step.z) / q.length_squared();
+                DVec3::new(turn(), -down / PI, 0.0)
+            }
+            Self::Cylindrical => DVec3::new(turn(), step.z, 0.0),
+            Self::Cube => {
+                let a = cube_face(q);
+                let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+                let (far, farther) = (q[a].abs(), step[a] * q[a].signum());
+                let along = |b: usize| (step[b] - q[b] * farther / far) / (2.0 * far);
+                DVec3::new(along(b), along(c), 0.0)
+            }
+        }
+    }
+}
+
+/// The axis along which q is farthest from the origin, the lowest at equality.
+fn cube_face(q: DVec3) -> usize {
+    let size = q.abs();
+    if size.x >= size.y && size.x >= size.z {
+        0
+    } else if size.y >= size.z {
+        1
+    } else {
+        2
+    }
+}
+
 /// The angle around z from the x axis, in turns from 0 to 1.
 fn turn(q: DVec3) -> f64 {
     let phi = q.y.atan2(q.x);
@@ -209,21 +298,38 @@ fn turn(q: DVec3) -> f64 {
 
 impl<P: Pattern> Texture for Mapped<P> {
     fn needs(&self) -> Needs {
-        match self.projection {
+        let of_filter = if self.pattern.filters() {
+            Needs::FOOTPRINT
+        } else {
+            Needs::NOTHING
+        };
+        let of_place = match self.projection {
             Projection::Uv => Needs::UV,
             Projection::Triplanar => Needs::SHADING_NORMAL,
             _ => Needs::NOTHING,
-        }
+        };
+        of_filter | of_place
+    }
+
+    fn bytes(&self) -> Option<TextureBytes> {
+        Some(self.pattern.bytes())
     }
 
     fn value(&self, point: &SurfacePoint) -> Rgb {
         match self.projection {
             Projection::Triplanar => self.triplanar(point),
+            _ if self.pattern.filters() => self.filtered(point),
             _ => self.pattern.at(self.place(point)),
         }
     }
 
     fn value_stream(&self, points: &PointStream, out: &mut Colors) {
+        if self.pattern.filters() {
+            for lane in 0..points.len.min(LANES) {
+                out.set(lane, self.value(&points.get(lane)));
+            }
+            return;
+        }
         // The choice is made once for a stream, so that it keeps no loop from becoming vector code.
         match (self.projection, self.moved) {
             (Projection::Uv, None) => self.stream(points, out, |point| point.uv.extend(0.0)),

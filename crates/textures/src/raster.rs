@@ -5,10 +5,13 @@
 //! bytes.
 
 use crate::mapping::Pattern;
+use crate::pyramid::{Ellipse, Grid, Pyramid, Weights, elliptical};
 use crate::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::Deserialize;
-use whitstone_core::{DVec2, DVec3, Rgb};
+use toml::Spanned;
+use whitstone_core::config::IntegerIn;
+use whitstone_core::{Context, DVec2, DVec3, Rgb, SceneError, SceneErrors, TextureBytes};
 use whitstone_image::texels::{Encoding, Texels};
 use whitstone_image::tone::srgb_to_linear;
 
@@ -21,7 +24,16 @@ pub(crate) enum Filter {
     Bilinear,
     /// The texel whose square it is.
     Nearest,
+    /// Between the two levels of a pyramid whose texels are about as far apart as samples are.
+    Trilinear,
+    /// A mean over the ellipse that a sample covers.
+    Ewa,
 }
+
+/// How much longer than wide the ellipse of a sample may be.
+pub(crate) type MaxAnisotropy = Option<Spanned<IntegerIn<1, 64>>>;
+
+const USUAL_ANISOTROPY: u32 = 16;
 
 /// What the values in a file are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -41,10 +53,29 @@ pub(crate) struct Raster {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) store: Store,
+    pub(crate) lookup: Lookup,
+    /// What only the filter needs.
+    coarse: Coarse,
+}
+
+/// How a grid is looked up.
+pub(crate) struct Lookup {
     pub(crate) filter: Filter,
     pub(crate) wrap: Wrap,
     pub(crate) scale: DVec2,
     pub(crate) offset: DVec2,
+}
+
+/// What filters by footprints read.
+enum Coarse {
+    /// Nothing.
+    None,
+    Trilinear(Pyramid),
+    Ewa {
+        pyramid: Pyramid,
+        weights: Box<Weights>,
+        max_anisotropy: f64,
+    },
 }
 
 /// Texels row by row, the top row first.
@@ -93,6 +124,16 @@ impl Store {
         Self::Eight(codes, table(255, encoded))
     }
 
+    fn bytes(&self) -> u64 {
+        let bytes = match self {
+            Self::Eight(codes, linear) => size_of_val(&**codes) + size_of_val(&**linear),
+            Self::Sixteen(codes, linear) => size_of_val(&**codes) + size_of_val(&**linear),
+            Self::Linear(values) => size_of_val(&**values),
+            Self::Decoded(values) => size_of_val(&**values),
+        };
+        bytes as u64
+    }
+
     fn texel(&self, index: usize) -> Rgb {
         match self {
             Self::Eight(codes, linear) => codes[index].map(|code| linear[usize::from(code)]).into(),
@@ -112,27 +153,221 @@ fn table(last: u32, encoded: bool) -> Vec<f64> {
 }
 
 impl Raster {
-    fn texel(&self, column: f64, row: f64) -> Rgb {
-        let (i, j) = (
-            self.wrap.index(column, self.width),
-            self.wrap.index(row, self.height),
-        );
-        self.store.texel(j * self.width + i)
+    /// With what its filter needs, and no more.
+    ///
+    /// # Errors
+    ///
+    /// If there is no memory for it, or if a key has no effect.
+    pub(crate) fn new(
+        [width, height]: [usize; 2],
+        store: Store,
+        lookup: Lookup,
+        max_anisotropy: MaxAnisotropy,
+        context: &mut dyn Context,
+    ) -> Result<Self, SceneErrors> {
+        if let Some(value) = &max_anisotropy
+            && lookup.filter != Filter::Ewa
+        {
+            return Err(SceneError::at(value.span(), "only the filter \"ewa\" has this key").into());
+        }
+        let mut pyramid = || {
+            context.reserve(Pyramid::bytes(width, height))?;
+            let texel = |at| store.texel(at).to_array().map(|value| value as f32);
+            Ok::<_, SceneErrors>(Pyramid::new(width, height, texel))
+        };
+        let coarse = match lookup.filter {
+            Filter::Bilinear | Filter::Nearest => Coarse::None,
+            Filter::Trilinear => Coarse::Trilinear(pyramid()?),
+            Filter::Ewa => Coarse::Ewa {
+                pyramid: pyramid()?,
+                weights: Box::new(Weights::new()),
+                max_anisotropy: f64::from(max_anisotropy.map_or(USUAL_ANISOTROPY, |n| n.get_ref().get())),
+            },
+        };
+        Ok(Self {
+            width,
+            height,
+            store,
+            lookup,
+            coarse,
+        })
     }
+
+    /// Where texture space is in the picture: (0, 0) its left top corner, (1, 1) the right bottom one.
+    #[inline(always)]
+    fn place(&self, q: DVec3) -> DVec2 {
+        let uv = q.truncate() * self.lookup.scale + self.lookup.offset;
+        DVec2::new(uv.x, 1.0 - uv.y)
+    }
+
+    /// Between the four nearest middles of texels of the picture.
+    fn bilinear(&self, place: DVec2) -> Rgb {
+        let texel = |at| self.store.texel(at);
+        bilinear([self.width, self.height], self.lookup.wrap, place, texel)
+    }
+
+    /// The same of a level.
+    fn bilinear_at(&self, pyramid: &Pyramid, level: usize, place: DVec2) -> Rgb {
+        let Some(level) = level.checked_sub(1).map(|above| &pyramid.0[above]) else {
+            return self.bilinear(place);
+        };
+        let texel = |at: usize| linear(level.texels[at]);
+        bilinear([level.width, level.height], self.lookup.wrap, place, texel)
+    }
+
+    /// The value of a level, not a whole number, between those of its neighbours.
+    fn between(&self, pyramid: &Pyramid, level: f64, of: impl Fn(usize) -> Rgb) -> Rgb {
+        let last = pyramid.0.len();
+        if level.is_nan() || level >= last as f64 {
+            return match pyramid.0.last() {
+                Some(level) => linear(level.texels[0]),
+                // The picture is a single texel.
+                None => self.store.texel(0),
+            };
+        }
+        let below = level.floor();
+        let part = level - below;
+        let fine = of(below as usize);
+        if part == 0.0 {
+            return fine;
+        }
+        fine * (1.0 - part) + of(below as usize + 1) * part
+    }
+
+    fn trilinear(&self, pyramid: &Pyramid, place: DVec2, steps: [DVec2; 2]) -> Rgb {
+        let size = DVec2::new(self.width as f64, self.height as f64);
+        let (s, t) = ((steps[0] * size).length(), (steps[1] * size).length());
+        let longest = s.max(t);
+        if longest <= 1.0 {
+            return self.bilinear(place);
+        }
+        // Steps that are not finite are wider than all levels.
+        self.between(pyramid, longest.log2(), |level| {
+            self.bilinear_at(pyramid, level, place)
+        })
+    }
+
+    fn ewa(
+        &self,
+        (pyramid, weights, most): (&Pyramid, &Weights, f64),
+        place: DVec2,
+        steps: [DVec2; 2],
+    ) -> Rgb {
+        let size = DVec2::new(self.width as f64, self.height as f64);
+        let ellipse = Ellipse::new(steps, size, most, weights);
+        // Where it is small beside a texel there is nothing to filter.
+        if ellipse.long <= 1.0 {
+            return self.bilinear(place);
+        }
+        // Steps that are not finite are wider than all levels.
+        let level = if ellipse.long.is_finite() {
+            ellipse.short.log2().max(0.0)
+        } else {
+            f64::INFINITY
+        };
+        let wrap = self.lookup.wrap;
+        let found = self.between(pyramid, level, |level| match level.checked_sub(1) {
+            None => {
+                let grid = Grid {
+                    width: self.width,
+                    height: self.height,
+                    wrap,
+                };
+                match &self.store {
+                    Store::Eight(codes, linear) => {
+                        let value = |code: u8| linear[usize::from(code)] as f32;
+                        let texel = |at: usize| {
+                            let [r, g, b] = codes[at];
+                            [value(r), value(g), value(b)]
+                        };
+                        elliptical(grid, texel, place, &ellipse, weights)
+                    }
+                    store => {
+                        let texel = |at| store.texel(at).to_array().map(|value| value as f32);
+                        elliptical(grid, texel, place, &ellipse, weights)
+                    }
+                }
+            }
+            Some(above) => {
+                let level = &pyramid.0[above];
+                let grid = Grid {
+                    width: level.width,
+                    height: level.height,
+                    wrap,
+                };
+                elliptical(grid, |at| level.texels[at], place, &ellipse, weights)
+            }
+        });
+        // No jump where it begins.
+        let part = ellipse.long - 1.0;
+        if part < 1.0 {
+            self.bilinear(place) * (1.0 - part) + found * part
+        } else {
+            found
+        }
+    }
+}
+
+#[inline(always)]
+fn linear([r, g, b]: [f32; 3]) -> Rgb {
+    Rgb::new(f64::from(r), f64::from(g), f64::from(b))
+}
+
+/// Between the four nearest middles of texels.
+#[inline(always)]
+fn bilinear([width, height]: [usize; 2], wrap: Wrap, place: DVec2, texel: impl Fn(usize) -> Rgb) -> Rgb {
+    let (x, y) = (place.x * width as f64 - 0.5, place.y * height as f64 - 0.5);
+    let (column, row) = (x.floor(), y.floor());
+    let part = |t: f64| if t.is_finite() { t } else { 0.0 };
+    let (right, down) = (part(x - column), part(y - row));
+    let texel = |column, row| texel(wrap.index(row, height) * width + wrap.index(column, width));
+    let mean = |row: f64| texel(column, row) * (1.0 - right) + texel(column + 1.0, row) * right;
+    mean(row) * (1.0 - down) + mean(row + 1.0) * down
 }
 
 impl Pattern for Raster {
     fn at(&self, q: DVec3) -> Rgb {
-        let uv = q.truncate() * self.scale + self.offset;
-        let (x, y) = (uv.x * self.width as f64, (1.0 - uv.y) * self.height as f64);
-        if self.filter == Filter::Nearest {
-            return self.texel(x.floor(), y.floor());
+        let place = self.place(q);
+        if self.lookup.filter != Filter::Nearest {
+            return self.bilinear(place);
         }
-        let (x, y) = (x - 0.5, y - 0.5);
-        let (column, row) = (x.floor(), y.floor());
-        let part = |t: f64| if t.is_finite() { t } else { 0.0 };
-        let (right, down) = (part(x - column), part(y - row));
-        let mean = |row: f64| self.texel(column, row) * (1.0 - right) + self.texel(column + 1.0, row) * right;
-        mean(row) * (1.0 - down) + mean(row + 1.0) * down
+        let (column, row) = (
+            (place.x * self.width as f64).floor(),
+            (place.y * self.height as f64).floor(),
+        );
+        let wrap = self.lookup.wrap;
+        let (i, j) = (wrap.index(column, self.width), wrap.index(row, self.height));
+        self.store.texel(j * self.width + i)
+    }
+
+    fn filters(&self) -> bool {
+        !matches!(self.coarse, Coarse::None)
+    }
+
+    fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
+        let place = self.place(q);
+        // Rows go down where v goes up.
+        let scale = self.lookup.scale * DVec2::new(1.0, -1.0);
+        let steps = [steps[0].truncate() * scale, steps[1].truncate() * scale];
+        match &self.coarse {
+            Coarse::None => self.at(q),
+            Coarse::Trilinear(pyramid) => self.trilinear(pyramid, place, steps),
+            Coarse::Ewa {
+                pyramid,
+                weights,
+                max_anisotropy,
+            } => self.ewa((pyramid, weights, *max_anisotropy), place, steps),
+        }
+    }
+
+    fn bytes(&self) -> TextureBytes {
+        let levels = match self.coarse {
+            Coarse::None => 0,
+            Coarse::Trilinear(_) | Coarse::Ewa { .. } => Pyramid::bytes(self.width, self.height),
+        };
+        TextureBytes {
+            texels: self.store.bytes(),
+            levels,
+        }
     }
 }

@@ -15,7 +15,7 @@ use std::path::Path;
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{FilePath, IntegerIn, NonNegative};
-use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, Textures};
+use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, TextureBytes, Textures};
 
 /// A block of values in space, out of which shapes are carved.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -146,6 +146,15 @@ impl Store {
             Self::F64(values) => values[index],
         }
     }
+
+    fn bytes(&self) -> u64 {
+        let bytes = match self {
+            Self::U8(codes) => size_of_val(&**codes),
+            Self::F32(values) => size_of_val(&**values),
+            Self::F64(values) => size_of_val(&**values),
+        };
+        bytes as u64
+    }
 }
 
 impl Plugin<Textures> for Solid {
@@ -273,6 +282,13 @@ impl Pattern for Solid {
             |j: f64, k: f64| between(self.voxel(low.x, j, k), self.voxel(low.x + 1.0, j, k), part[0]);
         let along_y = |k: f64| between(along_x(low.y, k), along_x(low.y + 1.0, k), part[1]);
         between(along_y(low.z), along_y(low.z + 1.0), part[2])
+    }
+
+    fn bytes(&self) -> TextureBytes {
+        TextureBytes {
+            texels: self.store.bytes(),
+            levels: 0,
+        }
     }
 }
 

@@ -8,7 +8,7 @@
 //! - Example: `scenes/textures/synthesized.toml`.
 
 use crate::mapping::{Mapping, Projection};
-use crate::raster::{ColorSpace, Filter, Raster};
+use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster};
 use crate::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -41,9 +41,15 @@ pub struct Config {
     /// Chooses other pieces.
     #[serde(default = "first")]
     seed: IntegerIn<0, { u32::MAX }>,
-    /// Between texel centres: "bilinear" interpolation, or the "nearest" texel.
+    /// Between texel centres: "bilinear" interpolation, or the "nearest" texel. What several texels fall into one sample of: "trilinear" looks up a
+    /// pyramid of ever coarser levels, "ewa" takes the mean over the ellipse that a sample covers; both are bilinear where samples are closer than texels,
+    /// and take 4 bytes more for each texel.
     #[serde(default)]
     filter: Filter,
+    /// Of "ewa": how many times longer than wide the ellipse of a sample may be; a longer one is made wider, so that no lookup reads texels
+    /// without end. 16 if left out.
+    #[schemars(with = "Option<IntegerIn<1, 64>>")]
+    max_anisotropy: MaxAnisotropy,
     /// Outside of the picture: "repeat" it, "clamp" to its border, or "mirror" it.
     #[serde(default)]
     wrap: Wrap,
@@ -133,15 +139,14 @@ impl Plugin<Textures> for Synthesized {
                 .into());
         }
         context.reserve(quilt.bytes())?;
-        let pattern = Raster {
-            width: quilt.size[0],
-            height: quilt.size[1],
-            store: quilt.make(&sample).store(config.color_space),
+        let store = quilt.make(&sample).store(config.color_space);
+        let lookup = Lookup {
             filter: config.filter,
             wrap: config.wrap,
             scale: config.scale.get(),
             offset: config.offset.get(),
         };
+        let pattern = Raster::new(quilt.size, store, lookup, config.max_anisotropy, context)?;
         config.mapping.put(Projection::Uv, pattern)
     }
 }

@@ -41,7 +41,9 @@ pub struct Node {
 /// Our tree for a sample of a pixel.
 pub fn ours(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Vec<TreeNode> {
     let mut scratch = Scratch::recording();
-    let ray = pipeline.camera_ray(pixel.map(|p| p as u32), sample);
+    let pixel = pixel.map(|p| p as u32);
+    let ray = pipeline.camera_ray(pixel, sample);
+    scratch.spread = pipeline.camera_spread(pixel, sample);
     pipeline.integrator.radiance(&pipeline.world, &ray, &mut scratch);
     scratch.record.unwrap_or_default()
 }

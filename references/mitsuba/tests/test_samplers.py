@@ -91,6 +91,32 @@ class Samplers(Case):
             even = (np.floor(0.3 * x) + np.floor(-0.001 * z)) % 2 == 0
             np.testing.assert_allclose(values, even.mean(axis=1), atol=1e-6)
 
+    def test_a_pixel_takes_more_samples_where_they_differ(self):
+        # Stripes of the width of several pixels, crossed by others: some pixels show one thing, some an edge.
+        light = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 3.141592653589793\n'
+        floor = FLOOR + 'material = { type = "matte", reflectance = { type = "checker", a = 1, b = 0, scale = [0.31, 0.17] } }\n'
+        size, most, first, threshold = 8, 50, 3, 0.02
+        table = f'[sampler]\ntype = "adaptive"\nsamples = {most}\nfirst = {first}\nthreshold = {threshold}\nseed = 5\n'
+        pixels = [[x, y] for y in range(size) for x in range(size)]
+        scene = film(size, size) + DOWN + table + light + floor
+        found = np.array(self.ask("probe", scene, pixels=pixels, settings=[{}])["values"][0])[:, 0]
+
+        at = (positions(f"type=sobol samples={most} seed=5", pixels) + np.array(pixels)[:, None, :]) / size * 10 - 5
+        shown = (np.floor(0.31 * at[:, :, 0]) + np.floor(-0.17 * at[:, :, 1])) % 2 == 0
+        # The model's rule, a pixel after another.
+        expected, numbers = [], []
+        for number, (x, y) in enumerate(pixels):
+            beside = [j * size + i for i, j in pixels if max(abs(i - x), abs(j - y)) == 1]
+            q = max(float(np.ptp(shown[k, :first].astype(float))) for k in beside)
+            n = first
+            while n < most and max(0.3 * np.ptp(shown[number, :n].astype(float)) / n**0.75, 0.15 * q / n) > threshold:
+                n = min(2 * n, most)
+            expected.append(shown[number, :n].mean())
+            numbers.append(n)
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+        # 3 where nothing is near, 12 where something is, 48 and all where it is seen.
+        self.assertEqual(set(numbers), {3, 12, 48})
+
 
 if __name__ == "__main__":
     unittest.main()

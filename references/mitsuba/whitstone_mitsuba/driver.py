@@ -143,6 +143,27 @@ class Level:
     ambient: List[Tuple[np.ndarray, Any]] = field(default_factory=list)
 
 
+@dataclass
+class Sums:
+    """Of samples of pixels: their sum and the least and largest of each channel, all (n, 3)."""
+
+    total: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+
+    def ranges(self) -> np.ndarray:
+        """(n,): from the least to the largest, of the channel where that is most."""
+        return (self.most.astype(np.float64) - self.least).max(axis=1)
+
+    def of(self, which: np.ndarray) -> "Sums":
+        """Those of some of the pixels."""
+        return Sums(self.total[which], self.least[which], self.most[which])
+
+    def with_(self, more: "Sums") -> "Sums":
+        """Of both, where the sum of `more` is that of all."""
+        return Sums(more.total, np.minimum(self.least, more.least), np.maximum(self.most, more.most))
+
+
 class TooDeep(Exception):
     """The levels of these rays do not fit into memory together."""
 
@@ -187,8 +208,50 @@ class Tracer:
     def pixels(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray) -> np.ndarray:
         """(n, 3) float32: values of pixels (x[i], y[i]) under settings[setting[i]], the mean over the sampler's positions."""
         samples = self.document.samples
+        if samples.refinement is None:
+            values = self._sums(x, y, setting, samples).total / len(samples)
+        else:
+            values = self._refined(x, y, setting)
+        self._settle()
+        return values.astype(np.float32)
+
+    def _refined(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray) -> np.ndarray:
+        """(n, 3): the means of pixels that take as many samples again as they have, as long as the model's rule says so."""
+        samples, (width, height) = self.document.samples, (self.document.width, self.document.height)
+        lens = max(samples.lens, 1)
+        # The first samples of all pixels and of their neighbours, of each once under the same setting.
+        offsets = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)])
+        beside_x, beside_y = x[:, None] + offsets[:, 0], y[:, None] + offsets[:, 1]
+        there = (beside_x >= 0) & (beside_x < width) & (beside_y >= 0) & (beside_y < height)
+        key = (setting[:, None].astype(np.int64) * height + beside_y) * width + beside_x
+        unique, place = np.unique(key[there], return_inverse=True)
+        taken = samples.refinement.first
+        found = self._sums(unique % width, unique // width % height, unique // width // height, samples.between(0, taken * lens))
+        ranges = np.zeros(there.shape)
+        ranges[there] = found.ranges()[place]
+        middle = len(offsets) // 2
+        near = np.delete(ranges, middle, axis=1).max(axis=1)
+        own = np.zeros(there.shape, dtype=np.int64)
+        own[there] = place
+        state = found.of(own[:, middle])
+        values = np.zeros((len(x), 3))
+        active = np.arange(len(x))
+        while True:
+            most = taken == samples.sampler.count
+            goes_on = (not most) & samples.refinement.goes_on(taken * lens, state.ranges(), near[active])
+            values[active[~goes_on]] = state.total[~goes_on] / (taken * lens)
+            active, state = active[goes_on], state.of(goes_on)
+            if len(active) == 0:
+                return values
+            until = min(2 * taken, samples.sampler.count)
+            state = state.with_(self._sums(x[active], y[active], setting[active], samples.between(taken * lens, until * lens), state.total))
+            taken = until
+
+    def _sums(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: Samples, start: Optional[np.ndarray] = None) -> Sums:
+        """The sums over these samples of each pixel, added to `start` if there is one, and their extremes."""
         step = max(1, LANES // len(samples))
-        parts = []
+        total = np.zeros((len(x), 3)) if start is None else start.copy()
+        least, most = np.zeros((len(x), 3), dtype=np.float32), np.zeros((len(x), 3), dtype=np.float32)
         first = 0
         while first < len(x):
             span = slice(first, first + step)
@@ -201,12 +264,10 @@ class Tracer:
                 self.counts, self._pending = before
                 continue
             first += step
-            total = np.zeros((radiance.shape[0], 3))
             for number in range(len(samples)):  # one after another: a fixed order of additions
-                total += radiance[:, number]
-            parts.append((total / len(samples)).astype(np.float32))
-        self._settle()
-        return np.concatenate(parts) if parts else np.zeros((0, 3), dtype=np.float32)
+                total[span] += radiance[:, number]
+            least[span], most[span] = radiance.min(axis=1), radiance.max(axis=1)
+        return Sums(total, least, most)
 
     def samples(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: Samples) -> np.ndarray:
         """(n, samples, 3) float32: radiance at each position of each pixel."""

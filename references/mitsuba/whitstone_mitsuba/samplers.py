@@ -9,7 +9,7 @@ import numpy as np
 
 from .fields import Fields, nearest
 
-TYPES = ("center", "grid", "sobol", "stratified")
+TYPES = ("adaptive", "center", "grid", "sobol", "stratified")
 
 
 def _u(value: int) -> np.ndarray:
@@ -113,6 +113,25 @@ class Sobol:
 
 
 @dataclass(frozen=True)
+class Refinement:
+    """Which pixels take more samples than the first ones."""
+
+    first: int
+    threshold: float
+
+    def goes_on(self, taken: int, own: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """Whether the estimate of the error is above the threshold: by the range of a pixel's samples, and that of its neighbours' first ones."""
+        return np.maximum(0.3 * own / taken**0.75, 0.15 * near / taken) > self.threshold
+
+
+@dataclass(frozen=True)
+class Adaptive(Sobol):
+    """Sobol' points, as many as a pixel needs."""
+
+    refinement: Refinement
+
+
+@dataclass(frozen=True)
 class Samples:
     """The samples of a pixel, in the model's order: each position, for a lens through each of its `lens` points."""
 
@@ -131,6 +150,15 @@ class Samples:
     def only(self, number: int) -> "Samples":
         """One of them."""
         return replace(self, numbers=self.numbers[number : number + 1])
+
+    def between(self, first: int, end: int) -> "Samples":
+        """Some of them, one after another."""
+        return replace(self, numbers=self.numbers[first:end])
+
+    @property
+    def refinement(self) -> Optional[Refinement]:
+        """Which pixels take more than the first ones; None if each takes all."""
+        return getattr(self.sampler, "refinement", None)
 
     def positions(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(pixels, samples, 2): from the left top corner of each pixel."""
@@ -157,6 +185,11 @@ def read(table: Any, errors: List[str], unsupported: List[str]) -> Any:
         found = Stratified(fields.integer("n", 2, 1, 64), fields.integer("seed", 0, 0, 2**32 - 1))
     elif kind == "sobol":
         found = Sobol(fields.integer("samples", 4, 1, 65536), fields.integer("seed", 0, 0, 2**32 - 1))
+    elif kind == "adaptive":
+        count = fields.integer("samples", 256, 1, 65536)
+        first = fields.integer("first", min(8, count), 1, count)
+        threshold = fields.number("threshold", 0.01, lambda radiance: radiance > 0, "a number > 0")
+        found = Adaptive(count, fields.integer("seed", 0, 0, 2**32 - 1), Refinement(first, threshold))
     elif kind != "center" and kind is not None:
         unsupported.append(f"sampler: no twin for a sampler of type {kind!r}; {nearest(kind, TYPES)}")
         return found

@@ -95,6 +95,10 @@ class Image:
         return _mapped(bitmap, self.mapping)
 
 
+# Filters by what a ray and its neighbours see: nothing that a renderer that follows single rays could show.
+FOOTPRINT_FILTERS = ("trilinear", "ewa")
+
+
 class Textures:
     """Reads texture values, resolving names of shared ones; each shared texture is read once."""
 
@@ -144,6 +148,10 @@ class Textures:
         if reader is None:
             if kind is not None:
                 self._unsupported.append(f"{where}: no twin for a texture of type {kind!r}; {nearest(kind, list(READERS))}")
+            return Constant((0.0, 0.0, 0.0))
+        filtering = table.get("filter")
+        if kind in ("image", "synthesized") and filtering in FOOTPRINT_FILTERS:
+            self._unsupported.append(f"{where}: no twin for the filter {filtering!r}: rays have no footprints here")
             return Constant((0.0, 0.0, 0.0))
         texture = reader(fields, self._base)
         fields.close()

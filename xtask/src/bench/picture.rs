@@ -14,6 +14,7 @@ use whitstone::validate::environment::Environment;
 use whitstone::{Exit, Failure};
 
 #[derive(Args, Debug)]
+#[group(id = "picture")]
 pub(crate) struct Arguments {
     /// The scenes
     #[arg(default_value = CLASSIC)]

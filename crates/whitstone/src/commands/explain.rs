@@ -154,6 +154,7 @@ fn needs(pipeline: &Pipeline) -> Vec<&'static str> {
     let all = [
         (Needs::SHADING_NORMAL, "interpolated normals"),
         (Needs::UV, "texture coordinates"),
+        (Needs::FOOTPRINT, "footprints of rays"),
     ];
     let needed = all
         .into_iter()

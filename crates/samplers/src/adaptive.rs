@@ -1,0 +1,151 @@
+//! As many samples as a pixel needs: few where it shows one thing, more at edges.
+//!
+//! Whitted 1980, *An improved illumination model for shaded display*, section "Anti-aliasing": a pixel is sampled more finely where its samples
+//! differ. Which ones are, is decided as in Mitchell 1987, *Generating antialiased images at low sampling densities*, by
+//! their contrast, here in units of the error that is left; that of the neighbours counts, too, as an edge may pass between the
+//! samples of a pixel. The points are those of `sobol`, so that what is taken later adds to what is there.
+//!
+//! - Twin: Mitsuba through the driver, which traces the same positions in as many rounds.
+//! - Example: `scenes/samplers/adaptive.toml`.
+
+use crate::scrambled;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use toml::Spanned;
+use whitstone_core::config::{IntegerIn, Positive};
+use whitstone_core::{Context, DVec2, Plugin, Refinement, Sampler, Samplers, SceneError, SceneErrors};
+
+/// Samples where they are needed: at edges, and not where a pixel shows one thing.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Samples a pixel at most.
+    #[serde(default = "most")]
+    samples: IntegerIn<1, 65536>,
+    /// Samples that every pixel takes, at most `samples`; 8 if left out, or all where those are fewer.
+    #[serde(default)]
+    #[schemars(with = "IntegerIn<1, 65536>")]
+    first: Option<Spanned<IntegerIn<1, 65536>>>,
+    /// The error, a radiance in W/(m² sr), that a pixel is estimated to have when it takes no more samples; greater than 0.
+    #[serde(default = "threshold")]
+    threshold: Positive,
+    /// Of the scrambling: another one gives other points.
+    #[serde(default = "zero")]
+    seed: IntegerIn<0, 0xffff_ffff>,
+}
+
+fn most() -> IntegerIn<1, 65536> {
+    IntegerIn::new(256).expect("256 is in range")
+}
+
+fn threshold() -> Positive {
+    Positive::new(0.01).expect("0.01 is positive")
+}
+
+fn zero() -> IntegerIn<0, 0xffff_ffff> {
+    IntegerIn::new(0).expect("0 is in range")
+}
+
+/// See the module.
+pub struct Adaptive {
+    samples: u32,
+    seed: u32,
+    rule: Refinement,
+}
+
+/// First samples, if the scene does not say.
+const FIRST: u32 = 8;
+
+impl Plugin<Samplers> for Adaptive {
+    const TYPE: &'static str = "adaptive";
+    type Config = Config;
+
+    fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Box<dyn Sampler>, SceneErrors> {
+        let samples = config.samples.get();
+        let first = match &config.first {
+            None => FIRST.min(samples),
+            Some(first) if first.get_ref().get() <= samples => first.get_ref().get(),
+            Some(first) => {
+                let message = format!(
+                    "expected at most as many first samples as samples, {samples}, found {}",
+                    first.get_ref().get()
+                );
+                return Err(SceneError::at(first.span(), message).into());
+            }
+        };
+        let rule = Refinement {
+            first,
+            threshold: config.threshold.get(),
+        };
+        Ok(Box::new(Self {
+            samples,
+            seed: config.seed.get(),
+            rule,
+        }))
+    }
+}
+
+impl Sampler for Adaptive {
+    fn count(&self) -> u32 {
+        self.samples
+    }
+
+    fn position(&self, pixel: [u32; 2], index: u32) -> DVec2 {
+        scrambled::position(self.seed, pixel, index)
+    }
+
+    fn refinement(&self) -> Option<Refinement> {
+        Some(self.rule)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_testkit::{build, random_sampler_laws};
+
+    #[test]
+    fn laws() {
+        for text in [
+            "",
+            "samples = 1",
+            "samples = 1000\nfirst = 16",
+            "threshold = 1e-9\nseed = 3",
+        ] {
+            random_sampler_laws(&*build::<Samplers, Adaptive>(text, ()).unwrap());
+        }
+    }
+
+    #[test]
+    fn the_points_are_those_of_sobol() {
+        let adaptive = build::<Samplers, Adaptive>("samples = 64\nseed = 7", ()).unwrap();
+        for index in 0..64 {
+            let found = adaptive.position([3, 5], index);
+            assert_eq!(found, scrambled::position(7, [3, 5], index));
+        }
+    }
+
+    #[test]
+    fn a_pixel_goes_on_while_its_samples_or_its_neighbours_are_apart() {
+        let rule = build::<Samplers, Adaptive>("", ()).unwrap().refinement().unwrap();
+        assert_eq!((rule.first, rule.threshold), (8, 0.01));
+        assert!(!rule.goes_on(8, 0.0, 0.0));
+        // 0.3 / 64^(3/4) = 0.0133, / 128^(3/4) = 0.0079; 0.15 / 8 = 0.019, / 16 = 0.0094.
+        assert!(rule.goes_on(64, 1.0, 0.0) && !rule.goes_on(128, 1.0, 0.0));
+        assert!(rule.goes_on(8, 0.0, 1.0) && !rule.goes_on(16, 0.0, 1.0));
+    }
+
+    #[test]
+    fn faults_are_refused_at_their_places() {
+        for (text, place) in [
+            ("samples = 8\nfirst = 9", "9"),
+            ("threshold = 0", "0"),
+            ("samples = 0", "0"),
+            ("first = 65537", "65537"),
+        ] {
+            let errors = build::<Samplers, Adaptive>(text, ()).err().unwrap();
+            let span = errors.0[0].span.clone().unwrap();
+            assert_eq!(&text[span], place, "{text}");
+        }
+    }
+}

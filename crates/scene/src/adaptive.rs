@@ -1,0 +1,204 @@
+//! More samples for those pixels that need them.
+//!
+//! Whitted 1980 subdivides a pixel where the colours at its corners differ; here a pixel takes as many samples again as it has as long as
+//! its own, or the first ones of its neighbours, are far apart. Section 5 of `docs/whitted-model.md`.
+
+use crate::film::SampleMemory;
+use crate::{Film, Pipeline, Progress};
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use whitstone_core::stream::{GROUP, LANES};
+use whitstone_core::{FilmSize, Refinement, Rgb, Scratch};
+
+/// The samples of a pixel so far.
+#[derive(Clone, Copy)]
+struct Tally {
+    sum: Rgb,
+    least: Rgb,
+    most: Rgb,
+    /// Of the first samples.
+    first_range: f64,
+}
+
+impl Tally {
+    const NOTHING: Self = Self {
+        sum: Rgb::BLACK,
+        least: Rgb::splat(f64::INFINITY),
+        most: Rgb::splat(f64::NEG_INFINITY),
+        first_range: 0.0,
+    };
+
+    #[inline(always)]
+    fn add(&mut self, radiance: Rgb) {
+        let (a, b) = (self.least, self.most);
+        self.sum += radiance;
+        self.least = Rgb::new(a.r.min(radiance.r), a.g.min(radiance.g), a.b.min(radiance.b));
+        self.most = Rgb::new(b.r.max(radiance.r), b.g.max(radiance.g), b.b.max(radiance.b));
+    }
+
+    /// Of the channel where it is largest.
+    fn range(&self) -> f64 {
+        (self.most + self.least * -1.0).max_component()
+    }
+}
+
+/// The state of an image that is refined.
+pub(crate) struct Adaptive {
+    rule: Refinement,
+    size: FilmSize,
+    /// Row by row.
+    tallies: Mutex<Vec<Tally>>,
+}
+
+impl Adaptive {
+    pub(crate) fn new(rule: Refinement, size: FilmSize) -> Self {
+        Self {
+            rule,
+            size,
+            tallies: Mutex::default(),
+        }
+    }
+
+    /// Positions that every pixel takes.
+    pub(crate) fn first(&self) -> u32 {
+        self.rule.first
+    }
+
+    /// The first samples of some pixels.
+    pub(crate) fn start(&self, pipeline: &Pipeline, pixels: &[[u32; 2]], memory: &mut SampleMemory) {
+        let mut found = [Tally::NOTHING; LANES];
+        pipeline.sample(pixels, 0..self.rule.first, memory, |lane, radiance| {
+            found[lane].add(radiance);
+        });
+        let mut tallies = self.tallies.lock().unwrap_or_else(PoisonError::into_inner);
+        if tallies.is_empty() {
+            tallies.resize(
+                self.size.width as usize * self.size.height as usize,
+                Tally::NOTHING,
+            );
+        }
+        for (pixel, tally) in pixels.iter().zip(found) {
+            tallies[self.place(*pixel)] = Tally {
+                first_range: tally.range(),
+                ..tally
+            };
+        }
+    }
+
+    /// All further samples, and the colours of the pixels.
+    pub(crate) fn refine(
+        self,
+        pipeline: &Pipeline,
+        mut active: Vec<[u32; 2]>,
+        film: &mut Film,
+        progress: Option<Progress<'_>>,
+    ) {
+        let tallies = std::mem::take(&mut *self.tallies.lock().unwrap_or_else(PoisonError::into_inner));
+        let nears: Vec<f64> = (active.iter())
+            .map(|pixel| self.near(*pixel, |beside| tallies[self.place(beside)].first_range))
+            .collect();
+        let mut near = vec![0.0; tallies.len()];
+        for (pixel, range) in active.iter().zip(nears) {
+            near[self.place(*pixel)] = range;
+        }
+        let (lens, total) = (pipeline.camera.lens_points(), active.len() as u64);
+        let mut taken = self.rule.first;
+        let state = Mutex::new((tallies, film));
+        // Of each thread, for all rounds.
+        let memories: Vec<Mutex<SampleMemory>> = std::iter::repeat_with(Mutex::default)
+            .take(rayon::current_num_threads())
+            .collect();
+        loop {
+            {
+                let (tallies, film) = &mut *state.lock().unwrap_or_else(PoisonError::into_inner);
+                let last = taken == pipeline.sampler.count();
+                active.retain(|pixel| {
+                    let place = self.place(*pixel);
+                    let tally = &tallies[place];
+                    let goes_on = !last && self.rule.goes_on(taken * lens, tally.range(), near[place]);
+                    if !goes_on {
+                        let mean = tally.sum * (1.0 / f64::from(taken * lens));
+                        film.rgb[place] = mean.to_array().map(|c| c as f32);
+                    }
+                    goes_on
+                });
+            }
+            if let Some(progress) = progress {
+                progress(total - active.len() as u64, total);
+            }
+            if active.is_empty() {
+                return;
+            }
+            let until = taken.saturating_mul(2).min(pipeline.sampler.count());
+            let share = active.len().div_ceil(4 * rayon::current_num_threads());
+            let chunks: Vec<&[[u32; 2]]> = active.chunks(share.next_multiple_of(GROUP).min(LANES)).collect();
+            let next = AtomicUsize::new(0);
+            rayon::broadcast(|thread| {
+                let memory = &mut *memories[thread.index()]
+                    .lock()
+                    .unwrap_or_else(PoisonError::into_inner);
+                while let Some(pixels) = chunks.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let mut found = [Tally::NOTHING; LANES];
+                    {
+                        let (tallies, _) = &*state.lock().unwrap_or_else(PoisonError::into_inner);
+                        for (tally, pixel) in found.iter_mut().zip(*pixels) {
+                            *tally = tallies[self.place(*pixel)];
+                        }
+                    }
+                    pipeline.sample(pixels, taken..until, memory, |lane, radiance| {
+                        found[lane].add(radiance);
+                    });
+                    let (tallies, film) = &mut *state.lock().unwrap_or_else(PoisonError::into_inner);
+                    for (tally, pixel) in found.iter().zip(*pixels) {
+                        tallies[self.place(*pixel)] = *tally;
+                    }
+                    film.counters.add(std::mem::take(&mut memory.scratch.counters));
+                }
+            });
+            taken = until;
+        }
+    }
+
+    /// The colour of one pixel by itself.
+    pub(crate) fn pixel(&self, pipeline: &Pipeline, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
+        let lens = pipeline.camera.lens_points();
+        let tally_of = |pixel, samples: Range<u32>, mut tally: Tally, scratch: &mut Scratch| {
+            for sample in samples {
+                tally.add(pipeline.radiance_of(pixel, sample, scratch));
+            }
+            tally
+        };
+        let first = 0..self.rule.first * lens;
+        // Their rays are not this pixel's.
+        let mut aside = Scratch::default();
+        let near = self.near(pixel, |beside| {
+            tally_of(beside, first.clone(), Tally::NOTHING, &mut aside).range()
+        });
+        let mut tally = tally_of(pixel, first, Tally::NOTHING, scratch);
+        let (mut taken, count) = (self.rule.first, pipeline.sampler.count());
+        while taken < count && self.rule.goes_on(taken * lens, tally.range(), near) {
+            let until = taken.saturating_mul(2).min(count);
+            tally = tally_of(pixel, taken * lens..until * lens, tally, scratch);
+            taken = until;
+        }
+        tally.sum * (1.0 / f64::from(taken * lens))
+    }
+
+    fn place(&self, [x, y]: [u32; 2]) -> usize {
+        y as usize * self.size.width as usize + x as usize
+    }
+
+    /// The largest value of the up to eight neighbours of a pixel.
+    fn near(&self, [x, y]: [u32; 2], mut value: impl FnMut([u32; 2]) -> f64) -> f64 {
+        let mut largest = 0.0_f64;
+        for j in y.saturating_sub(1)..=(y + 1).min(self.size.height - 1) {
+            for i in x.saturating_sub(1)..=(x + 1).min(self.size.width - 1) {
+                if [i, j] != [x, y] {
+                    largest = largest.max(value([i, j]));
+                }
+            }
+        }
+        largest
+    }
+}

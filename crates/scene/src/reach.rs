@@ -1,0 +1,46 @@
+//! Lights that reach nothing that could show them.
+
+use crate::{LeftOut, PluginTable};
+use std::sync::Arc;
+use whitstone_core::{Aabb, Element, Geometry, Light, LightGives, Lobes, Material, Shape};
+
+/// Drops the lights that no surface that reflects light could receive; `lights` are beside their tables. The image is the same: what is dropped would be black.
+pub(crate) fn leave_out_lights(
+    tables: &[PluginTable<'_>],
+    lights: &mut Vec<Arc<dyn Light>>,
+    geometry: &Geometry,
+    materials: &[Arc<dyn Material>],
+) -> Vec<LeftOut> {
+    let receivers: Vec<Aabb> = geometry
+        .shapes()
+        .iter()
+        .zip(materials)
+        .zip(0..)
+        // The materials of a copy are those of its group.
+        .filter(|((shape, material), _)| {
+            matches!(shape, Shape::Instance(_)) || material.lobes().intersects(Lobes::LOCAL)
+        })
+        .map(|(_, shape)| geometry.bounds(Element::Opaque { shape }))
+        .collect();
+    let mut left_out = Vec::new();
+    let mut number = 0;
+    lights.retain(|light| {
+        number += 1;
+        // What is also seen, or shines from all around, is needed for that.
+        let kept =
+            light.gives() != LightGives::SAMPLES || receivers.iter().any(|bounds| light.reaches(bounds));
+        if !kept {
+            let why = if receivers.is_empty() {
+                "no material in use reflects light by itself"
+            } else {
+                "it reaches no surface that reflects light"
+            };
+            left_out.push(LeftOut {
+                what: format!("light {number} ({})", tables[number - 1].name),
+                why: why.to_owned(),
+            });
+        }
+        kept
+    });
+    left_out
+}
