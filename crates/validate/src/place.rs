@@ -14,13 +14,18 @@ pub(crate) fn report(path: &Path, overrides: &[String], problems: &str) -> Strin
         return problems.to_owned();
     };
     let errors = problems.lines().map(|line| {
-        let (place, text) = line.split_once(": ").unwrap_or(("", line));
+        let (place, text) = told(line);
         match span(&description, place) {
             Some(span) => SceneError::at(span, text),
             None => SceneError::anywhere(line),
         }
     });
     sources.report(&SceneErrors(errors.collect()), false)
+}
+
+/// The place and the problem in a line of a driver.
+pub(crate) fn told(line: &str) -> (&str, &str) {
+    line.split_once(": ").unwrap_or(("", line))
 }
 
 /// The place of the type of the plugin that a place in the document names, or is in.

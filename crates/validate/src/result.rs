@@ -190,6 +190,8 @@ pub struct CaseResult {
     pub left_out: Vec<String>,
     /// What of the scene was changed on both sides, because the reference could not show it, and why.
     pub adapted: Vec<String>,
+    /// What of the scene the reference has no twin of; empty where it has all.
+    pub no_twin: Vec<String>,
     /// For a scene without a twin: who else has a stored reference of it. It then counts as left out, not as failed.
     pub other_reference: Option<String>,
     /// Of an accelerator that the image depends on: which, and how the image differs from the exact one.

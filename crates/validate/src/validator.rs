@@ -92,8 +92,8 @@ pub struct NoLive(pub String);
 enum NoReference {
     /// Something is missing or broken.
     Problem(String),
-    /// This renderer has no twin of the scene, or none is stored.
-    NoTwin(String),
+    /// This renderer has no twin of something in the scene, or none is stored: the report, and what is lacking.
+    NoTwin(String, Vec<String>),
 }
 
 /// A reference with its provenance.
@@ -199,9 +199,10 @@ impl<'a> Validator<'a> {
                 tamper(&mut ours.image);
                 match self.reference(path, &ours.flattened, &mut case) {
                     Err(NoReference::Problem(problem)) => case.problems.push(problem),
-                    Err(NoReference::NoTwin(problem)) => {
+                    Err(NoReference::NoTwin(problem, lacks)) => {
                         case.other_reference = self.other_reference(path);
                         case.problems.push(problem);
+                        case.no_twin = lacks;
                     }
                     Ok(against) => {
                         if let Err(error) = self.judge(&mut case, &ours, &against) {
@@ -369,7 +370,9 @@ impl<'a> Validator<'a> {
                 // Whether the scene has a twin does not depend on the run.
                 Err(LiveError::Driver(DriverError::Unsupported(problems))) => {
                     let report = place::report(path, &self.options.overrides, &problems);
-                    return Err(NoReference::NoTwin(format!("no twin in {renderer}:\n{report}")));
+                    let report = format!("no twin in {renderer}:\n{report}");
+                    let lacks = problems.lines().map(|line| place::told(line).1.to_owned());
+                    return Err(NoReference::NoTwin(report, lacks.collect()));
                 }
                 Err(error) => {
                     self.broken.get_or_insert_with(|| error.to_string());
@@ -394,7 +397,7 @@ impl<'a> Validator<'a> {
                 let accept = self.command("reference --accept", path);
                 let told = format!("{error}; render a new one by: {accept}");
                 Err(match error {
-                    StoredError::Missing { .. } => NoReference::NoTwin(told),
+                    StoredError::Missing { .. } => NoReference::NoTwin(told, Vec::new()),
                     _ => NoReference::Problem(told),
                 })
             }
