@@ -10,6 +10,9 @@ const SIDE: u32 = 6;
 /// Relative to the largest channel, beside the uncertainty that the oracle tells: what rounding does along a tree.
 const TOLERANCE: f64 = 1e-9;
 
+/// An uncertainty above this part of the largest channel decides nothing.
+const SHARP: f64 = 1e-6;
+
 /// With a change of our side only: how many pixels agree, differ, and are not known; `None` where the oracle does not know the scene.
 fn counts(scene: &std::path::Path, ours: &[String]) -> Option<[usize; 3]> {
     let registry = whitstone::registry();
@@ -29,7 +32,13 @@ fn counts(scene: &std::path::Path, ours: &[String]) -> Option<[usize; 3]> {
             Value::Known { rgb, uncertainty } => {
                 let largest = rgb.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
                 let near = |c: usize| (mine[c] - rgb[c]).abs() <= TOLERANCE * largest + uncertainty[c];
-                usize::from(!(0..3).all(near))
+                // To agree with what could be anything is no agreement.
+                let is_sharp = uncertainty.iter().all(|width| *width <= SHARP * largest);
+                match (0..3).all(near) {
+                    true if is_sharp => 0,
+                    true => 2,
+                    false => 1,
+                }
             }
         }] += 1;
     }
@@ -55,7 +64,7 @@ fn pixels_are_those_of_the_oracle() {
         }
     }
     assert!(problems.is_empty(), "{}", problems.join("\n"));
-    assert!(known > 25, "the oracle knows {known} scenes");
+    assert!(known > 90, "the oracle knows {known} scenes");
 }
 
 /// A fault of a millionth in one number is seen.

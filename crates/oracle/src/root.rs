@@ -19,6 +19,8 @@ pub struct Root {
     /// By how much the surface moves, along the normal and times its length, for a relative change of one of all its
     /// numbers: of those of the shape, and of the maps that place it, those around the present space not counted.
     pub(crate) moves: f64,
+    /// Of a surface that is given by two parameters: which they are here.
+    pub(crate) parameters: Option<[f64; 2]>,
 }
 
 impl Root {
@@ -42,6 +44,7 @@ impl Root {
             enters,
             normal,
             moves,
+            parameters: None,
         })
     }
 

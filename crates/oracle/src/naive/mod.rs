@@ -244,7 +244,7 @@ fn of_table<R: Real>(
         "disk" => placed(map, flat::Disk),
         "box" => placed(map, solid::Cuboid),
         "triangle" => triangles(&[decode::<triangle::Triangle>(table)?.vertices]),
-        "mesh" => triangles(&mesh::read(description, &decode(table)?)?.0),
+        "mesh" => triangles(&mesh::read(description, &decode(table)?)?.triangles),
         "heightfield" => triangles(&decode::<heightfield::Heightfield>(table)?.triangles().0),
         "polygon" => {
             let polygon: polygon::Polygon = decode(table)?;

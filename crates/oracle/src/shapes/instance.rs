@@ -12,7 +12,7 @@ use whitstone_scene::Description;
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Config {
-    group: GroupRef,
+    pub(crate) group: GroupRef,
 }
 
 pub(crate) struct Instance(Vec<Placed>);

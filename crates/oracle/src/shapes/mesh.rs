@@ -1,8 +1,11 @@
-//! The triangles of an OBJ file: what begins with `v` and `f`.
+//! The triangles of OBJ and PLY files, with the normals and texture coordinates of their corners.
 
-use super::text;
-use super::triangle::Triangles;
+mod obj;
+mod ply;
+mod subdivision;
+
 use serde::Deserialize;
+use std::path::Path;
 use whitstone_core::config::FilePath;
 use whitstone_core::{SceneError, SceneErrors};
 use whitstone_scene::Description;
@@ -10,42 +13,64 @@ use whitstone_scene::Description;
 #[derive(Debug, Deserialize)]
 pub(crate) struct Config {
     file: FilePath,
-    subdivision: Option<serde::de::IgnoredAny>,
+    subdivision: Option<Subdivision>,
+    shading: Option<String>,
 }
 
-pub(crate) fn read(description: &Description<'_>, config: &Config) -> Result<Triangles, SceneErrors> {
-    let error = |message: &str| SceneErrors::from(SceneError::at(config.file.span.clone(), message));
-    if config.subdivision.is_some() || !config.file.path.ends_with(".obj") {
-        return Err(error(
-            "the oracle reads meshes from .obj files, without subdivision",
-        ));
-    }
-    let text = text(description, &config.file)?;
-    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-    for line in text.lines() {
-        let mut words = line.split_whitespace();
-        match words.next() {
-            Some("v") => {
-                let numbers: Vec<f64> = words.take(3).filter_map(|word| word.parse().ok()).collect();
-                vertices.push(<[f64; 3]>::try_from(numbers).map_err(|_| error("a malformed vertex"))?);
-            }
-            Some("f") => {
-                let corner = |word: &str| -> Option<[f64; 3]> {
-                    let number: i64 = word.split('/').next()?.parse().ok()?;
-                    let from_start = if number < 0 {
-                        vertices.len() as i64 + number
-                    } else {
-                        number - 1
-                    };
-                    vertices.get(usize::try_from(from_start).ok()?).copied()
-                };
-                let corners: Option<Vec<_>> = words.map(corner).collect();
-                let corners = corners.ok_or_else(|| error("a malformed face"))?;
-                let fan = corners.windows(2).skip(1);
-                triangles.extend(fan.map(|pair| [corners[0], pair[0], pair[1]]));
-            }
-            _ => {}
+/// Loop's is the one scheme.
+#[derive(Debug, Deserialize)]
+struct Subdivision {
+    levels: u32,
+}
+
+/// By triangle, in the order of the file.
+#[derive(Debug, Default)]
+pub(crate) struct Mesh {
+    pub(crate) triangles: Vec<[[f64; 3]; 3]>,
+    /// Of those whose corners have normals.
+    pub(crate) normals: Vec<Option<[[f64; 3]; 3]>>,
+    /// Of those whose corners have texture coordinates.
+    pub(crate) uvs: Vec<Option<[[f64; 2]; 3]>>,
+}
+
+/// A corner of a face.
+#[derive(Clone, Copy)]
+struct Corner {
+    place: [f64; 3],
+    normal: Option<[f64; 3]>,
+    uv: Option<[f64; 2]>,
+}
+
+impl Mesh {
+    /// A face is a fan from its first corner.
+    fn add(&mut self, corners: &[Corner]) {
+        for pair in corners.windows(2).skip(1) {
+            let three = [corners[0], pair[0], pair[1]];
+            self.triangles.push(three.map(|corner| corner.place));
+            self.normals.push(all(three.map(|corner| corner.normal)));
+            self.uvs.push(all(three.map(|corner| corner.uv)));
         }
     }
-    Ok(Triangles(triangles))
+}
+
+fn all<T: Copy>([a, b, c]: [Option<T>; 3]) -> Option<[T; 3]> {
+    Some([a?, b?, c?])
+}
+
+pub(crate) fn read(description: &Description<'_>, config: &Config) -> Result<Mesh, SceneErrors> {
+    let error = |message: String| SceneErrors::from(SceneError::at(config.file.span.clone(), message));
+    let path = description.sources.base().join(Path::new(&config.file.path));
+    let bytes = std::fs::read(&path).map_err(|fault| error(fault.to_string()))?;
+    let mesh = match bytes.starts_with(b"ply") {
+        true => ply::read(&bytes),
+        false => obj::read(&String::from_utf8_lossy(&bytes)),
+    };
+    let mut mesh = mesh.ok_or_else(|| error("the oracle cannot read this mesh".to_owned()))?;
+    if let Some(Subdivision { levels }) = config.subdivision {
+        mesh = subdivision::subdivided(&mesh, levels);
+    }
+    if config.shading.as_deref() == Some("flat") {
+        mesh.normals.fill(None);
+    }
+    Ok(mesh)
 }

@@ -27,8 +27,7 @@ pub(crate) mod triangle;
 use crate::interval::Decided;
 use crate::root::Roots;
 use crate::vector::Line;
-use std::path::Path;
-use whitstone_core::config::{FilePath, Table, decode};
+use whitstone_core::config::{Table, decode};
 use whitstone_core::{DAffine3, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
@@ -93,7 +92,9 @@ pub(crate) fn surface(
         "heightfield" => Box::new(decode::<heightfield::Heightfield>(table)?.triangles()),
         "hyperboloid" => Box::new(decode::<hyperboloid::Hyperboloid>(table)?),
         "instance" => Box::new(instance::Instance::new(description, &decode(table)?)?),
-        "mesh" => Box::new(mesh::read(description, &decode(table)?)?),
+        "mesh" => Box::new(triangle::Triangles(
+            mesh::read(description, &decode(table)?)?.triangles,
+        )),
         "paraboloid" => Box::new(decode::<paraboloid::Paraboloid>(table)?),
         "patch" => Box::new(decode::<patch::Patches>(table)?.read()?),
         "plane" => Box::new(decode::<plane::Plane>(table)?),
@@ -108,12 +109,6 @@ pub(crate) fn surface(
             return Err(SceneError::at(plugin.name_span.clone(), message).into());
         }
     })
-}
-
-/// The text of a file that a shape names.
-fn text(description: &Description<'_>, file: &FilePath) -> Result<String, SceneError> {
-    let path = description.sources.base().join(Path::new(&file.path));
-    std::fs::read_to_string(&path).map_err(|error| SceneError::at(file.span.clone(), error.to_string()))
 }
 
 fn yes() -> bool {

@@ -108,13 +108,17 @@ fn root(surface: &[Net; 3], u: &Interval, v: &Interval, number: u32, line: &Line
     // By the weights of the control points.
     let weighted = [0, 1, 2].map(|axis| surface[axis].map(Interval::abs).at(u, v).nearest());
     let n = normal.nearest();
-    Root::new(
+    let root = Root::new(
         t,
         number,
         &normal.dot(d),
         n,
         n.abs().dot(DVec3::from_array(weighted)),
-    )
+    )?;
+    Ok(Root {
+        parameters: Some([u.nearest(), v.nearest()]),
+        ..root
+    })
 }
 
 /// Along which parameter.

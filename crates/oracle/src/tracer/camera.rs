@@ -1,7 +1,8 @@
 //! Section 4.
 
-use super::{unknown, unknown_part};
+use super::unknown;
 use serde::Deserialize;
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use whitstone_core::config::decode;
 use whitstone_core::{DVec3, Ray, SceneErrors};
 use whitstone_scene::{FilmTable, PluginTable};
@@ -43,30 +44,45 @@ struct Config {
     width: Option<f64>,
     window: Option<Window>,
     near: Option<f64>,
-    #[serde(rename = "near_kind")]
-    _near_kind: Option<String>,
+    near_kind: Option<String>,
+    aperture: Option<f64>,
+    focus_distance: Option<f64>,
+    lens_samples: Option<u32>,
 }
 
-/// Perspective or orthographic.
+enum Kind {
+    Perspective,
+    Orthographic,
+    Environment,
+    /// The focus distance, and the points of the lens, in metres along u and v.
+    Lens(f64, Vec<[f64; 2]>),
+}
+
+/// Where rays begin, and where they go.
 pub(super) struct Camera {
+    kind: Kind,
     origin: DVec3,
     axes: [DVec3; 3],
     window: Window,
     size: [f64; 2],
-    parallel: bool,
+    near: f64,
+    spherical: bool,
 }
 
 impl Camera {
     pub(super) fn new(plugin: &PluginTable<'_>, film: &FilmTable) -> Result<Self, SceneErrors> {
-        let parallel = match &*plugin.name {
-            "perspective" => false,
-            "orthographic" => true,
+        let config: Config = decode(&plugin.table)?;
+        let kind = match &*plugin.name {
+            "perspective" => Kind::Perspective,
+            "orthographic" => Kind::Orthographic,
+            "environment" => Kind::Environment,
+            "thin_lens" => Kind::Lens(
+                config.focus_distance.unwrap_or(1.0),
+                lens(config.aperture.unwrap_or(0.0), config.lens_samples.unwrap_or(4)),
+            ),
             _ => return Err(unknown(plugin, "camera")),
         };
-        let config: Config = decode(&plugin.table)?;
-        if config.near.is_some_and(|near| near != 0.0) {
-            return Err(unknown_part(plugin, "near limits"));
-        }
+        let parallel = matches!(kind, Kind::Orthographic);
         let [origin, target, up] =
             [config.look_at.origin, config.look_at.target, config.look_at.up].map(DVec3::from_array);
         let w = (origin - target).normalize();
@@ -97,29 +113,76 @@ impl Camera {
             }
         });
         Ok(Self {
+            kind,
             origin,
             axes: [u, w.cross(u), w],
             window,
             size,
-            parallel,
+            near: config.near.unwrap_or(0.0),
+            spherical: config.near_kind.as_deref() == Some("spherical"),
         })
     }
 
-    /// Through raster coordinates.
-    pub(super) fn ray(&self, [x, y]: [f64; 2]) -> Ray {
+    /// Through raster coordinates: one, or one for each point of a lens.
+    pub(super) fn rays(&self, [x, y]: [f64; 2]) -> Vec<Ray> {
         let Window { l, r, b, t, d } = self.window;
         let [u, v, w] = self.axes;
         let across = u * (l + (r - l) * x / self.size[0]) + v * (t - (t - b) * y / self.size[1]);
-        if self.parallel {
-            Ray {
-                origin: self.origin + across,
-                direction: -w,
+        let begun = |origin: DVec3, direction: DVec3| Ray {
+            origin: origin + direction * self.start(direction),
+            direction,
+        };
+        match &self.kind {
+            Kind::Orthographic => vec![begun(self.origin + across, -w)],
+            Kind::Perspective => vec![begun(self.origin, (across - w * d).normalize())],
+            Kind::Environment => {
+                let phi = PI * (2.0 * x / self.size[0] - 1.0);
+                let theta = PI * (0.5 - y / self.size[1]);
+                let level = u * phi.sin() - w * phi.cos();
+                vec![Ray {
+                    origin: self.origin,
+                    direction: (level * theta.cos() + v * theta.sin()).normalize(),
+                }]
             }
-        } else {
-            Ray {
-                origin: self.origin,
-                direction: (across - w * d).normalize(),
+            Kind::Lens(focus, points) => {
+                let sharp = self.origin + (across - w * d) * (focus / d);
+                let through = points.iter().map(|[a, b]| {
+                    let origin = self.origin + u * *a + v * *b;
+                    Ray {
+                        origin,
+                        direction: (sharp - origin).normalize(),
+                    }
+                });
+                through.collect()
             }
         }
     }
+
+    /// How far along it a ray starts.
+    fn start(&self, direction: DVec3) -> f64 {
+        if self.near == 0.0 {
+            0.0
+        } else if self.spherical {
+            self.near
+        } else {
+            self.near / -direction.dot(self.axes[2])
+        }
+    }
+}
+
+/// Points of a disk, by the concentric map of Shirley and Chiu 1997.
+fn lens(aperture: f64, n: u32) -> Vec<[f64; 2]> {
+    let at = |k: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
+    let point = |index: u32| {
+        let (p, q) = (at(index % n), at(index / n));
+        let (s, phi) = if p == 0.0 && q == 0.0 {
+            (0.0, 0.0)
+        } else if p.abs() > q.abs() {
+            (p, FRAC_PI_4 * (q / p))
+        } else {
+            (q, FRAC_PI_2 - FRAC_PI_4 * (p / q))
+        };
+        [aperture * s * phi.cos(), aperture * s * phi.sin()]
+    };
+    (0..n * n).map(point).collect()
 }

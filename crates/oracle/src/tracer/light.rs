@@ -1,12 +1,13 @@
 //! Section 7.
 
+use super::texture::{Place, Texture};
 use super::unknown;
 use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
-use whitstone_core::config::{Color, decode};
+use whitstone_core::config::{Color, TextureRef, decode};
 use whitstone_core::steps::Steps;
-use whitstone_core::{DAffine3, DVec3, Rgb, SceneErrors};
-use whitstone_scene::PluginTable;
+use whitstone_core::{DAffine3, DVec2, DVec3, Rgb, SceneErrors};
+use whitstone_scene::Description;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -55,6 +56,14 @@ struct Area {
     samples: u32,
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Environment {
+    radiance: TextureRef,
+    #[serde(default)]
+    samples: u32,
+}
+
 fn four() -> u32 {
     4
 }
@@ -86,17 +95,19 @@ pub(super) struct Lights {
     pub(super) all: Vec<Light>,
     pub(super) ambient: Rgb,
     background: Rgb,
+    environments: Vec<Texture>,
 }
 
 impl Lights {
-    pub(super) fn new(plugins: &[PluginTable<'_>]) -> Result<Self, SceneErrors> {
+    pub(super) fn new(description: &Description<'_>) -> Result<Self, SceneErrors> {
         let mut lights = Self {
             all: Vec::new(),
             ambient: Rgb::splat(0.0),
             background: Rgb::splat(0.0),
+            environments: Vec::new(),
         };
         let by_square = |falloff: Option<String>| falloff.as_deref() != Some("none");
-        for plugin in plugins {
+        for plugin in &description.lights {
             match &*plugin.name {
                 "point" => {
                     let point: Point = decode(&plugin.table)?;
@@ -129,15 +140,45 @@ impl Lights {
                 "area" => lights.all.extend(area(&decode(&plugin.table)?)),
                 "ambient" => lights.ambient += decode::<Uniform>(&plugin.table)?.radiance.get(),
                 "background" => lights.background += decode::<Uniform>(&plugin.table)?.radiance.get(),
+                "environment" => {
+                    let config: Environment = decode(&plugin.table)?;
+                    let radiance = Texture::new(description, &config.radiance)?;
+                    lights.all.extend(around(&radiance, config.samples));
+                    lights.environments.push(radiance);
+                }
                 _ => return Err(unknown(plugin, "light")),
             }
         }
         Ok(lights)
     }
 
-    pub(super) fn background(&self) -> Rgb {
-        self.background
+    /// What a ray sees that hits nothing.
+    pub(super) fn background(&self, d: DVec3) -> Rgb {
+        let environments = self.environments.iter();
+        environments.fold(self.background, |sum, radiance| sum + seen(radiance, d))
     }
+}
+
+/// The radiance of an environment from a direction.
+fn seen(radiance: &Texture, d: DVec3) -> Rgb {
+    let uv = DVec2::new(0.5 + d.x.atan2(-d.z) / TAU, 0.5 + d.y.atan2(d.x.hypot(d.z)) / PI);
+    radiance.at(&Place { uv, p: d, n_s: d })
+}
+
+/// The lights that an environment is.
+fn around(radiance: &Texture, n: u32) -> impl Iterator<Item = Light> {
+    (0..2 * n * n).map(move |index| {
+        let (i, j) = (f64::from(index % (2 * n)), f64::from(index / (2 * n)));
+        let side = f64::from(n);
+        let y = 1.0 - 2.0 * (j + 0.5) / side;
+        let r = (1.0 - y * y).sqrt();
+        let (sin, cos) = (PI * (i + 0.5) / side).sin_cos();
+        let towards = DVec3::new(r * cos, y, r * sin);
+        Light::Far {
+            towards,
+            irradiance: seen(radiance, towards) * (TAU / (side * side)),
+        }
+    })
 }
 
 /// The lights that an area light is, one behind the other.

@@ -1,11 +1,12 @@
 //! Section 8.
 
-use super::texture::{Texture, table};
-use super::{unknown, unknown_part};
-use serde::Deserialize;
+mod read;
+
+use super::texture::{Place, Texture};
+use read::Source;
 use std::f64::consts::PI;
-use whitstone_core::config::{Color, PluginRef, TextureRef, decode};
-use whitstone_core::{DVec2, DVec3, Rgb, SceneError, SceneErrors};
+use whitstone_core::config::Color;
+use whitstone_core::{DVec3, Rgb, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
 
 /// What a ray travels in.
@@ -35,86 +36,6 @@ pub(super) struct Branch {
     pub(super) medium: Medium,
     /// Whether it goes to the other side.
     pub(super) transmitted: bool,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Matte {
-    reflectance: Option<TextureRef>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Gloss {
-    k_d: Option<TextureRef>,
-    k_s: Option<TextureRef>,
-    k_a: Option<TextureRef>,
-    exponent: Option<f64>,
-    k_refl: Option<TextureRef>,
-    k_refr: Option<TextureRef>,
-    interior_ior: Option<f64>,
-    exterior_ior: Option<f64>,
-    absorption: Option<Color>,
-    exterior_absorption: Option<Color>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Glass {
-    interior_ior: Option<f64>,
-    exterior_ior: Option<f64>,
-    absorption: Option<Color>,
-    exterior_absorption: Option<Color>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Pane {
-    interior_ior: Option<f64>,
-    exterior_ior: Option<f64>,
-    tint: Option<TextureRef>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Metal {
-    #[serde(rename = "metal")]
-    _metal: Option<String>,
-    eta: Option<Color>,
-    k: Option<Color>,
-    tint: Option<TextureRef>,
-}
-
-/// The id of a material, or one that is written in its place.
-struct MaterialRef(PluginRef);
-
-impl<'de> Deserialize<'de> for MaterialRef {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let text = String::deserialize(deserializer)?;
-        Ok(Self(text.as_str().into()))
-    }
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Emissive {
-    radiance: Option<TextureRef>,
-    material: Option<MaterialRef>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Mix {
-    a: MaterialRef,
-    b: MaterialRef,
-    weight: Option<TextureRef>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Sides {
-    front: MaterialRef,
-    back: MaterialRef,
 }
 
 /// Indices and absorption inside and outside.
@@ -162,148 +83,68 @@ enum Kind {
     Mix(Texture, [Box<Kind>; 2]),
     /// In front, and behind.
     Sides([Box<Kind>; 2]),
+    /// How much is not a hole.
+    Mask(Texture, Box<Kind>),
+    NormalMap(Texture, Tangent, Box<Kind>),
+    Bump {
+        height: Texture,
+        scale: f64,
+        step: f64,
+        inner: Box<Kind>,
+    },
+}
+
+/// Where the x of a normal map points.
+enum Tangent {
+    /// Along this, as far as it is in the surface.
+    Along(DVec3),
+    /// Around this.
+    Around(DVec3),
 }
 
 /// A material on a shape.
-pub(super) struct Material {
-    kind: Kind,
-    /// What texture coordinates of a sphere are relative to, in object space.
-    center: DVec3,
-}
-
-#[derive(Deserialize)]
-struct Centered {
-    #[serde(default)]
-    center: [f64; 3],
-}
-
-/// Where a material is looked for.
-struct Source<'a, 's> {
-    description: &'a Description<'s>,
-    /// The type of the shape.
-    on: &'a str,
-}
-
-impl Source<'_, '_> {
-    fn texture(&self, given: Option<TextureRef>, default: f64) -> Result<Texture, SceneErrors> {
-        let given = given.unwrap_or(TextureRef::grey(default));
-        Texture::new(self.description, &given, self.on)
-    }
-
-    fn boxed(&self, reference: &MaterialRef) -> Result<Box<Kind>, SceneErrors> {
-        self.kind(&reference.0).map(Box::new)
-    }
-
-    fn kind(&self, reference: &PluginRef) -> Result<Kind, SceneErrors> {
-        let plugin = table(self.description, &self.description.materials, reference);
-        let plugin = plugin.ok_or_else(|| SceneError::anywhere("no such material"))?;
-        Ok(match &*plugin.name {
-            "matte" => Kind::Matte(self.texture(decode::<Matte>(&plugin.table)?.reflectance, 0.5)?),
-            "mirror" => Kind::Mirror(self.texture(decode::<Matte>(&plugin.table)?.reflectance, 1.0)?),
-            "dielectric" => {
-                let glass: Glass = decode(&plugin.table)?;
-                Kind::Dielectric(Interface::new(
-                    [glass.interior_ior, glass.exterior_ior],
-                    [glass.absorption, glass.exterior_absorption],
-                ))
-            }
-            "thin_dielectric" => {
-                let pane: Pane = decode(&plugin.table)?;
-                let [interior, exterior] =
-                    [pane.interior_ior.unwrap_or(1.5), pane.exterior_ior.unwrap_or(1.0)];
-                Kind::Pane(interior / exterior, self.texture(pane.tint, 1.0)?)
-            }
-            "conductor" => {
-                let metal: Metal = decode(&plugin.table)?;
-                let (Some(eta), Some(k)) = (metal.eta, metal.k) else {
-                    return Err(unknown_part(plugin, "metals by their names"));
-                };
-                Kind::Metal {
-                    eta: eta.get(),
-                    k: k.get(),
-                    tint: self.texture(metal.tint, 1.0)?,
-                }
-            }
-            "emissive" => {
-                let emissive: Emissive = decode(&plugin.table)?;
-                let inner = emissive.material.as_ref().map(|inner| self.boxed(inner));
-                Kind::Emissive(self.texture(emissive.radiance, 1.0)?, inner.transpose()?)
-            }
-            "mix" => {
-                let mix: Mix = decode(&plugin.table)?;
-                let both = [self.boxed(&mix.a)?, self.boxed(&mix.b)?];
-                Kind::Mix(self.texture(mix.weight, 0.5)?, both)
-            }
-            "two_sided" => {
-                let sides: Sides = decode(&plugin.table)?;
-                Kind::Sides([self.boxed(&sides.front)?, self.boxed(&sides.back)?])
-            }
-            "phong" | "blinn_phong" | "whitted" => {
-                let whitted = plugin.name == "whitted";
-                let gloss: Gloss = decode(&plugin.table)?;
-                let default = if whitted { 0.0 } else { 0.5 };
-                let ambient = gloss.k_a.or_else(|| gloss.k_d.clone());
-                let interface = Interface::new(
-                    [gloss.interior_ior, gloss.exterior_ior],
-                    [gloss.absorption, gloss.exterior_absorption],
-                );
-                let branches = [self.texture(gloss.k_refl, 0.0)?, self.texture(gloss.k_refr, 0.0)?];
-                Kind::Gloss {
-                    k: Box::new([
-                        self.texture(gloss.k_d, default)?,
-                        self.texture(gloss.k_s, default)?,
-                        self.texture(ambient, default)?,
-                    ]),
-                    exponent: gloss.exponent.unwrap_or(32.0),
-                    highlight: match plugin.name == "blinn_phong" {
-                        true => Highlight::Blinn,
-                        false => Highlight::Phong,
-                    },
-                    branches: whitted.then(|| Box::new((branches, interface))),
-                }
-            }
-            _ => return Err(unknown(plugin, "material")),
-        })
-    }
-}
+pub(super) struct Material(Kind);
 
 impl Material {
     pub(super) fn of_shape(
         description: &Description<'_>,
         shape: &ShapeTable<'_>,
     ) -> Result<Self, SceneErrors> {
-        let source = Source {
-            description,
-            on: &shape.plugin.name,
-        };
-        let kind = match &shape.material {
+        Ok(Self(match &shape.material {
             None => Kind::Matte(Texture::Constant(Rgb::splat(0.5))),
-            Some((_, reference)) => source.kind(reference)?,
-        };
-        let center = match &*shape.plugin.name {
-            "sphere" => decode::<Centered>(&shape.plugin.table)
-                .map_err(|_| unknown_part(&shape.plugin, "this sphere"))?
-                .center
-                .into(),
-            _ => DVec3::ZERO,
-        };
-        Ok(Self { kind, center })
-    }
-
-    /// What texture coordinates are relative to.
-    pub(super) fn center(&self) -> DVec3 {
-        self.center
+            Some((_, reference)) => Source { description }.kind(reference)?,
+        }))
     }
 
     /// At a surface point, with the geometric normal and the direction to the viewer.
-    pub(super) fn at(&self, uv: DVec2, n_g: DVec3, viewer: DVec3) -> At<'_> {
-        At {
-            kind: &self.kind,
-            uv,
+    pub(super) fn at(&self, spot: Place, n_g: DVec3, viewer: DVec3) -> At<'_> {
+        let at = At {
+            kind: &self.0,
+            spot,
             n_g,
             viewer,
-            // Rule S has nothing to do: n_s is n_g.
-            n: if viewer.dot(n_g) >= 0.0 { n_g } else { -n_g },
+            n_s: n_g,
+            n: n_g,
+        };
+        // Rule S.
+        let same_side = viewer.dot(spot.n_s) * viewer.dot(n_g) >= 0.0;
+        at.facing(if same_side { spot.n_s } else { -spot.n_s })
+    }
+
+    /// Whether there is a mask in it.
+    pub(super) fn has_masks(&self) -> bool {
+        self.0.has_masks()
+    }
+}
+
+impl Kind {
+    fn has_masks(&self) -> bool {
+        match self {
+            Self::Mask(..) => true,
+            Self::Emissive(_, inner) => inner.as_ref().is_some_and(|inner| inner.has_masks()),
+            Self::NormalMap(_, _, inner) | Self::Bump { inner, .. } => inner.has_masks(),
+            Self::Mix(_, two) | Self::Sides(two) => two.iter().any(|one| one.has_masks()),
+            _ => false,
         }
     }
 }
@@ -311,9 +152,12 @@ impl Material {
 /// A material at a surface point.
 pub(super) struct At<'a> {
     kind: &'a Kind,
-    uv: DVec2,
+    spot: Place,
     n_g: DVec3,
     viewer: DVec3,
+    /// On the outside.
+    n_s: DVec3,
+    /// The same on the viewer's side.
     n: DVec3,
 }
 
@@ -323,13 +167,58 @@ impl At<'_> {
         self.n
     }
 
+    /// With another shading normal.
+    fn facing(self, n_s: DVec3) -> Self {
+        let outside = self.viewer.dot(self.n_g) >= 0.0;
+        Self {
+            n_s,
+            n: if outside { n_s } else { -n_s },
+            ..self
+        }
+    }
+
+    /// What a normal map or bumps make of it, where the new normal is on the viewer's side.
+    fn bent(&self) -> Option<At<'_>> {
+        let n_s = self.n_s;
+        let (inner, bent) = match self.kind {
+            Kind::NormalMap(map, tangent, inner) => {
+                let t = match tangent {
+                    Tangent::Along(x) => *x - x.dot(n_s) * n_s,
+                    Tangent::Around(axis) => axis.cross(n_s),
+                };
+                let [r, g, b] = map.at(&self.spot).to_array().map(|c| 2.0 * c - 1.0);
+                let bent = t.try_normalize().map(|t| r * t + g * n_s.cross(t) + b * n_s);
+                (inner, bent)
+            }
+            Kind::Bump {
+                height,
+                scale,
+                step,
+                inner,
+            } => {
+                let h = |offset: DVec3| {
+                    let p = self.spot.p + offset;
+                    scale * height.at(&Place { p, ..self.spot }).to_array()[0]
+                };
+                let slope = |axis: DVec3| (h(*step * axis) - h(-*step * axis)) / (2.0 * step);
+                let g = DVec3::from_array(DVec3::AXES.map(slope));
+                (inner, Some(n_s - (g - g.dot(n_s) * n_s)))
+            }
+            _ => return None,
+        };
+        let bent = bent.and_then(DVec3::try_normalize);
+        let seen = bent.filter(|n| self.viewer.dot(*n) * self.viewer.dot(self.n_g) > 0.0);
+        Some(self.with(inner).facing(seen.unwrap_or(n_s)))
+    }
+
     /// The same place with another material.
     fn with<'b>(&self, kind: &'b Kind) -> At<'b> {
         At {
             kind,
-            uv: self.uv,
+            spot: self.spot,
             n_g: self.n_g,
             viewer: self.viewer,
+            n_s: self.n_s,
             n: self.n,
         }
     }
@@ -344,10 +233,11 @@ impl At<'_> {
         Some(match self.kind {
             Kind::Sides(sides) => of(&self.side(sides)),
             Kind::Mix(weight, [a, b]) => {
-                let w = weight.at(self.uv);
+                let w = weight.at(&self.spot);
                 w.map(|w| 1.0 - w) * of(&self.with(a)) + w * of(&self.with(b))
             }
-            _ => return None,
+            Kind::Mask(opacity, inner) => opacity.at(&self.spot) * of(&self.with(inner)),
+            _ => of(&self.bent()?),
         })
     }
 
@@ -355,7 +245,7 @@ impl At<'_> {
         match self.kind {
             Kind::Emissive(radiance, inner) => {
                 let more = inner.as_ref().map(|inner| self.with(inner).emission());
-                radiance.at(self.uv) + more.unwrap_or(Rgb::splat(0.0))
+                radiance.at(&self.spot) + more.unwrap_or(Rgb::splat(0.0))
             }
             _ => self.blended(&|at| at.emission()).unwrap_or(Rgb::splat(0.0)),
         }
@@ -363,8 +253,8 @@ impl At<'_> {
 
     pub(super) fn ambient(&self, radiance: Rgb) -> Rgb {
         match self.kind {
-            Kind::Matte(reflectance) => reflectance.at(self.uv) * radiance,
-            Kind::Gloss { k, .. } => k[2].at(self.uv) * radiance,
+            Kind::Matte(reflectance) => reflectance.at(&self.spot) * radiance,
+            Kind::Gloss { k, .. } => k[2].at(&self.spot) * radiance,
             Kind::Emissive(_, Some(inner)) => self.with(inner).ambient(radiance),
             _ => {
                 let blended = self.blended(&|at| at.ambient(radiance));
@@ -377,7 +267,7 @@ impl At<'_> {
     pub(super) fn answer(&self, l: DVec3) -> Rgb {
         let cosine = self.n.dot(l).max(0.0);
         match self.kind {
-            Kind::Matte(reflectance) => reflectance.at(self.uv) * (cosine / PI),
+            Kind::Matte(reflectance) => reflectance.at(&self.spot) * (cosine / PI),
             Kind::Gloss {
                 k,
                 exponent,
@@ -391,7 +281,7 @@ impl At<'_> {
                         None => 0.0,
                     },
                 };
-                k[0].at(self.uv) * cosine + k[1].at(self.uv) * base.max(0.0).powf(*exponent)
+                k[0].at(&self.spot) * cosine + k[1].at(&self.spot) * base.max(0.0).powf(*exponent)
             }
             Kind::Emissive(_, Some(inner)) => self.with(inner).answer(l),
             _ => {
@@ -423,24 +313,33 @@ impl At<'_> {
         };
         match self.kind {
             Kind::Matte(_) | Kind::Gloss { branches: None, .. } | Kind::Emissive(_, None) => Vec::new(),
-            Kind::Mirror(reflectance) => vec![reflected(reflectance.at(self.uv))],
+            Kind::Mirror(reflectance) => vec![reflected(reflectance.at(&self.spot))],
             Kind::Metal { eta, k, tint } => {
                 let c = self.n.dot(self.viewer);
                 let [eta, k] = [eta.to_array(), k.to_array()];
                 let r: [f64; 3] = std::array::from_fn(|channel| metal(eta[channel], k[channel], c));
-                vec![reflected(tint.at(self.uv) * Rgb::from(r))]
+                vec![reflected(tint.at(&self.spot) * Rgb::from(r))]
             }
             Kind::Pane(eta, tint) => {
                 let r = reflectance(self.n.dot(self.viewer), *eta);
                 vec![
                     reflected(Rgb::splat(2.0 * r / (1.0 + r))),
-                    straight(tint.at(self.uv) * ((1.0 - r) / (1.0 + r))),
+                    straight(tint.at(&self.spot) * ((1.0 - r) / (1.0 + r))),
                 ]
             }
             Kind::Emissive(_, Some(inner)) => self.with(inner).branches(medium),
             Kind::Sides(sides) => self.side(sides).branches(medium),
+            Kind::NormalMap(..) | Kind::Bump { .. } => {
+                self.bent().map_or_else(Vec::new, |bent| bent.branches(medium))
+            }
+            Kind::Mask(opacity, inner) => {
+                let o = opacity.at(&self.spot);
+                let mut all: Vec<Branch> = scaled(self.with(inner).branches(medium), o).collect();
+                all.push(straight(o.map(|o| 1.0 - o)));
+                all
+            }
             Kind::Mix(weight, [a, b]) => {
-                let w = weight.at(self.uv);
+                let w = weight.at(&self.spot);
                 let mut all: Vec<Branch> =
                     scaled(self.with(a).branches(medium), w.map(|w| 1.0 - w)).collect();
                 for branch in scaled(self.with(b).branches(medium), w) {
@@ -465,7 +364,7 @@ impl At<'_> {
                 ..
             } => {
                 let ([k_refl, k_refr], interface) = &**branches;
-                let [refl, refr] = [k_refl.at(self.uv), k_refr.at(self.uv)];
+                let [refl, refr] = [k_refl.at(&self.spot), k_refr.at(&self.spot)];
                 match self.refracted(interface) {
                     None => vec![reflected(refl + refr)],
                     Some((mut branch, _, _)) => {
@@ -474,6 +373,51 @@ impl At<'_> {
                     }
                 }
             }
+        }
+    }
+
+    /// Of light that goes straight on from the viewer's side: what is left of it, and the medium behind where that is another one.
+    /// Without `filtered` only the holes of masks let it through. Section 7.
+    pub(super) fn filter(&self, filtered: bool) -> (Rgb, Option<Medium>) {
+        let nothing = (Rgb::splat(0.0), None);
+        let inside = self.viewer.dot(self.n_g) > 0.0;
+        let behind = |interface: &Interface| Some(interface.media[usize::from(!inside)]);
+        match self.kind {
+            Kind::Emissive(_, Some(inner)) => self.with(inner).filter(filtered),
+            Kind::Sides(sides) => self.side(sides).filter(filtered),
+            Kind::Mask(opacity, inner) => {
+                let o = opacity.at(&self.spot);
+                let (left, medium) = self.with(inner).filter(filtered);
+                (o.map(|o| 1.0 - o) + o * left, medium)
+            }
+            Kind::Mix(weight, [a, b]) => {
+                let w = weight.at(&self.spot);
+                let (a, b) = (self.with(a).filter(filtered), self.with(b).filter(filtered));
+                (w.map(|w| 1.0 - w) * a.0 + w * b.0, a.1.or(b.1))
+            }
+            Kind::NormalMap(..) | Kind::Bump { .. } => {
+                self.bent().map_or(nothing, |bent| bent.filter(filtered))
+            }
+            Kind::Dielectric(interface) if filtered => {
+                let [a, b] = interface.ior;
+                let r = reflectance(self.n.dot(self.viewer).abs(), a.max(b) / a.min(b));
+                (Rgb::splat(1.0 - r), behind(interface))
+            }
+            Kind::Pane(eta, tint) if filtered => {
+                let r = reflectance(self.n.dot(self.viewer), *eta);
+                (tint.at(&self.spot) * ((1.0 - r) / (1.0 + r)), None)
+            }
+            Kind::Gloss {
+                branches: Some(branches),
+                ..
+            } if filtered => {
+                let ([_, k_refr], interface) = &**branches;
+                match k_refr.is_black() {
+                    true => nothing,
+                    false => (k_refr.at(&self.spot), behind(interface)),
+                }
+            }
+            _ => nothing,
         }
     }
 

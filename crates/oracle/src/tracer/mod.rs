@@ -13,13 +13,17 @@
 mod camera;
 mod light;
 mod material;
+mod noise;
+mod pattern;
+mod place;
 mod sampler;
 mod scene;
+mod synthesized;
 mod texture;
 
 use camera::Camera;
 use light::Lights;
-use material::{Branch, Medium};
+use material::{At, Branch, Medium};
 use sampler::Sampler;
 use scene::{Hit, Scene};
 use serde::Deserialize;
@@ -69,6 +73,8 @@ pub struct Tracer {
     lights: Lights,
     rules: Rules,
     sampler: Sampler,
+    /// Of the image, in pixels.
+    size: [u32; 2],
 }
 
 /// `[integrator]`.
@@ -76,8 +82,17 @@ struct Rules {
     max_depth: u32,
     min_contribution: f64,
     black_at_max_depth: bool,
-    shadows: bool,
+    shadows: Shadows,
     branches: bool,
+    /// Whether colours are those of the corners of triangles.
+    at_corners: bool,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Shadows {
+    None,
+    Opaque,
+    Filtered,
 }
 
 #[derive(Deserialize)]
@@ -87,10 +102,9 @@ struct Whitted {
     max_depth: u32,
     #[serde(default)]
     min_contribution: f64,
-    #[serde(default)]
     at_max_depth: Option<String>,
-    #[serde(default)]
     shadows: Option<String>,
+    interpolation: Option<String>,
 }
 
 fn six() -> u32 {
@@ -99,7 +113,7 @@ fn six() -> u32 {
 
 impl Rules {
     fn new(plugin: &PluginTable<'_>) -> Result<Self, SceneErrors> {
-        if !["whitted", "appel"].contains(&&*plugin.name) {
+        if !["whitted", "appel", "rasterizer"].contains(&&*plugin.name) {
             return Err(unknown(plugin, "integrator"));
         }
         let Whitted {
@@ -107,11 +121,12 @@ impl Rules {
             min_contribution,
             at_max_depth,
             shadows,
+            interpolation,
         } = decode(&plugin.table)?;
         let shadows = match shadows.as_deref() {
-            None | Some("opaque") => true,
-            Some("none") => false,
-            Some(_) => return Err(unknown_part(plugin, "filtered shadows")),
+            Some("none") => Shadows::None,
+            Some("filtered") => Shadows::Filtered,
+            _ => Shadows::Opaque,
         };
         Ok(Self {
             max_depth,
@@ -119,6 +134,7 @@ impl Rules {
             black_at_max_depth: at_max_depth.as_deref() == Some("black"),
             shadows,
             branches: plugin.name == "whitted",
+            at_corners: interpolation.as_deref() == Some("gouraud"),
         })
     }
 }
@@ -165,6 +181,11 @@ impl Jitter {
     }
 }
 
+/// Less light than this part of it counts as none.
+const LEAST_LIGHT: f64 = 0.002;
+/// So many surfaces hide a light, whatever they are.
+const MOST_FILTERS: usize = 1000;
+
 /// What a tree is followed with.
 struct Walk {
     jitter: Jitter,
@@ -190,9 +211,10 @@ impl Tracer {
         Ok(Self {
             scene: Scene::new(description)?,
             camera: Camera::new(&description.camera, &description.film)?,
-            lights: Lights::new(&description.lights)?,
+            lights: Lights::new(description)?,
             rules: Rules::new(&description.integrator)?,
             sampler: Sampler::new(&description.sampler)?,
+            size: [description.film.size.width, description.film.size.height],
         })
     }
 
@@ -219,29 +241,74 @@ impl Tracer {
         }
     }
 
-    fn once(&self, [x, y]: [u32; 2], seed: Option<u64>) -> Result<Rgb, Unsure> {
+    fn once(&self, pixel: [u32; 2], seed: Option<u64>) -> Result<Rgb, Unsure> {
         let mut walk = Walk {
             jitter: Jitter(seed),
             rays: 0,
         };
-        let mut sum = Rgb::splat(0.0);
-        let positions = self.sampler.positions([x, y]);
-        for position in &positions {
-            let place = [f64::from(x) + position[0], f64::from(y) + position[1]];
-            let ray = self.camera.ray(place);
-            let arriving = Arriving {
-                ray: Ray {
-                    direction: walk.jitter.direction(ray.direction),
-                    ..ray
-                },
-                from: None,
-                throughput: Rgb::splat(1.0),
-                medium: Medium::default(),
-                depth: 0,
-            };
-            sum += self.radiance(&arriving, &mut walk)?;
+        let positions = self.sampler.positions(pixel);
+        let mut values = Vec::new();
+        if let Sampler::Adaptive { first, threshold, .. } = self.sampler {
+            let mut around = 0.0_f64;
+            for other in self.neighbours(pixel) {
+                let mut there = Vec::new();
+                let positions = self.sampler.positions(other);
+                self.samples(other, &positions[..first], &mut there, &mut walk)?;
+                around = around.max(range(&there));
+                walk.rays = 0;
+            }
+            let (mut taken, mut next) = (0, first);
+            while next > taken {
+                self.samples(pixel, &positions[taken..next], &mut values, &mut walk)?;
+                taken = next;
+                let n = values.len() as f64;
+                let doubt = (0.3 * range(&values) / n.powf(0.75)).max(0.15 * around / n);
+                if doubt > threshold {
+                    next = (2 * taken).min(positions.len());
+                }
+            }
+        } else {
+            self.samples(pixel, &positions, &mut values, &mut walk)?;
         }
-        Ok(sum * (1.0 / positions.len() as f64))
+        let sum = values.iter().fold(Rgb::splat(0.0), |sum, value| sum + *value);
+        Ok(sum * (1.0 / values.len() as f64))
+    }
+
+    /// The up to eight pixels around one.
+    fn neighbours(&self, [x, y]: [u32; 2]) -> impl Iterator<Item = [u32; 2]> {
+        let [width, height] = self.size;
+        let places = (0..9).filter(|k| *k != 4).map(move |k| (x + k % 3, y + k / 3));
+        // Moved by one, so that none is negative.
+        places
+            .filter(move |(x, y)| *x >= 1 && *y >= 1 && *x <= width && *y <= height)
+            .map(|(x, y)| [x - 1, y - 1])
+    }
+
+    /// Radiances at positions in a pixel, through every point of a lens.
+    fn samples(
+        &self,
+        [x, y]: [u32; 2],
+        positions: &[[f64; 2]],
+        values: &mut Vec<Rgb>,
+        walk: &mut Walk,
+    ) -> Result<(), Unsure> {
+        for position in positions {
+            let place = [f64::from(x) + position[0], f64::from(y) + position[1]];
+            for ray in self.camera.rays(place) {
+                let arriving = Arriving {
+                    ray: Ray {
+                        direction: walk.jitter.direction(ray.direction),
+                        ..ray
+                    },
+                    from: None,
+                    throughput: Rgb::splat(1.0),
+                    medium: Medium::default(),
+                    depth: 0,
+                };
+                values.push(self.radiance(&arriving, walk)?);
+            }
+        }
+        Ok(())
     }
 
     /// Section 6.
@@ -251,30 +318,58 @@ impl Tracer {
             return Err(Unsure::Long);
         }
         let Some(hit) = self.scene.nearest(&arriving.ray, arriving.from, f64::INFINITY)? else {
-            return Ok(self.lights.background() * arriving.medium.endless());
+            return Ok(self.lights.background(arriving.ray.direction) * arriving.medium.endless());
         };
         let transmittance = arriving.medium.over(hit.t);
         let throughput = arriving.throughput * transmittance;
         let point = walk.jitter.point(hit.point);
         let viewer = -arriving.ray.direction;
-        let material = self.scene.material(&hit, viewer);
-        let mut sum = material.emission() + material.ambient(self.lights.ambient);
-        for light in &self.lights.all {
-            let Some((l, distance, e)) = light.at(point) else {
-                continue;
-            };
-            // Rule G, and the side that is lit.
-            let counts = hit.normal.dot(l) * hit.normal.dot(viewer) > 0.0 && material.n().dot(l) > 0.0;
-            if counts && !self.hidden(&hit, point, l, distance)? {
-                sum += material.answer(l) * e;
-            }
+        if self.rules.at_corners {
+            return self.at_corners(&hit, &arriving.ray);
         }
+        let material = self.scene.material(&hit, viewer);
+        let shadow = |l, distance| self.unhidden(&hit, point, l, distance, arriving.medium);
+        let mut sum = self.local(&material, hit.normal, point, viewer, &shadow)?;
         if self.rules.branches {
             for branch in material.branches(arriving.medium) {
                 sum += self.branch(&branch, &hit, point, viewer, throughput, arriving.depth, walk)?;
             }
         }
         Ok(sum * transmittance)
+    }
+
+    /// Section 8: what a surface gives off and reflects of the lights; `shadow` says what reaches it of a light.
+    fn local(
+        &self,
+        material: &At<'_>,
+        n_g: DVec3,
+        point: DVec3,
+        viewer: DVec3,
+        shadow: &dyn Fn(DVec3, f64) -> Result<Rgb, Unsure>,
+    ) -> Result<Rgb, Unsure> {
+        let mut sum = material.emission() + material.ambient(self.lights.ambient);
+        for light in &self.lights.all {
+            let Some((l, distance, e)) = light.at(point) else {
+                continue;
+            };
+            // Rule G, and the side that is lit.
+            let counts = n_g.dot(l) * n_g.dot(viewer) > 0.0 && material.n().dot(l) > 0.0;
+            if counts {
+                sum += material.answer(l) * e * shadow(l, distance)?;
+            }
+        }
+        Ok(sum)
+    }
+
+    /// Gouraud's shading, of section 6.
+    fn at_corners(&self, hit: &Hit, ray: &Ray) -> Result<Rgb, Unsure> {
+        let mut sum = Rgb::splat(0.0);
+        for (weight, p, material) in self.scene.corners(hit, ray.origin) {
+            let viewer = (ray.origin - p).normalize();
+            let lit = |_, _| Ok(Rgb::splat(1.0));
+            sum += self.local(&material, hit.normal, p, viewer, &lit)? * weight;
+        }
+        Ok(sum)
     }
 
     #[expect(clippy::too_many_arguments, reason = "what a branch of a tree hangs on")]
@@ -303,7 +398,7 @@ impl Tracer {
         if depth >= self.rules.max_depth {
             return Ok(match self.rules.black_at_max_depth {
                 true => Rgb::splat(0.0),
-                false => branch.weight * self.lights.background() * branch.medium.endless(),
+                false => branch.weight * self.lights.background(branch.direction) * branch.medium.endless(),
             });
         }
         let arriving = Arriving {
@@ -319,11 +414,21 @@ impl Tracer {
         Ok(branch.weight * self.radiance(&arriving, walk)?)
     }
 
-    /// Whether a surface lies strictly between a point and a light.
-    fn hidden(&self, hit: &Hit, point: DVec3, l: DVec3, distance: f64) -> Result<bool, Unsure> {
-        if !self.rules.shadows {
-            return Ok(false);
-        }
+    /// What surfaces strictly between a point and a light leave of the light.
+    fn unhidden(
+        &self,
+        hit: &Hit,
+        point: DVec3,
+        l: DVec3,
+        distance: f64,
+        medium: Medium,
+    ) -> Result<Rgb, Unsure> {
+        let all = Rgb::splat(1.0);
+        let filtered = match self.rules.shadows {
+            Shadows::None => return Ok(all),
+            Shadows::Opaque => false,
+            Shadows::Filtered => true,
+        };
         let ray = Ray {
             origin: point,
             direction: l,
@@ -336,8 +441,45 @@ impl Tracer {
             distance
         };
         let from = Some((hit.shape, hit.primitive));
-        Ok(self.scene.nearest(&ray, from, end)?.is_some())
+        if !filtered && !self.scene.has_masks {
+            let is_hidden = self.scene.nearest(&ray, from, end)?.is_some();
+            return Ok(if is_hidden { Rgb::splat(0.0) } else { all });
+        }
+        let mut left = all;
+        let (mut medium, mut passed) = (medium, 0.0);
+        let hits = self.scene.all(&ray, from, end)?;
+        for (number, hit) in hits.iter().enumerate() {
+            let (filter, behind) = self.scene.material(hit, -l).filter(filtered);
+            if filtered {
+                left *= medium.over(hit.t - passed);
+            }
+            left *= filter;
+            if left.max_component() < LEAST_LIGHT || number + 1 >= MOST_FILTERS {
+                return Ok(Rgb::splat(0.0));
+            }
+            passed = hit.t;
+            medium = behind.unwrap_or(medium);
+        }
+        if filtered {
+            left *= match distance.is_finite() {
+                true => medium.over(distance - passed),
+                false => medium.endless(),
+            };
+        }
+        Ok(left)
     }
+}
+
+/// The largest minus the smallest value, of the channel where that is largest.
+fn range(values: &[Rgb]) -> f64 {
+    let of = |channel: usize| {
+        let all = values.iter().map(|value| value.to_array()[channel]);
+        let [low, high] = all.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
+            [low.min(value), high.max(value)]
+        });
+        high - low
+    };
+    (0..3).map(of).fold(0.0, f64::max)
 }
 
 impl Unsure {

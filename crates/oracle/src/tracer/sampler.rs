@@ -15,6 +15,23 @@ pub(super) enum Sampler {
     Stratified { n: u32, seed: u32 },
     /// Points of Sobol's sequence.
     Sobol { samples: u32, seed: u32 },
+    /// The first of these, and as many more as it takes.
+    Adaptive {
+        samples: u32,
+        seed: u32,
+        first: usize,
+        threshold: f64,
+    },
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Adaptive {
+    samples: Option<u32>,
+    first: Option<u32>,
+    threshold: Option<f64>,
+    #[serde(default)]
+    seed: u32,
 }
 
 #[derive(Deserialize)]
@@ -60,6 +77,16 @@ impl Sampler {
                 let Sobol { samples, seed } = decode(&plugin.table)?;
                 Self::Sobol { samples, seed }
             }
+            "adaptive" => {
+                let config: Adaptive = decode(&plugin.table)?;
+                let samples = config.samples.unwrap_or(256);
+                Self::Adaptive {
+                    samples,
+                    seed: config.seed,
+                    first: config.first.unwrap_or(samples.min(8)) as usize,
+                    threshold: config.threshold.unwrap_or(0.01),
+                }
+            }
             _ => return Err(unknown(plugin, "sampler")),
         })
     }
@@ -79,7 +106,7 @@ impl Sampler {
                 };
                 (0..n * n).map(place).collect()
             }
-            Self::Sobol { samples, seed } => {
+            Self::Sobol { samples, seed } | Self::Adaptive { samples, seed, .. } => {
                 let p = pixel(seed);
                 let place = |s: u32| {
                     let x = s.reverse_bits();

@@ -1,31 +1,40 @@
 //! The shapes of a scene with their materials, and what a ray meets first of them.
 
 use super::material::{At, Material};
-use super::texture::uv_of;
+use super::place::{Coordinates, Corner};
+use super::texture::Place;
 use super::{Unsure, unknown_part};
-use crate::interval::Undecided;
+use crate::interval::{Decided, Undecided};
+use crate::root::Root;
+use crate::shapes::instance::Config as Copies;
 use crate::shapes::{self, Placed, Surface};
 use crate::vector::Line;
 use crate::{FIRST_BITS, MOST_BITS};
 use serde::Deserialize;
 use std::cmp::Ordering;
 use whitstone_core::config::decode;
-use whitstone_core::{DAffine3, DVec3, Ray, SceneErrors};
+use whitstone_core::{DAffine3, DMat3, DVec3, Ray, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
 
 /// Of a surface that a ray leaves, a root this near to its start is that surface itself, as a part of the coordinates.
 const LEFT: f64 = 1e-11;
 
+/// A shape at one of the places where it stands.
 struct Part {
     placed: Placed,
-    object_from_world: DAffine3,
-    kind: String,
+    /// From the space of the shape to that of its group, and on to the world.
+    maps: Vec<DAffine3>,
+    /// Of normals, for each of the maps.
+    normals: Vec<DMat3>,
+    coordinates: Coordinates,
     material: Material,
 }
 
 /// All shapes.
 pub(super) struct Scene {
     parts: Vec<Part>,
+    /// Whether one has holes that light goes through.
+    pub(super) has_masks: bool,
 }
 
 /// The first surface on a ray.
@@ -37,63 +46,42 @@ pub(super) struct Hit {
     pub(super) point: DVec3,
     /// The geometric normal, of unit length.
     pub(super) normal: DVec3,
+    parameters: Option<[f64; 2]>,
 }
 
 /// Quads of a heightfield that it tries for every ray.
 const MOST_QUADS: u64 = 1 << 16;
 
-/// Keys that say what of a shape the tracer does not know.
+/// Copies of shapes that it tries for every ray.
+const MOST_PARTS: usize = 4096;
+
+/// How fine a heightfield is.
 #[derive(Deserialize)]
-struct Keys {
-    normals: Option<serde::de::IgnoredAny>,
-    shading: Option<String>,
+struct Grid {
     columns: Option<u64>,
     rows: Option<u64>,
 }
 
-/// The tracer knows shapes whose shading normal is the geometric one.
-fn check_normals(shape: &ShapeTable<'_>) -> Result<(), SceneErrors> {
+/// Which shapes it has no patience for.
+fn check(shape: &ShapeTable<'_>) -> Result<(), SceneErrors> {
     let plugin = &shape.plugin;
-    match &*plugin.name {
-        "triangle" | "mesh" | "heightfield" => {
-            let Keys {
-                normals,
-                shading,
-                columns,
-                rows,
-            } = decode(&plugin.table)?;
-            if columns.unwrap_or(64).saturating_mul(rows.unwrap_or(64)) > MOST_QUADS {
-                return Err(unknown_part(plugin, "so large a heightfield"));
-            }
-            let flat = plugin.name != "mesh" || shading.as_deref() == Some("flat");
-            match normals.is_none() && flat {
-                true => Ok(()),
-                false => Err(unknown_part(plugin, "interpolated normals")),
-            }
+    if plugin.name == "heightfield" {
+        let Grid { columns, rows } = decode(&plugin.table)?;
+        if columns.unwrap_or(64).saturating_mul(rows.unwrap_or(64)) > MOST_QUADS {
+            return Err(unknown_part(plugin, "so large a heightfield"));
         }
-        // Of their materials and of the normals of patches it is not told which.
-        "instance" | "patch" => Err(unknown_part(plugin, &format!("pictures of \"{}\"", plugin.name))),
-        _ => Ok(()),
     }
+    Ok(())
 }
 
 impl Scene {
     pub(super) fn new(description: &Description<'_>) -> Result<Self, SceneErrors> {
-        let part = |shape: &ShapeTable<'_>| {
-            check_normals(shape)?;
-            let map = *shape.transform.world_from_object();
-            Ok(Part {
-                placed: Placed {
-                    surface: shapes::surface(description, &shape.plugin)?,
-                    map,
-                },
-                object_from_world: map.inverse(),
-                material: Material::of_shape(description, shape)?,
-                kind: shape.plugin.name.clone(),
-            })
-        };
-        let parts: Result<Vec<Part>, SceneErrors> = description.shapes.iter().map(part).collect();
-        Ok(Self { parts: parts? })
+        let mut parts = Vec::new();
+        for shape in &description.shapes {
+            place(description, shape, &[], &mut parts)?;
+        }
+        let has_masks = parts.iter().any(|part| part.material.has_masks());
+        Ok(Self { parts, has_masks })
     }
 
     /// The nearest hit with 0 < t < end; `from` is the primitive that the ray starts on.
@@ -113,20 +101,32 @@ impl Scene {
         }
     }
 
-    fn attempt(
+    /// All places where a ray meets surfaces, from the nearest to the farthest, as [`Self::nearest`].
+    pub(super) fn all(&self, ray: &Ray, from: Option<(usize, u32)>, end: f64) -> Result<Vec<Hit>, Unsure> {
+        let mut bits = FIRST_BITS;
+        loop {
+            match self.attempt_all(ray, from, end, bits) {
+                Ok(hits) => return Ok(hits),
+                Err(Undecided) if bits >= MOST_BITS => return Err(Unsure::Touch),
+                Err(Undecided) => bits *= 2,
+            }
+        }
+    }
+
+    /// What the ray meets, in no order, with the number of the part.
+    fn ahead(
         &self,
+        line: &Line,
         ray: &Ray,
         from: Option<(usize, u32)>,
         end: f64,
-        bits: usize,
-    ) -> Result<Option<Hit>, Undecided> {
-        let line = Line::of(ray, bits);
+    ) -> Decided<Vec<(usize, Root)>> {
         let zero = line.number(0.0);
         let last = end.is_finite().then(|| line.number(end));
         let near = LEFT * (1.0 + ray.origin.abs().max_element());
-        let mut first: Option<(usize, crate::Root)> = None;
+        let mut found = Vec::new();
         for (number, part) in self.parts.iter().enumerate() {
-            for root in part.placed.meet(&line)?.all {
+            for root in part.placed.meet(line)?.all {
                 let left = from == Some((number, root.primitive)) && root.t.nearest().abs() <= near;
                 if left || root.t.compare(&zero)? != Ordering::Greater {
                     continue;
@@ -136,40 +136,156 @@ impl Scene {
                 {
                     continue;
                 }
-                let nearer = match &first {
-                    None => true,
-                    // Two primitives of a shape meet at their edges: the place is one, and so is the shape.
-                    Some((shape, other)) => match root.t.compare(&other.t) {
-                        Ok(order) => order == Ordering::Less,
-                        Err(Undecided) if *shape == number && bits >= MOST_BITS => false,
-                        Err(Undecided) => return Err(Undecided),
-                    },
-                };
-                if nearer {
-                    first = Some((number, root));
-                }
+                found.push((number, root));
             }
         }
-        let Some((shape, root)) = first else {
-            return Ok(None);
-        };
-        if !root.t.is_narrow() {
-            return Err(Undecided);
+        Ok(found)
+    }
+
+    fn attempt(&self, ray: &Ray, from: Option<(usize, u32)>, end: f64, bits: usize) -> Decided<Option<Hit>> {
+        let line = Line::of(ray, bits);
+        let mut first: Option<(usize, Root)> = None;
+        for (number, root) in self.ahead(&line, ray, from, end)? {
+            let nearer = match &first {
+                None => true,
+                Some(first) => order(&root, number, first, bits)? == Ordering::Less,
+            };
+            if nearer {
+                first = Some((number, root));
+            }
         }
-        Ok(Some(Hit {
-            shape,
-            primitive: root.primitive,
-            t: root.t.nearest(),
-            point: line.at(&root.t).nearest(),
-            normal: root.normal.normalize(),
-        }))
+        first.map(|(shape, root)| hit(shape, &root, &line)).transpose()
+    }
+
+    fn attempt_all(&self, ray: &Ray, from: Option<(usize, u32)>, end: f64, bits: usize) -> Decided<Vec<Hit>> {
+        let line = Line::of(ray, bits);
+        let mut sorted: Vec<(usize, Root)> = Vec::new();
+        'roots: for (number, root) in self.ahead(&line, ray, from, end)? {
+            for place in 0..sorted.len() {
+                match order(&root, number, &sorted[place], bits)? {
+                    Ordering::Less => {
+                        sorted.insert(place, (number, root));
+                        continue 'roots;
+                    }
+                    Ordering::Equal => continue 'roots,
+                    Ordering::Greater => {}
+                }
+            }
+            sorted.push((number, root));
+        }
+        sorted
+            .iter()
+            .map(|(shape, root)| hit(*shape, root, &line))
+            .collect()
     }
 
     /// The material of a hit, as the viewer sees it.
     pub(super) fn material(&self, hit: &Hit, viewer: DVec3) -> At<'_> {
         let part = &self.parts[hit.shape];
-        let object = part.object_from_world.transform_point3(hit.point);
-        let uv = uv_of(&part.kind, object - part.material.center(), hit.primitive);
-        part.material.at(uv, hit.normal, viewer)
+        let p = part.object(hit.point);
+        let interpolated = part.coordinates.normal(p, hit.primitive, &part.normals[0]);
+        let place = Place {
+            uv: part.coordinates.uv(p, hit.primitive, hit.parameters),
+            p: hit.point,
+            n_s: interpolated.map_or(hit.normal, |n| part.outwards(n)),
+        };
+        part.material.at(place, hit.normal, viewer)
     }
+
+    /// The corners of the triangle that was hit: how much of each is at the hit, where it is, and its material as seen from a
+    /// point; none of what is not made of triangles.
+    pub(super) fn corners(&self, hit: &Hit, eye: DVec3) -> Vec<(f64, DVec3, At<'_>)> {
+        let part = &self.parts[hit.shape];
+        let p = part.object(hit.point);
+        let corners = part.coordinates.corners(p, hit.primitive, &part.normals[0]);
+        let seen = |corner: Corner| {
+            let p = part.maps.iter().fold(corner.p, |p, map| map.transform_point3(p));
+            let place = Place {
+                uv: corner.uv,
+                p,
+                n_s: corner.normal.map_or(hit.normal, |n| part.outwards(n)),
+            };
+            let viewer = (eye - p).normalize();
+            (corner.weight, p, part.material.at(place, hit.normal, viewer))
+        };
+        corners.into_iter().map(seen).collect()
+    }
+}
+
+impl Part {
+    /// A point of the world in the space of the shape.
+    fn object(&self, p: DVec3) -> DVec3 {
+        let inwards = self.maps.iter().rev();
+        inwards.fold(p, |p, map| map.inverse().transform_point3(p))
+    }
+
+    /// An interpolated normal, of the space around the shape, in the world.
+    fn outwards(&self, n: DVec3) -> DVec3 {
+        let outer = self.normals[1..].iter();
+        outer.fold(n.normalize(), |n, map| (*map * n).normalize())
+    }
+}
+
+/// The parts that a shape is, with the maps around it, the innermost first.
+fn place(
+    description: &Description<'_>,
+    shape: &ShapeTable<'_>,
+    around: &[DAffine3],
+    parts: &mut Vec<Part>,
+) -> Result<(), SceneErrors> {
+    check(shape)?;
+    let own = *shape.transform.world_from_object();
+    let maps = [&[own], around].concat();
+    if shape.plugin.name == "instance" {
+        let copies: Copies = decode(&shape.plugin.table)?;
+        let group = description.groups.get(&copies.group.id);
+        for inner in group.into_iter().flat_map(|group| &group.shapes) {
+            place(description, inner, &maps, parts)?;
+        }
+        return Ok(());
+    }
+    if parts.len() >= MOST_PARTS {
+        return Err(unknown_part(&shape.plugin, "so many shapes"));
+    }
+    let coordinates = Coordinates::new(description, &shape.plugin)?;
+    let mut placed = Placed {
+        surface: shapes::surface(description, &shape.plugin)?,
+        map: own,
+    };
+    for map in around {
+        placed = Placed {
+            surface: Box::new(placed),
+            map: *map,
+        };
+    }
+    parts.push(Part {
+        placed,
+        normals: maps.iter().map(|map| map.matrix3.inverse().transpose()).collect(),
+        maps,
+        material: Material::of_shape(description, shape)?,
+        coordinates,
+    });
+    Ok(())
+}
+
+/// How a root lies to another one. Two primitives of a shape meet at their edges: the place is one, and so is the shape.
+fn order(root: &Root, number: usize, (shape, other): &(usize, Root), bits: usize) -> Decided<Ordering> {
+    match root.t.compare(&other.t) {
+        Err(Undecided) if *shape == number && bits >= MOST_BITS => Ok(Ordering::Equal),
+        order => order,
+    }
+}
+
+fn hit(shape: usize, root: &Root, line: &Line) -> Decided<Hit> {
+    if !root.t.is_narrow() {
+        return Err(Undecided);
+    }
+    Ok(Hit {
+        shape,
+        primitive: root.primitive,
+        t: root.t.nearest(),
+        point: line.at(&root.t).nearest(),
+        normal: root.normal.normalize(),
+        parameters: root.parameters,
+    })
 }

@@ -1,52 +1,133 @@
-//! Section 10, and the texture coordinates of section 9.
+//! Section 10: what a texture shows at a surface point, and where on it that is.
 
+use super::noise::{Noise, NoiseConfig, Worley, WorleyConfig};
+use super::pattern::{
+    Checker, CheckerConfig, Lines, LinesConfig, Picture, PictureConfig, Voxels, VoxelsConfig,
+};
+use super::synthesized::{SynthesizedConfig, synthesized};
 use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
 use whitstone_core::config::{Color, PluginRef, TextureRef, TextureValue, decode};
-use whitstone_core::{DVec2, DVec3, Rgb, SceneError, SceneErrors};
+use whitstone_core::steps::Steps;
+use whitstone_core::{DAffine3, DVec2, DVec3, Rgb, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
+
+/// A surface point, as textures see it.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    /// Those of the shape.
+    pub(super) uv: DVec2,
+    /// In world space.
+    pub(super) p: DVec3,
+    /// The shading normal; its sign does not matter.
+    pub(super) n_s: DVec3,
+}
 
 /// A colour parameter.
 pub(super) enum Texture {
     Constant(Rgb),
-    Checker {
-        a: Rgb,
-        b: Rgb,
-        scale: DVec2,
-        offset: DVec2,
-    },
+    Mapped(Mapping, Box<dyn Pattern>),
 }
 
-/// A number or two.
-#[derive(Clone, Copy, Deserialize)]
-#[serde(untagged)]
-enum Pair {
-    One(f64),
-    Two([f64; 2]),
-}
-
-impl Pair {
-    fn get(self) -> DVec2 {
-        match self {
-            Self::One(both) => DVec2::splat(both),
-            Self::Two(pair) => pair.into(),
-        }
-    }
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Checker {
-    a: Option<Color>,
-    b: Option<Color>,
-    scale: Option<Pair>,
-    offset: Option<Pair>,
+/// A function on texture space.
+pub(super) trait Pattern: Send + Sync {
+    fn at(&self, q: DVec3) -> Rgb;
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Constant {
     value: Color,
+}
+
+/// The key `mapping`.
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+pub(super) struct MappingConfig {
+    projection: Option<String>,
+    transform: Option<Steps>,
+    sharpness: Option<f64>,
+}
+
+#[derive(Clone, Copy)]
+enum Projection {
+    Uv,
+    Solid,
+    Planar,
+    Spherical,
+    Cylindrical,
+    Cube,
+    Triplanar(f64),
+}
+
+/// Where on a texture a surface point is.
+pub(super) struct Mapping {
+    projection: Projection,
+    map: DAffine3,
+}
+
+impl Mapping {
+    fn new(config: Option<MappingConfig>, usual: Projection) -> Self {
+        let config = config.unwrap_or_default();
+        Self {
+            projection: match config.projection.as_deref() {
+                Some("uv") => Projection::Uv,
+                Some("solid") => Projection::Solid,
+                Some("planar") => Projection::Planar,
+                Some("spherical") => Projection::Spherical,
+                Some("cylindrical") => Projection::Cylindrical,
+                Some("cube") => Projection::Cube,
+                Some("triplanar") => Projection::Triplanar(config.sharpness.unwrap_or(4.0)),
+                _ => usual,
+            },
+            map: config
+                .transform
+                .map_or(DAffine3::IDENTITY, |steps| *steps.get().world_from_object()),
+        }
+    }
+
+    fn look(&self, pattern: &dyn Pattern, spot: &Place) -> Rgb {
+        let q = match self.projection {
+            Projection::Uv => self.map.transform_point3(spot.uv.extend(0.0)),
+            _ => self.map.transform_point3(spot.p),
+        };
+        let turn = around(q.x, q.y) / TAU;
+        let face = |a: usize, m: f64| {
+            let [b, c] = [(a + 1) % 3, (a + 2) % 3].map(|k| 0.5 * (q[k] / m + 1.0));
+            DVec3::new(b, c, 0.0)
+        };
+        let at = match self.projection {
+            Projection::Uv | Projection::Solid => q,
+            Projection::Planar => DVec3::new(q.x, q.y, 0.0),
+            Projection::Spherical => {
+                let theta = q.x.hypot(q.y).atan2(q.z);
+                DVec3::new(turn, (PI - theta) / PI, 0.0)
+            }
+            Projection::Cylindrical => DVec3::new(turn, q.z, 0.0),
+            Projection::Cube => {
+                let m = q.abs().max_element();
+                let a = (0..3).find(|a| q[*a].abs() == m).unwrap_or(0);
+                face(a, m)
+            }
+            Projection::Triplanar(sharpness) => {
+                let n = (self.map.matrix3.inverse().transpose() * spot.n_s).abs();
+                let (mut sum, mut weights) = (Rgb::splat(0.0), 0.0);
+                for a in 0..3 {
+                    let w = (n[a] / n.max_element()).powf(sharpness);
+                    sum += pattern.at(DVec3::new(q[(a + 1) % 3], q[(a + 2) % 3], 0.0)) * w;
+                    weights += w;
+                }
+                return sum * (1.0 / weights);
+            }
+        };
+        pattern.at(at)
+    }
+}
+
+/// The angle from +x towards +y, in [0, 2pi).
+pub(super) fn around(x: f64, y: f64) -> f64 {
+    let phi = y.atan2(x);
+    if phi < 0.0 { phi + TAU } else { phi }
 }
 
 /// The table of a material or texture that is named or written where it is used.
@@ -62,12 +143,7 @@ pub(super) fn table<'a, 's>(
 }
 
 impl Texture {
-    /// `kind` is the shape that it lies on.
-    pub(super) fn new(
-        description: &Description<'_>,
-        reference: &TextureRef,
-        kind: &str,
-    ) -> Result<Self, SceneErrors> {
+    pub(super) fn new(description: &Description<'_>, reference: &TextureRef) -> Result<Self, SceneErrors> {
         let unknown = |what: String| {
             let span = reference.span.clone().unwrap_or_default();
             SceneErrors::from(SceneError::at(span, format!("the oracle does not know {what}")))
@@ -77,62 +153,61 @@ impl Texture {
             TextureValue::Plugin(plugin) => table(description, &description.textures, plugin),
         };
         let plugin = plugin.ok_or_else(|| unknown("this texture".to_owned()))?;
-        match &*plugin.name {
-            "constant" => Ok(Self::Constant(decode::<Constant>(&plugin.table)?.value.get())),
-            "checker" if has_uv(kind) => {
-                let Checker { a, b, scale, offset } =
-                    decode(&plugin.table).map_err(|_| unknown("where this texture lies".to_owned()))?;
-                Ok(Self::Checker {
-                    a: a.map_or(Rgb::splat(0.8), Color::get),
-                    b: b.map_or(Rgb::splat(0.2), Color::get),
-                    scale: scale.map_or(DVec2::ONE, Pair::get),
-                    offset: offset.map_or(DVec2::ZERO, Pair::get),
-                })
+        let keys = &plugin.table;
+        let (mapping, pattern): (Mapping, Box<dyn Pattern>) = match &*plugin.name {
+            "constant" => return Ok(Self::Constant(decode::<Constant>(keys)?.value.get())),
+            "checker" => {
+                let mut config: CheckerConfig = decode(keys)?;
+                let mapping = Mapping::new(config.mapping.take(), Projection::Uv);
+                (mapping, Box::new(Checker::new(&config)))
             }
-            "checker" => Err(unknown(format!("the texture coordinates of \"{kind}\""))),
-            other => Err(unknown(format!("the texture \"{other}\""))),
-        }
+            "grid_lines" => {
+                let mut config: LinesConfig = decode(keys)?;
+                let mapping = Mapping::new(config.mapping.take(), Projection::Uv);
+                (mapping, Box::new(Lines::new(&config)))
+            }
+            "image" => {
+                let mut config: PictureConfig = decode(keys)?;
+                let mapping = Mapping::new(config.mapping.take(), Projection::Uv);
+                let picture = Picture::new(&config, description.sources.base()).map_err(unknown)?;
+                (mapping, Box::new(picture))
+            }
+            "synthesized" => {
+                let mut config: SynthesizedConfig = decode(keys)?;
+                let mapping = Mapping::new(config.mapping.take(), Projection::Uv);
+                let picture = synthesized(&config, description.sources.base()).map_err(unknown)?;
+                (mapping, Box::new(picture))
+            }
+            "solid" => {
+                let mut config: VoxelsConfig = decode(keys)?;
+                let mapping = Mapping::new(config.mapping.take(), Projection::Solid);
+                let voxels = Voxels::new(config, description.sources.base()).map_err(unknown)?;
+                (mapping, Box::new(voxels))
+            }
+            "noise" => {
+                let mut config: NoiseConfig = decode(keys)?;
+                let mapping = Mapping::new(config.mapping.take(), Projection::Solid);
+                (mapping, Box::new(Noise::new(&config)))
+            }
+            "worley" => {
+                let mut config: WorleyConfig = decode(keys)?;
+                let mapping = Mapping::new(config.mapping.take(), Projection::Solid);
+                (mapping, Box::new(Worley::new(&config)))
+            }
+            other => return Err(unknown(format!("the texture \"{other}\""))),
+        };
+        Ok(Self::Mapped(mapping, pattern))
     }
 
-    pub(super) fn at(&self, uv: DVec2) -> Rgb {
+    pub(super) fn at(&self, spot: &Place) -> Rgb {
         match self {
             Self::Constant(color) => *color,
-            Self::Checker { a, b, scale, offset } => {
-                let cell = (uv * *scale + *offset).floor();
-                if (cell.x + cell.y).rem_euclid(2.0) == 0.0 {
-                    *a
-                } else {
-                    *b
-                }
-            }
+            Self::Mapped(mapping, pattern) => mapping.look(&**pattern, spot),
         }
     }
-}
 
-/// Shapes whose texture coordinates are in [`uv_of`].
-fn has_uv(kind: &str) -> bool {
-    ["sphere", "plane", "rectangle", "disk", "box"].contains(&kind)
-}
-
-/// Texture coordinates of a point in object space; of a sphere the point must be relative to its centre.
-pub(super) fn uv_of(kind: &str, p: DVec3, primitive: u32) -> DVec2 {
-    let around = {
-        let phi = p.y.atan2(p.x);
-        (if phi < 0.0 { phi + TAU } else { phi }) / TAU
-    };
-    match kind {
-        "sphere" => {
-            let theta = p.x.hypot(p.y).atan2(p.z);
-            DVec2::new(around, (PI - theta) / PI)
-        }
-        "plane" => DVec2::new(p.x, p.y),
-        "rectangle" => DVec2::new(0.5 * (p.x + 1.0), 0.5 * (p.y + 1.0)),
-        "disk" => DVec2::new(p.x.hypot(p.y), around),
-        "box" => {
-            let axis = (primitive / 2) as usize;
-            let [b, c] = [(axis + 1) % 3, (axis + 2) % 3].map(|k| 0.5 * (p[k] + 1.0));
-            DVec2::new(b, c)
-        }
-        _ => DVec2::ZERO,
+    /// Whether it is black everywhere, and can be seen to be so.
+    pub(super) fn is_black(&self) -> bool {
+        matches!(self, Self::Constant(color) if *color == Rgb::splat(0.0))
     }
 }

@@ -1,0 +1,340 @@
+//! Textures of section 10 that are pictures or are drawn with rulers.
+
+use super::texture::{MappingConfig, Pattern};
+use serde::Deserialize;
+use std::path::Path;
+use whitstone_core::config::{Color, FilePath};
+use whitstone_core::{DVec2, DVec3, Rgb};
+use whitstone_image::limits::Limits;
+use whitstone_image::texels::{self, Encoding};
+
+/// A number or two.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(untagged)]
+pub(super) enum Pair {
+    One(f64),
+    Two([f64; 2]),
+}
+
+impl Pair {
+    fn get(self) -> DVec2 {
+        match self {
+            Self::One(both) => DVec2::splat(both),
+            Self::Two(pair) => pair.into(),
+        }
+    }
+}
+
+/// `scale` and `offset`.
+struct Placing([DVec2; 2]);
+
+impl Placing {
+    fn new(scale: Option<Pair>, offset: Option<Pair>) -> Self {
+        Self([
+            scale.map_or(DVec2::ONE, Pair::get),
+            offset.map_or(DVec2::ZERO, Pair::get),
+        ])
+    }
+
+    fn at(&self, q: DVec3) -> DVec2 {
+        q.truncate() * self.0[0] + self.0[1]
+    }
+}
+
+/// The two colours of a pattern.
+pub(super) fn colors(a: Option<Color>, b: Option<Color>, usual: [f64; 2]) -> [Rgb; 2] {
+    let [first, second] = usual.map(Rgb::splat);
+    [a.map_or(first, Color::get), b.map_or(second, Color::get)]
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CheckerConfig {
+    a: Option<Color>,
+    b: Option<Color>,
+    scale: Option<Pair>,
+    offset: Option<Pair>,
+    pub(super) mapping: Option<MappingConfig>,
+}
+
+pub(super) struct Checker([Rgb; 2], Placing);
+
+impl Checker {
+    pub(super) fn new(config: &CheckerConfig) -> Self {
+        Self(
+            colors(config.a, config.b, [0.8, 0.2]),
+            Placing::new(config.scale, config.offset),
+        )
+    }
+}
+
+impl Pattern for Checker {
+    fn at(&self, q: DVec3) -> Rgb {
+        let cell = self.1.at(q).floor();
+        self.0[usize::from((cell.x + cell.y).rem_euclid(2.0) != 0.0)]
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LinesConfig {
+    a: Option<Color>,
+    b: Option<Color>,
+    width: Option<Pair>,
+    scale: Option<Pair>,
+    offset: Option<Pair>,
+    pub(super) mapping: Option<MappingConfig>,
+}
+
+pub(super) struct Lines {
+    colors: [Rgb; 2],
+    half: DVec2,
+    placing: Placing,
+}
+
+impl Lines {
+    pub(super) fn new(config: &LinesConfig) -> Self {
+        Self {
+            colors: colors(config.a, config.b, [0.8, 0.2]),
+            half: 0.5 * config.width.map_or(DVec2::splat(0.1), Pair::get),
+            placing: Placing::new(config.scale, config.offset),
+        }
+    }
+}
+
+impl Pattern for Lines {
+    fn at(&self, q: DVec3) -> Rgb {
+        let part = self.placing.at(q);
+        let part = part - part.floor();
+        let near = part.min(1.0 - part);
+        self.colors[usize::from(near.x < self.half.x || near.y < self.half.y)]
+    }
+}
+
+/// What is outside of a picture or a block.
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Wrap {
+    #[default]
+    Repeat,
+    Clamp,
+    Mirror,
+}
+
+impl Wrap {
+    /// The index in 0..count of any index.
+    fn index(self, i: f64, count: usize) -> usize {
+        let count = count as f64;
+        let inside = match self {
+            Self::Repeat => i.rem_euclid(count),
+            Self::Clamp => i.clamp(0.0, count - 1.0),
+            Self::Mirror => {
+                let k = i.rem_euclid(2.0 * count);
+                if k < count { k } else { 2.0 * count - 1.0 - k }
+            }
+        };
+        inside as usize
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PictureConfig {
+    file: FilePath,
+    filter: Option<String>,
+    #[serde(default)]
+    wrap: Wrap,
+    color_space: Option<String>,
+    scale: Option<Pair>,
+    offset: Option<Pair>,
+    #[serde(rename = "max_anisotropy")]
+    _max_anisotropy: Option<serde::de::IgnoredAny>,
+    pub(super) mapping: Option<MappingConfig>,
+}
+
+/// A picture of linear values, the top row first.
+pub(super) struct Picture {
+    size: [usize; 2],
+    texels: Vec<Rgb>,
+    nearest: bool,
+    wrap: Wrap,
+    placing: Placing,
+}
+
+/// How the texels of a picture are looked up.
+pub(super) struct Lookup<'a> {
+    pub(super) filter: Option<&'a str>,
+    pub(super) wrap: Wrap,
+    pub(super) scale: Option<Pair>,
+    pub(super) offset: Option<Pair>,
+}
+
+/// A file with its numbers as they are in it: whole ones where it holds codes, of which the largest is then told.
+pub(super) struct Codes {
+    pub(super) size: [usize; 2],
+    pub(super) values: Vec<[f64; 3]>,
+    pub(super) most: Option<f64>,
+}
+
+impl Codes {
+    pub(super) fn read(file: &FilePath, base: &Path) -> Result<Self, String> {
+        let texels = texels::read(base.join(Path::new(&file.path)), Limits::TEXTURE);
+        let texels = texels.map_err(|error| format!("this picture: {error}"))?;
+        let most = match texels.encoding {
+            Encoding::Srgb8 => Some(255.0),
+            Encoding::Srgb16 => Some(65535.0),
+            Encoding::Linear => None,
+        };
+        // Single precision holds no more than the value nearest to that of a code.
+        let code = |value: f32| most.map_or(f64::from(value), |most| (f64::from(value) * most).round());
+        Ok(Self {
+            size: [texels.width, texels.height],
+            values: texels.data.iter().map(|texel| texel.map(code)).collect(),
+            most,
+        })
+    }
+}
+
+impl Picture {
+    pub(super) fn new(config: &PictureConfig, base: &Path) -> Result<Self, String> {
+        let codes = Codes::read(&config.file, base)?;
+        let lookup = Lookup {
+            filter: config.filter.as_deref(),
+            wrap: config.wrap,
+            scale: config.scale,
+            offset: config.offset,
+        };
+        Self::of(&codes, config.color_space.as_deref(), &lookup)
+    }
+
+    pub(super) fn of(codes: &Codes, color_space: Option<&str>, lookup: &Lookup<'_>) -> Result<Self, String> {
+        let nearest = match lookup.filter {
+            None | Some("bilinear") => false,
+            Some("nearest") => true,
+            Some(other) => return Err(format!("the filter \"{other}\"")),
+        };
+        let encoded = match color_space {
+            Some("srgb") => true,
+            Some("linear") => false,
+            _ => codes.most.is_some(),
+        };
+        let value = |code: f64| {
+            let c = code / codes.most.unwrap_or(1.0);
+            match encoded {
+                false => c,
+                true if c <= 0.04045 => c / 12.92,
+                true => ((c + 0.055) / 1.055).powf(2.4),
+            }
+        };
+        Ok(Self {
+            size: codes.size,
+            texels: codes
+                .values
+                .iter()
+                .map(|texel| Rgb::from(texel.map(value)))
+                .collect(),
+            nearest,
+            wrap: lookup.wrap,
+            placing: Placing::new(lookup.scale, lookup.offset),
+        })
+    }
+
+    fn texel(&self, column: f64, row: f64) -> Rgb {
+        let [width, height] = self.size;
+        self.texels[self.wrap.index(row, height) * width + self.wrap.index(column, width)]
+    }
+}
+
+impl Pattern for Picture {
+    fn at(&self, q: DVec3) -> Rgb {
+        let place = self.placing.at(q);
+        let x = place.x * self.size[0] as f64;
+        let y = (1.0 - place.y) * self.size[1] as f64;
+        if self.nearest {
+            return self.texel(x.floor(), y.floor());
+        }
+        let [x, y] = [x - 0.5, y - 0.5];
+        let (i, j) = (x.floor(), y.floor());
+        let (s, t) = (x - i, y - j);
+        let row = |j: f64| self.texel(i, j) * (1.0 - s) + self.texel(i + 1.0, j) * s;
+        row(j) * (1.0 - t) + row(j + 1.0) * t
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct VoxelsConfig {
+    size: [usize; 3],
+    channels: Option<usize>,
+    values: Option<Vec<f64>>,
+    file: Option<FilePath>,
+    format: Option<String>,
+    filter: Option<String>,
+    #[serde(default)]
+    wrap: Wrap,
+    pub(super) mapping: Option<MappingConfig>,
+}
+
+pub(super) struct Voxels {
+    size: [usize; 3],
+    values: Vec<Rgb>,
+    nearest: bool,
+    wrap: Wrap,
+}
+
+impl Voxels {
+    pub(super) fn new(config: VoxelsConfig, base: &Path) -> Result<Self, String> {
+        let numbers = match (config.values, &config.file) {
+            (Some(values), _) => values,
+            (None, Some(file)) => {
+                let bytes = std::fs::read(base.join(Path::new(&file.path)));
+                let bytes = bytes.map_err(|error| format!("this block of voxels: {error}"))?;
+                match config.format.as_deref() {
+                    Some("f32") => bytes
+                        .chunks_exact(4)
+                        .map(|four| f64::from(f32::from_le_bytes([four[0], four[1], four[2], four[3]])))
+                        .collect(),
+                    _ => bytes.iter().map(|byte| f64::from(*byte) / 255.0).collect(),
+                }
+            }
+            (None, None) => Vec::new(),
+        };
+        let channels = config.channels.unwrap_or(1);
+        let values = numbers.chunks_exact(channels.max(1)).map(|voxel| match *voxel {
+            [r, g, b] => Rgb::from([r, g, b]),
+            _ => Rgb::splat(voxel[0]),
+        });
+        Ok(Self {
+            size: config.size,
+            values: values.collect(),
+            nearest: config.filter.as_deref() == Some("nearest"),
+            wrap: config.wrap,
+        })
+    }
+
+    fn voxel(&self, place: [f64; 3]) -> Rgb {
+        let [i, j, k]: [usize; 3] = std::array::from_fn(|axis| self.wrap.index(place[axis], self.size[axis]));
+        self.values[(k * self.size[1] + j) * self.size[0] + i]
+    }
+}
+
+impl Pattern for Voxels {
+    fn at(&self, q: DVec3) -> Rgb {
+        let x: [f64; 3] = std::array::from_fn(|axis| self.size[axis] as f64 * q[axis]);
+        if self.nearest {
+            return self.voxel(x.map(f64::floor));
+        }
+        let low = x.map(|x| (x - 0.5).floor());
+        let mut sum = Rgb::splat(0.0);
+        for corner in 0..8_usize {
+            let upper: [f64; 3] = std::array::from_fn(|axis| ((corner >> axis) & 1) as f64);
+            let place: [f64; 3] = std::array::from_fn(|axis| low[axis] + upper[axis]);
+            let weight = (0..3).map(|axis| {
+                let part = x[axis] - 0.5 - low[axis];
+                if upper[axis] == 1.0 { part } else { 1.0 - part }
+            });
+            sum += self.voxel(place) * weight.product::<f64>();
+        }
+        sum
+    }
+}

@@ -1,0 +1,134 @@
+//! A picture that is quilted out of a sample. Section 10.
+
+use super::pattern::{Codes, Lookup, Pair, Picture, Wrap};
+use super::texture::MappingConfig;
+use crate::shapes::heightfield::m;
+use serde::Deserialize;
+use std::path::Path;
+use whitstone_core::config::FilePath;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SynthesizedConfig {
+    file: FilePath,
+    size: [usize; 2],
+    block: Option<usize>,
+    overlap: Option<usize>,
+    tolerance: Option<f64>,
+    #[serde(default)]
+    seed: u32,
+    filter: Option<String>,
+    #[serde(default)]
+    wrap: Wrap,
+    color_space: Option<String>,
+    scale: Option<Pair>,
+    offset: Option<Pair>,
+    #[serde(rename = "max_anisotropy")]
+    _max_anisotropy: Option<serde::de::IgnoredAny>,
+    pub(super) mapping: Option<MappingConfig>,
+}
+
+type Texel = [f64; 3];
+
+pub(super) fn synthesized(config: &SynthesizedConfig, base: &Path) -> Result<Picture, String> {
+    let sample = Codes::read(&config.file, base)?;
+    let lookup = Lookup {
+        filter: config.filter.as_deref(),
+        wrap: config.wrap,
+        scale: config.scale,
+        offset: config.offset,
+    };
+    let quilted = Codes {
+        size: config.size,
+        values: quilted(config, &sample),
+        most: sample.most,
+    };
+    Picture::of(&quilted, config.color_space.as_deref(), &lookup)
+}
+
+fn quilted(config: &SynthesizedConfig, sample: &Codes) -> Vec<Texel> {
+    let block = config.block.unwrap_or(16);
+    let overlap = config.overlap.unwrap_or((block / 4).max(1));
+    let step = block - overlap;
+    let count = |side: usize| 1 + side.saturating_sub(block).div_ceil(step);
+    let [columns, rows] = config.size.map(count);
+    let width = (columns - 1) * step + block;
+    let height = (rows - 1) * step + block;
+    let mut canvas = vec![[0.0; 3]; width * height];
+    for r in 0..rows {
+        for c in 0..columns {
+            let corner = [c * step, r * step];
+            let at = |i: usize, j: usize| (corner[1] + j) * width + corner[0] + i;
+            let piece =
+                |[x, y]: [usize; 2], i: usize, j: usize| sample.values[(y + j) * sample.size[0] + x + i];
+            let in_overlap = |i: usize, j: usize| (c > 0 && i < overlap) || (r > 0 && j < overlap);
+            let places = || (0..block).flat_map(|j| (0..block).map(move |i| (i, j)));
+            let shared: Vec<(usize, usize)> = places().filter(|(i, j)| in_overlap(*i, *j)).collect();
+            let [w, h] = sample.size;
+            let pieces = (0..=h - block).flat_map(|y| (0..=w - block).map(move |x| [x, y]));
+            let errors: Vec<([usize; 2], f64)> = pieces
+                .map(|place| {
+                    let errors = shared
+                        .iter()
+                        .map(|(i, j)| difference(piece(place, *i, *j), canvas[at(*i, *j)]));
+                    (place, errors.sum())
+                })
+                .collect();
+            let some = errors
+                .iter()
+                .map(|(_, error)| *error)
+                .filter(|error| *error > 0.0);
+            let least = some.fold(f64::INFINITY, f64::min);
+            let least = if least.is_finite() { least } else { 0.0 };
+            let most = least * (1.0 + config.tolerance.unwrap_or(0.1));
+            let candidates: Vec<[usize; 2]> = errors
+                .iter()
+                .filter(|(_, error)| *error <= most)
+                .map(|(place, _)| *place)
+                .collect();
+            let number = m(m(m(config.seed).wrapping_add(r as u32)).wrapping_add(c as u32));
+            let chosen = candidates[number as usize % candidates.len()];
+            let apart = |i: usize, j: usize| difference(piece(chosen, i, j), canvas[at(i, j)]);
+            let left = (c > 0).then(|| seam(block, overlap, &|across, along| apart(across, along)));
+            let top = (r > 0).then(|| seam(block, overlap, &|across, along| apart(along, across)));
+            for (i, j) in places() {
+                let kept = left.as_ref().is_some_and(|seam| i < seam[j])
+                    || top.as_ref().is_some_and(|seam| j < seam[i]);
+                if !kept {
+                    canvas[at(i, j)] = piece(chosen, i, j);
+                }
+            }
+        }
+    }
+    let [w, h] = config.size;
+    (0..h)
+        .flat_map(|j| canvas[j * width..j * width + w].to_vec())
+        .collect()
+}
+
+fn difference(a: Texel, b: Texel) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+}
+
+/// Where the cheapest way along a block crosses each of its rows; `d` is the difference by the place across and along.
+fn seam(block: usize, overlap: usize, d: &dyn Fn(usize, usize) -> f64) -> Vec<usize> {
+    // Within one of a place.
+    let near = |i: usize| i.saturating_sub(1)..(i + 2).min(overlap);
+    let mut sums: Vec<Vec<f64>> = vec![(0..overlap).map(|i| d(i, 0)).collect()];
+    for j in 1..block {
+        let before = &sums[j - 1];
+        let least = |i: usize| near(i).map(|k| before[k]).fold(f64::INFINITY, f64::min);
+        let row = (0..overlap).map(|i| d(i, j) + least(i)).collect();
+        sums.push(row);
+    }
+    let lowest = |row: &[f64], mut places: std::ops::Range<usize>| {
+        let first = places.next().unwrap_or(0);
+        places.fold(first, |best, i| if row[i] < row[best] { i } else { best })
+    };
+    let mut way = vec![0; block];
+    way[block - 1] = lowest(&sums[block - 1], 0..overlap);
+    for j in (0..block - 1).rev() {
+        way[j] = lowest(&sums[j], near(way[j + 1]));
+    }
+    way
+}
