@@ -1,7 +1,4 @@
 //! Where lines meet each shape of the model, section 9. One file is one shape.
-//!
-//! A shape without a file here is one that the oracle does not know; what is met by root finding of other kinds (isosurfaces, implicit
-//! surfaces, fractals) finds the intervals of [`crate::interval`] and the polynomials of [`crate::polynomial`] ready.
 
 pub(crate) mod cone;
 mod conic;
@@ -13,6 +10,7 @@ pub(crate) mod ellipsoid;
 pub(crate) mod heightfield;
 pub(crate) mod hyperboloid;
 pub(crate) mod instance;
+pub(crate) mod level;
 pub(crate) mod mesh;
 pub(crate) mod paraboloid;
 pub(crate) mod patch;
@@ -90,7 +88,10 @@ pub(crate) fn surface(
         "disk" => Box::new(decode::<disk::Disk>(table)?),
         "ellipsoid" => Box::new(decode::<ellipsoid::Ellipsoid>(table)?),
         "heightfield" => Box::new(decode::<heightfield::Heightfield>(table)?.triangles()),
+        "fractal" => Box::new(decode::<level::fractal::Fractal>(table)?.shape()),
         "hyperboloid" => Box::new(decode::<hyperboloid::Hyperboloid>(table)?),
+        "implicit" => Box::new(decode::<level::implicit::Implicit>(table)?.shape()),
+        "isosurface" => Box::new(decode::<level::isosurface::Config>(table)?.read(description)?),
         "instance" => Box::new(instance::Instance::new(description, &decode(table)?)?),
         "mesh" => Box::new(triangle::Triangles(
             mesh::read(description, &decode(table)?)?.triangles,

@@ -1,0 +1,212 @@
+//! Level sets: the boundary of where a function is negative.
+//!
+//! Along a line the function becomes one of the ray parameter. Where an interval of that certainly holds no zero of it, or where the
+//! function certainly only rises or only falls in it, so that the signs at both ends tell of one root or none, it is done with; other
+//! intervals are cut in two (Moore, Kearfott, Cloud 2009, ch. 8; Snyder 1992, *Interval analysis for computer graphics*).
+//! Doubles with outward rounding are enough for most of that. Only where they are not, and to narrow the roots, it takes many digits.
+
+pub(crate) mod fractal;
+pub(crate) mod implicit;
+pub(crate) mod isosurface;
+mod jet;
+mod number;
+
+use super::Surface;
+use crate::interval::{Decided, Interval, Undecided};
+use crate::root::{Root, Roots};
+use crate::vector::Line;
+use jet::Jet;
+use number::{Fast, Number};
+use std::cmp::Ordering;
+use whitstone_core::DVec3;
+
+/// Intervals are cut here: not where symmetric shapes are likely to be met.
+const CUT: f64 = 0.487_3;
+/// Relative to where on the line it is, an interval of doubles that is not decided at this length takes more digits.
+const FAST: f64 = 1e-9;
+/// The same for the most digits: the line touches the surface.
+const LEAST: f64 = 1e-25;
+
+/// A function that is negative inside.
+pub(crate) trait Level: Send + Sync {
+    /// Its value and derivative at a place.
+    fn at<N: Number>(&self, p: &[Jet<N>; 3]) -> Jet<N>;
+
+    /// The box that the surface is in, if it is cut off by one; and a radius around the origin beyond which the function is positive,
+    /// if that is known.
+    fn bounds(&self) -> (Option<[DVec3; 2]>, Option<f64>);
+}
+
+/// As a shape.
+pub(crate) struct LevelSet<L>(pub(crate) L);
+
+impl<L: Level> LevelSet<L> {
+    /// Along the line, between two parameters.
+    fn along<N: Number>(&self, [origin, direction]: [&[N; 3]; 2], t: &N) -> Jet<N> {
+        let t = Jet::variable(t.clone());
+        let p = [0, 1, 2].map(|axis| {
+            let start = Jet::exact(origin[axis].clone());
+            start.plus(&t.times(&Jet::exact(direction[axis].clone())))
+        });
+        self.0.at(&p)
+    }
+
+    /// Intervals with one root each, in ascending order.
+    fn isolate(&self, line: &Line, from: f64, to: f64) -> Decided<Vec<[f64; 2]>> {
+        let fast = [&line.origin, &line.direction].map(|v| v.0.each_ref().map(Fast::of));
+        let exact = [&line.origin.0, &line.direction.0];
+        let mut found = Vec::new();
+        let mut stack = vec![[from, to]];
+        while let Some([a, b]) = stack.pop() {
+            let (doubles, digits) = (
+                |t: &Fast| self.along([&fast[0], &fast[1]], t),
+                |t: &Interval| self.along(exact, t),
+            );
+            let size = a.abs().max(b.abs());
+            let mut look = look(&doubles, [a, b], |t| Fast::new(t, t));
+            if look == Look::Cut && b - a <= FAST * size {
+                look = self::look(&digits, [a, b], |t| line.number(t));
+                if look == Look::Cut && b - a <= LEAST.max(4.0 * f64::EPSILON * size) {
+                    return Err(Undecided);
+                }
+            }
+            match look {
+                Look::None => {}
+                Look::One => found.push([a, b]),
+                Look::Cut => {
+                    let middle = a + (b - a) * CUT;
+                    if middle <= a || middle >= b {
+                        return Err(Undecided);
+                    }
+                    stack.extend([[middle, b], [a, middle]]);
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// Narrows the one root between two parameters by Newton's method for intervals.
+    fn narrow(&self, line: &Line, [a, b]: [f64; 2]) -> Decided<(Interval, Ordering)> {
+        let at = |t: &Interval| self.along([&line.origin.0, &line.direction.0], t);
+        let rising = at(&line.number(b)).value.sign()?;
+        let mut t = line.number(a).hull(&line.number(b));
+        let steps = 64 + 2 * line.bits();
+        for _ in 0..steps {
+            if t.is_narrow() {
+                break;
+            }
+            let middle = t.within(CUT);
+            let there = at(&middle).value;
+            let newton = at(&t).slope.and_then(|slope| there.over(&slope).ok());
+            let next = newton.and_then(|step| t.common(&(middle.clone() - step)));
+            let halved = |t: &Interval| -> Decided<Interval> {
+                Ok(match there.sign()? {
+                    Ordering::Equal => middle.clone(),
+                    order if order == rising => t.from().hull(&middle),
+                    _ => middle.hull(&t.to()),
+                })
+            };
+            t = match next {
+                Some(next) if next.width().compare(&(t.width() * line.number(0.5))) == Ok(Ordering::Less) => {
+                    next
+                }
+                _ => halved(&t)?,
+            };
+        }
+        Ok((t, rising))
+    }
+}
+
+#[derive(PartialEq)]
+enum Look {
+    None,
+    One,
+    Cut,
+}
+
+/// What is known of a function between two parameters.
+fn look<N: Number>(at: &dyn Fn(&N) -> Jet<N>, [a, b]: [f64; 2], number: impl Fn(f64) -> N) -> Look {
+    let [first, last] = [a, b].map(&number);
+    let whole = first.hull(&last);
+    let there = at(&whole);
+    if !there.value.has_zero() {
+        return Look::None;
+    }
+    let Some(slope) = there.slope else {
+        return Look::Cut;
+    };
+    if !slope.has_zero() {
+        let [p, q] = [first, last].map(|t| at(&t).value);
+        return match (p.has_zero(), q.has_zero()) {
+            (false, false) if p.is_above() != q.is_above() => Look::One,
+            (false, false) => Look::None,
+            _ => Look::Cut,
+        };
+    }
+    // The mean value form: the value in the middle, and how far it may be left on the way.
+    let middle = number(a + (b - a) * CUT);
+    let rest = whole.plus(&middle.negated());
+    match at(&middle).value.plus(&slope.times(&rest)).has_zero() {
+        true => Look::Cut,
+        false => Look::None,
+    }
+}
+
+impl<L: Level> Surface for LevelSet<L> {
+    fn meet(&self, line: &Line) -> Decided<Roots> {
+        let (o, d) = (line.origin.nearest(), line.direction.nearest());
+        let (bounds, radius) = self.0.bounds();
+        // A part of the line that certainly holds all of it.
+        let reach = match (&bounds, radius) {
+            (Some([min, max]), _) => min.abs().max(max.abs()).length(),
+            (None, Some(radius)) => radius,
+            (None, None) => 1e6 * (1.0 + o.length()),
+        };
+        let middle = -o.dot(d) / d.length_squared();
+        let away = (o + middle * d).length();
+        if away > 1.001 * reach + 1e-9 * o.length() {
+            return Ok(Roots::default());
+        }
+        let half = 1.01 * (reach + 1e-9 * o.length()) / d.length();
+        let mut all = Vec::new();
+        for between in self.isolate(line, middle - half, middle + half)? {
+            let (t, rising) = self.narrow(line, between)?;
+            let place = line.at(&t);
+            if let Some(bounds) = &bounds
+                && !is_inside(&place.0, bounds)?
+            {
+                continue;
+            }
+            let slopes = [0, 1, 2].map(|axis| {
+                let seeded = [0, 1, 2].map(|other| match axis == other {
+                    true => Jet::variable(place.0[other].clone()),
+                    false => Jet::exact(place.0[other].clone()),
+                });
+                self.0.at(&seeded)
+            });
+            let moves = slopes[0].moves;
+            let mut gradient = [0.0; 3];
+            for (axis, slope) in slopes.into_iter().enumerate() {
+                gradient[axis] = slope.slope.ok_or(Undecided)?.nearest();
+            }
+            let along = match rising {
+                Ordering::Greater => line.number(1.0),
+                _ => line.number(-1.0),
+            };
+            all.push(Root::new(t, 0, &along, gradient.into(), moves)?);
+        }
+        Ok(Roots::new(all))
+    }
+}
+
+/// Whether a place is in a box, which is closed.
+fn is_inside(p: &[Interval; 3], [min, max]: &[DVec3; 2]) -> Decided<bool> {
+    for (axis, x) in p.iter().enumerate() {
+        if x.compare(&x.like(min[axis]))? == Ordering::Less
+            || x.compare(&x.like(max[axis]))? == Ordering::Greater
+        {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
