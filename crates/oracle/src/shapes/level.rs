@@ -157,17 +157,18 @@ impl<L: Level> Surface for LevelSet<L> {
         let (o, d) = (line.origin.nearest(), line.direction.nearest());
         let (bounds, radius) = self.0.bounds();
         // A part of the line that certainly holds all of it.
-        let reach = match (&bounds, radius) {
-            (Some([min, max]), _) => min.abs().max(max.abs()).length(),
-            (None, Some(radius)) => radius,
-            (None, None) => 1e6 * (1.0 + o.length()),
-        };
+        let boxed = bounds.map(|[min, max]| min.abs().max(max.abs()).length());
+        let known = boxed.into_iter().chain(radius).fold(f64::INFINITY, f64::min);
+        if known == f64::INFINITY {
+            return Err(Undecided);
+        }
+        let reach = 1.001 * known + 1e-9 * o.length();
         let middle = -o.dot(d) / d.length_squared();
         let away = (o + middle * d).length();
-        if away > 1.001 * reach + 1e-9 * o.length() {
+        if away > reach {
             return Ok(Roots::default());
         }
-        let half = 1.01 * (reach + 1e-9 * o.length()) / d.length();
+        let half = 1.01 * reach / d.length();
         let mut all = Vec::new();
         for between in self.isolate(line, middle - half, middle + half)? {
             let (t, rising) = self.narrow(line, between)?;

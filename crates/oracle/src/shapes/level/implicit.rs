@@ -245,6 +245,41 @@ impl Field {
     }
 }
 
+impl Field {
+    /// A radius around the origin beyond which the field is above `e` >= 0; infinite where none is known.
+    fn reach(&self, e: f64) -> f64 {
+        let far = |v: [f64; 3]| DVec3::from_array(v).length();
+        let most = |fields: &[Self], e: f64| fields.iter().map(|field| field.reach(e)).fold(0.0, f64::max);
+        match self {
+            Self::Sphere { radius } => radius + e,
+            Self::Box { half } => far(*half) + e,
+            Self::Torus { major, minor } => major + minor + e,
+            Self::Capsule { a, b, radius } => far(*a).max(far(*b)) + radius + e,
+            Self::Plane { .. } => f64::INFINITY,
+            Self::Metaballs { balls, threshold } if *threshold > e => {
+                let each = balls.iter().map(|ball| far(ball.center) + ball.radius);
+                each.fold(0.0, f64::max)
+            }
+            Self::Metaballs { .. } => f64::INFINITY,
+            Self::Union(fields) => most(fields, e),
+            Self::Intersection(fields) => fields
+                .iter()
+                .map(|field| field.reach(e))
+                .fold(f64::INFINITY, f64::min),
+            Self::Difference(fields) => fields[0].reach(e),
+            // Each joint takes off a quarter of k at most.
+            Self::SmoothUnion { k, of } => most(of, e + 0.25 * k * (of.len() - 1) as f64),
+            Self::Translate { by, of } => far(*by) + of.reach(e),
+            Self::Rotate { of, .. } | Self::Twist { of, .. } => of.reach(e),
+            Self::Scale { by, of } => by * of.reach(e / by),
+            Self::Repeat { period, count, of } => {
+                let last = [0, 1, 2].map(|axis| 0.5 * period[axis] * f64::from(count[axis] - 1));
+                far(last) + of.reach(e)
+            }
+        }
+    }
+}
+
 impl Implicit {
     pub(crate) fn shape(self) -> LevelSet<Self> {
         LevelSet(self)
@@ -258,6 +293,8 @@ impl Level for Implicit {
 
     fn bounds(&self) -> (Option<[DVec3; 2]>, Option<f64>) {
         let corners = self.bounds.as_ref().map(|bounds| [bounds.min, bounds.max]);
-        (corners.map(|corners| corners.map(DVec3::from_array)), None)
+        let corners = corners.map(|corners| corners.map(DVec3::from_array));
+        let reach = self.field.reach(0.0);
+        (corners, reach.is_finite().then_some(reach))
     }
 }
