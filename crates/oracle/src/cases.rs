@@ -22,7 +22,7 @@ const fn case(shape: &'static str, keys: &'static str) -> Case {
 }
 
 /// At least one for every type; the first of a type is the plain one.
-pub const CASES: [Case; 35] = [
+pub const CASES: [Case; 40] = [
     case("sphere", ""),
     case("sphere", "center = [1, -2, 3]\nradius = 0.01"),
     case("plane", ""),
@@ -91,6 +91,26 @@ pub const CASES: [Case; 35] = [
     case(
         "csg",
         "operation = \"difference\"\noperands = [{ type = \"quadric\", coefficients = [1, 1, 1, 0, 0, 0, 0, 0, 0, -1] }, { type = \"paraboloid\", radius = 0.8, z = [0, 2], transform = { translate = [0, 0, 0.1] } }]",
+    ),
+    case(
+        "isosurface",
+        "size = [14, 12, 16]\ngenerator = \"metaballs\"\nseed = 4\nballs = 10\nlevel = 0.3",
+    ),
+    case(
+        "isosurface",
+        "size = [3, 3, 3]\nlevel = 1\nvalues = [0, 1.25, 0, 1, 2, 1, 0, 1.5, 0, 1, 2, 1, 2, 0, 2, 1, 2, 1.125, 0, 1, 0, 1, 2, 1, 0, 1.25, 0]",
+    ),
+    case(
+        "implicit",
+        "field = { smooth_union = { k = 0.3, of = [{ sphere = { radius = 0.5 } }, { capsule = { a = [-0.5, 0.6, 0], b = [-0.3, -0.6, 0.4], radius = 0.15 } }, { rotate = { axis = [1, 0, 0], degrees = 75, of = { torus = { major = 0.7, minor = 0.12 } } } }] } }",
+    ),
+    case(
+        "implicit",
+        "field = { difference = [{ twist = { degrees_per_metre = 60, of = { box = { half = [0.5, 0.4, 0.95] } } } }, { translate = { by = [0, 0, 0.3], of = { sphere = { radius = 0.48 } } } }] }",
+    ),
+    case(
+        "fractal",
+        "kind = \"julia\"\nc = [-0.2, 0.6, 0.2, 0.2]\ndepth = 5",
     ),
     Case {
         shape: "instance",

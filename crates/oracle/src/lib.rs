@@ -61,7 +61,7 @@ pub struct Oracle {
 
 impl Oracle {
     /// The types of shapes that it knows.
-    pub const KNOWN: [&str; 19] = shapes::KNOWN;
+    pub const KNOWN: [&str; 22] = shapes::KNOWN;
 
     /// For the shape with this number in a scene that could be planned.
     ///

@@ -11,7 +11,7 @@
 //! - Example: `scenes/shapes/fractal.toml`.
 
 use crate::crossings::{Along, Known};
-use crate::level::{Level, Sample, Segment};
+use crate::level::{Level, ROOM, Sample, Segment};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
@@ -247,7 +247,7 @@ impl Fractal {
                 (ESCAPE + reach).powf(1.0 / f64::from(power))
             }),
         };
-        let corner = DVec3::splat(reach * (1.0 + 1e-6));
+        let corner = DVec3::splat(reach * (1.0 + ROOM));
         Self {
             level: Level::new(transform, -corner, corner),
             map,

@@ -12,7 +12,7 @@ mod tree;
 
 use crate::crossings::{Along, Known};
 use crate::enclosure::{Dual, Enclosure};
-use crate::level::{Level, Sample, Segment};
+use crate::level::{Level, ROOM, Sample, Segment};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
@@ -103,7 +103,7 @@ impl Plugin<Shapes> for Implicit {
     }
 }
 
-/// A box around the set, a little larger.
+/// A box around the set, so much larger that rays enter it outside of the set, however far their own rounding moves them.
 fn derived_bounds(field: &Field) -> Result<(DVec3, DVec3), SceneError> {
     let around = field.bounds_below(0.0);
     if around.iter().any(|range| range.lo >= range.hi) {
@@ -117,7 +117,7 @@ fn derived_bounds(field: &Field) -> Result<(DVec3, DVec3), SceneError> {
         return Err(SceneError::anywhere("the field may be negative without end")
             .with_help("say where to look: bounds = { min = [..], max = [..] }"));
     }
-    let room = (max - min).max_element() / f64::from(1 << 20);
+    let room = ROOM * (max - min).max_element();
     Ok((min - room, max + room))
 }
 

@@ -7,6 +7,9 @@ use whitstone_core::{Aabb, DMat3, DVec2, DVec3, Interval, PrimitiveHit, Ray, Sur
 /// Half the distance from 1 to the next number: the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
+/// Relative to its size, how much larger a box is than the set in it where it cuts nothing off: a ray that enters it a rounding later must still
+/// be outside of the set, and of a ray from a billion sizes away (towards a copy as thin as that) a rounding is 1e-7 of the size.
+pub(crate) const ROOM: f64 = 1.0 / (1u64 << 7) as f64;
 /// Relative to the size of the box: a ray that leaves the surface starts no farther from it.
 const START: f64 = 1.0 / (1u64 << 20) as f64;
 /// Relative to the size of the box: a hit is no farther from the surface, however far the ray came.

@@ -105,6 +105,9 @@ shapes!(
     patch "patch",
     csg "csg",
     instance "instance",
+    isosurface "isosurface",
+    implicit "implicit",
+    fractal "fractal",
 );
 
 /// Beside a rim, what leaves a cap for the inside meets the side as near as that is: the law of leaving rays lets it, and here is

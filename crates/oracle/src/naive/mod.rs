@@ -7,11 +7,13 @@
 mod conic;
 mod csg;
 mod flat;
+mod march;
 mod patch;
 mod quartic;
 mod round;
 mod solid;
 
+use crate::shapes::level::{fractal, implicit, isosurface};
 use crate::shapes::{cone, csg as exact_csg, cylinder, ellipsoid, heightfield, hyperboloid, mesh};
 use crate::shapes::{paraboloid, patch as exact_patch, polygon, quadric, sphere, torus, triangle};
 use conic::Conic;
@@ -251,6 +253,12 @@ fn of_table<R: Real>(
             Box::new(flat::Polygon::new(
                 polygon.vertices.into_iter().map(world).collect(),
             ))
+        }
+        "fractal" => placed(map, march::March(decode::<fractal::Fractal>(table)?.shape())),
+        "implicit" => placed(map, march::March(decode::<implicit::Implicit>(table)?.shape())),
+        "isosurface" => {
+            let config: isosurface::Config = decode(table)?;
+            placed(map, march::March(config.read(description)?))
         }
         "ellipsoid" => placed(map, Conic::ellipsoid(&decode::<ellipsoid::Ellipsoid>(table)?)),
         "cylinder" => placed(map, Conic::cylinder(&decode::<cylinder::Cylinder>(table)?)),

@@ -15,8 +15,9 @@ use super::Surface;
 use crate::interval::{Decided, Interval, Undecided};
 use crate::root::{Root, Roots};
 use crate::vector::Line;
-use jet::Jet;
-use number::{Fast, Number};
+pub(crate) use jet::Jet;
+use number::Fast;
+pub(crate) use number::Number;
 use std::cmp::Ordering;
 use whitstone_core::DVec3;
 
@@ -41,6 +42,13 @@ pub(crate) trait Level: Send + Sync {
 pub(crate) struct LevelSet<L>(pub(crate) L);
 
 impl<L: Level> LevelSet<L> {
+    /// A radius around the origin that holds all of the surface, where one is known.
+    pub(crate) fn reach(&self) -> Option<f64> {
+        let (bounds, radius) = self.0.bounds();
+        let boxed = bounds.map(|[min, max]| min.abs().max(max.abs()).length());
+        boxed.into_iter().chain(radius).reduce(f64::min)
+    }
+
     /// Along the line, between two parameters.
     fn along<N: Number>(&self, [origin, direction]: [&[N; 3]; 2], t: &N) -> Jet<N> {
         let t = Jet::variable(t.clone());
@@ -155,14 +163,8 @@ fn look<N: Number>(at: &dyn Fn(&N) -> Jet<N>, [a, b]: [f64; 2], number: impl Fn(
 impl<L: Level> Surface for LevelSet<L> {
     fn meet(&self, line: &Line) -> Decided<Roots> {
         let (o, d) = (line.origin.nearest(), line.direction.nearest());
-        let (bounds, radius) = self.0.bounds();
         // A part of the line that certainly holds all of it.
-        let boxed = bounds.map(|[min, max]| min.abs().max(max.abs()).length());
-        let known = boxed.into_iter().chain(radius).fold(f64::INFINITY, f64::min);
-        if known == f64::INFINITY {
-            return Err(Undecided);
-        }
-        let reach = 1.001 * known + 1e-9 * o.length();
+        let reach = 1.001 * self.reach().ok_or(Undecided)? + 1e-9 * o.length();
         let middle = -o.dot(d) / d.length_squared();
         let away = (o + middle * d).length();
         if away > reach {
@@ -173,7 +175,7 @@ impl<L: Level> Surface for LevelSet<L> {
         for between in self.isolate(line, middle - half, middle + half)? {
             let (t, rising) = self.narrow(line, between)?;
             let place = line.at(&t);
-            if let Some(bounds) = &bounds
+            if let (Some(bounds), _) = &self.0.bounds()
                 && !is_inside(&place.0, bounds)?
             {
                 continue;

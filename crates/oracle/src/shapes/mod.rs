@@ -30,16 +30,19 @@ use whitstone_core::{DAffine3, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
 /// The types that the oracle knows.
-pub(crate) const KNOWN: [&str; 19] = [
+pub(crate) const KNOWN: [&str; 22] = [
     "box",
     "cone",
     "csg",
     "cylinder",
     "disk",
     "ellipsoid",
+    "fractal",
     "heightfield",
     "hyperboloid",
+    "implicit",
     "instance",
+    "isosurface",
     "mesh",
     "paraboloid",
     "patch",
