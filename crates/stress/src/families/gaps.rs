@@ -18,12 +18,27 @@ pub(crate) struct ShadowGap;
 impl ShadowGap {
     /// A floor, a blocker at this height that begins at this x, a lamp one above the place in question.
     fn scene(gap: f64, begins: f64) -> String {
-        let (lamp, middle) = (0.5 * gap, begins + 0.5);
+        let middle = begins + 0.5;
+        let lamp = Self::lamp(gap);
         format!(
-            "[[light]]\ntype = \"point\"\nposition = [{lamp:?}, 0, 1]\nintensity = 1\n\
-             [[shape]]\ntype = \"rectangle\"\n[[shape]]\ntype = \"rectangle\"\n\
+            "{lamp}[[shape]]\ntype = \"rectangle\"\n[[shape]]\ntype = \"rectangle\"\n\
              transform = [{{ scale = [0.5, 1, 1] }}, {{ translate = [{middle:?}, 0, {gap:?}] }}]\n"
         )
+    }
+
+    /// The same of triangles, which around the place are as large and end where the others do.
+    fn scene_of_triangles(gap: f64, begins: f64) -> String {
+        let (lamp, ends) = (Self::lamp(gap), begins + 2.0);
+        format!(
+            "{lamp}[[shape]]\ntype = \"triangle\"\nvertices = [[-3, -3, 0], [3, -3, 0], [0, 6, 0]]\n\
+             [[shape]]\ntype = \"triangle\"\n\
+             vertices = [[{begins:?}, 2, {gap:?}], [{begins:?}, -2, {gap:?}], [{ends:?}, 0, {gap:?}]]\n"
+        )
+    }
+
+    fn lamp(gap: f64) -> String {
+        let lamp = 0.5 * gap;
+        format!("[[light]]\ntype = \"point\"\nposition = [{lamp:?}, 0, 1]\nintensity = 1\n")
     }
 
     /// To the place half a gap under the blocker, from beside it.
@@ -53,15 +68,26 @@ impl Family for ShadowGap {
 
     fn step(&self, gap: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         // Dark under it; bright where it begins only beyond the place.
-        let questions = [(Self::scene(gap, 0.0), true), (Self::scene(gap, gap), false)];
+        let questions = [(0.0, true), (gap, false)];
         let ray = Self::ray(gap);
         let mut ours = Sample::default();
         let mut naive = [Sample::default(); 2];
         let mut theirs: Answer = Ok(Sample::default());
-        for (scene, dark) in &questions {
-            let pipeline = lab.pipeline(scene)?;
-            let value = crate::lab::radiance(&pipeline, &ray).r;
-            ours.failures += u64::from((value == 0.0) != *dark);
+        let mut embree: Option<Answer> = None;
+        for (begins, dark) in &questions {
+            let scene = &Self::scene(gap, *begins);
+            let is_wrong = |pipeline: &Pipeline| {
+                let value = crate::lab::radiance(pipeline, &ray).r;
+                u64::from((value == 0.0) != *dark)
+            };
+            ours.failures += is_wrong(&lab.pipeline(scene)?);
+            if let Some(built) = lab.embree(&Self::scene_of_triangles(gap, *begins)) {
+                let before = embree.unwrap_or_else(|| Ok(Sample::default()));
+                embree = Some(before.and_then(|mut sample| {
+                    sample.failures += is_wrong(&built?);
+                    Ok(sample)
+                }));
+            }
             let place = DVec3::new(0.5 * gap, 0.0, 0.0);
             naive[0].failures += u64::from(shaded::<f64>(&*textbook_of(scene, 1)?, place) != *dark);
             naive[1].failures += u64::from(shaded::<f32>(&*textbook_of(scene, 1)?, place) != *dark);
@@ -72,12 +98,14 @@ impl Family for ShadowGap {
                 Ok(sample)
             });
         }
-        Ok(vec![
+        let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
             (Engine::NaiveF64, Ok(naive[0])),
             (Engine::NaiveF32, Ok(naive[1])),
-        ])
+        ];
+        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        Ok(answers)
     }
 }
 
@@ -284,13 +312,7 @@ impl Family for Leaks {
         for begin in (0..wished).step_by(BATCH) {
             let batch = aim(&pipelines[0], center, BATCH.min(wished - begin), &mut random)?;
             for pipeline in &pipelines {
-                let accelerator = &pipeline.world.accelerator;
-                let meets = |ray: &&Ray| {
-                    accelerator
-                        .closest(ray, Interval::FORWARD, Skip::NOTHING)
-                        .is_none()
-                };
-                ours.failures += batch.iter().filter(meets).count() as u64;
+                ours.failures += leaks(pipeline, &batch);
             }
             // The others are asked about the first batch, textbooks, which try every triangle, about a part of it.
             if begin == 0 {
@@ -303,13 +325,20 @@ impl Family for Leaks {
         };
         let theirs = lab.mitsuba_closest(&mesh, &aimed);
         let theirs = theirs.map(|(found, _)| lost(&mut found.iter().map(Option::is_some)));
+        let embree = lab.embree(&mesh).map(|built| {
+            let failures = leaks(&built?, &aimed);
+            Ok(Sample {
+                failures,
+                ..Sample::default()
+            })
+        });
         let few = &aimed[..aimed.len().min(2000)];
         let (double, single) = (textbook_of::<f64>(&mesh, 0)?, textbook_of::<f32>(&mesh, 0)?);
         let numbers = |ray: &Ray| [ray.origin, ray.direction].map(|v| v.to_array());
         let of_double = |[o, d]: [[f64; 3]; 2]| double.closest(o, d).is_some();
         let to_single = |v: [f64; 3]| v.map(|x| x as f32);
         let of_single = |[o, d]: [[f64; 3]; 2]| single.closest(to_single(o), to_single(d)).is_some();
-        Ok(vec![
+        let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
             (
@@ -320,8 +349,21 @@ impl Family for Leaks {
                 Engine::NaiveF32,
                 Ok(lost(&mut few.iter().map(numbers).map(of_single))),
             ),
-        ])
+        ];
+        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        Ok(answers)
     }
+}
+
+/// How many rays meet nothing.
+fn leaks(pipeline: &Pipeline, rays: &[Ray]) -> u64 {
+    let accelerator = &pipeline.world.accelerator;
+    let leaves = |ray: &&Ray| {
+        accelerator
+            .closest(ray, Interval::FORWARD, Skip::NOTHING)
+            .is_none()
+    };
+    rays.iter().filter(leaves).count() as u64
 }
 
 /// From inside the tube of a ring with the radius 0.7, at its vertices and edges.
