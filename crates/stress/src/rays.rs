@@ -132,8 +132,8 @@ impl RayFamily {
     }
 }
 
-/// Families that are about the same, one shape each, as one: what is worst of all shapes counts. An engine takes part that can answer for any of
-/// them, as Embree does for triangles.
+/// Families that are about the same, one shape each, as one: what is worst of all shapes counts. An engine takes part that has all of them; Embree is
+/// asked for those of triangles.
 pub(crate) struct Several(pub(crate) &'static [RayFamily]);
 
 impl Family for Several {
