@@ -53,7 +53,8 @@ pub(crate) static SEAM: Sky = Sky {
     first: 0,
     look: |angle, random| {
         let turn = (angle * (1.0 + random.unit())).copysign(random.signed());
-        let height = 1.2 * random.signed();
+        // Not so high that the poles have a part in it.
+        let height = 1.1 * random.signed();
         let direction = DVec3::new(height.cos() * turn.sin(), height.sin(), height.cos() * turn.cos());
         (direction, [-turn / TAU, 0.5 + height / PI])
     },
