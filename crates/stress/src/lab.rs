@@ -52,9 +52,9 @@ impl<'a> Lab<'a> {
         self.registry.get(FamilyName::Accelerator, EMBREE).is_ok()
     }
 
-    /// A scene of triangles, which Embree finds; `None` if the program was built without it.
+    /// A scene of triangles, which Embree finds as exactly as it can; `None` if the program was built without it.
     pub(crate) fn embree(&self, scene: &str) -> Option<Result<Pipeline, String>> {
-        let scene = format!("accelerator = {{ type = \"{EMBREE}\" }}\n{scene}");
+        let scene = format!("accelerator = {{ type = \"{EMBREE}\", robust = true }}\n{scene}");
         self.has_embree().then(|| self.pipeline(&scene))
     }
 

@@ -19,7 +19,7 @@ pub(crate) static ALMOST_ZERO: Several = Several(&[
             "[[shape]]\ntype = \"triangle\"\nvertices = [[-1, -1, {k:?}], [1, -1, -{k:?}], [{k:?}, 1, {k:?}]]\n"
         )
     }),
-    almost_zero(|_| "[[shape]]\ntype = \"mesh\"\nfile = \"assets/icosphere_1.ply\"\n".to_owned()),
+    almost_zero(|_| "[[shape]]\ntype = \"mesh\"\nfile = \"assets/star.obj\"\n".to_owned()),
 ]);
 
 const fn almost_zero(scene: fn(f64) -> String) -> RayFamily {
