@@ -60,7 +60,8 @@ fn down(size: f64, random: &mut Random) -> Option<Ray> {
     Some(Ray::new(DVec3::new(place[0], place[1], 3.0), direction))
 }
 
-/// Scenes of no size: what is squared twice is below all numbers from 1e-77 m on, and what is squared once from 1e-154 m on.
+/// Scenes of no size. The square of a triangle's area is below all numbers from 1e-77 m on, where it counts as flat; a radius whose square is, from
+/// 1e-154 m on, is refused.
 pub(crate) static ALMOST_NOTHING: Several = Several(&[
     almost_nothing(|s| format!("[[shape]]\ntype = \"sphere\"\nradius = {s:?}\n")),
     almost_nothing(|s| format!("[[shape]]\ntype = \"box\"\ntransform = {{ scale = {s:?} }}\n")),
@@ -78,11 +79,11 @@ const fn almost_nothing(scene: fn(f64) -> String) -> RayFamily {
             catalogue: &[39],
             knob: "size of a scene, in metres",
             measure: "relative error of t",
-            promise: "16 ulp x condition, no wrong class down to 1e-60 m, as surfaces need squares of squares",
+            promise: "16 ulp x condition, no wrong class down to 1e-70 m; a triangle below 1e-77 m has no normal",
             pass: 16.0,
             usable: 1e-3,
         },
-        knobs: || vec![1.0, 1e-10, 1e-20, 1e-30, 1e-40, 1e-50, 1e-60],
+        knobs: || vec![1.0, 1e-10, 1e-20, 1e-30, 1e-40, 1e-50, 1e-60, 1e-70],
         scene,
         ray: |size, random| {
             // Of a scene of usual size, in single precision.

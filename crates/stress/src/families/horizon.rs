@@ -1,13 +1,14 @@
 //! A checkered plane up to the horizon.
 
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
+use std::f64::consts::PI;
 use whitstone_core::Scratch;
 use whitstone_oracle::naive::Real;
 
 /// Pixels side by side, in a single row.
 const WIDTH: u32 = 16;
-/// Height of the eye above the plane, in squares.
-const HEIGHT: f64 = 10.0;
+/// Height of the eye above the plane, in squares: nine and a half, so that no view ends at a border of squares, where any filter shows the mean.
+const HEIGHT: f64 = 3.0 * PI;
 /// Of half of the angle of view: a pixel is a thousandth of a radian wide.
 const HALF: f64 = 8e-3;
 /// The two colours of the picture, of which a square is 16 texels wide.
@@ -41,7 +42,7 @@ impl Family for Horizon {
         About {
             name: "horizon",
             catalogue: &[23],
-            knob: "slope of the view to a checkered plane, ten squares below the eye",
+            knob: "slope of the view to a checkered plane, 9.4 squares below the eye",
             measure: "distance of a pixel from the mean of both colours, over their difference",
             promise: "1/255 with either filter, no value that is none",
             pass: 1.0 / 255.0,
@@ -50,7 +51,7 @@ impl Family for Horizon {
     }
 
     fn knobs(&self) -> Vec<f64> {
-        // From a place a thousand squares away, where a pixel is one square wide and a hundred long.
+        // From a place almost a thousand squares away, where a pixel is one square wide and a hundred long.
         decades(-2, -12)
     }
 
