@@ -28,10 +28,9 @@ impl ShadowGap {
 
     /// The same of triangles, which around the place are as large and end where the others do.
     fn scene_of_triangles(gap: f64, begins: f64) -> String {
-        let (lamp, ends) = (Self::lamp(gap), begins + 2.0);
+        let (lamp, floor, ends) = (Self::lamp(gap), sheet(0.0, true, ""), begins + 2.0);
         format!(
-            "{lamp}[[shape]]\ntype = \"triangle\"\nvertices = [[-3, -3, 0], [3, -3, 0], [0, 6, 0]]\n\
-             [[shape]]\ntype = \"triangle\"\n\
+            "{lamp}{floor}[[shape]]\ntype = \"triangle\"\n\
              vertices = [[{begins:?}, 2, {gap:?}], [{begins:?}, -2, {gap:?}], [{ends:?}, 0, {gap:?}]]\n"
         )
     }
@@ -115,6 +114,15 @@ fn shaded<R: Real>(blocker: &dyn Textbook<R>, place: DVec3) -> bool {
     blocker.closest(origin, [0.0, 0.0, 1.0].map(R::of)).is_some()
 }
 
+/// A triangle at a height, a few metres wide, whose outside is above or below.
+fn sheet(z: f64, above: bool, material: &str) -> String {
+    let side = if above { 3 } else { -3 };
+    format!(
+        "[[shape]]\ntype = \"triangle\"\nvertices = [[{}, -3, {z:?}], [{side}, -3, {z:?}], [0, 6, {z:?}]]\n{material}\n",
+        -side
+    )
+}
+
 /// A pane of glass has two faces, however thin it is.
 pub(crate) struct ThinPane;
 
@@ -137,24 +145,16 @@ impl Family for ThinPane {
 
     fn step(&self, thickness: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         let half = 0.5 * thickness;
+        let integrator = "integrator = { type = \"whitted\", max_depth = 3 }\n";
+        let glass = "material = { type = \"dielectric\", interior_ior = 1.5 }\n";
         let scene = format!(
-            "integrator = {{ type = \"whitted\", max_depth = 3 }}\n[[shape]]\ntype = \"box\"\n\
-             transform = {{ scale = [1, 1, {half:?}] }}\nmaterial = {{ type = \"dielectric\", interior_ior = 1.5 }}\n"
+            "{integrator}[[shape]]\ntype = \"box\"\ntransform = {{ scale = [1, 1, {half:?}] }}\n{glass}"
         );
         let ray = Ray::new(DVec3::new(0.125, 0.25, 2.0), DVec3::NEG_Z);
-        let pipeline = lab.pipeline(&scene)?;
-        let straight = tree(&pipeline, &ray);
-        let straight = straight
-            .iter()
-            .filter(|node| node.path.chars().all(|letter| letter == 'T'));
-        let (faces, behind): (Vec<_>, Vec<_>) = straight.partition(|node| node.shape >= 0);
-        let passes = 0.96 * 0.96;
-        let mut ours = Sample::default();
-        match &behind[..] {
-            [last] => ours.add((last.throughput.r / passes - 1.0).abs()),
-            _ => ours.failures += 1,
-        }
-        ours.failures += u64::from(faces.len() != 2);
+        let ours = Self::passed(&lab.pipeline(&scene)?, &ray);
+        let faces = [sheet(half, true, glass), sheet(-half, false, glass)].concat();
+        let embree = lab.embree(&format!("{integrator}{faces}"));
+        let embree = embree.map(|built| Ok(Self::passed(&built?, &ray)));
         let counted = |count: u64| Sample {
             failures: u64::from(count != 2),
             ..Sample::default()
@@ -164,7 +164,7 @@ impl Family for ThinPane {
         let theirs = lab
             .mitsuba(request)
             .map(|answer| counted(answer["counts"][0].as_u64().unwrap_or(0)));
-        Ok(vec![
+        let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
             (
@@ -175,7 +175,27 @@ impl Family for ThinPane {
                 Engine::NaiveF32,
                 Ok(counted(faces_met::<f32>(&*textbook_of(&scene, 0)?, &ray))),
             ),
-        ])
+        ];
+        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        Ok(answers)
+    }
+}
+
+impl ThinPane {
+    /// What is left of a ray behind all faces, and how many it met.
+    fn passed(pipeline: &Pipeline, ray: &Ray) -> Sample {
+        let nodes = tree(pipeline, ray);
+        let straight = nodes
+            .iter()
+            .filter(|node| node.path.chars().all(|letter| letter == 'T'));
+        let (faces, behind): (Vec<_>, Vec<_>) = straight.partition(|node| node.shape >= 0);
+        let mut sample = Sample::default();
+        match &behind[..] {
+            [last] => sample.add((last.throughput.r / (0.96 * 0.96) - 1.0).abs()),
+            _ => sample.failures += 1,
+        }
+        sample.failures += u64::from(faces.len() != 2);
+        sample
     }
 }
 
@@ -217,21 +237,27 @@ impl Family for ParallelMirrors {
 
     fn step(&self, spacing: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         let material = format!("material = {{ type = \"mirror\", reflectance = {REFLECTANCE:?} }}");
-        let scene = format!(
+        let around = format!(
             "integrator = {{ type = \"whitted\", max_depth = {BOUNCES} }}\n\
-             [[light]]\ntype = \"background\"\nradiance = 1\n\
-             [[shape]]\ntype = \"rectangle\"\n{material}\n\
+             [[light]]\ntype = \"background\"\nradiance = 1\n"
+        );
+        let scene = format!(
+            "{around}[[shape]]\ntype = \"rectangle\"\n{material}\n\
              [[shape]]\ntype = \"rectangle\"\ntransform = {{ translate = [0, 0, {spacing:?}] }}\n{material}\n"
         );
         let ray = Ray::new(DVec3::new(0.125, 0.25, 0.5 * spacing), DVec3::NEG_Z);
-        let pipeline = lab.pipeline(&scene)?;
         let expected = power(REFLECTANCE, BOUNCES + 1);
-        let met = tree(&pipeline, &ray)
-            .iter()
-            .filter(|node| node.shape >= 0)
-            .count();
-        let mut ours = Sample::new((crate::lab::radiance(&pipeline, &ray).r / expected - 1.0).abs());
-        ours.failures = u64::from(met != BOUNCES as usize + 1);
+        let reflected = |pipeline: &Pipeline| {
+            let nodes = tree(pipeline, &ray);
+            let met = nodes.iter().filter(|node| node.shape >= 0).count();
+            let mut sample = Sample::new((crate::lab::radiance(pipeline, &ray).r / expected - 1.0).abs());
+            sample.failures = u64::from(met != BOUNCES as usize + 1);
+            sample
+        };
+        let ours = reflected(&lab.pipeline(&scene)?);
+        let mirrors = [sheet(0.0, true, &material), sheet(spacing, false, &material)].concat();
+        let embree = lab.embree(&format!("{around}{mirrors}"));
+        let embree = embree.map(|built| Ok(reflected(&built?)));
         // What a ray that got lost brings is the background, behind as many mirrors as it met.
         let counted = |count: u64| {
             let mut sample = Sample::new((power(REFLECTANCE, count as u32) / expected - 1.0).abs());
@@ -242,12 +268,14 @@ impl Family for ParallelMirrors {
         let theirs = lab
             .mitsuba(request)
             .map(|answer| counted(answer["counts"][0].as_u64().unwrap_or(0)));
-        Ok(vec![
+        let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
             (Engine::NaiveF64, Ok(counted(reflections::<f64>(&scene, &ray)?))),
             (Engine::NaiveF32, Ok(counted(reflections::<f32>(&scene, &ray)?))),
-        ])
+        ];
+        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        Ok(answers)
     }
 }
 

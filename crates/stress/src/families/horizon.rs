@@ -51,8 +51,8 @@ impl Family for Horizon {
     }
 
     fn knobs(&self) -> Vec<f64> {
-        // From a place almost a thousand squares away, where a pixel is one square wide and a hundred long.
-        decades(-2, -12)
+        // From where a pixel is a third of a square wide and ten squares long.
+        std::iter::once(3e-2).chain(decades(-2, -12)).collect()
     }
 
     fn step(&self, slope: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
