@@ -22,7 +22,7 @@ use whitstone_validate::report::Diagram;
 /// form. The frontier is the first value of the knob at which an engine is of no use any more; "none" is best. The next `report` shows
 /// the diagrams.
 ///
-/// Exit code 0 if Whitstone keeps its promise in every family, gets at least as far as Mitsuba, and the naive variants fail;
+/// Exit code 0 if Whitstone keeps its promise in every family, gets at least as far as Mitsuba and Embree, and the naive variants fail;
 /// 1 if not.
 #[derive(Args, Debug)]
 #[command(
