@@ -176,6 +176,7 @@ impl<'a> Lab<'a> {
                 }
                 Ok((Ready::Mitsuba(flattened), shot))
             }
+            Engine::Embree => Err("it renders scenes as an accelerator of them".to_owned()),
             Engine::NaiveF64 | Engine::NaiveF32 => Err("textbook forms render no scenes".to_owned()),
         }
     }

@@ -82,6 +82,7 @@ fn engine_of(engine: whitstone_stress::Engine) -> Engine {
     match engine {
         whitstone_stress::Engine::Whitstone => Engine::Whitstone,
         whitstone_stress::Engine::Mitsuba => Engine::Mitsuba,
+        whitstone_stress::Engine::Embree => Engine::Embree,
         whitstone_stress::Engine::NaiveF64 => Engine::NaiveF64,
         whitstone_stress::Engine::NaiveF32 => Engine::NaiveF32,
     }

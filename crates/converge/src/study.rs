@@ -22,6 +22,8 @@ pub enum Engine {
     Whitstone,
     /// Mitsuba, by the driver of the harness.
     Mitsuba,
+    /// Embree over the same triangles, in single precision; of families of stress cases only.
+    Embree,
     /// Textbook forms in double precision; of families of stress cases only.
     #[serde(rename = "naive f64")]
     NaiveF64,
@@ -53,6 +55,7 @@ impl Engine {
         match self {
             Self::Whitstone => "whitstone",
             Self::Mitsuba => "mitsuba",
+            Self::Embree => "embree",
             Self::NaiveF64 => "naive f64",
             Self::NaiveF32 => "naive f32",
         }

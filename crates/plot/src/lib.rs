@@ -32,14 +32,25 @@ pub struct Axis {
     last: f64,
     from: f64,
     to: f64,
+    /// What is below is drawn here.
+    least: f64,
 }
 
 impl Axis {
-    /// Whole decades around all finite values.
+    /// Whole decades around all finite values, of which zero and what is as good as zero are drawn at 1e-18.
     pub fn around(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
+        Self::above(LEAST, values, from, to)
+    }
+
+    /// Whole decades around all positive values, however small.
+    pub fn around_all(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
+        Self::above(f64::from_bits(1), values, from, to)
+    }
+
+    fn above(floor: f64, values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         let logs: Vec<f64> = values
             .filter(|value| value.is_finite())
-            .map(|value| value.max(LEAST).log10())
+            .map(|value| value.max(floor).log10())
             .collect();
         let least = logs.iter().copied().fold(f64::INFINITY, f64::min).floor();
         let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max).ceil();
@@ -53,6 +64,7 @@ impl Axis {
             last,
             from,
             to,
+            least: floor,
         }
     }
 
@@ -68,7 +80,12 @@ impl Axis {
 
     /// Where a value is drawn.
     pub fn at(&self, value: f64) -> f64 {
-        let part = (value.max(LEAST).log10() - self.first) / (self.last - self.first);
+        self.at_power(value.max(self.least).log10())
+    }
+
+    /// Where a power of ten is drawn, which need not be a number.
+    fn at_power(&self, power: f64) -> f64 {
+        let part = (power - self.first) / (self.last - self.first);
         self.from + part.clamp(0.0, 1.0) * (self.to - self.from)
     }
 
@@ -127,7 +144,7 @@ impl Figure {
     pub fn panel(&mut self, left: f64, across: &Axis, up: &Axis, name: &str) {
         let bottom = TOP + HEIGHT;
         for decade in up.ticks() {
-            let y = up.at(10f64.powi(decade));
+            let y = up.at_power(f64::from(decade));
             self.line(&format!(
                 "<path class=\"grid\" d=\"M {left} {y:.1} h {WIDTH}\"/><text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">1e{decade}</text>",
                 left - 5.0,
@@ -135,7 +152,7 @@ impl Figure {
             ));
         }
         for decade in across.ticks() {
-            let x = across.at(10f64.powi(decade));
+            let x = across.at_power(f64::from(decade));
             self.line(&format!(
                 "<path class=\"grid\" d=\"M {x:.1} {TOP} V {bottom}\"/><text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">1e{decade}</text>",
                 bottom + 16.0
@@ -231,6 +248,12 @@ mod tests {
         );
         assert_eq!(axis.ticks().collect::<Vec<_>>(), [-2, -1, 0, 1, 2]);
         assert_eq!(axis.reversed().at(0.01), 400.0);
+        // Down to the least double.
+        let axis = Axis::around_all([1e-300, 5e-324].into_iter(), 0.0, 24.0);
+        assert_eq!(
+            [1e-300, 1e-312, 5e-324].map(|x| axis.at(x).round()),
+            [24.0, 12.0, 1.0]
+        );
         // Nothing to show is no reason to fail.
         assert_eq!(Axis::around(std::iter::empty(), 0.0, 1.0).at(1.0), 0.0);
     }

@@ -98,6 +98,14 @@ mod tests {
     }
 
     #[test]
+    fn radii_without_squares_are_refused() {
+        for (radius, refused) in [(1e-150, false), (1e-160, true), (1e160, true)] {
+            let built = build::<Shapes, Cylinder>(&format!("radius = {radius:e}"), Transform::IDENTITY);
+            assert_eq!(built.is_err(), refused, "{radius:e}");
+        }
+    }
+
+    #[test]
     fn sides_and_caps_are_numbered() {
         assert_eq!(
             closest("", [3.0, 0.0, 0.0], [-1.0, 0.0, 0.0], None),

@@ -41,9 +41,9 @@ pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered>
     let mut flat = 0;
     for triangle in &mut triangles {
         let [a, b, c] = triangle.map(|i| positions[i as usize]);
-        // Rounding could let a ray hit a triangle whose corners lie in a line, and its normal is not a
-        // number. Where all corners are one, all edge functions are exactly zero: it is never hit.
-        if (b - a).cross(c - a).try_normalize().is_none() {
+        // Rounding could let a ray hit a triangle whose corners lie in a line, and its normal is not a number, or not of
+        // unit length where its square has lost digits. Where all corners are one, all edge functions are exactly zero: it is never hit.
+        if !(b - a).cross(c - a).length_squared().is_normal() {
             *triangle = [triangle[0]; 3];
             flat += 1;
         }
@@ -87,6 +87,17 @@ mod tests {
         };
         let lowered = lower(object, &Transform::IDENTITY).unwrap();
         assert_eq!(lowered.flat, 2);
+        // Normals have unit length down to where there are none.
+        let small = |size: f64| {
+            let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+            let object = Triangles {
+                positions: corners.map(|corner| size * corner).to_vec(),
+                triangles: vec![[0, 1, 2]],
+                ..Triangles::default()
+            };
+            lower(object, &Transform::IDENTITY).unwrap().flat
+        };
+        assert_eq!([1e-76, 1e-80, 1e-100].map(small), [0, 1, 1]);
         assert_eq!(lowered.mesh.triangles, [[0, 0, 0], [0, 1, 3], [3, 3, 3]]);
         assert_eq!(
             lowered.mesh.normals,

@@ -1,6 +1,16 @@
 //! The cheap test of round and compact shapes, and texture coordinates that are angles.
 
-use whitstone_core::{DVec3, Ray, SurfacePoint};
+use whitstone_core::{DVec3, Ray, SceneError, SurfacePoint};
+
+/// Refuses a radius whose square is no double with all of its digits: misses would be hits, and normals of another length than 1.
+pub(crate) fn check_radius(radius: f64) -> Result<(), SceneError> {
+    if (radius * radius).is_normal() {
+        return Ok(());
+    }
+    Err(SceneError::anywhere(
+        "the radius is too large or too small to compute with",
+    ))
+}
 
 /// A point beside another one, with texture coordinates that go on where they start anew after a turn.
 pub(crate) fn goes_on(mut there: SurfacePoint, here: &SurfacePoint) -> SurfacePoint {

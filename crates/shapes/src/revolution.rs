@@ -2,6 +2,7 @@
 
 use crate::conic::{Clipped, Conic, Mapping, angle};
 use crate::frame::Frame;
+use crate::near::check_radius;
 use serde::{Deserialize, Deserializer};
 use whitstone_core::config::Vector2;
 use whitstone_core::{Aabb, DMat3, DVec2, DVec3, SceneErrors, Shape, Transform};
@@ -64,6 +65,7 @@ impl Revolution {
         widest: impl FnOnce(&Transform) -> Vec<[f64; 2]>,
     ) -> Result<Shape, SceneErrors> {
         let Heights([low, high]) = self.heights;
+        check_radius(self.radii[0].max(self.radii[1]))?;
         let conic = Conic {
             turn: DMat3::IDENTITY,
             center: DVec3::new(0.0, 0.0, self.origin),

@@ -7,7 +7,7 @@
 //! - Twin: Mitsuba `sphere` (native).
 //! - Example: `scenes/shapes/sphere.toml`.
 
-use crate::near::{comes_near_ball, goes_on};
+use crate::near::{check_radius, comes_near_ball, goes_on};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::TAU;
@@ -55,9 +55,11 @@ impl Plugin<Shapes> for Sphere {
         let scale = transform.similarity_scale().ok_or_else(|| {
             SceneError::anywhere("the transform of a sphere must scale equally in all directions")
         })?;
+        let radius = config.radius.get() * scale;
+        check_radius(radius)?;
         Ok(Shape::Opaque(Box::new(Self {
             center: transform.point_to_world(config.center.get()),
-            radius: config.radius.get() * scale,
+            radius,
             transform,
         })))
     }
@@ -164,7 +166,7 @@ impl Sphere {
 mod tests {
     use super::*;
     use whitstone_core::{Interval, Primitive};
-    use whitstone_testkit::shape_laws_everywhere;
+    use whitstone_testkit::{build, shape_laws_everywhere};
 
     fn unit() -> Sphere {
         Sphere {
@@ -187,6 +189,14 @@ mod tests {
         assert_eq!(hit.t, 2.0);
         let away = Ray::new(DVec3::X, DVec3::X);
         assert_eq!(unit().closest(&away, Interval::FORWARD, Some(0)), None);
+    }
+
+    #[test]
+    fn radii_without_squares_are_refused() {
+        for (radius, refused) in [(1e-150, false), (1e150, false), (1e-160, true), (1e160, true)] {
+            let built = build::<Shapes, Sphere>(&format!("radius = {radius:e}"), Transform::IDENTITY);
+            assert_eq!(built.is_err(), refused, "{radius:e}");
+        }
     }
 
     #[test]

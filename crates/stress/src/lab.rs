@@ -1,5 +1,6 @@
 //! What families work with: plugins, the oracle, and Mitsuba where it runs.
 
+use crate::Engine;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Mutex;
@@ -12,6 +13,9 @@ use whitstone_validate::driver::{Driver, DriverError};
 /// Whatever is not in a scene of a family.
 const CAMERA: &str =
     "camera = { type = \"perspective\", look_at = { origin = [0, 0, 9], target = [0, 0, 0] } }\n";
+
+/// The accelerator that traces in single precision, of a crate that not every program has.
+const EMBREE: &str = "embree";
 
 /// The engines, ready to be asked.
 pub struct Lab<'a> {
@@ -34,6 +38,24 @@ impl<'a> Lab<'a> {
     /// The driver, for other questions.
     pub fn into_driver(self) -> Option<Driver> {
         self.mitsuba.and_then(|driver| driver.into_inner().ok())
+    }
+
+    /// Who can take part in some family: Embree only where the program has it.
+    pub fn engines(&self) -> impl Iterator<Item = Engine> {
+        let has_embree = self.has_embree();
+        Engine::ALL
+            .into_iter()
+            .filter(move |engine| *engine != Engine::Embree || has_embree)
+    }
+
+    fn has_embree(&self) -> bool {
+        self.registry.get(FamilyName::Accelerator, EMBREE).is_ok()
+    }
+
+    /// A scene of triangles, which Embree finds as exactly as it can; `None` if the program was built without it.
+    pub(crate) fn embree(&self, scene: &str) -> Option<Result<Pipeline, String>> {
+        let scene = format!("accelerator = {{ type = \"{EMBREE}\", robust = true }}\n{scene}");
+        self.has_embree().then(|| self.pipeline(&scene))
     }
 
     /// All accelerators that promise exact answers: peers do not.
@@ -75,6 +97,17 @@ impl<'a> Lab<'a> {
             DriverError::Unsupported(why) => format!("no twin: {why}"),
             other => other.to_string(),
         })
+    }
+
+    /// The red values of pixels, by the driver, which has Mitsuba meet rays and shapes and look up textures.
+    pub(crate) fn mitsuba_pixels(&self, scene: &str, pixels: &[[u32; 2]]) -> Result<Vec<f64>, String> {
+        let answer =
+            self.mitsuba(json!({ "op": "probe", "scene": scene, "pixels": pixels, "settings": [{}] }))?;
+        let values = answer["values"][0].as_array().ok_or("no values")?;
+        Ok(values
+            .iter()
+            .map(|rgb| rgb[0].as_f64().unwrap_or(f64::NAN))
+            .collect())
     }
 
     /// Its nearest hits, and nanoseconds for each.

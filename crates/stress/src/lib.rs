@@ -16,7 +16,7 @@ pub mod plot;
 mod rays;
 mod report;
 
-pub use families::{ELSEWHERE, FAMILIES, MISSING};
+pub use families::{ELSEWHERE, FAMILIES};
 pub use lab::Lab;
 pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, table};
 
@@ -31,6 +31,9 @@ pub enum Engine {
     /// Mitsuba's own functions, in single precision.
     #[serde(rename = "mitsuba")]
     Mitsuba,
+    /// Embree over the same triangles, in single precision, where the program has it; all around it is Whitstone.
+    #[serde(rename = "embree")]
+    Embree,
     /// The textbook's, in double precision.
     #[serde(rename = "naive f64")]
     NaiveF64,
@@ -40,11 +43,21 @@ pub enum Engine {
 }
 
 impl Engine {
+    /// Everyone, in the order of tables.
+    pub const ALL: [Self; 5] = [
+        Self::Whitstone,
+        Self::Mitsuba,
+        Self::Embree,
+        Self::NaiveF64,
+        Self::NaiveF32,
+    ];
+
     /// As people read it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Whitstone => "whitstone",
             Self::Mitsuba => "mitsuba",
+            Self::Embree => "embree",
             Self::NaiveF64 => "naive f64",
             Self::NaiveF32 => "naive f32",
         }
@@ -101,6 +114,18 @@ impl Sample {
         } else {
             self.nonfinite += 1;
         }
+    }
+
+    /// All of another one's answers too; of two times the longer one.
+    pub fn join(&mut self, other: &Self) {
+        self.error = self.error.max(other.error);
+        self.strict = self.strict.max(other.strict);
+        self.failures += other.failures;
+        self.nonfinite += other.nonfinite;
+        self.ns_per_op = [self.ns_per_op, other.ns_per_op]
+            .into_iter()
+            .flatten()
+            .reduce(f64::max);
     }
 }
 

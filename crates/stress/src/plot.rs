@@ -3,12 +3,16 @@
 use crate::{Engine, EngineReport, FamilyReport};
 use whitstone_plot::{Axis, COLORS, Figure, HEIGHT, LEFT, SECOND, TOP, WIDTH};
 
+/// Entries of the legend side by side.
+const IN_A_LINE: usize = 4;
+
 fn color(engine: Engine) -> &'static str {
     COLORS[match engine {
         Engine::Whitstone => 0,
         Engine::Mitsuba => 1,
         Engine::NaiveF64 => 2,
         Engine::NaiveF32 => 3,
+        Engine::Embree => 4,
     }]
 }
 
@@ -21,7 +25,7 @@ pub fn svg(report: &FamilyReport) -> String {
         .collect();
     let steps = || engines.iter().flat_map(|engine| &engine.steps);
     let bottom = TOP + HEIGHT;
-    let mut knobs = Axis::around(report.knobs.iter().copied(), LEFT, LEFT + WIDTH);
+    let mut knobs = Axis::around_all(report.knobs.iter().copied(), LEFT, LEFT + WIDTH);
     // The stiff end is on the right, also where the knob goes down.
     if report.knobs.first() > report.knobs.last() {
         knobs = knobs.reversed();
@@ -32,7 +36,7 @@ pub fn svg(report: &FamilyReport) -> String {
     let mut figure = Figure::new(
         &format!("{}: error against the knob and against time", report.family),
         &format!("{}: {}", report.family, report.measure),
-        1,
+        engines.len().div_ceil(IN_A_LINE),
     );
     figure.panel(LEFT, &knobs, &errors, &report.knob);
     if steps().any(|step| step.ns_per_op.is_some()) {
@@ -68,7 +72,8 @@ pub fn svg(report: &FamilyReport) -> String {
             engine.engine.name(),
             report.frontier(engine.engine)
         );
-        figure.legend(LEFT + 210.0 * number as f64, 0, ink, &name);
+        let (column, line) = (number % IN_A_LINE, number / IN_A_LINE);
+        figure.legend(LEFT + 210.0 * column as f64, line, ink, &name);
     }
     figure.finish()
 }

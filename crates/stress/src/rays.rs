@@ -4,9 +4,10 @@ use crate::lab::single;
 use crate::{About, Answer, Engine, Family, Lab, Sample};
 use std::hint::black_box;
 use std::time::Instant;
-use whitstone_core::{Aabb, DVec3, Interval, Ray, Skip};
+use whitstone_core::{Aabb, DVec3, Interval, Ray, Shape, Skip};
 use whitstone_oracle::Nearest;
 use whitstone_oracle::agreement::{Agreement, Error};
+use whitstone_scene::Pipeline;
 use whitstone_testkit::Random;
 
 /// How often a family may refuse a ray before the step counts as impossible.
@@ -54,15 +55,11 @@ impl Family for RayFamily {
             .map(|ray| subject.oracle.nearest(ray, Interval::FORWARD))
             .collect();
 
-        let world = &subject.pipeline.world;
-        let (ours, ns) = timed(&rays, |ray| {
-            let hit = world.accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING);
-            hit.map(|hit| hit.t)
-        });
+        let (ours, ns) = traced(&subject.pipeline, &rays);
         let mut whitstone = self.judge(knob, &truths, &ours);
         whitstone.ns_per_op = Some(ns);
         if !self.one_measure {
-            let geometry = &world.geometry;
+            let geometry = &subject.pipeline.world.geometry;
             let boxes = geometry.elements().map(|element| geometry.bounds(element));
             let bounds = boxes.fold(Aabb::EMPTY, Aabb::union);
             let mut agreement = Agreement::default();
@@ -94,12 +91,24 @@ impl Family for RayFamily {
             sample.ns_per_op = Some(ns);
             sample
         });
-        Ok(vec![
+        let mut answers = vec![
             (Engine::Whitstone, Ok(whitstone)),
             (Engine::Mitsuba, mitsuba),
             (Engine::NaiveF64, Ok(naive_f64)),
             (Engine::NaiveF32, Ok(naive_f32)),
-        ])
+        ];
+        let shapes = subject.pipeline.world.geometry.shapes();
+        let of_triangles = shapes.iter().all(|shape| matches!(shape, Shape::Triangles(_)));
+        if of_triangles && let Some(built) = lab.embree(&scene) {
+            let embree = built.map(|pipeline| {
+                let (found, ns) = traced(&pipeline, &rays);
+                let mut sample = self.judge(knob, &truths, &found);
+                sample.ns_per_op = Some(ns);
+                sample
+            });
+            answers.push((Engine::Embree, embree));
+        }
+        Ok(answers)
     }
 }
 
@@ -121,6 +130,46 @@ impl RayFamily {
         }
         sample
     }
+}
+
+/// Families that are about the same, one shape each, as one: what is worst of all shapes counts. An engine takes part that has all of them; Embree is
+/// asked for those of triangles.
+pub(crate) struct Several(pub(crate) &'static [RayFamily]);
+
+impl Family for Several {
+    fn about(&self) -> About {
+        self.0[0].about
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        (self.0[0].knobs)()
+    }
+
+    fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let mut all: Vec<(Engine, Answer)> = Vec::new();
+        for family in self.0 {
+            for (engine, answer) in family.step(knob, lab)? {
+                match all.iter_mut().find(|(known, _)| *known == engine) {
+                    None => all.push((engine, answer)),
+                    Some((_, known)) => match (known, answer) {
+                        (Ok(sample), Ok(more)) => sample.join(&more),
+                        (known, Err(why)) => *known = Err(why),
+                        (Err(_), Ok(_)) => {}
+                    },
+                }
+            }
+        }
+        Ok(all)
+    }
+}
+
+/// Distances of the nearest hits, and nanoseconds for each.
+fn traced(pipeline: &Pipeline, rays: &[Ray]) -> (Vec<Option<f64>>, f64) {
+    let accelerator = &pipeline.world.accelerator;
+    timed(rays, |ray| {
+        let hit = accelerator.closest(ray, Interval::FORWARD, Skip::NOTHING);
+        hit.map(|hit| hit.t)
+    })
 }
 
 /// All answers, and nanoseconds for each in the best of three runs.

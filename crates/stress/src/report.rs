@@ -47,11 +47,11 @@ pub struct EngineReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Whitstone keeps the promise everywhere, its frontier is not nearer than Mitsuba's, and a naive variant fails.
+    /// Whitstone keeps the promise everywhere, its frontier is not nearer than Mitsuba's and Embree's, and a naive variant fails.
     Pass,
     /// Whitstone breaks the promise.
     Fails,
-    /// Mitsuba gets further.
+    /// Mitsuba or Embree gets further.
     Behind,
     /// No naive variant fails: the family proves nothing.
     Toothless,
@@ -130,12 +130,17 @@ impl FamilyReport {
                 .filter(takes_part)
                 .is_some_and(|report| report.frontier.is_some());
         let ours = of(Engine::Whitstone);
-        let theirs = of(Engine::Mitsuba).filter(takes_part);
+        let theirs = [Engine::Mitsuba, Engine::Embree].map(|engine| of(engine).filter(takes_part));
+        let farthest = theirs
+            .into_iter()
+            .flatten()
+            .map(|report| report.usable_steps)
+            .max();
         let verdict = if !ours.is_some_and(|report| report.passes) {
             Verdict::Fails
         } else if ours
-            .zip(theirs)
-            .is_some_and(|(ours, theirs)| ours.usable_steps < theirs.usable_steps)
+            .zip(farthest)
+            .is_some_and(|(ours, farthest)| ours.usable_steps < farthest)
         {
             Verdict::Behind
         } else if !naive_fails {
@@ -155,6 +160,12 @@ impl FamilyReport {
             naive_fails,
             verdict,
         }
+    }
+
+    /// Whether an engine answered.
+    pub fn takes_part(&self, engine: Engine) -> bool {
+        let mut all = self.engines.iter();
+        all.any(|report| report.engine == engine && !report.steps.is_empty())
     }
 
     /// What an engine's frontier is, in words.
@@ -222,42 +233,72 @@ impl fmt::Display for Verdict {
     }
 }
 
+impl Engine {
+    fn title(self) -> &'static str {
+        match self {
+            Self::Whitstone => "Whitstone",
+            Self::Mitsuba => "Mitsuba",
+            Self::Embree => "Embree",
+            naive => naive.name(),
+        }
+    }
+}
+
+/// Some engines, but Embree, which not every program has, only where a family asked it.
+fn shown<const N: usize>(engines: [Engine; N], reports: &[FamilyReport]) -> Vec<Engine> {
+    let asked = |engine| reports.iter().any(|report| report.takes_part(engine));
+    let is_shown = |engine: &Engine| *engine != Engine::Embree || asked(*engine);
+    engines.into_iter().filter(is_shown).collect()
+}
+
+/// Cells of a table in Markdown.
+fn row(cells: impl IntoIterator<Item = String>) -> String {
+    let cells: Vec<String> = cells.into_iter().collect();
+    format!("| {} |\n", cells.join(" | "))
+}
+
+/// The line under the heads of so many columns.
+fn rule(columns: usize) -> String {
+    format!("|{}\n", "---|".repeat(columns))
+}
+
 /// The frontiers of all families as a table in Markdown.
 pub fn table(reports: &[FamilyReport]) -> String {
-    let mut text = String::from(
-        "| family | what is turned | Whitstone | Mitsuba | naive f64 | naive f32 | verdict |\n|---|---|---|---|---|---|---|\n",
-    );
+    let engines = shown(Engine::ALL, reports);
+    let around = |first: [&str; 2], cells: Vec<String>, last: &str| {
+        let first = first.map(str::to_owned).into_iter();
+        row(first.chain(cells).chain([last.to_owned()]))
+    };
+    let titles = engines.iter().map(|engine| engine.title().to_owned()).collect();
+    let mut text = around(["family", "what is turned"], titles, "verdict") + &rule(engines.len() + 3);
     for report in reports {
-        let of = |engine| report.frontier(engine);
-        text += &format!(
-            "| {} | {} | {} | {} | {} | {} | {} |\n",
-            report.family,
-            report.knob,
-            of(Engine::Whitstone),
-            of(Engine::Mitsuba),
-            of(Engine::NaiveF64),
-            of(Engine::NaiveF32),
-            report.verdict
+        let frontiers = engines.iter().map(|engine| report.frontier(*engine)).collect();
+        text += &around(
+            [&report.family, &report.knob],
+            frontiers,
+            &report.verdict.to_string(),
         );
     }
     text
 }
 
-/// Frontiers of Whitstone and Mitsuba, in the families where both take part.
+/// Frontiers of Whitstone and of the programs of others, in the families where one of these takes part.
 pub fn headline(reports: &[FamilyReport]) -> String {
-    let mut text = String::from(
-        "| family | what is turned, and how far | Whitstone breaks at | Mitsuba breaks at |\n|---|---|---|---|\n",
-    );
+    let engines = shown([Engine::Whitstone, Engine::Mitsuba, Engine::Embree], reports);
+    let after = |first: [String; 2], cells: Vec<String>| row(first.into_iter().chain(cells));
+    let titles = engines
+        .iter()
+        .map(|engine| format!("{} breaks at", engine.title()));
+    let first = ["family", "what is turned, and how far"].map(str::to_owned);
+    let mut text = after(first, titles.collect()) + &rule(engines.len() + 2);
     for report in reports {
-        let [ours, theirs] = [Engine::Whitstone, Engine::Mitsuba].map(|engine| report.frontier(engine));
-        let (Some(first), Some(last)) = (report.knobs.first(), report.knobs.last()) else {
+        let (Some(from), Some(to)) = (report.knobs.first(), report.knobs.last()) else {
             continue;
         };
-        if theirs != "–" {
-            text += &format!(
-                "| {} | {}: {first:.0e} to {last:.0e} | {ours} | {theirs} |\n",
-                report.family, report.knob
-            );
+        if engines[1..].iter().any(|engine| report.takes_part(*engine)) {
+            let what = format!("{}: {from:.0e} to {to:.0e}", report.knob);
+            let frontiers = engines.iter().map(|engine| report.frontier(*engine)).collect();
+            text += &after([report.family.clone(), what], frontiers);
         }
     }
     text
@@ -333,6 +374,7 @@ mod tests {
             (NaiveF32, [20.0; 3]),
         ]);
         let svg = crate::plot::svg(&report);
+        assert!(!svg.contains("embree") && !table(std::slice::from_ref(&report)).contains("Embree"));
         for engine in [Whitstone, Mitsuba, NaiveF32] {
             assert!(svg.contains(&format!(
                 "{} (frontier {})",
@@ -345,5 +387,23 @@ mod tests {
             headline(std::slice::from_ref(&report)).contains("| fixed | nothing: 1e0 to 1e2 | none | 1e2 |")
         );
         assert!(table(&[report]).contains("| none | 1e2 | – | 1e0 | pass |"));
+    }
+
+    #[test]
+    fn embree_has_a_column_where_it_takes_part() {
+        use Engine::{Embree, NaiveF32, Whitstone};
+        let good = (Whitstone, [0.0; 3]);
+        let report = judged([good, (Embree, [1.0, 50.0, 50.0]), (NaiveF32, [20.0; 3])]);
+        assert_eq!(report.verdict, Verdict::Pass);
+        let one = std::slice::from_ref(&report);
+        assert_eq!(
+            table(one).lines().next(),
+            Some(
+                "| family | what is turned | Whitstone | Mitsuba | Embree | naive f64 | naive f32 | verdict |"
+            )
+        );
+        assert!(table(one).contains("| none | – | 1e1 | – | 1e0 | pass |"));
+        assert!(headline(one).contains("| none | – | 1e1 |"));
+        assert!(crate::plot::svg(&report).contains("embree (frontier 1e1)"));
     }
 }

@@ -18,12 +18,26 @@ pub(crate) struct ShadowGap;
 impl ShadowGap {
     /// A floor, a blocker at this height that begins at this x, a lamp one above the place in question.
     fn scene(gap: f64, begins: f64) -> String {
-        let (lamp, middle) = (0.5 * gap, begins + 0.5);
+        let middle = begins + 0.5;
+        let lamp = Self::lamp(gap);
         format!(
-            "[[light]]\ntype = \"point\"\nposition = [{lamp:?}, 0, 1]\nintensity = 1\n\
-             [[shape]]\ntype = \"rectangle\"\n[[shape]]\ntype = \"rectangle\"\n\
+            "{lamp}[[shape]]\ntype = \"rectangle\"\n[[shape]]\ntype = \"rectangle\"\n\
              transform = [{{ scale = [0.5, 1, 1] }}, {{ translate = [{middle:?}, 0, {gap:?}] }}]\n"
         )
+    }
+
+    /// The same of triangles, which around the place are as large and end where the others do.
+    fn scene_of_triangles(gap: f64, begins: f64) -> String {
+        let (lamp, floor, ends) = (Self::lamp(gap), sheet(0.0, true, ""), begins + 2.0);
+        format!(
+            "{lamp}{floor}[[shape]]\ntype = \"triangle\"\n\
+             vertices = [[{begins:?}, 2, {gap:?}], [{begins:?}, -2, {gap:?}], [{ends:?}, 0, {gap:?}]]\n"
+        )
+    }
+
+    fn lamp(gap: f64) -> String {
+        let lamp = 0.5 * gap;
+        format!("[[light]]\ntype = \"point\"\nposition = [{lamp:?}, 0, 1]\nintensity = 1\n")
     }
 
     /// To the place half a gap under the blocker, from beside it.
@@ -53,15 +67,26 @@ impl Family for ShadowGap {
 
     fn step(&self, gap: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         // Dark under it; bright where it begins only beyond the place.
-        let questions = [(Self::scene(gap, 0.0), true), (Self::scene(gap, gap), false)];
+        let questions = [(0.0, true), (gap, false)];
         let ray = Self::ray(gap);
         let mut ours = Sample::default();
         let mut naive = [Sample::default(); 2];
         let mut theirs: Answer = Ok(Sample::default());
-        for (scene, dark) in &questions {
-            let pipeline = lab.pipeline(scene)?;
-            let value = crate::lab::radiance(&pipeline, &ray).r;
-            ours.failures += u64::from((value == 0.0) != *dark);
+        let mut embree: Option<Answer> = None;
+        for (begins, dark) in &questions {
+            let scene = &Self::scene(gap, *begins);
+            let is_wrong = |pipeline: &Pipeline| {
+                let value = crate::lab::radiance(pipeline, &ray).r;
+                u64::from((value == 0.0) != *dark)
+            };
+            ours.failures += is_wrong(&lab.pipeline(scene)?);
+            if let Some(built) = lab.embree(&Self::scene_of_triangles(gap, *begins)) {
+                let before = embree.unwrap_or_else(|| Ok(Sample::default()));
+                embree = Some(before.and_then(|mut sample| {
+                    sample.failures += is_wrong(&built?);
+                    Ok(sample)
+                }));
+            }
             let place = DVec3::new(0.5 * gap, 0.0, 0.0);
             naive[0].failures += u64::from(shaded::<f64>(&*textbook_of(scene, 1)?, place) != *dark);
             naive[1].failures += u64::from(shaded::<f32>(&*textbook_of(scene, 1)?, place) != *dark);
@@ -72,12 +97,14 @@ impl Family for ShadowGap {
                 Ok(sample)
             });
         }
-        Ok(vec![
+        let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
             (Engine::NaiveF64, Ok(naive[0])),
             (Engine::NaiveF32, Ok(naive[1])),
-        ])
+        ];
+        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        Ok(answers)
     }
 }
 
@@ -85,6 +112,15 @@ impl Family for ShadowGap {
 fn shaded<R: Real>(blocker: &dyn Textbook<R>, place: DVec3) -> bool {
     let origin = (place + EPSILON * DVec3::Z).to_array().map(R::of);
     blocker.closest(origin, [0.0, 0.0, 1.0].map(R::of)).is_some()
+}
+
+/// A triangle at a height, a few metres wide, whose outside is above or below.
+fn sheet(z: f64, above: bool, material: &str) -> String {
+    let side = if above { 3 } else { -3 };
+    format!(
+        "[[shape]]\ntype = \"triangle\"\nvertices = [[{}, -3, {z:?}], [{side}, -3, {z:?}], [0, 6, {z:?}]]\n{material}\n",
+        -side
+    )
 }
 
 /// A pane of glass has two faces, however thin it is.
@@ -109,24 +145,16 @@ impl Family for ThinPane {
 
     fn step(&self, thickness: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         let half = 0.5 * thickness;
+        let integrator = "integrator = { type = \"whitted\", max_depth = 3 }\n";
+        let glass = "material = { type = \"dielectric\", interior_ior = 1.5 }\n";
         let scene = format!(
-            "integrator = {{ type = \"whitted\", max_depth = 3 }}\n[[shape]]\ntype = \"box\"\n\
-             transform = {{ scale = [1, 1, {half:?}] }}\nmaterial = {{ type = \"dielectric\", interior_ior = 1.5 }}\n"
+            "{integrator}[[shape]]\ntype = \"box\"\ntransform = {{ scale = [1, 1, {half:?}] }}\n{glass}"
         );
         let ray = Ray::new(DVec3::new(0.125, 0.25, 2.0), DVec3::NEG_Z);
-        let pipeline = lab.pipeline(&scene)?;
-        let straight = tree(&pipeline, &ray);
-        let straight = straight
-            .iter()
-            .filter(|node| node.path.chars().all(|letter| letter == 'T'));
-        let (faces, behind): (Vec<_>, Vec<_>) = straight.partition(|node| node.shape >= 0);
-        let passes = 0.96 * 0.96;
-        let mut ours = Sample::default();
-        match &behind[..] {
-            [last] => ours.add((last.throughput.r / passes - 1.0).abs()),
-            _ => ours.failures += 1,
-        }
-        ours.failures += u64::from(faces.len() != 2);
+        let ours = Self::passed(&lab.pipeline(&scene)?, &ray);
+        let faces = [sheet(half, true, glass), sheet(-half, false, glass)].concat();
+        let embree = lab.embree(&format!("{integrator}{faces}"));
+        let embree = embree.map(|built| Ok(Self::passed(&built?, &ray)));
         let counted = |count: u64| Sample {
             failures: u64::from(count != 2),
             ..Sample::default()
@@ -136,7 +164,7 @@ impl Family for ThinPane {
         let theirs = lab
             .mitsuba(request)
             .map(|answer| counted(answer["counts"][0].as_u64().unwrap_or(0)));
-        Ok(vec![
+        let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
             (
@@ -147,7 +175,27 @@ impl Family for ThinPane {
                 Engine::NaiveF32,
                 Ok(counted(faces_met::<f32>(&*textbook_of(&scene, 0)?, &ray))),
             ),
-        ])
+        ];
+        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        Ok(answers)
+    }
+}
+
+impl ThinPane {
+    /// What is left of a ray behind all faces, and how many it met.
+    fn passed(pipeline: &Pipeline, ray: &Ray) -> Sample {
+        let nodes = tree(pipeline, ray);
+        let straight = nodes
+            .iter()
+            .filter(|node| node.path.chars().all(|letter| letter == 'T'));
+        let (faces, behind): (Vec<_>, Vec<_>) = straight.partition(|node| node.shape >= 0);
+        let mut sample = Sample::default();
+        match &behind[..] {
+            [last] => sample.add((last.throughput.r / (0.96 * 0.96) - 1.0).abs()),
+            _ => sample.failures += 1,
+        }
+        sample.failures += u64::from(faces.len() != 2);
+        sample
     }
 }
 
@@ -189,21 +237,27 @@ impl Family for ParallelMirrors {
 
     fn step(&self, spacing: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
         let material = format!("material = {{ type = \"mirror\", reflectance = {REFLECTANCE:?} }}");
-        let scene = format!(
+        let around = format!(
             "integrator = {{ type = \"whitted\", max_depth = {BOUNCES} }}\n\
-             [[light]]\ntype = \"background\"\nradiance = 1\n\
-             [[shape]]\ntype = \"rectangle\"\n{material}\n\
+             [[light]]\ntype = \"background\"\nradiance = 1\n"
+        );
+        let scene = format!(
+            "{around}[[shape]]\ntype = \"rectangle\"\n{material}\n\
              [[shape]]\ntype = \"rectangle\"\ntransform = {{ translate = [0, 0, {spacing:?}] }}\n{material}\n"
         );
         let ray = Ray::new(DVec3::new(0.125, 0.25, 0.5 * spacing), DVec3::NEG_Z);
-        let pipeline = lab.pipeline(&scene)?;
         let expected = power(REFLECTANCE, BOUNCES + 1);
-        let met = tree(&pipeline, &ray)
-            .iter()
-            .filter(|node| node.shape >= 0)
-            .count();
-        let mut ours = Sample::new((crate::lab::radiance(&pipeline, &ray).r / expected - 1.0).abs());
-        ours.failures = u64::from(met != BOUNCES as usize + 1);
+        let reflected = |pipeline: &Pipeline| {
+            let nodes = tree(pipeline, &ray);
+            let met = nodes.iter().filter(|node| node.shape >= 0).count();
+            let mut sample = Sample::new((crate::lab::radiance(pipeline, &ray).r / expected - 1.0).abs());
+            sample.failures = u64::from(met != BOUNCES as usize + 1);
+            sample
+        };
+        let ours = reflected(&lab.pipeline(&scene)?);
+        let mirrors = [sheet(0.0, true, &material), sheet(spacing, false, &material)].concat();
+        let embree = lab.embree(&format!("{around}{mirrors}"));
+        let embree = embree.map(|built| Ok(reflected(&built?)));
         // What a ray that got lost brings is the background, behind as many mirrors as it met.
         let counted = |count: u64| {
             let mut sample = Sample::new((power(REFLECTANCE, count as u32) / expected - 1.0).abs());
@@ -214,12 +268,14 @@ impl Family for ParallelMirrors {
         let theirs = lab
             .mitsuba(request)
             .map(|answer| counted(answer["counts"][0].as_u64().unwrap_or(0)));
-        Ok(vec![
+        let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
             (Engine::NaiveF64, Ok(counted(reflections::<f64>(&scene, &ray)?))),
             (Engine::NaiveF32, Ok(counted(reflections::<f32>(&scene, &ray)?))),
-        ])
+        ];
+        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        Ok(answers)
     }
 }
 
@@ -284,13 +340,7 @@ impl Family for Leaks {
         for begin in (0..wished).step_by(BATCH) {
             let batch = aim(&pipelines[0], center, BATCH.min(wished - begin), &mut random)?;
             for pipeline in &pipelines {
-                let accelerator = &pipeline.world.accelerator;
-                let meets = |ray: &&Ray| {
-                    accelerator
-                        .closest(ray, Interval::FORWARD, Skip::NOTHING)
-                        .is_none()
-                };
-                ours.failures += batch.iter().filter(meets).count() as u64;
+                ours.failures += leaks(pipeline, &batch);
             }
             // The others are asked about the first batch, textbooks, which try every triangle, about a part of it.
             if begin == 0 {
@@ -303,13 +353,20 @@ impl Family for Leaks {
         };
         let theirs = lab.mitsuba_closest(&mesh, &aimed);
         let theirs = theirs.map(|(found, _)| lost(&mut found.iter().map(Option::is_some)));
+        let embree = lab.embree(&mesh).map(|built| {
+            let failures = leaks(&built?, &aimed);
+            Ok(Sample {
+                failures,
+                ..Sample::default()
+            })
+        });
         let few = &aimed[..aimed.len().min(2000)];
         let (double, single) = (textbook_of::<f64>(&mesh, 0)?, textbook_of::<f32>(&mesh, 0)?);
         let numbers = |ray: &Ray| [ray.origin, ray.direction].map(|v| v.to_array());
         let of_double = |[o, d]: [[f64; 3]; 2]| double.closest(o, d).is_some();
         let to_single = |v: [f64; 3]| v.map(|x| x as f32);
         let of_single = |[o, d]: [[f64; 3]; 2]| single.closest(to_single(o), to_single(d)).is_some();
-        Ok(vec![
+        let mut answers = vec![
             (Engine::Whitstone, Ok(ours)),
             (Engine::Mitsuba, theirs),
             (
@@ -320,8 +377,21 @@ impl Family for Leaks {
                 Engine::NaiveF32,
                 Ok(lost(&mut few.iter().map(numbers).map(of_single))),
             ),
-        ])
+        ];
+        answers.extend(embree.map(|answer| (Engine::Embree, answer)));
+        Ok(answers)
     }
+}
+
+/// How many rays meet nothing.
+fn leaks(pipeline: &Pipeline, rays: &[Ray]) -> u64 {
+    let accelerator = &pipeline.world.accelerator;
+    let leaves = |ray: &&Ray| {
+        accelerator
+            .closest(ray, Interval::FORWARD, Skip::NOTHING)
+            .is_none()
+    };
+    rays.iter().filter(leaves).count() as u64
 }
 
 /// From inside the tube of a ring with the radius 0.7, at its vertices and edges.

@@ -2,7 +2,6 @@
 
 use crate::lab::textbook_of;
 use crate::{About, Answer, Engine, Family, Lab, Sample};
-use serde_json::json;
 use whitstone_core::{DVec3, Ray, Scratch};
 use whitstone_oracle::naive::{Real, Textbook};
 
@@ -121,13 +120,7 @@ fn ours(lab: &Lab<'_>, scale: f64) -> Result<Vec<f64>, String> {
 /// By the driver, which has Mitsuba meet rays and shapes, and sets rays off as the model says.
 fn theirs(lab: &Lab<'_>, scale: f64) -> Result<Vec<f64>, String> {
     let all: Vec<[u32; 2]> = pixels().collect();
-    let answer =
-        lab.mitsuba(json!({ "op": "probe", "scene": scene(scale), "pixels": all, "settings": [{}] }))?;
-    let values = answer["values"][0].as_array().ok_or("no values")?;
-    Ok(values
-        .iter()
-        .map(|rgb| rgb[0].as_f64().unwrap_or(f64::NAN))
-        .collect())
+    lab.mitsuba_pixels(&scene(scale), &all)
 }
 
 /// Which pixels see a place that the lamp reaches, by textbook forms, shadow rays begun a constant away.

@@ -1,0 +1,116 @@
+//! Reliefs that only the shading knows, from next to nothing to walls.
+//!
+//! There is no displacement yet, which moves the surface itself: what holds for it, that nothing is torn and nothing folds over unseen, cannot be
+//! asked of a normal.
+
+use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
+use whitstone_core::{Branches, DVec3, SurfacePoint};
+use whitstone_oracle::naive::Real;
+use whitstone_testkit::Random;
+
+/// How far the height rises along x, in each metre, times the amplitude.
+const RISE: f64 = 2.0;
+
+/// A ramp on a mirror, as a bump and as a map of normals: where the mirror sends a ray tells its normal.
+pub(crate) struct Relief;
+
+impl Relief {
+    /// Scenes with their normals.
+    fn scenes(amplitude: f64) -> [(String, DVec3); 2] {
+        let mirror = |detail: &str| {
+            format!(
+                "[[shape]]\ntype = \"rectangle\"\nmaterial = {{ {detail}, material = {{ type = \"mirror\" }} }}\n"
+            )
+        };
+        // Between the middles of two voxels, at a quarter and three quarters of a metre.
+        let bump = format!(
+            "type = \"bump\", scale = {amplitude:?}, \
+             height = {{ type = \"solid\", size = [2, 1, 1], values = [0, 1], wrap = \"clamp\" }}"
+        );
+        let slope = RISE * amplitude;
+        // A colour has parts from -1 to 1. What the normal is follows from the doubles that are written down.
+        let largest = slope.max(1.0);
+        let [x, z] = [-slope, 1.0].map(|part| 0.5 + 0.5 * part / largest);
+        let map = format!("type = \"normal_map\", map = [{x:?}, 0.5, {z:?}]");
+        [
+            (mirror(&bump), DVec3::new(-slope, 0.0, 1.0)),
+            (mirror(&map), DVec3::new(2.0 * x - 1.0, 0.0, 2.0 * z - 1.0)),
+        ]
+    }
+}
+
+impl Family for Relief {
+    fn about(&self) -> About {
+        About {
+            name: "relief",
+            catalogue: &[44],
+            knob: "amplitude of a relief, over half of a metre",
+            measure: "distance of the mirrored ray's unit direction from where it should point",
+            promise: "1e-12",
+            pass: 1e-12,
+            usable: 1e-3,
+        }
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(-12, 3)
+    }
+
+    fn step(&self, amplitude: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        for (scene, normal) in Self::scenes(amplitude) {
+            let pipeline = lab.pipeline(&scene)?;
+            let normal = normal.normalize();
+            let mut random = Random::new(amplitude.to_bits());
+            for _ in 0..lab.rays {
+                let (view, towards) = loop {
+                    let view = random.direction();
+                    let towards = normal.dot(view);
+                    // Who looks along the surface or the relief has no clear side.
+                    if towards.abs().min(view.z.abs()) > 1e-3 {
+                        break (view, towards);
+                    }
+                };
+                let place = DVec3::new(0.5 + 0.2 * random.signed(), 0.1, 0.0);
+                let mut branches = Branches::default();
+                let point = SurfacePoint::new(place, 0.0, DVec3::Z);
+                pipeline.world.materials[0].branches(&point, view, &mut branches);
+                // Whoever sees the surface from above and the relief from below sees the surface as if there were none.
+                let seen = if towards * view.z > 0.0 { normal } else { DVec3::Z };
+                let truth = mirrored(seen, view);
+                match branches.iter().next() {
+                    Some(branch) => ours.add(branch.direction.distance(truth)),
+                    None => ours.failures += 1,
+                }
+                double.add(textbook::<f64>(amplitude, place.x, view).distance(truth));
+                single.add(textbook::<f32>(amplitude, place.x, view).distance(truth));
+            }
+        }
+        Ok(vec![
+            (Engine::Whitstone, Ok(ours)),
+            (
+                Engine::Mitsuba,
+                Err("how a frame is turned is the driver's formula".to_owned()),
+            ),
+            (Engine::NaiveF64, Ok(double)),
+            (Engine::NaiveF32, Ok(single)),
+        ])
+    }
+}
+
+fn mirrored(normal: DVec3, view: DVec3) -> DVec3 {
+    2.0 * normal.dot(view) * normal - view
+}
+
+/// Blinn's bumps as books have them: a quotient of differences over a small step, and no question who sees the slope from behind.
+fn textbook<R: Real>(amplitude: f64, x: f64, view: DVec3) -> DVec3 {
+    let (one, step) = (R::of(1.0), R::of(1e-4));
+    let height = |x: R| R::of(amplitude) * (R::of(RISE) * x - R::of(0.5));
+    let x = R::of(x);
+    let slope = (height(x + step) - height(x)) / step;
+    let [vx, vy, vz] = view.to_array().map(R::of);
+    let length = (slope * slope + one).sqrt();
+    let (nx, nz) = (-slope / length, one / length);
+    let twice = R::of(2.0) * (nx * vx + nz * vz);
+    DVec3::from_array([twice * nx - vx, -vy, twice * nz - vz].map(R::to_f64))
+}

@@ -1,0 +1,149 @@
+//! A sky at its poles, where all meridians meet, and at its seam, where its picture begins and ends.
+
+use crate::lab::radiance;
+use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
+use std::f64::consts::{PI, TAU};
+use whitstone_core::{DVec3, Ray};
+use whitstone_oracle::naive::Real;
+use whitstone_testkit::Random;
+
+/// Columns and rows of the picture.
+const SIZE: [usize; 2] = [8, 4];
+
+/// Directions at some place of the sky.
+pub(crate) struct Sky {
+    about: About,
+    /// The largest angle, as a power of ten.
+    first: i32,
+    /// A direction about so far from the place, and (u, v) there, from the angles that it is made of: so nothing of it cancels.
+    look: fn(f64, &mut Random) -> (DVec3, [f64; 2]),
+    /// Whether the textbook form knows that the picture goes on where it ends.
+    naive_wraps: bool,
+}
+
+/// Straight up and straight down.
+pub(crate) static POLE: Sky = Sky {
+    about: About {
+        name: "environment_pole",
+        catalogue: &[43],
+        knob: "angle between a direction and a pole of the sky, in radians",
+        ..ABOUT
+    },
+    first: -1,
+    look: |angle, random| {
+        let (u, theta) = (random.unit(), angle * (1.0 + random.unit()));
+        let (sin, cos) = (TAU * (u - 0.5)).sin_cos();
+        let (y, v) = match random.below(2) {
+            0 => (theta.cos(), 1.0 - theta / PI),
+            _ => (-theta.cos(), theta / PI),
+        };
+        (DVec3::new(theta.sin() * sin, y, -theta.sin() * cos), [u, v])
+    },
+    naive_wraps: true,
+};
+
+/// On both sides of the half circle from which u is counted.
+pub(crate) static SEAM: Sky = Sky {
+    about: About {
+        name: "environment_seam",
+        catalogue: &[43],
+        knob: "angle between a direction and the seam of the sky, in radians",
+        ..ABOUT
+    },
+    first: 0,
+    look: |angle, random| {
+        let turn = (angle * (1.0 + random.unit())).copysign(random.signed());
+        // Not so high that the poles have a part in it.
+        let height = 1.1 * random.signed();
+        let direction = DVec3::new(height.cos() * turn.sin(), height.sin(), height.cos() * turn.cos());
+        (direction, [-turn / TAU, 0.5 + height / PI])
+    },
+    naive_wraps: false,
+};
+
+const ABOUT: About = About {
+    name: "",
+    catalogue: &[],
+    knob: "",
+    measure: "error of the radiance, which is 1 at most",
+    promise: "1e-12",
+    pass: 1e-12,
+    usable: 1e-2,
+};
+
+impl Family for Sky {
+    fn about(&self) -> About {
+        self.about
+    }
+
+    fn knobs(&self) -> Vec<f64> {
+        decades(self.first, -15)
+    }
+
+    fn step(&self, angle: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
+        let [columns, rows] = SIZE;
+        let values = (0..rows).flat_map(|row| (0..columns).map(move |column| texel(column, row)));
+        let pipeline = lab.pipeline(&format!(
+            "[[light]]\ntype = \"environment\"\nradiance = {{ type = \"solid\", size = [{columns}, {rows}, 1], \
+             values = {:?}, mapping = {{ projection = \"uv\" }} }}\n",
+            values.collect::<Vec<f64>>()
+        ))?;
+        let mut random = Random::new(angle.to_bits());
+        let [mut ours, mut double, mut single] = [Sample::default(); 3];
+        for _ in 0..lab.rays {
+            let (direction, place) = (self.look)(angle, &mut random);
+            let truth = shown(place, true);
+            let found = radiance(&pipeline, &Ray::new(DVec3::ZERO, direction)).r;
+            ours.add((found - truth).abs());
+            double.add((shown(textbook::<f64>(direction), self.naive_wraps) - truth).abs());
+            single.add((shown(textbook::<f32>(direction), self.naive_wraps) - truth).abs());
+        }
+        Ok(vec![
+            (Engine::Whitstone, Ok(ours)),
+            (
+                Engine::Mitsuba,
+                Err("where a direction is on the sky is the driver's formula".to_owned()),
+            ),
+            (Engine::NaiveF64, Ok(double)),
+            (Engine::NaiveF32, Ok(single)),
+        ])
+    }
+}
+
+/// Unlike its neighbours, also across the seam and from the lowest row to the highest, which the model takes for neighbours too.
+fn texel(column: usize, row: usize) -> f64 {
+    ((3 * column + 7 * row) % 16) as f64 / 16.0
+}
+
+/// Between the middles of texels; where the picture ends it goes on, or stays what it was.
+fn shown(place: [f64; 2], wraps: bool) -> f64 {
+    let at = [0, 1].map(|axis| place[axis] * SIZE[axis] as f64 - 0.5);
+    let low = at.map(f64::floor);
+    let mut sum = 0.0;
+    for corner in 0..4 {
+        let mut share = 1.0;
+        let texels = [0, 1].map(|axis| {
+            let next = corner >> axis & 1;
+            let part = at[axis] - low[axis];
+            share *= if next == 1 { part } else { 1.0 - part };
+            let (k, count) = (low[axis] as i64 + next, SIZE[axis] as i64);
+            (if wraps {
+                k.rem_euclid(count)
+            } else {
+                k.clamp(0, count - 1)
+            }) as usize
+        });
+        sum += share * texel(texels[0], texels[1]);
+    }
+    sum
+}
+
+/// (u, v) by inverse cosines, as books write spherical coordinates: they lose half of all digits where they are flat.
+fn textbook<R: Real>(direction: DVec3) -> [f64; 2] {
+    let [x, y, z] = direction.to_array().map(R::of);
+    let sine = (R::of(1.0) - y * y).sqrt();
+    let turn = (-z / sine).acos();
+    let turn = if x < R::of(0.0) { -turn } else { turn };
+    let (u, v) = (turn / R::of(TAU), y.acos() / R::of(PI));
+    [(R::of(0.5) + u).to_f64(), (R::of(1.0) - v).to_f64()]
+}
