@@ -9,6 +9,7 @@ use whitstone::core::Registry;
 use whitstone::image::error_map::{ErrorView, trio};
 use whitstone::image::{Raster, ToneMap, atomic};
 use whitstone::scene::{Description, Film, Pipeline, Plan, RenderOptions, Sources};
+use whitstone::validate::opinion::Opinion;
 use whitstone::validate::stored::Stored;
 use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator, find_scenes};
 use whitstone::{Exit, Failure, wireframe};
@@ -140,6 +141,9 @@ fn validate(registry: &Registry, renderer: Renderer) -> Result<Vec<CaseResult>, 
         flags: String::new(),
     };
     let mut validator = Validator::new(registry, options, &|_| {}).map_err(Failure::environment)?;
+    if renderer == Renderer::Mitsuba {
+        validator.ask_oracle();
+    }
     let scenes = find_scenes(&[PathBuf::from("scenes")]).map_err(Failure::environment)?;
     let cases = scenes.iter().map(|scene| validator.validate(scene));
     // What only POV-Ray has a reference of is not in this table, which is about Mitsuba.
@@ -176,6 +180,15 @@ fn table(cases: &[CaseResult]) -> String {
         text,
         "\nOver all {} scenes ({passed} pass): of {pixels} pixels {explained} differ by more than the tolerance and are explained by the reference's own variation, {unexplained} are unexplained.",
         cases.len()
+    );
+    let opinions = || cases.iter().filter_map(|case| case.opinion.as_ref());
+    let sum = |of: fn(&Opinion) -> usize| opinions().map(of).sum::<usize>();
+    let asked = sum(|opinion| opinion.asked);
+    let (ours, theirs) = (sum(|opinion| opinion.ours), sum(|opinion| opinion.reference));
+    let _ = writeln!(
+        text,
+        "\nAbout {asked} of these an oracle with as many digits as it takes was asked (`validate --oracle`): in {ours} Whitstone is right and Mitsuba is not, in {theirs} it is the other way round, in {} there is no telling or both or neither are.",
+        asked - ours - theirs
     );
     text
 }

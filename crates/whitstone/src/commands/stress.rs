@@ -1,5 +1,7 @@
 //! `stress`: families of stiff and extreme cases.
 
+mod unfinished;
+
 use super::page::{self, Marks};
 use super::report;
 use crate::terminal::{Exit, Failure, progress, write_json};
@@ -7,6 +9,7 @@ use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use unfinished::Unfinished;
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 use whitstone_stress::{
@@ -21,6 +24,8 @@ use whitstone_validate::report::Diagram;
 /// Every family asks Whitstone, its deliberately naive variants and Mitsuba the same questions, and holds the answers to the oracle or to a closed
 /// form. The frontier is the first value of the knob at which an engine is of no use any more; "none" is best. The next `report` shows
 /// the diagrams.
+///
+/// A run that is broken off goes on where it was, if it is asked for again by the same program.
 ///
 /// Exit code 0 if Whitstone keeps its promise in every family, gets at least as far as Mitsuba and Embree, and the naive variants fail;
 /// 1 if not.
@@ -37,6 +42,9 @@ pub struct Arguments {
     /// How many questions each step asks; "watertight" asks a hundred times as many, with every accelerator
     #[arg(long, default_value_t = 400, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     rays: u32,
+    /// Do not go on with a run that was broken off
+    #[arg(long)]
+    fresh: bool,
     /// List the families, and run none
     #[arg(long)]
     list: bool,
@@ -83,30 +91,40 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         true => None,
         false => Some(mitsuba(arguments)?),
     };
-    let lab = Lab::new(
-        registry,
-        mitsuba,
-        if arguments.quick {
-            60
-        } else {
-            arguments.rays as usize
-        },
-    );
+    let rays = if arguments.quick {
+        60
+    } else {
+        arguments.rays as usize
+    };
+    let lab = Lab::new(registry, mitsuba, rays);
     let steps: usize = families.iter().map(|family| family.knobs().len()).sum();
     let bar = progress(steps as u64, "stress");
     let engines: Vec<Engine> = lab.engines().collect();
+    let settings = format!("{rays} rays, {engines:?}, Mitsuba: {}", !arguments.no_mitsuba);
+    let mut unfinished = Unfinished::new(&arguments.target, &settings, arguments.fresh);
     let mut reports = Vec::new();
     for family in families {
         let name = family.about().name;
+        if let Some(report) = unfinished.find(name) {
+            bar.inc(report.knobs.len() as u64);
+            bar.suspend(|| {
+                print(report, &engines, arguments.steps, reports.is_empty());
+                eprintln!("  {name} is of a run that was broken off; --fresh measures it again");
+            });
+            reports.push(report.clone());
+            continue;
+        }
         let told = |knob: f64| {
             bar.set_message(format!("{name} at {knob:.0e}"));
             bar.inc(1);
         };
         let report = FamilyReport::measure(family, &lab, &told).map_err(Failure::environment)?;
         bar.suspend(|| print(&report, &engines, arguments.steps, reports.is_empty()));
+        unfinished.add(report.clone())?;
         reports.push(report);
     }
     bar.finish_and_clear();
+    unfinished.end();
     report::keep_stress(&arguments.target, reports.iter().map(diagram).collect())?;
     if let Some(path) = &arguments.json {
         write_json(path, &json!({ "families": reports }))?;

@@ -1,0 +1,91 @@
+//! What a run that was broken off had measured already.
+
+use crate::terminal::Failure;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+use whitstone_image::atomic;
+use whitstone_stress::FamilyReport;
+
+/// Families that are done, in a file that is there only as long as the run is not.
+pub(super) struct Unfinished {
+    path: PathBuf,
+    kept: Kept,
+}
+
+#[derive(Serialize, Deserialize, Default)]
+struct Kept {
+    /// The program and what was asked of it: of another, nothing is taken over.
+    run: String,
+    families: Vec<FamilyReport>,
+}
+
+impl Unfinished {
+    /// Those of a run with the same program and settings; none with `fresh`.
+    pub(super) fn new(target: &Path, settings: &str, fresh: bool) -> Self {
+        let program = std::env::current_exe().and_then(|path| {
+            let file = path.metadata()?;
+            let changed = file.modified()?.duration_since(SystemTime::UNIX_EPOCH);
+            Ok((file.len(), changed.unwrap_or_default()))
+        });
+        let run = format!("{program:?} {settings}");
+        let path = target.join("stress-unfinished.json");
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        let kept: Kept = serde_json::from_str(&text).unwrap_or_default();
+        Self {
+            path,
+            kept: match kept.run == run && !fresh {
+                true => kept,
+                false => Kept {
+                    run,
+                    families: Vec::new(),
+                },
+            },
+        }
+    }
+
+    pub(super) fn find(&self, family: &str) -> Option<&FamilyReport> {
+        self.kept.families.iter().find(|report| report.family == family)
+    }
+
+    pub(super) fn add(&mut self, report: FamilyReport) -> Result<(), Failure> {
+        self.kept.families.push(report);
+        let text = serde_json::to_string(&self.kept).map_err(Failure::environment)?;
+        if let Some(folder) = self.path.parent() {
+            std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+        }
+        atomic::write_bytes(&self.path, text.as_bytes()).map_err(Failure::environment)
+    }
+
+    /// The run is done.
+    pub(super) fn end(self) {
+        // Nothing there is no fault; anything else shows when the next run begins.
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_stress::{FAMILIES, Lab};
+
+    #[test]
+    fn a_run_goes_on_where_it_was_broken_off() {
+        let folder = tempfile::tempdir().unwrap();
+        let registry = crate::registry();
+        let lab = Lab::new(&registry, None, 2);
+        let family = FAMILIES[0];
+        let name = family.about().name;
+        let report = FamilyReport::measure(family, &lab, &|_| {}).unwrap();
+        let begin = |settings: &str, fresh| Unfinished::new(folder.path(), settings, fresh);
+        let mut first = begin("2 rays", false);
+        assert!(first.find(name).is_none());
+        first.add(report.clone()).unwrap();
+        assert_eq!(begin("2 rays", false).find(name), Some(&report));
+        // Other settings ask other questions.
+        assert!(begin("3 rays", false).find(name).is_none());
+        assert!(begin("2 rays", true).find(name).is_none());
+        begin("2 rays", false).end();
+        assert!(begin("2 rays", false).find(name).is_none());
+    }
+}
