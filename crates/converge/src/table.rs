@@ -114,11 +114,17 @@ pub fn table(reports: &[StudyReport], plots: &str) -> String {
 
 /// Ratios to Mitsuba, of the studies that have any, and on which machine they were measured.
 pub fn headline(reports: &[StudyReport]) -> String {
-    let load = usage::load().map_or_else(|| "unknown".to_owned(), |load| format!("{load:.0}"));
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let load = match usage::load() {
+        None => "an unknown load".to_owned(),
+        Some(load) if load > 1.25 * cores as f64 => {
+            format!("a load of {load:.1}: others had a part of the time")
+        }
+        Some(load) => format!("a load of {load:.1}"),
+    };
     let mut text = format!(
-        "Measured on {}, {} cores, with a load of {load} at the end: above the number of cores, others had a part of the time.\n\n",
+        "Measured on {}, {cores} cores, at the end with {load}.\n\n",
         usage::processor().unwrap_or_else(|| "an unknown processor".to_owned()),
-        std::thread::available_parallelism().map_or(1, usize::from),
     );
     text += "| study | error (RMSE) | Whitstone, s | Mitsuba, s | ratio |\n|---|---|---|---|---|\n";
     for report in reports {
