@@ -1,7 +1,7 @@
 //! The identity: however it is configured, every accelerator returns, bit for bit, what trying every element returns.
 //!
 //! A million rays over twenty random scenes of mixed shapes; ten million by
-//! `cargo test --release -p whitstone-accelerators --test identity -- --ignored`.
+//! `cargo test --release -p whitstone-accelerators --test identity -- --ignored`, and any number with the variable `WHITSTONE_RAYS`.
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -54,9 +54,11 @@ fn a_million_rays_over_mixed_shapes() {
 }
 
 #[test]
-#[ignore = "minutes: the same with ten times as many"]
+#[ignore = "minutes: the same with ten times as many, or as many as WHITSTONE_RAYS says"]
 fn ten_million_rays_over_mixed_shapes() {
-    every_accelerator_agrees(10_000_000);
+    let rays = std::env::var("WHITSTONE_RAYS").ok();
+    let rays = rays.map(|rays| rays.parse().expect("WHITSTONE_RAYS is a number"));
+    every_accelerator_agrees(rays.unwrap_or(10_000_000));
 }
 
 fn all_over(geometry: &Arc<Geometry>) -> Vec<Named> {
