@@ -2,6 +2,8 @@
 
 use crate::errors::Measured;
 use serde::{Deserialize, Serialize};
+use std::cell::RefCell;
+use std::collections::HashSet;
 use std::path::PathBuf;
 use whitstone_image::{Image, Limits, atomic, exr_io};
 
@@ -43,14 +45,24 @@ impl Record {
 #[derive(Debug)]
 pub struct Cache {
     folder: PathBuf,
-    /// Whether what is there is used.
+    /// Whether what an earlier run has left there is used.
     reuse: bool,
+    /// What this run has kept.
+    kept: RefCell<HashSet<String>>,
 }
 
 impl Cache {
     /// In a folder that is made when it is needed.
     pub fn new(folder: PathBuf, reuse: bool) -> Self {
-        Self { folder, reuse }
+        Self {
+            folder,
+            reuse,
+            kept: RefCell::default(),
+        }
+    }
+
+    fn is_used(&self, key: &str) -> bool {
+        self.reuse || self.kept.borrow().contains(key)
     }
 
     /// A name for what all of these texts determine.
@@ -68,7 +80,7 @@ impl Cache {
     pub fn record(&self, key: &str) -> Option<Record> {
         let bytes = std::fs::read(self.folder.join(format!("{key}.json"))).ok();
         bytes
-            .filter(|_| self.reuse)
+            .filter(|_| self.is_used(key))
             .and_then(|bytes| serde_json::from_slice(&bytes).ok())
     }
 
@@ -81,13 +93,15 @@ impl Cache {
         let text = serde_json::to_vec(record).map_err(|error| error.to_string())?;
         self.make()?;
         let path = self.folder.join(format!("{key}.json"));
-        atomic::write_bytes(path, &text).map_err(|error| error.to_string())
+        atomic::write_bytes(path, &text).map_err(|error| error.to_string())?;
+        self.kept.borrow_mut().insert(key.to_owned());
+        Ok(())
     }
 
     /// An image of an earlier run.
     pub fn image(&self, key: &str) -> Option<Image> {
         let path = self.folder.join(format!("{key}.exr"));
-        let found = self.reuse && path.is_file();
+        let found = self.is_used(key) && path.is_file();
         exr_io::read(path, Limits::IMAGE).ok().filter(|_| found)
     }
 
@@ -98,7 +112,10 @@ impl Cache {
     /// As [`Self::keep`].
     pub fn keep_image(&self, key: &str, image: &Image) -> Result<(), String> {
         self.make()?;
-        exr_io::write(self.folder.join(format!("{key}.exr")), image).map_err(|error| error.to_string())
+        let path = self.folder.join(format!("{key}.exr"));
+        exr_io::write(path, image).map_err(|error| error.to_string())?;
+        self.kept.borrow_mut().insert(key.to_owned());
+        Ok(())
     }
 
     /// The folder, made if it is not there.

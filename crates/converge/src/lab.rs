@@ -15,7 +15,7 @@ use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setti
 const SHORTEST: f64 = 0.02;
 /// Most of them at once.
 const MOST_AT_ONCE: u32 = 50;
-/// Fewest repeats that have quartiles.
+/// Fewest repeats.
 const FEWEST: usize = 3;
 
 /// How studies are measured.
@@ -45,6 +45,8 @@ pub struct Lab<'a> {
     driver_hash: String,
     pub(crate) cache: Cache,
     pub(crate) options: Options,
+    /// Whether only the first half of the times is taken.
+    pub(crate) halfway: bool,
 }
 
 /// A configuration that is ready to be timed.
@@ -89,6 +91,7 @@ impl<'a> Lab<'a> {
             driver_hash: driver_hash.to_owned(),
             cache,
             options,
+            halfway: false,
         }
     }
 

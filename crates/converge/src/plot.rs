@@ -57,7 +57,7 @@ pub fn svg(report: &StudyReport) -> String {
         figure.polyline(ink, dashed, series.points.iter().filter_map(worked));
         for point in &series.points {
             let label = label(series, point);
-            if let (Some([from, to]), Some(rmse)) = (point.quartiles, point.rmse) {
+            if let (Some([from, to]), Some(rmse)) = (point.interval, point.rmse) {
                 figure.bar(times.at(from), times.at(to), errors.at(rmse), ink);
             }
             for place in [timed(point), worked(point)].into_iter().flatten() {

@@ -11,7 +11,7 @@ use std::path::{Component, Path, PathBuf};
 
 /// An error is claimed only if it is this many times the floor of the truth.
 pub(crate) const ABOVE_FLOOR: f64 = 2.0;
-/// A time whose quartiles are farther apart than this fraction of its median is noisy.
+/// A time whose interval is wider than this fraction of its median is noisy.
 const NOISY: f64 = 0.3;
 /// A ratio whose bounds are farther apart than this factor is noisy.
 const NOISY_RATIO: f64 = 2.0;
@@ -25,13 +25,13 @@ pub struct Point {
     pub value: Option<f64>,
     /// Median wall time of the rendering; none where it failed.
     pub seconds: Option<f64>,
-    /// Between the quartiles of that time.
+    /// Where that median lies with 95%; of fewer than six repeats, between which all of them are.
+    pub interval: Option<[f64; 2]>,
+    /// From one end of that to the other.
     pub spread: Option<f64>,
-    /// Quartiles.
-    pub quartiles: Option<[f64; 2]>,
     /// How many times were taken.
     pub repeats: usize,
-    /// Whether the times spread or drift too much.
+    /// Whether the times spread too much.
     pub noisy: bool,
     /// Median processor time of all threads.
     pub cpu_seconds: Option<f64>,
@@ -76,10 +76,10 @@ impl Point {
             setting: setting.label.clone(),
             value: setting.value,
             seconds: times.map(|times| times.median),
+            interval: times.map(|times| times.interval),
             spread: times.map(|times| times.spread()),
-            quartiles: times.map(|times| [times.lower, times.upper]),
             repeats: known.map_or(0, |record| record.times.len()),
-            noisy: times.is_some_and(|times| times.drifts || times.spread() > NOISY * times.median),
+            noisy: times.is_some_and(|times| times.spread() > NOISY * times.median),
             cpu_seconds: known
                 .and_then(|record| Times::of(&record.cpu))
                 .map(|times| times.median),
@@ -111,7 +111,7 @@ impl Point {
 pub struct Reached {
     /// Interpolated between two points, straight on logarithmic axes.
     pub seconds: f64,
-    /// The same with the lower and the upper quartiles of both.
+    /// The same with the lower and the upper ends of the intervals of both.
     pub interval: [f64; 2],
 }
 
@@ -176,7 +176,7 @@ impl SeriesReport {
         // The same point of the way, with other times at both ends.
         let at = |which: usize| {
             let ends =
-                between.map(|index| [points[index].quartiles.unwrap_or_default()[which], axes[index][1]]);
+                between.map(|index| [points[index].interval.unwrap_or_default()[which], axes[index][1]]);
             if between[0] == between[1] {
                 return ends[0][0];
             }
@@ -227,7 +227,7 @@ pub struct TimeTo {
     pub mitsuba: Option<String>,
     /// Ours over Mitsuba's.
     pub ratio: Option<f64>,
-    /// With quartiles in the place of medians, at their worst.
+    /// With the ends of intervals in the place of medians, at their worst.
     pub ratio_interval: Option<[f64; 2]>,
     /// Whether that says too little.
     pub noisy: bool,

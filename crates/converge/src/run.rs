@@ -29,6 +29,22 @@ struct True {
 }
 
 impl Lab<'_> {
+    /// Takes the first half of the times of a study and keeps them: what is measured later with [`Self::measure`] then has times of
+    /// two sittings, with everything built anew between them, and whatever else the machine did meanwhile.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::measure`].
+    pub fn sit(&mut self, study: &Study, told: &dyn Fn(&str)) -> Result<(), String> {
+        if study.stress.is_some() {
+            return Ok(());
+        }
+        self.halfway = true;
+        let sat = self.measure(study, told);
+        self.halfway = false;
+        sat.map(drop)
+    }
+
     /// Measures a study. `told` is what goes on.
     ///
     /// # Errors
@@ -192,14 +208,14 @@ impl Lab<'_> {
             return Ok(record);
         }
         let (ready, shot) = self.first(study, series.engine, &changes)?;
-        let errors = Measured::between(&shot.image, &truth.image, &truth.edges)?;
-        let mut record = self.record(study, &shot, errors);
-        // The times of a run that was broken off still count.
-        if let Some(known) = known {
-            (record.times, record.cpu) = (known.times, known.cpu);
-        }
-        self.cache.keep(&job.key, &record)?;
         job.ready = Some(ready);
+        // The times of the first sitting, or of a run that was broken off, still count.
+        if let Some(record) = known {
+            return Ok(record);
+        }
+        let errors = Measured::between(&shot.image, &truth.image, &truth.edges)?;
+        let record = self.record(study, &shot, errors);
+        self.cache.keep(&job.key, &record)?;
         Ok(record)
     }
 
@@ -221,7 +237,9 @@ impl Lab<'_> {
                 let (Some(ready), Ok(record)) = (&job.ready, &mut job.record) else {
                     continue;
                 };
-                if record.times.len() > round || record.is_complete() {
+                let half = record.repeats.div_ceil(2);
+                let sat = self.halfway && record.times.len() >= half;
+                if record.times.len() > round || record.is_complete() || sat {
                     continue;
                 }
                 told(&format!("round {} of {}", round + 1, rounds.unwrap_or(0)));

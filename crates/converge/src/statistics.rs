@@ -2,55 +2,60 @@
 
 use serde::Serialize;
 
-/// The middle of repeated times, and how far they spread.
+/// The middle of repeated times, and where it may lie.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Times {
     /// In seconds.
     pub median: f64,
-    /// A quarter of the times is below.
-    pub lower: f64,
-    /// A quarter of the times is above.
-    pub upper: f64,
-    /// Whether the first half of the repeats disagrees with the second by more than the spread: the machine had other things to do.
-    pub drifts: bool,
+    /// Where the median of any number of such times lies with 95%, in seconds; of fewer than six times their whole range.
+    pub interval: [f64; 2],
 }
 
 impl Times {
-    /// Of times in the order in which they were taken; none without any.
+    /// None without any.
     pub fn of(times: &[f64]) -> Option<Self> {
         if times.is_empty() || !times.iter().all(|time| time.is_finite()) {
             return None;
         }
-        let [lower, median, upper] = [0.25, 0.5, 0.75].map(|part| quantile(times, part));
-        let spread = upper - lower;
-        let (first, second) = times.split_at(times.len() / 2);
-        let apart = (quantile(first, 0.5) - quantile(second, 0.5)).abs();
+        let mut sorted = times.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let outside = outside(sorted.len());
         Some(Self {
-            median,
-            lower,
-            upper,
-            // Of fewer than four a half has no middle. A tenth is within what no one would claim.
-            drifts: times.len() >= 4 && apart > spread.max(0.1 * median),
+            median: middle(&sorted),
+            interval: [sorted[outside], sorted[sorted.len() - 1 - outside]],
         })
     }
 
-    /// Between the quartiles, in seconds.
+    /// From one end of the interval to the other, in seconds.
     pub fn spread(&self) -> f64 {
-        self.upper - self.lower
+        self.interval[1] - self.interval[0]
     }
 }
 
-/// Linear between the values in order; NaN for none.
-fn quantile(values: &[f64], part: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let Some(last) = sorted.len().checked_sub(1) else {
-        return f64::NAN;
-    };
-    let place = part * last as f64;
-    let below = place.floor() as usize;
-    let above = (below + 1).min(last);
-    sorted[below] + (place - below as f64) * (sorted[above] - sorted[below])
+/// How many of `count` sorted values lie outside of the interval of the median with 95%, on each side: it is beyond the `k`-th one
+/// from either end with the probability that a fair coin, thrown `count` times, shows heads fewer than `k` times (Le Boudec,
+/// Performance Evaluation of Computer and Communication Systems, 2010, theorem 2.1). Whatever the distribution is, but the times must
+/// not depend on each other: so they are taken at two sittings.
+fn outside(count: usize) -> usize {
+    let mut outside = 0;
+    let mut term = 0.5_f64.powi(count as i32);
+    let mut fewer = term;
+    while outside + 1 < count.div_ceil(2) {
+        // Heads `outside + 1` times.
+        term *= (count - outside) as f64 / (outside + 1) as f64;
+        if fewer + term > 0.025 {
+            break;
+        }
+        fewer += term;
+        outside += 1;
+    }
+    outside
+}
+
+/// Of at least one value.
+fn middle(sorted: &[f64]) -> f64 {
+    let [below, above] = [(sorted.len() - 1) / 2, sorted.len() / 2];
+    0.5 * (sorted[below] + sorted[above])
 }
 
 /// A straight line through points on logarithmic axes.
@@ -144,14 +149,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quartiles() {
+    fn the_middle_and_where_it_lies() {
         let times = Times::of(&[5.0, 1.0, 3.0, 2.0, 4.0]).unwrap();
-        assert_eq!([times.lower, times.median, times.upper], [2.0, 3.0, 4.0]);
-        assert!(!times.drifts);
+        assert_eq!((times.median, times.interval), (3.0, [1.0, 5.0]));
+        assert_eq!(Times::of(&[1.0, 4.0]).unwrap().median, 2.5);
+        assert_eq!(Times::of(&[7.0]).unwrap().interval, [7.0, 7.0]);
         assert!(Times::of(&[]).is_none() && Times::of(&[f64::NAN]).is_none());
-        // The second half took twice as long.
-        assert!(Times::of(&[1.0, 1.0, 1.01, 2.0, 2.0, 2.01]).unwrap().drifts);
-        assert!(!Times::of(&[1.0, 2.0, 1.01, 2.0, 1.0, 2.01]).unwrap().drifts);
+        // One of many does not count.
+        let mut many = vec![1.0; 14];
+        many.push(100.0);
+        assert_eq!(Times::of(&many).unwrap().interval, [1.0, 1.0]);
+    }
+
+    /// The table of Le Boudec, appendix A: ranks of the interval with 95%, where it is symmetric.
+    #[test]
+    fn ranks_are_those_of_the_table() {
+        for (count, lower) in [(6, 1), (10, 2), (15, 4), (20, 6), (30, 10), (50, 18)] {
+            assert_eq!(outside(count) + 1, lower, "{count}");
+        }
+        assert!((1..6).all(|count| outside(count) == 0));
     }
 
     #[test]

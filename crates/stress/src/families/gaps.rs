@@ -2,6 +2,7 @@
 
 use crate::lab::{rows, single, textbook_of, tree};
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
+use rayon::prelude::*;
 use serde_json::json;
 use whitstone_core::{DVec3, Interval, Ray, Shape, Skip};
 use whitstone_oracle::naive::{Real, Textbook};
@@ -339,9 +340,8 @@ impl Family for Leaks {
         let mut aimed = Vec::new();
         for begin in (0..wished).step_by(BATCH) {
             let batch = aim(&pipelines[0], center, BATCH.min(wished - begin), &mut random)?;
-            for pipeline in &pipelines {
-                ours.failures += leaks(pipeline, &batch);
-            }
+            let found = pipelines.iter().map(|pipeline| leaks(pipeline, &batch));
+            ours.failures += found.sum::<u64>();
             // The others are asked about the first batch, textbooks, which try every triangle, about a part of it.
             if begin == 0 {
                 aimed = batch;
@@ -391,7 +391,7 @@ fn leaks(pipeline: &Pipeline, rays: &[Ray]) -> u64 {
             .closest(ray, Interval::FORWARD, Skip::NOTHING)
             .is_none()
     };
-    rays.iter().filter(leaves).count() as u64
+    rays.par_iter().filter(leaves).count() as u64
 }
 
 /// From inside the tube of a ring with the radius 0.7, at its vertices and edges.
