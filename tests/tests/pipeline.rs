@@ -1,8 +1,9 @@
 //! What the pipeline makes of the parts of a scene.
 
 use std::path::Path;
-use whitstone::core::Lobes;
-use whitstone::scene::{Pipeline, Sources};
+use std::sync::Arc;
+use whitstone::core::{Aabb, DVec3, Light, LightGives, LightSample, Lobes, Rgb};
+use whitstone::scene::{Pipeline, RenderOptions, Sources};
 use whitstone_tests::build;
 
 fn pipeline(text: &str) -> Pipeline {
@@ -35,6 +36,63 @@ fn constant_textures_are_colours() {
         let traces = !built.left_out.iter().any(|part| part.what == "reflected rays");
         assert_eq!(traces, lobes.contains(Lobes::REFLECTION), "{k_refl}");
     }
+}
+
+/// Shines up, and says that it reaches nothing.
+struct Shy;
+
+impl Light for Shy {
+    fn gives(&self) -> LightGives {
+        LightGives::SAMPLES
+    }
+    fn samples(&self, _: DVec3, out: &mut Vec<LightSample>) {
+        out.push(LightSample {
+            direction: DVec3::Z,
+            distance: f64::INFINITY,
+            irradiance: Rgb::WHITE,
+        });
+    }
+    fn reaches(&self, _: &Aabb) -> bool {
+        false
+    }
+}
+
+/// Of many lights only those are asked for samples that may reach a stream of points: the picture is the same, but for a light that
+/// does not say the truth.
+#[test]
+fn many_lights_are_culled() {
+    let mut text = String::from(
+        "[film]\nwidth = 48\nheight = 32\n[[shape]]\ntype = \"rectangle\"\nmaterial = { type = \"whitted\", k_d = 0.5, k_refl = 0.25 }\n\
+         transform = { scale = [3, 3, 1] }\n[[shape]]\ntype = \"sphere\"\nmaterial = { type = \"phong\" }\n",
+    );
+    for number in 0..12 {
+        let (sin, cos) = f64::from(number).sin_cos();
+        text += &format!(
+            "[[light]]\ntype = \"spot\"\nposition = [{}, {}, 2]\ntarget = [{}, {}, 0]\nintensity = 3\ncutoff_angle = 15\n",
+            2.0 * cos,
+            2.0 * sin,
+            2.5 * cos,
+            2.5 * sin
+        );
+    }
+    let render = |culls: bool, lies: bool| {
+        let mut built = pipeline(&text);
+        if lies {
+            built.world.lights.push(Arc::new(Shy));
+        }
+        assert!(built.world.culls_lights, "there are many");
+        built.world.culls_lights = culls;
+        let film = built.render(RenderOptions::default());
+        (film.rgb, film.counters)
+    };
+    let all = render(false, false);
+    assert_eq!(render(true, false), all);
+    assert_eq!(
+        render(true, true),
+        all,
+        "what says that it does not reach is not asked"
+    );
+    assert_ne!(render(false, true), all);
 }
 
 /// What is left out is what would have been black: the picture is the same as with the light in place.
@@ -83,7 +141,7 @@ fn lights_that_reach_nothing_are_left_out() {
         assert_eq!(told, kept == 1, "{light}");
         if kept == 1 {
             let alone = scene(point, "matte");
-            let options = whitstone::scene::RenderOptions::default();
+            let options = RenderOptions::default();
             assert_eq!(built.render(options).rgb, alone.render(options).rgb, "{light}");
         }
     }

@@ -4,6 +4,7 @@ mod accelerators;
 mod chart;
 mod data;
 mod fetch;
+mod lights;
 mod machine;
 mod peer;
 mod picture;
@@ -34,6 +35,7 @@ pub(crate) struct Arguments {
 #[derive(Subcommand, Debug)]
 enum What {
     Accelerators(accelerators::Arguments),
+    Lights(lights::Arguments),
     Plugins(plugins::Arguments),
     Rasterizer(rasterizer::Arguments),
     Scale(scale::Arguments),
@@ -46,6 +48,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     match &arguments.what {
         None => picture::run(&arguments.picture, registry),
         Some(What::Accelerators(arguments)) => accelerators::run(arguments, registry),
+        Some(What::Lights(arguments)) => lights::run(arguments, registry),
         Some(What::Plugins(arguments)) => plugins::run(arguments, registry),
         Some(What::Rasterizer(arguments)) => rasterizer::run(arguments, registry),
         Some(What::Scale(arguments)) => scale::run(arguments, registry),

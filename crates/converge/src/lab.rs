@@ -5,7 +5,7 @@ use crate::errors::{Measured, edges};
 use crate::study::{Against, Change, Engine, Study};
 use crate::usage::{Memory, processor_time};
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use whitstone_core::{Registry, SceneError, SceneErrors};
 use whitstone_image::{Image, Limits, Mask, exr_io};
 use whitstone_scene::{Description, Flattened, Pipeline, Plan, RenderOptions, Sources, all_errors};
@@ -15,6 +15,8 @@ use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setti
 const SHORTEST: f64 = 0.02;
 /// Most of them at once.
 const MOST_AT_ONCE: u32 = 50;
+/// Before each repeat: the threads of what ran before, perhaps of another process, look for work for a while before they sleep.
+const REST: Duration = Duration::from_millis(20);
 /// Fewest repeats.
 const FEWEST: usize = 3;
 
@@ -267,8 +269,15 @@ impl<'a> Lab<'a> {
         }
     }
 
-    /// One more repeat.
+    /// One more repeat. What is short is rendered once before: caches are full of other things.
     pub(crate) fn time(&mut self, ready: &Ready, record: &mut Record) -> Result<(), String> {
+        std::thread::sleep(REST);
+        if record.batch > 1 {
+            match ready {
+                Ready::Whitstone(pipeline) => drop(pipeline.render(self.render_options())),
+                Ready::Mitsuba(flattened) => drop(self.shoot_mitsuba(flattened)?),
+            }
+        }
         match ready {
             Ready::Whitstone(pipeline) => {
                 let (clock, processor) = (Instant::now(), processor_time());

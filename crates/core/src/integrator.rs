@@ -42,6 +42,9 @@ pub trait Integrator: Send + Sync {
     }
 }
 
+/// So many lights that it pays to ask each whether it reaches a stream of points at all.
+const MANY_LIGHTS: usize = 8;
+
 /// What an integrator sees of a scene, ready to trace.
 pub struct World {
     /// All shapes.
@@ -54,6 +57,8 @@ pub struct World {
     pub lights: Vec<Arc<dyn Light>>,
     /// Lights that are seen behind everything.
     pub backgrounds: Vec<Arc<dyn Light>>,
+    /// Whether lights are asked, before they give their samples for a stream of points, if they reach any of them. The image is the same.
+    pub culls_lights: bool,
     /// Sum of the ambient radiances.
     pub ambient: Rgb,
     /// What each material reads, in the same order: asked once, not at every hit.
@@ -97,6 +102,7 @@ impl World {
             geometry,
             accelerator,
             materials,
+            culls_lights: samplers.len() >= MANY_LIGHTS,
             lights: samplers,
             backgrounds,
             ambient,
@@ -114,6 +120,7 @@ impl World {
     pub fn one_size_fits_all(mut self) -> Self {
         self.needs.fill(Needs::EVERYTHING);
         self.footprints = true;
+        self.culls_lights = false;
         for lobes in &mut self.responses {
             *lobes = *lobes | Lobes::HARMLESS;
         }
@@ -325,8 +332,11 @@ impl World {
         } = memory;
         let ShadowRays { all, lit, hidden } = &mut **rays;
         samples.clear();
+        let near = self.culls_lights.then(|| points.position.bounds(points.len));
         for light in &self.lights {
-            light.samples_stream(points.len, &points.position, samples);
+            if near.as_ref().is_none_or(|near| light.reaches(near)) {
+                light.samples_stream(points.len, &points.position, samples);
+            }
         }
         let len = points.len.min(LANES);
         for samples in samples.iter_mut() {

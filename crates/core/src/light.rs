@@ -33,7 +33,8 @@ pub trait Light: Send + Sync {
     }
 
     /// Whether [`Self::samples`] may give anything but black at any point of a box, which may be endless. `true` where that is not known:
-    /// a light is left out of a scene if this is `false` for all that could show it.
+    /// a light is left out of a scene if this is `false` for all that could show it, and, where there are many lights, of a stream of points if it
+    /// is `false` for the box around them. That box may be a point: rounding is on the side of `true`.
     fn reaches(&self, bounds: &Aabb) -> bool {
         let _ = bounds;
         true

@@ -10,9 +10,9 @@
 //! never read.
 
 use crate::footprint::{FootprintStream, SpreadStream};
-use crate::simd::{prefetch, select};
+use crate::simd::{self, prefetch, select};
 use crate::{
-    Footprint, InstancePath, Interval, LightSample, PrimitiveHit, RawHit, Ray, Rgb, Skip, Spread,
+    Aabb, Footprint, InstancePath, Interval, LightSample, PrimitiveHit, RawHit, Ray, Rgb, Skip, Spread,
     SurfacePoint,
 };
 use glam::{DVec2, DVec3};
@@ -115,6 +115,27 @@ impl Vectors {
     #[inline(always)]
     pub fn set(&mut self, lane: usize, value: DVec3) {
         (self.x[lane], self.y[lane], self.z[lane]) = (value.x, value.y, value.z);
+    }
+
+    /// The box around the first `len` vectors.
+    pub fn bounds(&self, len: usize) -> Aabb {
+        let range = |values: &Lanes<f64>| {
+            let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
+            for value in &values[..len.min(LANES)] {
+                ends = [ends[0].min(*value), ends[1].max(*value)];
+            }
+            ends
+        };
+        let mut ends = [[0.0; 2]; 3];
+        simd::dispatch(
+            #[inline(always)]
+            || ends = [&self.x, &self.y, &self.z].map(range),
+        );
+        let [x, y, z] = ends;
+        Aabb {
+            min: DVec3::new(x[0], y[0], z[0]),
+            max: DVec3::new(x[1], y[1], z[1]),
+        }
     }
 
     /// Copies the first `len` lanes of another stream.

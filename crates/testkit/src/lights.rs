@@ -98,6 +98,8 @@ fn nothing_where_it_does_not_reach(light: &dyn Light) {
             (1.0, 0.01),
             (3.0, 1.0),
             (3.0, 1e-6),
+            // The box around a single point.
+            (3.0, 0.0),
             (100.0, 60.0),
             (1e6, 1e3),
         ] {

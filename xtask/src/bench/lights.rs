@@ -1,0 +1,137 @@
+//! `bench lights`: hundreds of lights, most of which reach little of the scene.
+
+use super::machine::load;
+use super::median;
+use clap::Args;
+use serde_json::json;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use whitstone::core::Registry;
+use whitstone::image::atomic;
+use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources};
+use whitstone::{Exit, Failure};
+
+/// Spots along each side of the square above the landscape.
+const SIDE: u32 = 10;
+/// Lamps that reach everything.
+const LAMPS: [[f64; 3]; 4] = [
+    [-0.9, -0.9, 0.8],
+    [0.9, -0.9, 0.8],
+    [-0.9, 0.9, 0.8],
+    [0.9, 0.9, 0.8],
+];
+
+/// Render a landscape of 380,192 triangles under 104 lights, 100 spots and 4 lamps, with and without culling of lights, interleaved, and
+/// print both times; the pictures must be the same
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// Columns and rows of the image
+    #[arg(long, default_value_t = 1024)]
+    size: u32,
+    /// Rounds; each renders both once
+    #[arg(long, default_value_t = 5)]
+    rounds: usize,
+    /// Threads; 0 for one a core
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+    /// Write all figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// Runs the verb.
+pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let pipeline = |culls: bool| -> Result<Pipeline, Failure> {
+        let text = scene(arguments.size);
+        let sources = Sources::from_text("lights", &text, Path::new("scenes"), &[])
+            .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
+        let report = |errors| Failure::usage(sources.report(&errors, false));
+        let description = Description::parse(&sources).map_err(report)?;
+        let plan = Plan::new(&description, registry).map_err(report)?;
+        let mut built = Pipeline::build(&plan, registry).map_err(report)?;
+        built.world.culls_lights &= culls;
+        Ok(built)
+    };
+    let pipelines = [pipeline(true)?, pipeline(false)?];
+    let options = RenderOptions {
+        threads: arguments.threads,
+        progress: None,
+    };
+    let mut times = [const { Vec::new() }; 2];
+    let mut films = [const { None }; 2];
+    for round in 0..=arguments.rounds {
+        for (number, pipeline) in pipelines.iter().enumerate() {
+            let start = Instant::now();
+            let film = pipeline.render(options);
+            // The first round touches pages.
+            if round > 0 {
+                times[number].push(start.elapsed().as_secs_f64());
+            }
+            films[number] = Some(film);
+        }
+    }
+    let [Some(culled), Some(all)] = films else {
+        return Err(Failure::usage("no rounds"));
+    };
+    let same = culled.rgb == all.rgb && culled.counters == all.counters;
+    let [fast, slow] = times.each_mut().map(|times| median(times));
+    let (rays, shadow) = (culled.counters.total(), culled.counters.shadow);
+    println!(
+        "{size} x {size}, 380,192 triangles, {} lights, {rays} rays, {shadow} of them to lights; load {:.1}",
+        pipelines[0].world.lights.len(),
+        load(),
+        size = arguments.size,
+    );
+    let rate = |seconds: f64| 1e-6 * rays as f64 / seconds;
+    for (what, seconds) in [("with", fast), ("without", slow)] {
+        println!(
+            "  {what:<7} culling  {seconds:.3} s a frame, {:.2} million rays a second",
+            rate(seconds)
+        );
+    }
+    println!("  without culling {:.2} times as long", slow / fast);
+    if let Some(path) = &arguments.json {
+        let row = |culling: bool, seconds: f64| {
+            json!({
+                "culling": culling, "seconds": seconds, "rays": rays, "shadow_rays": shadow,
+                "mrays_per_s": rate(seconds),
+            })
+        };
+        let text = json!({ "rows": [row(true, fast), row(false, slow)], "same": same, "load": load() });
+        atomic::write_bytes(path, format!("{text:#}\n").as_bytes()).map_err(Failure::environment)?;
+    }
+    if same {
+        Ok(Exit::Pass)
+    } else {
+        println!("  the pictures DIFFER");
+        Ok(Exit::Differs)
+    }
+}
+
+/// A landscape seen from above and aside, a grid of spots over it that each light a part, and lamps at the corners.
+fn scene(size: u32) -> String {
+    let mut text = format!(
+        "film = {{ width = {size}, height = {size} }}\n\
+         [camera]\ntype = \"perspective\"\nlook_at = {{ origin = [0, -2.2, 1.6], target = [0, 0, 0], up = [0, 0, 1] }}\nfov = 50\n\
+         [[shape]]\ntype = \"heightfield\"\ncolumns = 436\nrows = 436\n\
+         material = {{ type = \"matte\", reflectance = 0.7 }}\n"
+    );
+    for number in 0..SIDE * SIDE {
+        let place = |index: u32| (f64::from(index) + 0.5) / f64::from(SIDE) * 2.0 - 1.0;
+        let [x, y] = [number % SIDE, number / SIDE].map(place);
+        let color = |shift: u32| 0.02 * f64::from((number * 7 + shift) % 5 + 1);
+        let [r, g, b] = [0, 2, 4].map(color);
+        let _ = writeln!(
+            text,
+            "[[light]]\ntype = \"spot\"\nposition = [{x}, {y}, 0.7]\ntarget = [{x}, {y}, 0]\ncutoff_angle = 20\nintensity = [{r}, {g}, {b}]"
+        );
+    }
+    for [x, y, z] in LAMPS {
+        let _ = writeln!(
+            text,
+            "[[light]]\ntype = \"point\"\nposition = [{x}, {y}, {z}]\nintensity = 0.15"
+        );
+    }
+    text
+}
