@@ -3,7 +3,8 @@
 use crate::cache::{Cache, Record};
 use crate::errors::{Measured, edges};
 use crate::study::{Against, Change, Engine, Study};
-use crate::usage::{Memory, processor_time};
+use crate::usage::{Memory, Ticks, processor_time};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use whitstone_core::{Registry, SceneError, SceneErrors};
@@ -49,6 +50,8 @@ pub struct Lab<'a> {
     pub(crate) options: Options,
     /// Whether only the first half of the times is taken.
     pub(crate) halfway: bool,
+    /// Processor time while the studies were timed, by their names.
+    used: BTreeMap<String, Ticks>,
 }
 
 /// A configuration that is ready to be timed.
@@ -94,12 +97,32 @@ impl<'a> Lab<'a> {
             cache,
             options,
             halfway: false,
+            used: BTreeMap::new(),
         }
     }
 
     /// Why an engine takes no part.
     pub(crate) fn absent(&self, engine: Engine) -> Option<&str> {
         (engine == Engine::Mitsuba && self.mitsuba.is_none()).then_some(&*self.absent)
+    }
+
+    /// Processor time of everything and of what takes part, where the system tells.
+    pub(crate) fn ticks(&self) -> Option<Ticks> {
+        let driver: Vec<u32> = self.mitsuba.iter().map(Driver::process).collect();
+        Ticks::now(&driver)
+    }
+
+    /// Notes what was used since `before`, when a study began to be timed.
+    pub(crate) fn used_since(&mut self, study: &Study, before: Option<Ticks>) {
+        if let (Some(before), Some(now)) = (before, self.ticks()) {
+            let used = self.used.entry(study.name.clone()).or_default();
+            *used = used.more(before, now);
+        }
+    }
+
+    /// The part of the processor time that others used while a study was timed.
+    pub(crate) fn others(&self, study: &Study) -> Option<f64> {
+        self.used.get(&study.name)?.others()
     }
 
     /// The name of what a rendering of a scene determines.

@@ -71,7 +71,7 @@ impl Lab<'_> {
             checks: Vec::new(),
             command: self.command(study),
         };
-        let mut found = StudyReport::new(study, truth, FLOOR, series.collect(), Vec::new());
+        let mut found = StudyReport::new(study, truth, FLOOR, series.collect(), Vec::new(), None);
         found.measure = about.measure.to_owned();
         found.knob = about.knob.to_owned();
         Ok(found)

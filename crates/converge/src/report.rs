@@ -15,6 +15,8 @@ pub(crate) const ABOVE_FLOOR: f64 = 2.0;
 const NOISY: f64 = 0.3;
 /// A ratio whose bounds are farther apart than this factor is noisy.
 const NOISY_RATIO: f64 = 2.0;
+/// Where others used more than this part of the processor time, all ratios are noisy: engines suffer differently from it.
+const OTHERS: f64 = 0.1;
 
 /// One setting of a configuration.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -300,6 +302,9 @@ pub struct StudyReport {
     pub time_to: BTreeMap<String, TimeTo>,
     /// Whether the times spread too much for one of the ratios or, without those, for most of the points.
     pub noisy: bool,
+    /// The part of the processor time that others used while this was timed, where the system tells.
+    #[serde(default)]
+    pub others: Option<f64>,
     /// All in all.
     pub verdict: Verdict,
     /// What does not hold, what could not be measured.
@@ -316,17 +321,27 @@ impl StudyReport {
         truth: TruthReport,
         floor: f64,
         mut series: Vec<SeriesReport>,
-        notes: Vec<String>,
+        mut notes: Vec<String>,
+        others: Option<f64>,
     ) -> Self {
         for level in &study.levels {
             series.iter_mut().for_each(|series| series.reach(*level));
         }
         mark_fronts(&mut series);
-        let time_to: BTreeMap<String, TimeTo> = study
+        let mut time_to: BTreeMap<String, TimeTo> = study
             .levels
             .iter()
             .map(|level| (level_name(*level), best(&series, *level)))
             .collect();
+        if let Some(part) = others.filter(|part| *part > OTHERS) {
+            notes.push(format!(
+                "no ratio of times: others used {:.0}% of the processor time",
+                100.0 * part
+            ));
+            for both in time_to.values_mut() {
+                both.noisy = both.ratio.is_some();
+            }
+        }
         let compared: Vec<&TimeTo> = time_to.values().filter(|both| both.ratio.is_some()).collect();
         let points: Vec<&Point> = series.iter().flat_map(|series| &series.points).collect();
         let noisy = match compared.is_empty() {
@@ -345,6 +360,7 @@ impl StudyReport {
             knob: study.against.name().to_owned(),
             time_to,
             noisy,
+            others,
             verdict: Verdict::Pass,
             problems: Vec::new(),
             withheld: notes,

@@ -87,7 +87,9 @@ impl Lab<'_> {
                 jobs.push(self.first_look(study, series, setting, truth_of(series)));
             }
         }
+        let before = self.ticks();
         self.rounds(&mut jobs, told);
+        self.used_since(study, before);
         let series = study.series.iter().enumerate().map(|(number, of)| {
             let points = jobs
                 .iter()
@@ -107,7 +109,8 @@ impl Lab<'_> {
         let series: Vec<SeriesReport> = series.collect();
         let floor = truths.iter().map(|truth| truth.floor).fold(0.0, f64::max);
         let truth = self.truth_report(study);
-        Ok(StudyReport::new(study, truth, floor, series, problems))
+        let others = self.others(study);
+        Ok(StudyReport::new(study, truth, floor, series, problems, others))
     }
 
     /// Builds the first and the last setting of each series: an unknown path is told before anything is rendered.

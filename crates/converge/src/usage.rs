@@ -28,6 +28,55 @@ pub fn processor() -> Option<String> {
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
+/// Processor time since some moment, in ticks of the system.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Ticks {
+    /// Of everything that runs.
+    pub all: u64,
+    /// Of this process and of those that were named.
+    pub own: u64,
+}
+
+impl Ticks {
+    /// Since the machine and the processes were started, where the system tells.
+    pub fn now(processes: &[u32]) -> Option<Self> {
+        let text = fs::read_to_string("/proc/stat").ok()?;
+        let line = text.lines().next()?.strip_prefix("cpu ")?;
+        let columns: Vec<u64> = line.split_whitespace().filter_map(|n| n.parse().ok()).collect();
+        // User, nice, system; idle and waiting; interrupts of two kinds, stolen.
+        let [user, nice, system, _, _, hard, soft, stolen] = columns[..].first_chunk().copied()?;
+        let own = processes.iter().copied().chain([std::process::id()]).map(ticks);
+        Some(Self {
+            all: user + nice + system + hard + soft + stolen,
+            own: own.sum::<Option<u64>>()?,
+        })
+    }
+
+    /// What was used from `before` on, beside what was used already.
+    #[must_use]
+    pub fn more(self, before: Self, now: Self) -> Self {
+        Self {
+            all: self.all + now.all.saturating_sub(before.all),
+            own: self.own + now.own.saturating_sub(before.own),
+        }
+    }
+
+    /// The part that others used, 0 to 1; none where that is too little to tell.
+    pub fn others(self) -> Option<f64> {
+        (self.all >= 100).then(|| (1.0 - self.own as f64 / self.all as f64).max(0.0))
+    }
+}
+
+/// Processor time of all threads of a process.
+fn ticks(process: u32) -> Option<u64> {
+    let text = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+    // The name may hold anything, also parentheses; two columns stand before the first one here.
+    let (_, rest) = text.rsplit_once(')')?;
+    let mut columns = rest.split_whitespace().skip(11);
+    let [user, system] = [columns.next()?, columns.next()?].map(|column| column.parse::<u64>().ok());
+    Some(user? + system?)
+}
+
 /// How much the process grows from here on, at its highest.
 #[derive(Debug)]
 pub struct Memory(Option<u64>);
@@ -55,6 +104,28 @@ fn status(key: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A child that works, once unknown and once as one of ours.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_others_do_is_seen() {
+        let mut child = std::process::Command::new("sh");
+        let mut child = child.args(["-c", "while :; do :; done"]).spawn().unwrap();
+        let spent = |ours: &[u32]| {
+            let before = Ticks::now(ours).unwrap();
+            std::thread::sleep(std::time::Duration::from_millis(300));
+            let used = Ticks::default().more(before, Ticks::now(ours).unwrap());
+            used.all - used.own.min(used.all)
+        };
+        let without = spent(&[]);
+        let with = Ticks::now(&[child.id()]).unwrap().own - Ticks::now(&[]).unwrap().own;
+        child.kill().unwrap();
+        child.wait().unwrap();
+        // At 100 ticks a second, on a machine that may have much else to do.
+        assert!(without >= 5 && with >= 5, "{without} and {with}");
+        let half = Ticks { all: 200, own: 100 };
+        assert_eq!((half.others(), Ticks::default().others()), (Some(0.5), None));
+    }
 
     #[cfg(target_os = "linux")]
     #[test]

@@ -73,9 +73,9 @@ struct Part {
 }
 
 impl Conic {
-    /// Where the line is in the box; the entry lies behind the exit if it is not.
+    /// Where the line through a point is in the box; the entry lies behind the exit if it is not.
     #[inline(always)]
-    fn slabs(&self, ray: &Ray) -> [End; 2] {
+    fn slabs(&self, origin: DVec3, direction: DVec3) -> [End; 2] {
         let mut entry = End {
             t: f64::NEG_INFINITY,
             primitive: 0,
@@ -85,7 +85,7 @@ impl Conic {
             primitive: 0,
         };
         for axis in 0..3_u32 {
-            let (o, d) = (ray.origin[axis as usize], ray.direction[axis as usize]);
+            let (o, d) = (origin[axis as usize], direction[axis as usize]);
             let (min, max) = (self.min[axis as usize], self.max[axis as usize]);
             let downwards = d.is_sign_negative();
             let near = (select(downwards, max, min) - o) / d;
@@ -105,14 +105,18 @@ impl Conic {
     /// The two parts of a line, in object space, that may lie inside.
     #[inline(always)]
     fn parts(&self, ray: &Ray) -> [Part; 2] {
-        let [entry, exit] = self.slabs(ray);
+        let [entry, exit] = self.slabs(ray.origin, ray.direction);
         let start = self.turn * (ray.origin - self.center);
         let d = self.turn * ray.direction;
         let weight = self.square.abs();
         let nearest = -(weight * start).dot(d) / (weight * d).dot(d);
         // NaN, where no square tells what is near, is ignored.
         let moved = nearest.max(entry.t).min(exit.t);
-        let y = start + moved * d;
+        // All parameters are from there on, lest they have the rounding of a long way: which of two comes first would be chance where
+        // the box is thin.
+        let near = ray.origin + moved * ray.direction;
+        let [entry, exit] = self.slabs(near, ray.direction);
+        let y = self.turn * (near - self.center);
         // -0 would turn the sign of the root at infinity.
         let a = (self.square * d).dot(d) + 0.0;
         let b = (self.square * y + self.linear).dot(d);
@@ -122,7 +126,7 @@ impl Conic {
         let q = -(b + discriminant.sqrt().copysign(b));
         // One of them is infinite for a line that meets the surface once only, NaN where both are the same.
         let (one, other) = (c / q, q / a);
-        let (first, last) = (moved + one.min(other), moved + one.max(other));
+        let (first, last) = (one.min(other), one.max(other));
 
         let rootless = discriminant.is_nan() | (discriminant < 0.0) | ((a == 0.0) & (b == 0.0));
         let all = rootless & (c <= 0.0);
@@ -146,12 +150,13 @@ impl Conic {
         let part = |enter: End, exit: End| {
             // Where a face and the quadric meet at a flat angle, equal parameters of a ray from far away say nothing: the place does.
             let rim = (enter.primitive == 0) != (exit.primitive == 0);
-            let touched = (enter.t == exit.t) & !around & (!rim | self.holds(ray.at(enter.t)));
-            Part {
-                enter,
-                exit,
-                there: (enter.t < exit.t) | touched,
-            }
+            let touched = (enter.t == exit.t) & !around & (!rim | self.holds(near + enter.t * ray.direction));
+            let there = (enter.t < exit.t) | touched;
+            let [enter, exit] = [enter, exit].map(|end| End {
+                t: moved + end.t,
+                ..end
+            });
+            Part { enter, exit, there }
         };
         [
             part(

@@ -147,9 +147,10 @@ mod tests {
             closest("", [1.0, 0.0, beyond], [-1.0, 0.0, -1.0], Some(0)),
             Some((2.0, 0))
         );
+        // The other cap is reached before the side, by that ulp.
         assert_eq!(
             closest("", [beyond, 0.0, 1.0], [-1.0, 0.0, -1.0], Some(2)),
-            Some((2.0, 0))
+            Some((2.0, 1))
         );
     }
 

@@ -4,6 +4,7 @@ use crate::broken::Broken;
 use crate::random::Random;
 use crate::solids::check_solid;
 use crate::streams::{accelerator_streams, surface_streams};
+use std::f64::consts::TAU;
 use whitstone_core::stream::{HitStream, Lanes, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
@@ -286,8 +287,12 @@ impl Bench {
         let last = self
             .closest(&back, Interval::up_to(end), Skip::NOTHING)
             .map_or(0.0, |back| end - back.t);
+        // Where the surface is grazed, the error of a place along its normal is much along the ray.
+        let point = self.geometry.surface(ray, hit, Needs::NOTHING);
+        let rounding = f64::EPSILON * (point.position.abs().max_element() + self.size());
+        let grazing = 2.0 * (point.error + 8.0 * rounding) / point.n_g.dot(ray.direction).abs();
         law(
-            last <= hit.t + 1e-9 * end || ask(hit.t, f64::INFINITY).is_some(),
+            last <= hit.t + 1e-9 * end + grazing || ask(hit.t, f64::INFINITY).is_some(),
             "what lies behind the nearest hit must be found from there on",
         )
     }
@@ -415,8 +420,20 @@ impl Bench {
         met.id() != left.id() && side * n.dot(ray.direction) < 0.0
     }
 
-    /// Looks at the place from just above: the surface must be there. `slack` is how far it may be off.
+    /// Looks at the place from just above: the surface must be there, up to `slack`. The error of a place is bounded along the normal:
+    /// aside, rays from very far away may end beyond an edge by their rounding.
     fn is_on_surface(&self, position: DVec3, n: DVec3, slack: f64) -> bool {
+        let (a, b) = n.any_orthonormal_pair();
+        let around = (0..8).map(|part| DVec2::from_angle(TAU / 8.0 * f64::from(part)));
+        let rounding = slack.max(1e-9 * self.size());
+        let aside = around.map(|on| position + rounding * (on.x * a + on.y * b));
+        std::iter::once(position)
+            .chain(aside)
+            .any(|place| self.is_under(place, n, slack))
+    }
+
+    /// Whether a ray from above finds the surface at a place.
+    fn is_under(&self, position: DVec3, n: DVec3, slack: f64) -> bool {
         // A power of two near a thousandth of the size, so that it rounds as little as possible.
         let above = (0.001 * self.size()).log2().floor().exp2().max(64.0 * slack);
         let ray = Ray::new(position + above * n, -n);

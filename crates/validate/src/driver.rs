@@ -349,6 +349,11 @@ impl Driver {
         })
     }
 
+    /// The number of its process.
+    pub fn process(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Versions, of a driver of Mitsuba.
     pub fn hello(&mut self) -> Result<Hello, DriverError> {
         self.ask(&json!({ "op": "hello" }))
