@@ -4,8 +4,10 @@ use serde::{Deserialize, Deserializer};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
-use whitstone_core::config::{GroupRef, IntegerIn, PluginRef, Positive, Table, decode, inline_reference};
+use toml::de::{DeString, DeTable, DeValue};
+use whitstone_core::config::{
+    FilePath, GroupRef, IntegerIn, PluginRef, Positive, Table, decode, inline_reference,
+};
 use whitstone_core::{FilmSize, SceneError, SceneErrors, SourceSpan, Transform, nearest};
 
 /// Most pixels that an image may have.
@@ -74,6 +76,19 @@ impl PluginTable<'_> {
             name: name.to_owned(),
             name_span: 0..0,
             table: Spanned::new(0..0, DeTable::new()),
+        }
+    }
+
+    /// A type that another plugin builds of a file; what is wrong is told at the file.
+    pub(crate) fn of_file(name: &str, file: &FilePath) -> Self {
+        let span = || file.span.clone();
+        let mut table = DeTable::new();
+        let path = DeValue::String(DeString::Owned(file.path.clone()));
+        table.insert(Spanned::new(span(), DeString::Borrowed("file")), Spanned::new(span(), path));
+        Self {
+            name: name.to_owned(),
+            name_span: span(),
+            table: Spanned::new(span(), table),
         }
     }
 

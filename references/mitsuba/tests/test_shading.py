@@ -1,6 +1,8 @@
 """Local terms and lights against closed forms (model §7, §8)."""
 
 import math
+import os
+import tempfile
 import unittest
 
 from support import DOWN, FLOOR, Case, film
@@ -68,6 +70,73 @@ class Lights(Case):
         expected = 0.5 / math.pi * 2 * math.pi * cosine * 3.5 / d2**1.5
         self.near(self.value(HEAD + light.format("sphere", "", turn) + FLOOR), [expected * n for n in (1, 2, 3)])
         self.refuse(HEAD + light.format("sphere", "{ scale = [1, 2, 1] }, ", turn) + FLOOR, "scene", "similarity")
+
+    def test_area_of_a_mesh(self):
+        """A square of two triangles that faces down at height 4, by the centroids of their parts."""
+        text = "v -1 4 -1\nv 1 4 -1\nv 1 4 1\nv -1 4 1\nf 1 2 3 4\nf 1 1 2\n"
+        light = '[[light]]\ntype = "area"\nshape = "mesh"\nfile = "{}"\nradiance = [1, 2, 3]\n{}\n'
+        with tempfile.TemporaryDirectory() as base:
+
+            def write(name, text):
+                with open(os.path.join(base, name), "w") as file:
+                    file.write(text)
+
+            write("square.obj", text)
+            scene = HEAD + light.format("square.obj", "") + FLOOR
+            # Both centroids are (2/3, 4, 2/3) away from the middle, of opposite sides: the cosine is 4/d at both ends.
+            d2 = 16 + (1 / 3) ** 2 + (1 / 3) ** 2
+            expected = 0.5 / math.pi * 4 * 16 / d2**2
+            self.near(self.value(scene, base=base), [expected * n for n in (1, 2, 3)])
+            # Mirrored in its own plane, outside stays outside; turned over, it is dark.
+            mirrored = light.format("square.obj", "transform = { scale = [-1, 1, 1] }")
+            self.near(self.value(HEAD + mirrored + FLOOR, base=base), [expected * n for n in (1, 2, 3)])
+            write("up.obj", text.replace("1 2 3 4", "4 3 2 1"))
+            self.assertEqual(list(self.value(HEAD + light.format("up.obj", "") + FLOOR, base=base)), [0, 0, 0])
+            # In nine parts a triangle: in thirds of a side from (-1, -1) along (1, 0) and (1, 1), and along (1, 1) and (0, 1).
+            parts = [(s, t) for s in (1, 4, 7) for t in (1, 4, 7) if s + t <= 8] + [(2, 2), (5, 2), (2, 5)]
+            places = [(-1 + 2 * (s + t) / 9, -1 + 2 * t / 9) for s, t in parts] + [(-1 + 2 * s / 9, -1 + 2 * (s + t) / 9) for s, t in parts]
+            expected = 0.5 / math.pi * 4 / 18 * sum(16 / (16 + x * x + z * z) ** 2 for x, z in places)
+            fine = light.format("square.obj", "samples = 3")
+            self.near(self.value(HEAD + fine + FLOOR, base=base), [expected * n for n in (1, 2, 3)])
+            write("line.obj", "v 0 0 0\nv 1 0 0\nf 1 2 2\n")
+            self.refuse(HEAD + light.format("line.obj", "") + FLOOR, "scene", "no triangle has an area", base=base)
+            self.refuse(HEAD + light.format("none.obj", "") + FLOOR, "scene", "cannot be read", base=base)
+            write("many.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 1025)
+            self.refuse(HEAD + light.format("many.obj", "samples = 2") + FLOOR, "scene", "4096", base=base)
+
+    def projector(self, more, x=0.0, z=0.0, head=HEAD):
+        """Onto the floor at (x, z) from 2 above the origin, +x to the right in the slide and -z up."""
+        light = '[[light]]\ntype = "projector"\nposition = [0, 2, 0]\ntarget = [0, 0, 0]\nup = [0, 0, -1]\n' + more
+        look = head.replace("origin = [0, 5, 0], target = [0, 0, 0]", f"origin = [{x}, 5, {z}], target = [{x}, 0, {z}]")
+        return self.value(look + light + "\n" + FLOOR)
+
+    def test_projector(self):
+        # A screen at 2 m: a quarter of the intensity, everywhere; 90 degrees are 4 m of it.
+        white = "fov = 90\nslide = 1\nintensity = [1, 2, 3]"
+        for x, z in ((0, 0), (1.99, 0), (-1.9, 1.9)):
+            self.near(self.projector(white, x, z), [0.5 / math.pi / 4 * n for n in (1, 2, 3)], rel=1e-5)
+        for x, z in ((2.01, 0), (0, -2.01)):
+            self.assertEqual(list(self.projector(white, x, z)), [0, 0, 0])
+        # Twice as wide as high.
+        wide = white + "\naspect = 2"
+        self.near(self.projector(wide, 1.99, 0.99), [0.5 / math.pi / 4 * n for n in (1, 2, 3)], rel=1e-5)
+        self.assertEqual(list(self.projector(wide, 0, 1.01)), [0, 0, 0])
+        # The quarters of the slide: the right upper one is +x, -z.
+        quarters = "fov = 90\nintensity = 1\nslide = { type = \"checker\", a = [1, 2, 3], b = 0, scale = 2 }"
+        lit, dark = [0.5 / math.pi / 4 * n for n in (1, 2, 3)], [0, 0, 0]
+        for x, z, expected in ((1, -1, lit), (-1, 1, lit), (1, 1, dark), (-1, -1, dark)):
+            self.near(self.projector(quarters, x, z), expected, rel=1e-5)
+        # Three columns: which way is right.
+        columns = quarters.replace("scale = 2", "scale = [1.5, 1]")
+        self.near(self.projector(columns, 1, 0.5), dark)
+        self.near(self.projector(columns, -1, 0.5), lit, rel=1e-5)
+        # A solid texture finds the slide in the plane z = 0.
+        solid = "fov = 90\nintensity = 1\nslide = { type = \"checker\", a = [1, 2, 3], b = 0, scale = [1.5, 1], mapping = { projection = \"planar\" } }"
+        self.near(self.projector(solid, 1, 0.5), dark)
+        self.near(self.projector(solid, -1, 0.5), lit, rel=1e-5)
+        light = '[[light]]\ntype = "projector"\nposition = [0, 2, 0]\ntarget = [0, 0, 0]\nslide = 1\nintensity = 1\n'
+        self.refuse(HEAD + light + FLOOR, "scene", "parallel")
+        self.refuse(HEAD + light + "aspect = 0\nup = [1, 0, 0]\n" + FLOOR, "scene", "0.001 to 1000")
 
     def test_environment(self):
         """Colours by direction, seen directly and in a mirror, and as light."""
