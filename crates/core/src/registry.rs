@@ -145,6 +145,11 @@ pub trait Context {
     /// The path of a file that a parameter names; the file exists and is a regular file.
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError>;
 
+    /// The picture in a file: what the texture `image` makes of it with its border around it, with its errors at the file.
+    fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
+        Err(SceneError::at(file.span.clone(), "no pictures here").into())
+    }
+
     /// The triangles of a mesh file where they stand: what the shape `mesh` makes of it, with its errors at the file.
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
         let _ = transform;

@@ -79,12 +79,16 @@ impl PluginTable<'_> {
         }
     }
 
-    /// A type that another plugin builds of a file; what is wrong is told at the file.
-    pub(crate) fn of_file(name: &str, file: &FilePath) -> Self {
+    /// A type that another plugin builds of a file, and words for other keys; what is wrong is told at the file.
+    pub(crate) fn of_file(name: &str, file: &FilePath, words: &[(&'static str, &'static str)]) -> Self {
         let span = || file.span.clone();
         let mut table = DeTable::new();
-        let path = DeValue::String(DeString::Owned(file.path.clone()));
-        table.insert(Spanned::new(span(), DeString::Borrowed("file")), Spanned::new(span(), path));
+        let path = DeString::Owned(file.path.clone());
+        let words = words.iter().map(|(key, word)| (*key, DeString::Borrowed(*word)));
+        for (key, word) in words.chain([("file", path)]) {
+            let key = Spanned::new(span(), DeString::Borrowed(key));
+            table.insert(key, Spanned::new(span(), DeValue::String(word)));
+        }
         Self {
             name: name.to_owned(),
             name_span: span(),

@@ -604,8 +604,12 @@ impl Context for Builder<'_, '_, '_> {
         }
     }
 
+    fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
+        self.plugin::<Textures>(&PluginTable::of_file("image", file, &[("wrap", "clamp")]), ())
+    }
+
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
-        match self.plugin::<Shapes>(&PluginTable::of_file("mesh", file), *transform)? {
+        match self.plugin::<Shapes>(&PluginTable::of_file("mesh", file, &[]), *transform)? {
             Shape::Triangles(mesh) => Ok(mesh),
             Shape::Opaque(_) | Shape::Instance(_) => {
                 Err(SceneError::at(file.span.clone(), "expected a mesh of triangles").into())

@@ -27,6 +27,8 @@ pub struct TestContext {
     materials: BTreeMap<String, Arc<dyn Material>>,
     /// Textures by id.
     textures: BTreeMap<String, Arc<dyn Texture>>,
+    /// Pictures by file name.
+    pictures: BTreeMap<String, Arc<dyn Texture>>,
     /// Meshes by file name, in object space.
     meshes: BTreeMap<String, TriangleMesh>,
     /// Operands by id.
@@ -61,6 +63,13 @@ impl TestContext {
     #[must_use]
     pub fn with_texture(mut self, id: &str, texture: impl Texture + 'static) -> Self {
         self.textures.insert(id.to_owned(), Arc::new(texture));
+        self
+    }
+
+    /// With a texture that is the picture in a file of this name.
+    #[must_use]
+    pub fn with_picture(mut self, name: &str, texture: impl Texture + 'static) -> Self {
+        self.pictures.insert(name.to_owned(), Arc::new(texture));
         self
     }
 
@@ -123,6 +132,11 @@ impl Context for TestContext {
         }
         let message = format!("expected a regular file, found none at \"{}\"", file.path);
         Err(SceneError::at(file.span.clone(), message))
+    }
+
+    fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
+        let found = self.pictures.get(&file.path).cloned();
+        found.ok_or_else(|| SceneError::at(file.span.clone(), "no such picture").into())
     }
 
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {

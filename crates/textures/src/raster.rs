@@ -370,4 +370,8 @@ impl Pattern for Raster {
             levels,
         }
     }
+
+    fn size(&self) -> Option<[usize; 2]> {
+        Some([self.width, self.height])
+    }
 }

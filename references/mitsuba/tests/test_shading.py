@@ -5,7 +5,9 @@ import os
 import tempfile
 import unittest
 
+import numpy as np
 from support import DOWN, FLOOR, Case, film
+from whitstone_mitsuba.runtime import mi
 
 HEAD = film() + DOWN
 POINT = '[[light]]\ntype = "point"\nposition = [3, 4, 0]\nintensity = [25, 50, 75]\n'
@@ -155,6 +157,38 @@ class Lights(Case):
         # Where the light of the brighter half comes from: y > 0 is b at u in cells 1, 3 only.
         shining = sky + "samples = 2\n"
         self.near(self.value(HEAD + shining + FLOOR), [expected * (a + b) / 2 for a, b in ((1, 4), (2, 5), (3, 6))])
+
+    def test_faces(self):
+        """Six pictures of 2 x 2 texels, each texel its own colour, looked at through their middles."""
+        forward = {"px": (1, 0, 0), "nx": (-1, 0, 0), "py": (0, 1, 0), "ny": (0, -1, 0), "pz": (0, 0, 1), "nz": (0, 0, -1)}
+        upward = {"py": (0, 0, 1), "ny": (0, 0, -1)}
+        sky = '[[light]]\ntype = "environment"\n'
+        with tempfile.TemporaryDirectory() as base:
+
+            def write(name, height, width, number):
+                pixels = np.arange(height * width * 3, dtype=np.float32).reshape(height, width, 3) + 100 * number
+                mi.Bitmap(pixels).write(os.path.join(base, name))
+
+            for number, name in enumerate(forward):
+                write(f"{name}.exr", 2, 2, number)
+                sky += f'faces.{name}.file = "{name}.exr"\n'
+            for number, (name, axis) in enumerate(forward.items()):
+                up = np.array(upward.get(name, (0, 1, 0)))
+                right = np.cross(axis, up)
+                for column in (0, 1):
+                    for row in (0, 1):
+                        # The middle of a texel is half way from the middle of the face.
+                        target = (np.array(axis) + (column - 0.5) * right + (0.5 - row) * up).tolist()
+                        helper = [0.3, 0.5, 0.7]
+                        look = f'[camera]\ntype = "perspective"\nlook_at = {{ origin = [0, 0, 0], target = {target}, up = {helper} }}\n'
+                        first = 100 * number + 6 * row + 3 * column
+                        self.near(self.value(film() + look + sky, base=base), [first, first + 1, first + 2], rel=1e-4, atol=1e-4)
+            look = '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 0, 0], target = [1, 2, 3] }\n'
+            self.refuse(film() + look + sky.replace('faces.nz.file = "nz.exr"\n', ""), "scene", "faces.nz", "required", base=base)
+            for name, height, width in (("wide", 2, 4), ("large", 4, 4)):
+                write(f"{name}.exr", height, width, 0)
+                self.refuse(film() + look + sky.replace("ny.exr", f"{name}.exr"), "scene", "square pictures of one size", base=base)
+            self.refuse(film() + look + sky + "radiance = 1\n", "scene", "either", base=base)
 
     def test_ambient(self):
         scene = HEAD + '[[light]]\ntype = "ambient"\nradiance = [1, 2, 3]\n' * 2

@@ -9,11 +9,11 @@ is in the frame, where in it, and how much arrives; the driver looks the slide u
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, List, Optional, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import meshes, transforms
+from . import images, mappings, meshes, textures, transforms
 from .errors import SceneError
 from .fields import REQUIRED, Fields, Vector, nearest
 from .files import Folder
@@ -169,8 +169,77 @@ def place(directions: np.ndarray) -> Any:
     return si
 
 
-def _environment(fields: Fields, index: int, textures: Any) -> Tuple[Any, List[Lamp]]:
-    radiance = textures.value(fields, "radiance", REQUIRED, 0.0, float("inf"))
+# Of a direction (x, y, z), what runs to the right and up on each face: axis and sign.
+FACES = {
+    "px": ((2, 1), (1, 1)),
+    "nx": ((2, -1), (1, 1)),
+    "py": ((0, 1), (2, 1)),
+    "ny": ((0, 1), (2, -1)),
+    "pz": ((0, -1), (1, 1)),
+    "nz": ((0, 1), (1, 1)),
+}
+
+
+class CubeLookup:
+    """Six native bitmaps, of which each direction looks at one."""
+
+    def __init__(self, faces: Sequence["mi.Texture"]) -> None:
+        self.faces = faces
+
+    def eval(self, si: Any) -> Any:
+        d = np.array(si.p, dtype=np.float64).T
+        lanes, axis = np.arange(len(d)), np.argmax(np.abs(d), axis=1)
+        which = 2 * axis + (d[lanes, axis] < 0)
+        m = np.abs(d[lanes, axis])
+        total = np.zeros((len(d), 3))
+        for number, (face, ((a, right), (b, up))) in enumerate(zip(self.faces, FACES.values())):
+            with np.errstate(invalid="ignore"):
+                uv = np.stack([(1 + right * d[:, a] / m) / 2, (1 + up * d[:, b] / m) / 2])
+            si.uv = mi.Point2f(np.ascontiguousarray(np.where(which == number, uv, 0.5), dtype=np.float32))
+            seen = np.array(face.eval(si), dtype=np.float64).reshape(3, -1).T
+            total = np.where((which == number)[:, None], seen, total)
+        return mi.Color3f(np.ascontiguousarray(total.T, dtype=np.float32))
+
+
+@dataclass(frozen=True)
+class Cube:
+    """The faces of an environment, in the order of `FACES`."""
+
+    faces: Tuple[Any, ...]
+
+    def build(self) -> CubeLookup:
+        return CubeLookup([face.build() for face in self.faces])
+
+
+def _faces(fields: Fields, base: Folder) -> Any:
+    inner = Fields(fields.take("faces"), f"{fields.where}.faces", fields.errors)
+    found = []
+    for name in FACES:
+        face = Fields(inner.take(name, REQUIRED) or {}, f"{inner.where}.{name}", fields.errors)
+        try:
+            pixels = images.load(base.path(face.string("file", REQUIRED)), "auto")
+        except SceneError as error:
+            face.error("file", str(error))
+            continue
+        face.close()
+        height, width = pixels.shape[:2]
+        if width != height or (found and pixels.shape != found[0].pixels.shape):
+            face.error("file", f"expected square pictures of one size, found {width} x {height}")
+        if pixels.min() < 0:
+            face.error("file", "expected values >= 0")
+        found.append(textures.Image(pixels, "bilinear", "clamp", (1.0, 1.0), (0.0, 0.0), mappings.Mapping("uv")))
+    inner.close()
+    return Cube(tuple(found)) if len(found) == len(FACES) and not fields.errors else textures.Constant((0.0, 0.0, 0.0))
+
+
+def _environment(fields: Fields, index: int, reader: Any, base: Folder) -> Tuple[Any, List[Lamp]]:
+    if fields.has("faces"):
+        radiance = _faces(fields, base)
+        if fields.has("radiance"):
+            fields.take("radiance")
+            fields.error("faces", "expected either radiance or faces")
+    else:
+        radiance = reader.value(fields, "radiance", REQUIRED, 0.0, float("inf"))
     n = fields.integer("samples", 0, 0, 32)
     lamps: List[Lamp] = []
     if n > 0:
@@ -240,13 +309,13 @@ def _spot(fields: Fields, index: int) -> Lamp:
     return Lamp(index, plugin, True, _falloff(fields), "spot")
 
 
-def _projector(fields: Fields, index: int, textures: Any) -> Lamp:
+def _projector(fields: Fields, index: int, reader: Any) -> Lamp:
     position = np.array(fields.vector("position", REQUIRED))
     target = np.array(fields.vector("target", REQUIRED))
     upwards = _direction(fields, "up", np.array(fields.vector("up", (0.0, 1.0, 0.0))))
     fov = fields.number("fov", 45.0, lambda angle: 0 < angle < 180, "an angle between 0 and 180 degrees")
     aspect = fields.number("aspect", 1.0, lambda ratio: 0.001 <= ratio <= 1000, "a ratio from 0.001 to 1000")
-    slide = textures.value(fields, "slide", REQUIRED, 0.0, float("inf"))
+    slide = reader.value(fields, "slide", REQUIRED, 0.0, float("inf"))
     intensity = fields.color("intensity", REQUIRED)
     forward = _direction(fields, "target", target - position)
     right = np.cross(forward, upwards)
@@ -345,7 +414,7 @@ def _area(fields: Fields, index: int, base: Folder) -> List[Lamp]:
 LAMPS = {"point": _point, "directional": _directional, "spot": _spot}
 
 
-def read(tables: Any, textures: Any, base: Folder, errors: List[str], unsupported: List[str]) -> Lights:
+def read(tables: Any, reader: Any, base: Folder, errors: List[str], unsupported: List[str]) -> Lights:
     """The `[[light]]` tables."""
     lamps: List[Lamp] = []
     ambients: List[Tuple[int, Vector]] = []
@@ -360,13 +429,13 @@ def read(tables: Any, textures: Any, base: Folder, errors: List[str], unsupporte
         if kind in LAMPS:
             lamps.append(LAMPS[kind](fields, index))
         elif kind == "environment":
-            radiance, shining = _environment(fields, index, textures)
+            radiance, shining = _environment(fields, index, reader, base)
             environments.append(radiance)
             lamps.extend(shining)
         elif kind == "area":
             lamps.extend(_area(fields, index, base))
         elif kind == "projector":
-            lamps.append(_projector(fields, index, textures))
+            lamps.append(_projector(fields, index, reader))
         elif kind == "ambient":
             ambients.append((index, fields.color("radiance", REQUIRED)))
         elif kind == "background":
