@@ -4,7 +4,7 @@
 //! renderers that agree on the points must agree on the picture. Each point shines with the cosine to the normal and
 //! falls off with the square of the distance. The surface itself is not seen: a shape of material `emissive` in its place is.
 //! Of a mesh, each triangle is cut into equal ones, which shine from their centroids: exact in the area, and without a choice of triangles
-//! that rounding could make otherwise elsewhere.
+//! that rounding could make otherwise elsewhere. One is in `scenes/showcase/mesh_light.toml`.
 //!
 //! - Twin: Mitsuba `point` at the same points, through the driver.
 //! - Example: `scenes/lights/area.toml`.
@@ -110,7 +110,10 @@ impl Plugin<Lights> for Area {
         };
         let radiance = config.radiance.get();
         let intensities: Vec<Rgb> = spots.iter().map(|spot| radiance * spot.area).collect();
-        if !intensities.iter().all(|intensity| intensity.max_component().is_finite()) {
+        if !intensities
+            .iter()
+            .all(|intensity| intensity.max_component().is_finite())
+        {
             return Err(SceneError::at(place, "the surface is too large for numbers").into());
         }
         Ok(Arc::new(Self { spots, intensities }))
@@ -128,7 +131,9 @@ fn grid(config: &Config, transform: &Transform) -> Result<Vec<Spot>, SceneErrors
     let middle = |k: u32| (f64::from(k) + 0.5) / f64::from(n);
     let cells = (0..n).flat_map(|j| (0..n).map(move |i| (middle(i), middle(j))));
     let share = area / f64::from(n * n);
-    Ok(cells.map(|(u, v)| spot(surface, transform, u, v, share)).collect())
+    Ok(cells
+        .map(|(u, v)| spot(surface, transform, u, v, share))
+        .collect())
 }
 
 /// The points of the triangles of a file.
@@ -147,7 +152,9 @@ fn mesh(
         let triangles = mesh.triangles.len();
         let message = format!("{triangles} triangles shine from {most} points, more than {MAX_POINTS}");
         let error = SceneError::at(span, message);
-        return Err(error.with_help("each point is a shadow ray: take a coarser mesh or fewer `samples`").into());
+        return Err(error
+            .with_help("each point is a shadow ray: take a coarser mesh or fewer `samples`")
+            .into());
     }
     let spots: Vec<Spot> = (0..mesh.triangles.len() as u32)
         .filter_map(|triangle| centroids(&mesh, triangle, n))
@@ -242,14 +249,7 @@ impl Light for Area {
     fn samples_stream(&self, len: usize, points: &Vectors, out: &mut SampleStreams) {
         for (Spot { position, normal, .. }, intensity) in self.spots.iter().zip(&self.intensities) {
             let place = out.len();
-            emission::sample_stream(
-                *position,
-                len,
-                points,
-                *intensity,
-                Falloff::InverseSquare,
-                out,
-            );
+            emission::sample_stream(*position, len, points, *intensity, Falloff::InverseSquare, out);
             let stream = out.stream(place);
             for lane in 0..len.min(LANES) {
                 let irradiance = stream.irradiance.get(lane);
@@ -325,10 +325,22 @@ mod tests {
         let square = square.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
         let corner = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
         TestContext::default()
-            .with_mesh("square.obj", square.clone(), vec![[0, 1, 2], [1, 1, 2], [0, 2, 3]])
-            .with_mesh("corner.obj", corner, vec![[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]])
+            .with_mesh(
+                "square.obj",
+                square.clone(),
+                vec![[0, 1, 2], [1, 1, 2], [0, 2, 3]],
+            )
+            .with_mesh(
+                "corner.obj",
+                corner,
+                vec![[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]],
+            )
             .with_mesh("line.obj", square, vec![[0, 1, 1], [2, 2, 2]])
-            .with_mesh("many.obj", vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![[0, 1, 2]; 1025])
+            .with_mesh(
+                "many.obj",
+                vec![DVec3::ZERO, DVec3::X, DVec3::Y],
+                vec![[0, 1, 2]; 1025],
+            )
     }
 
     fn of_mesh(text: &str) -> Result<Arc<dyn Light>, SceneErrors> {
@@ -372,7 +384,10 @@ mod tests {
                     "file = \"corner.obj\"\nradiance = 2\nsamples = {n}\ntransform = {{ scale = {scale} }}"
                 );
                 let found = from_mesh(&text, far * axis, -axis) * far * far / 2.0;
-                assert!((found / expected - 1.0).abs() < 1e-5, "{n} {axis} {scale}: {found}");
+                assert!(
+                    (found / expected - 1.0).abs() < 1e-5,
+                    "{n} {axis} {scale}: {found}"
+                );
             }
         }
         // The order and the places of the points of a triangle, as they are in the model.
@@ -381,12 +396,17 @@ mod tests {
             &toml::de::DeTable::parse("shape = \"mesh\"\nfile = \"many.obj\"\nradiance = 1").unwrap(),
         )
         .unwrap();
-        let one = context.triangles(&file.file.unwrap(), &Transform::IDENTITY).unwrap();
+        let one = context
+            .triangles(&file.file.unwrap(), &Transform::IDENTITY)
+            .unwrap();
         let places: Vec<[f64; 2]> = centroids(&one, 0, 3)
             .unwrap()
             .map(|spot| [9.0 * spot.position.x, 9.0 * spot.position.y].map(f64::round))
             .collect();
-        let (upright, turned) = ([[1, 1], [4, 1], [7, 1], [1, 4], [4, 4], [1, 7]], [[2, 2], [5, 2], [2, 5]]);
+        let (upright, turned) = (
+            [[1, 1], [4, 1], [7, 1], [1, 4], [4, 4], [1, 7]],
+            [[2, 2], [5, 2], [2, 5]],
+        );
         let expected: Vec<[f64; 2]> = upright.iter().chain(&turned).map(|p| p.map(f64::from)).collect();
         assert_eq!(places, expected);
     }
@@ -414,7 +434,10 @@ mod tests {
             ("radiance = 1\nfile = \"none.obj\"", "\"none.obj\""),
             ("radiance = 1\nfile = \"line.obj\"", "\"line.obj\""),
             ("radiance = 1\nfile = \"many.obj\"\nsamples = 2", "2"),
-            ("radiance = 1e300\nfile = \"square.obj\"\ntransform = { scale = 1e150 }", "\"square.obj\""),
+            (
+                "radiance = 1e300\nfile = \"square.obj\"\ntransform = { scale = 1e150 }",
+                "\"square.obj\"",
+            ),
         ] {
             let error = of_mesh(text).err().unwrap().0.remove(0);
             let text = format!("shape = \"mesh\"\n{text}");
@@ -422,7 +445,11 @@ mod tests {
         }
         assert!(of_mesh("radiance = 1\nfile = \"many.obj\"").is_ok());
         let text = "radiance = 1\nfile = \"square.obj\"";
-        let error = build_in::<Lights, Area>(text, (), &mut meshes()).err().unwrap().0.remove(0);
+        let error = build_in::<Lights, Area>(text, (), &mut meshes())
+            .err()
+            .unwrap()
+            .0
+            .remove(0);
         assert_eq!(&text[error.span.unwrap()], "\"square.obj\"");
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Blinn and Newell, *Texture and reflection in computer generated images*, 1976 (the picture by latitude and longitude); Greene, *Environment
 //! mapping and other applications of world projections*, 1986 (also the six faces of a cube). It lights by a fixed quadrature: directions that
-//! share the sphere equally.
+//! share the sphere equally. A cube is in `scenes/showcase/cube_map.toml`.
 //!
 //! - Twin: through the driver, which looks up the same texture.
 //! - Example: `scenes/lights/environment.toml`.
@@ -120,7 +120,14 @@ impl Plugin<Lights> for Environment {
 
 /// The pictures of the faces, which fit together.
 fn cube(faces: &Faces, context: &mut dyn Context) -> Result<[Arc<dyn Texture>; 6], SceneErrors> {
-    let Faces { px, nx, py, ny, pz, nz } = faces;
+    let Faces {
+        px,
+        nx,
+        py,
+        ny,
+        pz,
+        nz,
+    } = faces;
     let mut errors = SceneErrors::default();
     let mut first = None;
     let pictures = [px, nx, py, ny, pz, nz].map(|Face { file }| {
@@ -255,7 +262,9 @@ mod tests {
     /// Of six faces, each in the file of its name, but for one.
     fn faces(odd: &str, file: &str) -> String {
         let file = |name| if name == odd { file } else { name };
-        NAMES.map(|name| format!("faces.{name}.file = \"{}\"\n", file(name))).concat()
+        NAMES
+            .map(|name| format!("faces.{name}.file = \"{}\"\n", file(name)))
+            .concat()
     }
 
     fn environment(text: &str) -> Result<Arc<dyn Light>, SceneErrors> {
@@ -263,7 +272,9 @@ mod tests {
         for (name, number) in NAMES.into_iter().zip(0..) {
             context = context.with_picture(name, Marked(f64::from(number), [8, 8]));
         }
-        context = context.with_picture("wide", Marked(0.0, [8, 4])).with_picture("small", Marked(0.0, [4, 4]));
+        context = context
+            .with_picture("wide", Marked(0.0, [8, 4]))
+            .with_picture("small", Marked(0.0, [4, 4]));
         build_in::<Lights, Environment>(text, (), &mut context)
     }
 
@@ -284,7 +295,14 @@ mod tests {
     fn faces_are_what_cameras_see() {
         let light = environment(&faces("", "")).unwrap();
         let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
-        for (number, forward, up) in [(0.0, x, y), (1.0, -x, y), (2.0, y, z), (3.0, -y, -z), (4.0, z, y), (5.0, -z, y)] {
+        for (number, forward, up) in [
+            (0.0, x, y),
+            (1.0, -x, y),
+            (2.0, y, z),
+            (3.0, -y, -z),
+            (4.0, z, y),
+            (5.0, -z, y),
+        ] {
             for (a, c) in [(0.0, 0.0), (0.9, 0.2), (-0.4, 0.7), (0.3, -0.99)] {
                 let direction = (forward + a * forward.cross(up) + c * up).normalize();
                 let expected = Rgb::new(0.5 + 0.5 * a, 0.5 + 0.5 * c, number);
@@ -294,8 +312,14 @@ mod tests {
             }
         }
         // Of the faces that meet at an edge or a corner, that of the first axis.
-        assert_eq!(light.background(DVec3::new(1.0, 1.0, -1.0)), Rgb::new(0.0, 1.0, 0.0));
-        assert_eq!(light.background(DVec3::new(0.0, -1.0, 1.0)), Rgb::new(0.5, 0.0, 3.0));
+        assert_eq!(
+            light.background(DVec3::new(1.0, 1.0, -1.0)),
+            Rgb::new(0.0, 1.0, 0.0)
+        );
+        assert_eq!(
+            light.background(DVec3::new(0.0, -1.0, 1.0)),
+            Rgb::new(0.5, 0.0, 3.0)
+        );
     }
 
     #[test]
@@ -305,7 +329,11 @@ mod tests {
         for (odd, file, message) in [
             ("nx", "none", "no such picture"),
             ("py", "wide", "expected a square picture, found 8 x 4"),
-            ("nz", "small", "expected a picture of 8 x 8 as the faces before it, found 4 x 4"),
+            (
+                "nz",
+                "small",
+                "expected a picture of 8 x 8 as the faces before it, found 4 x 4",
+            ),
         ] {
             let text = faces(odd, file);
             let errors = environment(&text).err().unwrap();

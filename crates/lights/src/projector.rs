@@ -116,7 +116,10 @@ fn half_size(config: &Config) -> Result<DVec2, SceneErrors> {
 
 /// What is to the right and up in the slide.
 fn across(config: &Config, axis: DVec3) -> Result<[DVec3; 2], SceneErrors> {
-    let place = config.up.as_ref().map_or_else(|| config.target.span(), Spanned::span);
+    let place = config
+        .up
+        .as_ref()
+        .map_or_else(|| config.target.span(), Spanned::span);
     let up = config.up.as_ref().map_or(DVec3::Y, |up| up.get_ref().get());
     let Some((up, _)) = emission::direction_and_length(up) else {
         return Err(SceneError::at(place, "`up` has no direction: all its components are zero").into());
@@ -244,7 +247,11 @@ mod tests {
         let text = "position = [0, 0, 0]\ntarget = [0, 0, -5]\nintensity = 1\nslide = \"ramp\"\nfov = 90\naspect = 2";
         let light = projector(text).unwrap();
         // At a depth of 2 it is 4 wide and 2 high.
-        for (x, y, u, v) in [(0.0, 0.0, 0.5, 0.5), (1.0, 0.5, 0.75, 0.75), (-2.0 + 1e-9, -0.5, 0.0, 0.25)] {
+        for (x, y, u, v) in [
+            (0.0, 0.0, 0.5, 0.5),
+            (1.0, 0.5, 0.75, 0.75),
+            (-2.0 + 1e-9, -0.5, 0.0, 0.25),
+        ] {
             let p = DVec3::new(x, y, -2.0);
             // 1/z² on a screen, and of a surface that faces the light as much more as its cosine is less.
             let cosine = 2.0 / p.length();
@@ -253,7 +260,12 @@ mod tests {
                 assert!((found - expected).abs() < 1e-8, "{p}: {found}, not {expected}");
             }
         }
-        for (x, y, z) in [(2.0 + 1e-9, 0.0, -2.0), (0.0, -1.0 - 1e-9, -2.0), (0.0, 0.0, 2.0), (1.0, 0.2, 2.0)] {
+        for (x, y, z) in [
+            (2.0 + 1e-9, 0.0, -2.0),
+            (0.0, -1.0 - 1e-9, -2.0),
+            (0.0, 0.0, 2.0),
+            (1.0, 0.2, 2.0),
+        ] {
             assert!(irradiance(&*light, DVec3::new(x, y, z)).is_black(), "{x} {y} {z}");
         }
     }
@@ -283,7 +295,8 @@ mod tests {
 
     #[test]
     fn boxes_beside_the_pyramid_are_not_reached() {
-        let text = "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 3\nslide = 1\nfov = 90\naspect = 2";
+        let text =
+            "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 3\nslide = 1\nfov = 90\naspect = 2";
         let light = projector(text).unwrap();
         let around = |x: f64, y: f64, z: f64| {
             let center = DVec3::new(x, y, z);
@@ -300,7 +313,11 @@ mod tests {
             assert_eq!(light.reaches(&around(x, y, z)), reached, "{x} {y} {z}");
         }
         assert!(light.reaches(&Aabb::EVERYTHING));
-        assert!(!projector(&text.replace("slide = 1", "slide = 0")).unwrap().reaches(&Aabb::EVERYTHING));
+        assert!(
+            !projector(&text.replace("slide = 1", "slide = 0"))
+                .unwrap()
+                .reaches(&Aabb::EVERYTHING)
+        );
     }
 
     #[test]
@@ -310,7 +327,8 @@ mod tests {
             let found = errors.0.iter().map(|e| text[e.span.clone().unwrap()].to_owned());
             found.collect::<Vec<_>>()
         };
-        let text = "position = [0, 1, 0]\ntarget = [0, 1, 0]\nintensity = 1\nslide = 1\nfov = 180\naspect = 0";
+        let text =
+            "position = [0, 1, 0]\ntarget = [0, 1, 0]\nintensity = 1\nslide = 1\nfov = 180\naspect = 0";
         assert_eq!(faults(text), ["[0, 1, 0]", "180", "0"]);
         let text = "position = [0, 1, 0]\ntarget = [0, 5, 0]\nintensity = 1\nslide = 1";
         assert_eq!(faults(text), ["[0, 5, 0]"]);

@@ -295,7 +295,11 @@ fn sky(direction: impl Fn(f64, f64) -> [f64; 3]) -> Vec<u8> {
             // Fields over a plane below.
             let (column, row) = ((4.0 * x / -y).floor(), (4.0 * z / -y).floor());
             let light = (column + row).rem_euclid(2.0) == 0.0;
-            if light { [150.0, 160.0, 70.0] } else { [90.0, 115.0, 50.0] }
+            if light {
+                [150.0, 160.0, 70.0]
+            } else {
+                [90.0, 115.0, 50.0]
+            }
         } else if y < hills {
             [60.0, 80.0 + 200.0 * (hills - y), 70.0]
         } else if sun > 0.97 {
@@ -303,7 +307,11 @@ fn sky(direction: impl Fn(f64, f64) -> [f64; 3]) -> Vec<u8> {
         } else {
             let haze = (1.0 - y) * (1.0 - y);
             let glow = 60.0 * sun.max(0.0) * sun.max(0.0);
-            [70.0 + 100.0 * haze + glow, 120.0 + 70.0 * haze + 0.8 * glow, 200.0 + 20.0 * haze]
+            [
+                70.0 + 100.0 * haze + glow,
+                120.0 + 70.0 * haze + 0.8 * glow,
+                200.0 + 20.0 * haze,
+            ]
         };
         image::Rgb(color.map(|c| c as u8))
     });

@@ -71,6 +71,9 @@ class Document:
         if any(getattr(texture, "quilted", False) for texture in textures):
             reason = "the picture is quilted in Python; Mitsuba looks it up"
             found["synthesized"] = {"type": "synthesized", "twin": "hosted", "reason": reason}
+        if any(getattr(texture, "folded", False) for texture in textures):
+            reason = "Mitsuba wraps both axes of a bitmap alike: the other one is folded in Python"
+            found["wrap"] = {"type": "wrap", "twin": "hosted", "reason": reason}
         if any(isinstance(texture, patterns.HOSTED) for texture in textures):
             reason = "a texture that Mitsuba lacks: its formula is computed in Python"
             found["pattern"] = {"type": "pattern", "twin": "hosted", "reason": reason}

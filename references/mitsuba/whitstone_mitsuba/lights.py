@@ -227,7 +227,7 @@ def _faces(fields: Fields, base: Folder) -> Any:
             face.error("file", f"expected square pictures of one size, found {width} x {height}")
         if pixels.min() < 0:
             face.error("file", "expected values >= 0")
-        found.append(textures.Image(pixels, "bilinear", "clamp", (1.0, 1.0), (0.0, 0.0), mappings.Mapping("uv")))
+        found.append(textures.Image(pixels, "bilinear", ("clamp", "clamp"), (1.0, 1.0), (0.0, 0.0), mappings.Mapping("uv")))
     inner.close()
     return Cube(tuple(found)) if len(found) == len(FACES) and not fields.errors else textures.Constant((0.0, 0.0, 0.0))
 

@@ -250,11 +250,18 @@ impl Sky {
 fn cube(description: &Description<'_>, faces: &Faces) -> Result<Vec<Picture>, SceneErrors> {
     let lookup = Lookup {
         filter: None,
-        wrap: Wrap::Clamp,
+        wrap: [Wrap::Clamp; 2],
         scale: None,
         offset: None,
     };
-    let Faces { px, nx, py, ny, pz, nz } = faces;
+    let Faces {
+        px,
+        nx,
+        py,
+        ny,
+        pz,
+        nz,
+    } = faces;
     let read = |face: &Face| {
         let codes = Codes::read(&face.file, description.sources.base());
         let picture = codes.and_then(|codes| Picture::of(&codes, None, &lookup));
