@@ -39,7 +39,7 @@ pub struct Config {
 
 /// The faces of a cube, each as a camera in its middle sees it that has +y up.
 #[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table of six faces: px, nx, py, ny, pz, nz")]
 struct Faces {
     /// Towards +x.
     px: Face,
@@ -57,7 +57,7 @@ struct Faces {
 
 /// A face of a cube.
 #[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a face: a table with `file`")]
 struct Face {
     /// A PNG, JPEG or EXR file, relative to the scene.
     file: FilePath,
