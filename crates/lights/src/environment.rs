@@ -39,7 +39,10 @@ pub struct Config {
 
 /// The faces of a cube, each as a camera in its middle sees it that has +y up.
 #[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, expecting = "a table of six faces: px, nx, py, ny, pz, nz")]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table of six faces: px, nx, py, ny, pz, nz"
+)]
 struct Faces {
     /// Towards +x.
     px: Face,

@@ -611,9 +611,7 @@ impl Context for Builder<'_, '_, '_> {
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
         match self.plugin::<Shapes>(&PluginTable::of_file("mesh", file, &[]), *transform)? {
             Shape::Triangles(mesh) => Ok(mesh),
-            _ => {
-                Err(SceneError::at(file.span.clone(), "expected a mesh of triangles").into())
-            }
+            _ => Err(SceneError::at(file.span.clone(), "expected a mesh of triangles").into()),
         }
     }
 
