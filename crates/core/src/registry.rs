@@ -1,7 +1,7 @@
 use crate::config::{self, FilePath, GroupRef, MaterialRef, SolidRef, Table, TextureRef};
 use crate::{
     Accelerator, Camera, ColorSource, DuplicateType, FilmSize, Geometry, Group, Integrator, Light, Material,
-    Primitive, Sampler, SceneError, SceneErrors, Shape, Texture, Transform, nearest,
+    Primitive, Sampler, SceneError, SceneErrors, Shape, Texture, Transform, TriangleMesh, nearest,
 };
 use schemars::JsonSchema;
 #[cfg(feature = "schema")]
@@ -144,6 +144,17 @@ pub trait Context {
 
     /// The path of a file that a parameter names; the file exists and is a regular file.
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError>;
+
+    /// The picture in a file: what the texture `image` makes of it with its border around it, with its errors at the file.
+    fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
+        Err(SceneError::at(file.span.clone(), "no pictures here").into())
+    }
+
+    /// The triangles of a mesh file where they stand: what the shape `mesh` makes of it, with its errors at the file.
+    fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
+        let _ = transform;
+        Err(SceneError::at(file.span.clone(), "no meshes here").into())
+    }
 
     /// The group of shapes that a parameter names. Built once, however often it is placed.
     fn group(&self, group: &GroupRef) -> Result<Arc<Group>, SceneErrors> {

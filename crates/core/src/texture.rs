@@ -22,6 +22,11 @@ pub trait Texture: Send + Sync {
         None
     }
 
+    /// Columns and rows, if it is one picture.
+    fn size(&self) -> Option<[usize; 2]> {
+        None
+    }
+
     /// The value if it is the same everywhere: the pipeline then puts the colour in the texture's place.
     fn constant(&self) -> Option<Rgb> {
         None

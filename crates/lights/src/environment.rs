@@ -1,7 +1,8 @@
 //! What lies all around, as a texture on the sphere of directions: seen behind everything and in mirrors, and a light if asked for.
 //!
 //! Blinn and Newell, *Texture and reflection in computer generated images*, 1976 (the picture by latitude and longitude); Greene, *Environment
-//! mapping and other applications of world projections*, 1986. It lights by a fixed quadrature: directions that share the sphere equally.
+//! mapping and other applications of world projections*, 1986 (also the six faces of a cube). It lights by a fixed quadrature: directions that
+//! share the sphere equally. A cube is in `scenes/showcase/cube_map.toml`.
 //!
 //! - Twin: through the driver, which looks up the same texture.
 //! - Example: `scenes/lights/environment.toml`.
@@ -10,23 +11,59 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 use std::sync::Arc;
-use whitstone_core::config::{IntegerIn, TextureRef};
+use toml::Spanned;
+use whitstone_core::config::{FilePath, IntegerIn, TextureRef};
 use whitstone_core::stream::{SampleStreams, Vectors};
 use whitstone_core::{
-    ColorSource, Context, DVec2, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneErrors,
-    SurfacePoint,
+    ColorSource, Context, DVec2, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError,
+    SceneErrors, SurfacePoint, Texture,
 };
 
 /// What lies all around: seen behind everything, and a light if asked for.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Radiance in W/(m² sr); a texture on the sphere of directions, such as a picture by latitude and longitude, or a colour.
-    radiance: TextureRef,
+    /// Radiance in W/(m² sr); a texture on the sphere of directions, such as a picture by latitude and longitude, or a colour. Either this or `faces`.
+    #[serde(default)]
+    #[schemars(with = "TextureRef")]
+    radiance: Option<TextureRef>,
+    /// Radiance in W/(m² sr) as six square pictures of one size, each on a face of a cube around everything.
+    #[serde(default)]
+    #[schemars(with = "Faces")]
+    faces: Option<Spanned<Faces>>,
     /// Rows of directions from which it lights; twice their square is the number of shadow rays at each surface point. 0: it
     /// is seen and lights nothing.
     #[serde(default = "zero")]
     samples: IntegerIn<0, 32>,
+}
+
+/// The faces of a cube, each as a camera in its middle sees it that has +y up.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table of six faces: px, nx, py, ny, pz, nz"
+)]
+struct Faces {
+    /// Towards +x.
+    px: Face,
+    /// Towards -x.
+    nx: Face,
+    /// Towards +y, with +z up.
+    py: Face,
+    /// Towards -y, with -z up.
+    ny: Face,
+    /// Towards +z.
+    pz: Face,
+    /// Towards -z.
+    nz: Face,
+}
+
+/// A face of a cube.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, expecting = "a face: a table with `file`")]
+struct Face {
+    /// A PNG, JPEG or EXR file, relative to the scene.
+    file: FilePath,
 }
 
 fn zero() -> IntegerIn<0, 32> {
@@ -35,9 +72,17 @@ fn zero() -> IntegerIn<0, 32> {
 
 /// See the module.
 pub struct Environment {
-    radiance: ColorSource,
+    sky: Sky,
     /// From where it lights.
     samples: Vec<LightSample>,
+}
+
+/// Radiance by direction.
+enum Sky {
+    /// By latitude and longitude.
+    Sphere(ColorSource),
+    /// +x, -x, +y, -y, +z, -z.
+    Cube([Arc<dyn Texture>; 6]),
 }
 
 impl Plugin<Lights> for Environment {
@@ -45,7 +90,18 @@ impl Plugin<Lights> for Environment {
     type Config = Config;
 
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
-        let radiance = context.texture(&config.radiance)?;
+        let sky = match (&config.radiance, &config.faces) {
+            (Some(radiance), None) => Sky::Sphere(context.texture(radiance)?),
+            (None, Some(faces)) => Sky::Cube(cube(faces.get_ref(), context)?),
+            (None, None) => {
+                let error = SceneError::anywhere("missing key `radiance`");
+                return Err(error.with_help("or `faces`, six pictures").into());
+            }
+            (Some(_), Some(faces)) => {
+                let message = "`faces` together with `radiance`: expected one of them";
+                return Err(SceneError::at(faces.span(), message).into());
+            }
+        };
         let n = config.samples.get();
         let solid_angle = TAU / f64::from(n * n);
         let sample = |j: u32, i: u32| {
@@ -56,15 +112,79 @@ impl Plugin<Lights> for Environment {
             LightSample {
                 direction,
                 distance: f64::INFINITY,
-                irradiance: radiance
-                    .value(&place(direction))
-                    .map(|l| (l * solid_angle).min(f64::MAX)),
+                irradiance: sky.seen(direction).map(|l| (l * solid_angle).min(f64::MAX)),
             }
         };
         let samples = (0..n).flat_map(|j| (0..2 * n).map(move |i| (j, i)));
         let samples = samples.map(|(j, i)| sample(j, i)).collect();
-        Ok(Arc::new(Self { radiance, samples }))
+        Ok(Arc::new(Self { sky, samples }))
     }
+}
+
+/// The pictures of the faces, which fit together.
+fn cube(faces: &Faces, context: &mut dyn Context) -> Result<[Arc<dyn Texture>; 6], SceneErrors> {
+    let Faces {
+        px,
+        nx,
+        py,
+        ny,
+        pz,
+        nz,
+    } = faces;
+    let mut errors = SceneErrors::default();
+    let mut first = None;
+    let pictures = [px, nx, py, ny, pz, nz].map(|Face { file }| {
+        let picture = errors.take(context.picture(file))?;
+        if let Some([width, height]) = picture.size() {
+            let expected = *first.get_or_insert(width);
+            if [width, height] != [expected; 2] {
+                let message = if width == height {
+                    format!("expected a picture of {expected} x {expected} as the faces before it, found {width} x {height}")
+                } else {
+                    format!("expected a square picture, found {width} x {height}")
+                };
+                errors.0.push(SceneError::at(file.span.clone(), message));
+            }
+        }
+        Some(picture)
+    });
+    match pictures {
+        [Some(px), Some(nx), Some(py), Some(ny), Some(pz), Some(nz)] => {
+            errors.into_result([px, nx, py, ny, pz, nz])
+        }
+        _ => Err(errors),
+    }
+}
+
+impl Sky {
+    fn seen(&self, direction: DVec3) -> Rgb {
+        match self {
+            Self::Sphere(radiance) => radiance.value(&place(direction)),
+            Self::Cube(faces) => {
+                let (face, uv) = on_cube(direction);
+                let mut point = SurfacePoint::new(direction, 0.0, direction);
+                point.uv = uv;
+                faces[face].value(&point)
+            }
+        }
+    }
+}
+
+/// The face that a direction meets, the one of the first axis on an edge, and where on its picture.
+fn on_cube(d: DVec3) -> (usize, DVec2) {
+    let size = d.abs();
+    // What lies to the right and up.
+    let (face, distance, right, up) = if size.x >= size.y && size.x >= size.z {
+        let side = d.x.signum();
+        (usize::from(d.x < 0.0), size.x, side * d.z, d.y)
+    } else if size.y >= size.z {
+        let side = d.y.signum();
+        (2 + usize::from(d.y < 0.0), size.y, d.x, side * d.z)
+    } else {
+        let side = d.z.signum();
+        (4 + usize::from(d.z < 0.0), size.z, -side * d.x, d.y)
+    };
+    (face, 0.5 + 0.5 * DVec2::new(right, up) / distance)
 }
 
 /// The point of the sphere of directions: v is 1 straight up, u is 1/2 towards -z and grows to the right from there.
@@ -100,7 +220,7 @@ impl Light for Environment {
     }
 
     fn background(&self, direction: DVec3) -> Rgb {
-        self.radiance.value(&place(direction))
+        self.sky.seen(direction)
     }
 }
 
@@ -123,8 +243,41 @@ mod tests {
         }
     }
 
+    /// (u, v) as red and green, and the number of a face as blue: a picture of so many texels.
+    struct Marked(f64, [usize; 2]);
+
+    impl Texture for Marked {
+        fn needs(&self) -> Needs {
+            Needs::UV
+        }
+
+        fn value(&self, point: &SurfacePoint) -> Rgb {
+            Rgb::new(point.uv.x, point.uv.y, self.0)
+        }
+
+        fn size(&self) -> Option<[usize; 2]> {
+            Some(self.1)
+        }
+    }
+
+    const NAMES: [&str; 6] = ["px", "nx", "py", "ny", "pz", "nz"];
+
+    /// Of six faces, each in the file of its name, but for one.
+    fn faces(odd: &str, file: &str) -> String {
+        let file = |name| if name == odd { file } else { name };
+        NAMES
+            .map(|name| format!("faces.{name}.file = \"{}\"\n", file(name)))
+            .concat()
+    }
+
     fn environment(text: &str) -> Result<Arc<dyn Light>, SceneErrors> {
         let mut context = TestContext::default().with_texture("ramp", Ramp);
+        for (name, number) in NAMES.into_iter().zip(0..) {
+            context = context.with_picture(name, Marked(f64::from(number), [8, 8]));
+        }
+        context = context
+            .with_picture("wide", Marked(0.0, [8, 4]))
+            .with_picture("small", Marked(0.0, [4, 4]));
         build_in::<Lights, Environment>(text, (), &mut context)
     }
 
@@ -137,6 +290,61 @@ mod tests {
         ] {
             light_laws(&*environment(text).unwrap());
         }
+        light_laws(&*environment(&format!("{}samples = 2", faces("", ""))).unwrap());
+    }
+
+    /// Each face is what a camera sees that looks along its axis: right is forward x up.
+    #[test]
+    fn faces_are_what_cameras_see() {
+        let light = environment(&faces("", "")).unwrap();
+        let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+        for (number, forward, up) in [
+            (0.0, x, y),
+            (1.0, -x, y),
+            (2.0, y, z),
+            (3.0, -y, -z),
+            (4.0, z, y),
+            (5.0, -z, y),
+        ] {
+            for (a, c) in [(0.0, 0.0), (0.9, 0.2), (-0.4, 0.7), (0.3, -0.99)] {
+                let direction = (forward + a * forward.cross(up) + c * up).normalize();
+                let expected = Rgb::new(0.5 + 0.5 * a, 0.5 + 0.5 * c, number);
+                let found = light.background(direction);
+                let off = (found + expected * -1.0).map(f64::abs).max_component();
+                assert!(off < 1e-15, "{number} {a} {c}: {found:?}");
+            }
+        }
+        // Of the faces that meet at an edge or a corner, that of the first axis.
+        assert_eq!(
+            light.background(DVec3::new(1.0, 1.0, -1.0)),
+            Rgb::new(0.0, 1.0, 0.0)
+        );
+        assert_eq!(
+            light.background(DVec3::new(0.0, -1.0, 1.0)),
+            Rgb::new(0.5, 0.0, 3.0)
+        );
+    }
+
+    #[test]
+    fn faces_that_do_not_fit_together_are_refused_at_their_places() {
+        let missing = faces("", "").replace("faces.pz.file = \"pz\"\n", "");
+        assert!(environment(&missing).err().unwrap().0[0].message.contains("pz"));
+        for (odd, file, message) in [
+            ("nx", "none", "no such picture"),
+            ("py", "wide", "expected a square picture, found 8 x 4"),
+            (
+                "nz",
+                "small",
+                "expected a picture of 8 x 8 as the faces before it, found 4 x 4",
+            ),
+        ] {
+            let text = faces(odd, file);
+            let errors = environment(&text).err().unwrap();
+            assert_eq!(errors.0.len(), 1);
+            assert_eq!(errors.0[0].message, message);
+            assert_eq!(text[errors.0[0].span.clone().unwrap()], format!("\"{file}\""));
+        }
+        assert!(environment(&format!("radiance = 1\n{}", faces("", ""))).is_err());
     }
 
     #[test]

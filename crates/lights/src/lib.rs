@@ -23,6 +23,8 @@ pub mod directional;
 pub mod environment;
 #[cfg(feature = "point")]
 pub mod point;
+#[cfg(feature = "projector")]
+pub mod projector;
 #[cfg(feature = "spot")]
 pub mod spot;
 
@@ -41,6 +43,8 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Lights, environment::Environment>(from)?;
     #[cfg(feature = "point")]
     registry.add::<Lights, point::Point>(from)?;
+    #[cfg(feature = "projector")]
+    registry.add::<Lights, projector::Projector>(from)?;
     #[cfg(feature = "spot")]
     registry.add::<Lights, spot::Spot>(from)?;
     Ok(())

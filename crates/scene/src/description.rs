@@ -4,8 +4,10 @@ use serde::{Deserialize, Deserializer};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
-use whitstone_core::config::{GroupRef, IntegerIn, PluginRef, Positive, Table, decode, inline_reference};
+use toml::de::{DeString, DeTable, DeValue};
+use whitstone_core::config::{
+    FilePath, GroupRef, IntegerIn, PluginRef, Positive, Table, decode, inline_reference,
+};
 use whitstone_core::{FilmSize, SceneError, SceneErrors, SourceSpan, Transform, nearest};
 
 /// Most pixels that an image may have.
@@ -74,6 +76,23 @@ impl PluginTable<'_> {
             name: name.to_owned(),
             name_span: 0..0,
             table: Spanned::new(0..0, DeTable::new()),
+        }
+    }
+
+    /// A type that another plugin builds of a file, and words for other keys; what is wrong is told at the file.
+    pub(crate) fn of_file(name: &str, file: &FilePath, words: &[(&'static str, &'static str)]) -> Self {
+        let span = || file.span.clone();
+        let mut table = DeTable::new();
+        let path = DeString::Owned(file.path.clone());
+        let words = words.iter().map(|(key, word)| (*key, DeString::Borrowed(*word)));
+        for (key, word) in words.chain([("file", path)]) {
+            let key = Spanned::new(span(), DeString::Borrowed(key));
+            table.insert(key, Spanned::new(span(), DeValue::String(word)));
+        }
+        Self {
+            name: name.to_owned(),
+            name_span: span(),
+            table: Spanned::new(span(), table),
         }
     }
 

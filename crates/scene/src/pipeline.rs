@@ -16,7 +16,7 @@ use whitstone_core::{
     Accelerator, Accelerators, Camera, Cameras, ColorSource, Context, Element, FamilyName, Geometry, Group,
     Integrator, Integrators, LightGives, Lights, Lobes, Material, Materials, ObjectOrder, Primitive, Refused,
     Registry, Sampler, Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures,
-    Transform, View, World,
+    Transform, TriangleMesh, View, World,
 };
 
 /// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
@@ -601,6 +601,17 @@ impl Context for Builder<'_, '_, '_> {
             Err(error) => fail(error.to_string()),
             Ok(metadata) if !metadata.is_file() => fail("not a regular file".to_owned()),
             Ok(_) => Ok(path),
+        }
+    }
+
+    fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
+        self.plugin::<Textures>(&PluginTable::of_file("image", file, &[("wrap", "clamp")]), ())
+    }
+
+    fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
+        match self.plugin::<Shapes>(&PluginTable::of_file("mesh", file, &[]), *transform)? {
+            Shape::Triangles(mesh) => Ok(mesh),
+            _ => Err(SceneError::at(file.span.clone(), "expected a mesh of triangles").into()),
         }
     }
 

@@ -15,6 +15,12 @@ pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
         ("icosphere_0.ply", icosphere(0)),
         ("icosphere_1.ply", icosphere(1)),
         ("icosphere_2.ply", icosphere(2)),
+        ("sky_nx.png", sky(|s, t| [-1.0, t, -s])),
+        ("sky_ny.png", sky(|s, t| [s, -1.0, -t])),
+        ("sky_nz.png", sky(|s, t| [s, t, -1.0])),
+        ("sky_px.png", sky(|s, t| [1.0, t, s])),
+        ("sky_py.png", sky(|s, t| [s, 1.0, t])),
+        ("sky_pz.png", sky(|s, t| [-s, t, 1.0])),
         ("star.obj", star().into_bytes()),
         ("stones.png", stones()),
         ("terrain.ply", terrain().into_bytes()),
@@ -271,6 +277,43 @@ fn stones() -> Vec<u8> {
         let tone = 90 + near[0].1 as i32 - near[0].0 / 4;
         let tone = if near[1].0 - near[0].0 < 14 { 35 } else { tone };
         image::Rgb([(tone + 20) as u8, tone as u8, (tone - 15) as u8])
+    });
+    png(&picture)
+}
+
+/// A face of a sky, by the direction from -1 to 1 to the right and up of its middle: haze and a sun over hills and fields, different all around, so that
+/// a face that is turned does not fit to its neighbours.
+fn sky(direction: impl Fn(f64, f64) -> [f64; 3]) -> Vec<u8> {
+    const SIZE: u32 = 48;
+    let picture = image::RgbImage::from_fn(SIZE, SIZE, |i, j| {
+        let at = |k: u32| (f64::from(k) + 0.5) / f64::from(SIZE) * 2.0 - 1.0;
+        // Square roots and products only: sines differ from machine to machine.
+        let [x, y, z] = DVec3::from_array(direction(at(i), -at(j))).normalize().to_array();
+        let sun = 0.48 * x + 0.6 * y - 0.64 * z;
+        let hills = 0.06 + 0.1 * x * (1.0 - 4.0 * z * z) + 0.08 * z;
+        let color = if y < -0.12 {
+            // Fields over a plane below.
+            let (column, row) = ((4.0 * x / -y).floor(), (4.0 * z / -y).floor());
+            let light = (column + row).rem_euclid(2.0) == 0.0;
+            if light {
+                [150.0, 160.0, 70.0]
+            } else {
+                [90.0, 115.0, 50.0]
+            }
+        } else if y < hills {
+            [60.0, 80.0 + 200.0 * (hills - y), 70.0]
+        } else if sun > 0.97 {
+            [255.0, 250.0, 220.0]
+        } else {
+            let haze = (1.0 - y) * (1.0 - y);
+            let glow = 60.0 * sun.max(0.0) * sun.max(0.0);
+            [
+                70.0 + 100.0 * haze + glow,
+                120.0 + 70.0 * haze + 0.8 * glow,
+                200.0 + 20.0 * haze,
+            ]
+        };
+        image::Rgb(color.map(|c| c as u8))
     });
     png(&picture)
 }

@@ -8,8 +8,8 @@ use whitstone_core::config::{
     FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue,
 };
 use whitstone_core::{
-    ColorSource, Context, Family, Group, Material, Materials, Plugin, Primitive, Registry, SceneError,
-    SceneErrors, Shape, Shapes, Texture, Transform,
+    ColorSource, Context, DVec3, Family, Group, Material, Materials, Plugin, Primitive, Registry, SceneError,
+    SceneErrors, Shape, Shapes, Texture, Transform, TriangleMesh,
 };
 
 /// Builds an operand inside a shape that stands somewhere.
@@ -27,6 +27,10 @@ pub struct TestContext {
     materials: BTreeMap<String, Arc<dyn Material>>,
     /// Textures by id.
     textures: BTreeMap<String, Arc<dyn Texture>>,
+    /// Pictures by file name.
+    pictures: BTreeMap<String, Arc<dyn Texture>>,
+    /// Meshes by file name, in object space.
+    meshes: BTreeMap<String, TriangleMesh>,
     /// Operands by id.
     operands: BTreeMap<String, Operand>,
     /// What plugins warned about.
@@ -59,6 +63,27 @@ impl TestContext {
     #[must_use]
     pub fn with_texture(mut self, id: &str, texture: impl Texture + 'static) -> Self {
         self.textures.insert(id.to_owned(), Arc::new(texture));
+        self
+    }
+
+    /// With a texture that is the picture in a file of this name.
+    #[must_use]
+    pub fn with_picture(mut self, name: &str, texture: impl Texture + 'static) -> Self {
+        self.pictures.insert(name.to_owned(), Arc::new(texture));
+        self
+    }
+
+    /// With triangles that a file of this name holds, in object space and without normals.
+    #[must_use]
+    pub fn with_mesh(mut self, name: &str, positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Self {
+        let mesh = TriangleMesh {
+            positions,
+            normals: Vec::new(),
+            uvs: Vec::new(),
+            triangles,
+            orientation: 1.0,
+        };
+        self.meshes.insert(name.to_owned(), mesh);
         self
     }
 
@@ -107,6 +132,21 @@ impl Context for TestContext {
         }
         let message = format!("expected a regular file, found none at \"{}\"", file.path);
         Err(SceneError::at(file.span.clone(), message))
+    }
+
+    fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
+        let found = self.pictures.get(&file.path).cloned();
+        found.ok_or_else(|| SceneError::at(file.span.clone(), "no such picture").into())
+    }
+
+    fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
+        let found = self.meshes.get(&file.path).cloned();
+        let mut mesh = found.ok_or_else(|| SceneError::at(file.span.clone(), "no such mesh"))?;
+        for position in &mut mesh.positions {
+            *position = transform.point_to_world(*position);
+        }
+        mesh.orientation = transform.world_from_object().matrix3.determinant().signum();
+        Ok(mesh)
     }
 
     fn group(&self, group: &GroupRef) -> Result<Arc<Group>, SceneErrors> {

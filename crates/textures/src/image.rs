@@ -5,7 +5,7 @@
 
 use crate::mapping::{Mapping, Projection};
 use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store};
-use crate::wrap::Wrap;
+use crate::wrap::Wraps;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -29,9 +29,10 @@ pub struct Config {
     /// without end. 16 if left out.
     #[schemars(with = "Option<IntegerIn<1, 64>>")]
     max_anisotropy: MaxAnisotropy,
-    /// Outside of the picture: "repeat" it, "clamp" to its border, or "mirror" it.
+    /// Outside of the picture: "repeat" it, "clamp" to its border, or "mirror" it; two words for what is beside it and what is above and below. A
+    /// sky by latitude and longitude wants ["repeat", "clamp"].
     #[serde(default)]
-    wrap: Wrap,
+    wrap: Wraps,
     /// What the values in the file are: "srgb", "linear", or "auto": sRGB for PNG and JPEG, linear for EXR.
     #[serde(default)]
     color_space: ColorSpace,
@@ -80,7 +81,7 @@ impl Plugin<Textures> for Image {
         let store = Store::new(texels, config.color_space);
         let lookup = Lookup {
             filter: config.filter,
-            wrap: config.wrap,
+            wrap: config.wrap.0,
             scale: config.scale.get(),
             offset: config.offset.get(),
         };
@@ -92,6 +93,7 @@ impl Plugin<Textures> for Image {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wrap::Wrap;
     use whitstone_core::{DVec2, DVec3, Rgb, SurfacePoint};
     use whitstone_image::planes;
     use whitstone_image::png;
@@ -174,6 +176,41 @@ mod tests {
         assert_eq!(r, [3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1].map(f64::from));
         assert_eq!(c, [0, 0, 0, 0, 0, 0, 1, 2, 3, 3, 3, 3, 3, 3, 3].map(f64::from));
         assert_eq!(m, [3, 3, 2, 1, 0, 0, 1, 2, 3, 3, 2, 1, 0, 0, 1].map(f64::from));
+    }
+
+    /// Round the sides, not over the top: each axis has its own rule.
+    #[test]
+    fn each_axis_is_wrapped_by_its_own_word() {
+        for filter in ["bilinear", "trilinear", "ewa"] {
+            let texture = picture(&format!(
+                "filter = \"{filter}\"\ncolor_space = \"linear\"\nwrap = [\"repeat\", \"clamp\"]"
+            ));
+            assert!((code(&*texture, 0.0, 0.75) - 25.0).abs() < 1e-13);
+            assert!((code(&*texture, 0.125, 1.0) - 10.0).abs() < 1e-13);
+            assert!((code(&*texture, 0.125, 0.0) - 11.0).abs() < 1e-13);
+            let texture = picture(&format!(
+                "filter = \"{filter}\"\ncolor_space = \"linear\"\nwrap = [\"clamp\", \"repeat\"]"
+            ));
+            assert!((code(&*texture, 0.0, 0.75) - 10.0).abs() < 1e-13);
+            assert!((code(&*texture, 0.125, 1.0) - 10.5).abs() < 1e-13);
+        }
+        let folder = tempfile::tempdir().unwrap();
+        png::Raster::from_fn(2, 2, |_, _| [1, 2, 3])
+            .write_png(folder.path().join("a.png"))
+            .unwrap();
+        for (wrap, place) in [
+            ("\"around\"", "\"around\""),
+            ("[\"repeat\"]", "[\"repeat\"]"),
+            ("[\"repeat\", \"over\"]", "\"over\""),
+            (
+                "[\"repeat\", \"clamp\", \"clamp\"]",
+                "[\"repeat\", \"clamp\", \"clamp\"]",
+            ),
+        ] {
+            let text = format!("file = \"a.png\"\nwrap = {wrap}");
+            let error = build(folder.path(), &text).err().unwrap().0.remove(0);
+            assert_eq!(&text[error.span.unwrap()], place, "{}", error.message);
+        }
     }
 
     #[test]

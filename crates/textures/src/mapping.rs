@@ -41,6 +41,11 @@ pub(crate) trait Pattern: Send + Sync {
     fn bytes(&self) -> TextureBytes {
         TextureBytes::default()
     }
+
+    /// Columns and rows of a picture.
+    fn size(&self) -> Option<[usize; 2]> {
+        None
+    }
 }
 
 /// How texture space lies on surfaces.
@@ -313,6 +318,10 @@ impl<P: Pattern> Texture for Mapped<P> {
 
     fn bytes(&self) -> Option<TextureBytes> {
         Some(self.pattern.bytes())
+    }
+
+    fn size(&self) -> Option<[usize; 2]> {
+        self.pattern.size()
     }
 
     fn value(&self, point: &SurfacePoint) -> Rgb {

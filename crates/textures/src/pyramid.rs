@@ -171,7 +171,8 @@ impl Ellipse {
 pub(crate) struct Grid {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    pub(crate) wrap: Wrap,
+    /// Of columns and of rows.
+    pub(crate) wrap: [Wrap; 2],
 }
 
 /// Places in a row or a column, one after the other.
@@ -246,8 +247,8 @@ fn mean(
         axis * (1.0 / axis.length()).max(1.0)
     };
     let (major, minor) = (wide(ellipse.major), wide(ellipse.minor));
-    let columns = Walk::new(grid.wrap, grid.width, middle.x.floor());
-    let rows = Walk::new(grid.wrap, grid.height, middle.y.floor());
+    let columns = Walk::new(grid.wrap[0], grid.width, middle.x.floor());
+    let rows = Walk::new(grid.wrap[1], grid.height, middle.y.floor());
     let part = |x: f64| {
         if x.is_finite() {
             (x - x.floor()) as f32
@@ -460,7 +461,7 @@ mod tests {
                 let grid = Grid {
                     width: 9,
                     height: 6,
-                    wrap,
+                    wrap: [wrap; 2],
                 };
                 let ellipse = Ellipse::new([s.into(), t.into()], DVec2::new(9.0, 6.0), 16.0, &weights);
                 let share = |which: usize| {

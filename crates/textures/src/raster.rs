@@ -61,7 +61,8 @@ pub(crate) struct Raster {
 /// How a grid is looked up.
 pub(crate) struct Lookup {
     pub(crate) filter: Filter,
-    pub(crate) wrap: Wrap,
+    /// Along u and along v.
+    pub(crate) wrap: [Wrap; 2],
     pub(crate) scale: DVec2,
     pub(crate) offset: DVec2,
 }
@@ -315,12 +316,17 @@ fn linear([r, g, b]: [f32; 3]) -> Rgb {
 
 /// Between the four nearest middles of texels.
 #[inline(always)]
-fn bilinear([width, height]: [usize; 2], wrap: Wrap, place: DVec2, texel: impl Fn(usize) -> Rgb) -> Rgb {
+fn bilinear(
+    [width, height]: [usize; 2],
+    [along_u, along_v]: [Wrap; 2],
+    place: DVec2,
+    texel: impl Fn(usize) -> Rgb,
+) -> Rgb {
     let (x, y) = (place.x * width as f64 - 0.5, place.y * height as f64 - 0.5);
     let (column, row) = (x.floor(), y.floor());
     let part = |t: f64| if t.is_finite() { t } else { 0.0 };
     let (right, down) = (part(x - column), part(y - row));
-    let texel = |column, row| texel(wrap.index(row, height) * width + wrap.index(column, width));
+    let texel = |column, row| texel(along_v.index(row, height) * width + along_u.index(column, width));
     let mean = |row: f64| texel(column, row) * (1.0 - right) + texel(column + 1.0, row) * right;
     mean(row) * (1.0 - down) + mean(row + 1.0) * down
 }
@@ -335,8 +341,8 @@ impl Pattern for Raster {
             (place.x * self.width as f64).floor(),
             (place.y * self.height as f64).floor(),
         );
-        let wrap = self.lookup.wrap;
-        let (i, j) = (wrap.index(column, self.width), wrap.index(row, self.height));
+        let [along_u, along_v] = self.lookup.wrap;
+        let (i, j) = (along_u.index(column, self.width), along_v.index(row, self.height));
         self.store.texel(j * self.width + i)
     }
 
@@ -369,5 +375,9 @@ impl Pattern for Raster {
             texels: self.store.bytes(),
             levels,
         }
+    }
+
+    fn size(&self) -> Option<[usize; 2]> {
+        Some([self.width, self.height])
     }
 }

@@ -9,7 +9,7 @@
 
 use crate::mapping::{Mapping, Projection};
 use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster};
-use crate::wrap::Wrap;
+use crate::wrap::Wraps;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -52,7 +52,7 @@ pub struct Config {
     max_anisotropy: MaxAnisotropy,
     /// Outside of the picture: "repeat" it, "clamp" to its border, or "mirror" it.
     #[serde(default)]
-    wrap: Wrap,
+    wrap: Wraps,
     /// What the values in the file are: "srgb", "linear", or "auto", which is sRGB.
     #[serde(default)]
     color_space: ColorSpace,
@@ -142,7 +142,7 @@ impl Plugin<Textures> for Synthesized {
         let store = quilt.make(&sample).store(config.color_space);
         let lookup = Lookup {
             filter: config.filter,
-            wrap: config.wrap,
+            wrap: config.wrap.0,
             scale: config.scale.get(),
             offset: config.offset.get(),
         };

@@ -1,7 +1,11 @@
 //! What lies outside of a grid of texels or voxels.
 
-use schemars::JsonSchema;
-use serde::Deserialize;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::value::StrDeserializer;
+use serde::de::{Error, IgnoredAny, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use std::borrow::Cow;
+use std::fmt;
 
 /// What lies outside of the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -38,5 +42,46 @@ impl Wrap {
         };
         // NaN, from an infinite index, becomes 0.
         inside as usize
+    }
+}
+
+/// What lies outside of a picture beside it, and what above and below it: one word for both, or two.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Wraps(pub(crate) [Wrap; 2]);
+
+impl<'de> Deserialize<'de> for Wraps {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct OneOrTwo;
+        impl<'de> Visitor<'de> for OneOrTwo {
+            type Value = Wraps;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("\"repeat\", \"clamp\" or \"mirror\", or two of them, along u and along v")
+            }
+            fn visit_str<E: Error>(self, word: &str) -> Result<Wraps, E> {
+                let wrap = Wrap::deserialize(StrDeserializer::new(word))?;
+                Ok(Wraps([wrap; 2]))
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut words: A) -> Result<Wraps, A::Error> {
+                let pair = [words.next_element()?, words.next_element()?];
+                match (pair, words.next_element::<IgnoredAny>()?) {
+                    ([Some(u), Some(v)], None) => Ok(Wraps([u, v])),
+                    _ => Err(A::Error::custom("expected two words, along u and along v")),
+                }
+            }
+        }
+        deserializer.deserialize_any(OneOrTwo)
+    }
+}
+
+impl JsonSchema for Wraps {
+    fn schema_name() -> Cow<'static, str> {
+        "Wraps".into()
+    }
+    fn inline_schema() -> bool {
+        true
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let word = json_schema!({ "type": "string", "enum": ["repeat", "clamp", "mirror"] });
+        json_schema!({ "anyOf": [word, { "type": "array", "items": word, "minItems": 2, "maxItems": 2 }] })
     }
 }

@@ -1,9 +1,13 @@
 """Local terms and lights against closed forms (model §7, §8)."""
 
 import math
+import os
+import tempfile
 import unittest
 
+import numpy as np
 from support import DOWN, FLOOR, Case, film
+from whitstone_mitsuba.runtime import mi
 
 HEAD = film() + DOWN
 POINT = '[[light]]\ntype = "point"\nposition = [3, 4, 0]\nintensity = [25, 50, 75]\n'
@@ -69,6 +73,73 @@ class Lights(Case):
         self.near(self.value(HEAD + light.format("sphere", "", turn) + FLOOR), [expected * n for n in (1, 2, 3)])
         self.refuse(HEAD + light.format("sphere", "{ scale = [1, 2, 1] }, ", turn) + FLOOR, "scene", "similarity")
 
+    def test_area_of_a_mesh(self):
+        """A square of two triangles that faces down at height 4, by the centroids of their parts."""
+        text = "v -1 4 -1\nv 1 4 -1\nv 1 4 1\nv -1 4 1\nf 1 2 3 4\nf 1 1 2\n"
+        light = '[[light]]\ntype = "area"\nshape = "mesh"\nfile = "{}"\nradiance = [1, 2, 3]\n{}\n'
+        with tempfile.TemporaryDirectory() as base:
+
+            def write(name, text):
+                with open(os.path.join(base, name), "w") as file:
+                    file.write(text)
+
+            write("square.obj", text)
+            scene = HEAD + light.format("square.obj", "") + FLOOR
+            # Both centroids are (2/3, 4, 2/3) away from the middle, of opposite sides: the cosine is 4/d at both ends.
+            d2 = 16 + (1 / 3) ** 2 + (1 / 3) ** 2
+            expected = 0.5 / math.pi * 4 * 16 / d2**2
+            self.near(self.value(scene, base=base), [expected * n for n in (1, 2, 3)])
+            # Mirrored in its own plane, outside stays outside; turned over, it is dark.
+            mirrored = light.format("square.obj", "transform = { scale = [-1, 1, 1] }")
+            self.near(self.value(HEAD + mirrored + FLOOR, base=base), [expected * n for n in (1, 2, 3)])
+            write("up.obj", text.replace("1 2 3 4", "4 3 2 1"))
+            self.assertEqual(list(self.value(HEAD + light.format("up.obj", "") + FLOOR, base=base)), [0, 0, 0])
+            # In nine parts a triangle: in thirds of a side from (-1, -1) along (1, 0) and (1, 1), and along (1, 1) and (0, 1).
+            parts = [(s, t) for s in (1, 4, 7) for t in (1, 4, 7) if s + t <= 8] + [(2, 2), (5, 2), (2, 5)]
+            places = [(-1 + 2 * (s + t) / 9, -1 + 2 * t / 9) for s, t in parts] + [(-1 + 2 * s / 9, -1 + 2 * (s + t) / 9) for s, t in parts]
+            expected = 0.5 / math.pi * 4 / 18 * sum(16 / (16 + x * x + z * z) ** 2 for x, z in places)
+            fine = light.format("square.obj", "samples = 3")
+            self.near(self.value(HEAD + fine + FLOOR, base=base), [expected * n for n in (1, 2, 3)])
+            write("line.obj", "v 0 0 0\nv 1 0 0\nf 1 2 2\n")
+            self.refuse(HEAD + light.format("line.obj", "") + FLOOR, "scene", "no triangle has an area", base=base)
+            self.refuse(HEAD + light.format("none.obj", "") + FLOOR, "scene", "cannot be read", base=base)
+            write("many.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 1025)
+            self.refuse(HEAD + light.format("many.obj", "samples = 2") + FLOOR, "scene", "4096", base=base)
+
+    def projector(self, more, x=0.0, z=0.0, head=HEAD):
+        """Onto the floor at (x, z) from 2 above the origin, +x to the right in the slide and -z up."""
+        light = '[[light]]\ntype = "projector"\nposition = [0, 2, 0]\ntarget = [0, 0, 0]\nup = [0, 0, -1]\n' + more
+        look = head.replace("origin = [0, 5, 0], target = [0, 0, 0]", f"origin = [{x}, 5, {z}], target = [{x}, 0, {z}]")
+        return self.value(look + light + "\n" + FLOOR)
+
+    def test_projector(self):
+        # A screen at 2 m: a quarter of the intensity, everywhere; 90 degrees are 4 m of it.
+        white = "fov = 90\nslide = 1\nintensity = [1, 2, 3]"
+        for x, z in ((0, 0), (1.99, 0), (-1.9, 1.9)):
+            self.near(self.projector(white, x, z), [0.5 / math.pi / 4 * n for n in (1, 2, 3)], rel=1e-5)
+        for x, z in ((2.01, 0), (0, -2.01)):
+            self.assertEqual(list(self.projector(white, x, z)), [0, 0, 0])
+        # Twice as wide as high.
+        wide = white + "\naspect = 2"
+        self.near(self.projector(wide, 1.99, 0.99), [0.5 / math.pi / 4 * n for n in (1, 2, 3)], rel=1e-5)
+        self.assertEqual(list(self.projector(wide, 0, 1.01)), [0, 0, 0])
+        # The quarters of the slide: the right upper one is +x, -z.
+        quarters = "fov = 90\nintensity = 1\nslide = { type = \"checker\", a = [1, 2, 3], b = 0, scale = 2 }"
+        lit, dark = [0.5 / math.pi / 4 * n for n in (1, 2, 3)], [0, 0, 0]
+        for x, z, expected in ((1, -1, lit), (-1, 1, lit), (1, 1, dark), (-1, -1, dark)):
+            self.near(self.projector(quarters, x, z), expected, rel=1e-5)
+        # Three columns: which way is right.
+        columns = quarters.replace("scale = 2", "scale = [1.5, 1]")
+        self.near(self.projector(columns, 1, 0.5), dark)
+        self.near(self.projector(columns, -1, 0.5), lit, rel=1e-5)
+        # A solid texture finds the slide in the plane z = 0.
+        solid = "fov = 90\nintensity = 1\nslide = { type = \"checker\", a = [1, 2, 3], b = 0, scale = [1.5, 1], mapping = { projection = \"planar\" } }"
+        self.near(self.projector(solid, 1, 0.5), dark)
+        self.near(self.projector(solid, -1, 0.5), lit, rel=1e-5)
+        light = '[[light]]\ntype = "projector"\nposition = [0, 2, 0]\ntarget = [0, 0, 0]\nslide = 1\nintensity = 1\n'
+        self.refuse(HEAD + light + FLOOR, "scene", "parallel")
+        self.refuse(HEAD + light + "aspect = 0\nup = [1, 0, 0]\n" + FLOOR, "scene", "0.001 to 1000")
+
     def test_environment(self):
         """Colours by direction, seen directly and in a mirror, and as light."""
         sky = '[[light]]\ntype = "environment"\nradiance = { type = "checker", a = [1, 2, 3], b = [4, 5, 6], scale = [4, 2] }\n'
@@ -86,6 +157,38 @@ class Lights(Case):
         # Where the light of the brighter half comes from: y > 0 is b at u in cells 1, 3 only.
         shining = sky + "samples = 2\n"
         self.near(self.value(HEAD + shining + FLOOR), [expected * (a + b) / 2 for a, b in ((1, 4), (2, 5), (3, 6))])
+
+    def test_faces(self):
+        """Six pictures of 2 x 2 texels, each texel its own colour, looked at through their middles."""
+        forward = {"px": (1, 0, 0), "nx": (-1, 0, 0), "py": (0, 1, 0), "ny": (0, -1, 0), "pz": (0, 0, 1), "nz": (0, 0, -1)}
+        upward = {"py": (0, 0, 1), "ny": (0, 0, -1)}
+        sky = '[[light]]\ntype = "environment"\n'
+        with tempfile.TemporaryDirectory() as base:
+
+            def write(name, height, width, number):
+                pixels = np.arange(height * width * 3, dtype=np.float32).reshape(height, width, 3) + 100 * number
+                mi.Bitmap(pixels).write(os.path.join(base, name))
+
+            for number, name in enumerate(forward):
+                write(f"{name}.exr", 2, 2, number)
+                sky += f'faces.{name}.file = "{name}.exr"\n'
+            for number, (name, axis) in enumerate(forward.items()):
+                up = np.array(upward.get(name, (0, 1, 0)))
+                right = np.cross(axis, up)
+                for column in (0, 1):
+                    for row in (0, 1):
+                        # The middle of a texel is half way from the middle of the face.
+                        target = (np.array(axis) + (column - 0.5) * right + (0.5 - row) * up).tolist()
+                        helper = [0.3, 0.5, 0.7]
+                        look = f'[camera]\ntype = "perspective"\nlook_at = {{ origin = [0, 0, 0], target = {target}, up = {helper} }}\n'
+                        first = 100 * number + 6 * row + 3 * column
+                        self.near(self.value(film() + look + sky, base=base), [first, first + 1, first + 2], rel=1e-4, atol=1e-4)
+            look = '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 0, 0], target = [1, 2, 3] }\n'
+            self.refuse(film() + look + sky.replace('faces.nz.file = "nz.exr"\n', ""), "scene", "faces.nz", "required", base=base)
+            for name, height, width in (("wide", 2, 4), ("large", 4, 4)):
+                write(f"{name}.exr", height, width, 0)
+                self.refuse(film() + look + sky.replace("ny.exr", f"{name}.exr"), "scene", "square pictures of one size", base=base)
+            self.refuse(film() + look + sky + "radiance = 1\n", "scene", "either", base=base)
 
     def test_ambient(self):
         scene = HEAD + '[[light]]\ntype = "ambient"\nradiance = [1, 2, 3]\n' * 2

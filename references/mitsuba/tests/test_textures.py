@@ -1,6 +1,7 @@
 """Textures (model §10), read off a unit rectangle lit by ambient light."""
 
 import itertools
+import json
 import math
 import os
 import tempfile
@@ -98,14 +99,15 @@ class Textures(Case):
         u = (np.arange(width) + 0.5) / width * 2.7 - 1.1
         v = (1 - (np.arange(height) + 0.5) / height) * 1.9 - 0.4
         x, y = np.broadcast_arrays(u[None, :] * 4, (1 - v[:, None]) * 3)
-        for wrap, fold in maps.items():
-            text = f'{{ type = "image", file = "t.png", wrap = "{wrap}", scale = [2.7, 1.9], offset = [-1.1, -0.4]'
+        for along_u, along_v in itertools.product(maps, maps):
+            wrap = json.dumps([along_u, along_v] if along_u != along_v else along_u)
+            text = f'{{ type = "image", file = "t.png", wrap = {wrap}, scale = [2.7, 1.9], offset = [-1.1, -0.4]'
             i, j = np.floor(x).astype(int), np.floor(y).astype(int)
-            self.near(self.seen(width, height, text + ', filter = "nearest" }'), self.linear[fold(j, 3), fold(i, 4)], rel=1e-5, atol=2e-6)
+            self.near(self.seen(width, height, text + ', filter = "nearest" }'), self.linear[maps[along_v](j, 3), maps[along_u](i, 4)], rel=1e-5, atol=2e-6)
             i, j = np.floor(x - 0.5).astype(int), np.floor(y - 0.5).astype(int)
             fx, fy = (x - 0.5 - i)[..., None], (y - 0.5 - j)[..., None]
             expected = sum(
-                weight_x * weight_y * self.linear[fold(j + dj, 3), fold(i + di, 4)]
+                weight_x * weight_y * self.linear[maps[along_v](j + dj, 3), maps[along_u](i + di, 4)]
                 for di, weight_x in ((0, 1 - fx), (1, fx))
                 for dj, weight_y in ((0, 1 - fy), (1, fy))
             )

@@ -71,6 +71,9 @@ class Document:
         if any(getattr(texture, "quilted", False) for texture in textures):
             reason = "the picture is quilted in Python; Mitsuba looks it up"
             found["synthesized"] = {"type": "synthesized", "twin": "hosted", "reason": reason}
+        if any(getattr(texture, "folded", False) for texture in textures):
+            reason = "Mitsuba wraps both axes of a bitmap alike: the other one is folded in Python"
+            found["wrap"] = {"type": "wrap", "twin": "hosted", "reason": reason}
         if any(isinstance(texture, patterns.HOSTED) for texture in textures):
             reason = "a texture that Mitsuba lacks: its formula is computed in Python"
             found["pattern"] = {"type": "pattern", "twin": "hosted", "reason": reason}
@@ -172,7 +175,7 @@ def parse(text: str, base: str) -> Document:
         if integrator is not None and integrator.gouraud and camera is not None and (camera.kind != "perspective" or camera.near != 0):
             errors.append("integrator.interpolation: colours of vertices need a perspective camera without a near limit")
     texture_reader = textures.Textures(_shared(root.get("texture", {}), "texture", errors), folder, errors, unsupported)
-    lamps = lights.read(root.get("light", []), texture_reader, errors, unsupported)
+    lamps = lights.read(root.get("light", []), texture_reader, folder, errors, unsupported)
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
     groups = _shared(root.get("group", {}), "group", errors)
     shape_list = shapes.read(root, groups, material_reader, folder, errors, unsupported)

@@ -1,19 +1,22 @@
-"""Lights: point, directional, spot, area, ambient, background, environment (model §7).
+"""Lights: point, directional, spot, projector, area, ambient, background, environment (model §7).
 
 Each lamp that has a direction becomes a Mitsuba emitter whose `sample_direction` gives direction, distance and irradiance.
 `falloff = "none"` has no native twin: the emitter is a Python plugin that undoes the native one's inverse square. An area light is as many
-native point lights as it has points, each with the cosine to its normal.
+native point lights as it has points, each with the cosine to its normal. A projector is Mitsuba's own with a white slide, which says what
+is in the frame, where in it, and how much arrives; the driver looks the slide up there.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, List, Optional, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import transforms
+from . import images, mappings, meshes, textures, transforms
+from .errors import SceneError
 from .fields import REQUIRED, Fields, Vector, nearest
+from .files import Folder
 from .runtime import dr, mi
 
 
@@ -68,6 +71,36 @@ class Facing(NoFalloff):
 
 mi.register_emitter("whitstone_facing", lambda props: Facing(props))
 
+
+class Slide(NoFalloff):
+    """The nested native projector, whose slide is white, times a texture where it says, and a colour."""
+
+    def __init__(self, props: "mi.Properties") -> None:
+        NoFalloff.__init__(self, props)
+        self.slide = props["slide"]
+        self.intensity = mi.Color3f(*[dr.opaque(mi.Float, props[key]) for key in "rgb"])
+
+    def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
+        ds, value = self.inner.sample_direction(it, sample, active)
+        # Outside of the frame, and at the light, the place may be no number.
+        seen = dr.max(value) > 0
+        u, v = dr.select(seen, ds.uv.x, 0.5), dr.select(seen, 1 - ds.uv.y, 0.5)
+        dr.eval(u, v)
+        at = dr.zeros(mi.SurfaceInteraction3f, dr.width(value))
+        at.uv, at.p = mi.Point2f(u, v), mi.Point3f(u, v, 0)
+        at.n = mi.Normal3f(0, 0, 1)
+        at.sh_frame = mi.Frame3f(mi.Vector3f(0, 0, 1))
+        return ds, dr.select(seen, value * self.intensity * self.slide.eval(at), 0)
+
+    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        return self.sample_direction(it, mi.Point2f(0.5), active)[1]
+
+    def to_string(self) -> str:
+        return f"Slide[{self.inner}]"
+
+
+mi.register_emitter("whitstone_slide", lambda props: Slide(props))
+
 Hosted = Optional[Tuple[str, str]]
 
 
@@ -86,11 +119,16 @@ class Lamp:
     type: str
     # Of a point of a surface: its normal.
     normal: Optional[Vector] = None
+    # Of a projector: what it throws, and its intensity.
+    slide: Optional[Any] = None
+    intensity: Vector = (1.0, 1.0, 1.0)
 
     def hosted(self) -> Hosted:
         """(plugin type, reason) where the twin is not Mitsuba's own."""
         if self.normal is not None:
             return self.type, "the points of a surface are Python emitters around native point lights"
+        if self.slide is not None:
+            return self.type, "the slide is looked up by a Python emitter around the native projector, which has frame and falloff"
         return None if self.falloff else (self.type, 'falloff = "none" is a Python emitter around the native one')
 
     def build(self) -> "mi.Emitter":
@@ -98,6 +136,9 @@ class Lamp:
         if self.normal is not None:
             normal = dict(zip(("nx", "ny", "nz"), self.normal))
             return mi.load_dict({"type": "whitstone_facing", "inner": inner, **normal})
+        if self.slide is not None:
+            color = dict(zip("rgb", self.intensity))
+            return mi.load_dict({"type": "whitstone_slide", "inner": inner, "slide": self.slide.build(), **color})
         return inner if self.falloff else mi.load_dict({"type": "whitstone_no_falloff", "inner": inner})
 
 
@@ -128,8 +169,77 @@ def place(directions: np.ndarray) -> Any:
     return si
 
 
-def _environment(fields: Fields, index: int, textures: Any) -> Tuple[Any, List[Lamp]]:
-    radiance = textures.value(fields, "radiance", REQUIRED, 0.0, float("inf"))
+# Of a direction (x, y, z), what runs to the right and up on each face: axis and sign.
+FACES = {
+    "px": ((2, 1), (1, 1)),
+    "nx": ((2, -1), (1, 1)),
+    "py": ((0, 1), (2, 1)),
+    "ny": ((0, 1), (2, -1)),
+    "pz": ((0, -1), (1, 1)),
+    "nz": ((0, 1), (1, 1)),
+}
+
+
+class CubeLookup:
+    """Six native bitmaps, of which each direction looks at one."""
+
+    def __init__(self, faces: Sequence["mi.Texture"]) -> None:
+        self.faces = faces
+
+    def eval(self, si: Any) -> Any:
+        d = np.array(si.p, dtype=np.float64).T
+        lanes, axis = np.arange(len(d)), np.argmax(np.abs(d), axis=1)
+        which = 2 * axis + (d[lanes, axis] < 0)
+        m = np.abs(d[lanes, axis])
+        total = np.zeros((len(d), 3))
+        for number, (face, ((a, right), (b, up))) in enumerate(zip(self.faces, FACES.values())):
+            with np.errstate(invalid="ignore"):
+                uv = np.stack([(1 + right * d[:, a] / m) / 2, (1 + up * d[:, b] / m) / 2])
+            si.uv = mi.Point2f(np.ascontiguousarray(np.where(which == number, uv, 0.5), dtype=np.float32))
+            seen = np.array(face.eval(si), dtype=np.float64).reshape(3, -1).T
+            total = np.where((which == number)[:, None], seen, total)
+        return mi.Color3f(np.ascontiguousarray(total.T, dtype=np.float32))
+
+
+@dataclass(frozen=True)
+class Cube:
+    """The faces of an environment, in the order of `FACES`."""
+
+    faces: Tuple[Any, ...]
+
+    def build(self) -> CubeLookup:
+        return CubeLookup([face.build() for face in self.faces])
+
+
+def _faces(fields: Fields, base: Folder) -> Any:
+    inner = Fields(fields.take("faces"), f"{fields.where}.faces", fields.errors)
+    found = []
+    for name in FACES:
+        face = Fields(inner.take(name, REQUIRED) or {}, f"{inner.where}.{name}", fields.errors)
+        try:
+            pixels = images.load(base.path(face.string("file", REQUIRED)), "auto")
+        except SceneError as error:
+            face.error("file", str(error))
+            continue
+        face.close()
+        height, width = pixels.shape[:2]
+        if width != height or (found and pixels.shape != found[0].pixels.shape):
+            face.error("file", f"expected square pictures of one size, found {width} x {height}")
+        if pixels.min() < 0:
+            face.error("file", "expected values >= 0")
+        found.append(textures.Image(pixels, "bilinear", ("clamp", "clamp"), (1.0, 1.0), (0.0, 0.0), mappings.Mapping("uv")))
+    inner.close()
+    return Cube(tuple(found)) if len(found) == len(FACES) and not fields.errors else textures.Constant((0.0, 0.0, 0.0))
+
+
+def _environment(fields: Fields, index: int, reader: Any, base: Folder) -> Tuple[Any, List[Lamp]]:
+    if fields.has("faces"):
+        radiance = _faces(fields, base)
+        if fields.has("radiance"):
+            fields.take("radiance")
+            fields.error("faces", "expected either radiance or faces")
+    else:
+        radiance = reader.value(fields, "radiance", REQUIRED, 0.0, float("inf"))
     n = fields.integer("samples", 0, 0, 32)
     lamps: List[Lamp] = []
     if n > 0:
@@ -199,8 +309,77 @@ def _spot(fields: Fields, index: int) -> Lamp:
     return Lamp(index, plugin, True, _falloff(fields), "spot")
 
 
-def _area(fields: Fields, index: int) -> List[Lamp]:
-    kind = fields.choice("shape", "rectangle", ("rectangle", "disk", "sphere"))
+def _projector(fields: Fields, index: int, reader: Any) -> Lamp:
+    position = np.array(fields.vector("position", REQUIRED))
+    target = np.array(fields.vector("target", REQUIRED))
+    upwards = _direction(fields, "up", np.array(fields.vector("up", (0.0, 1.0, 0.0))))
+    fov = fields.number("fov", 45.0, lambda angle: 0 < angle < 180, "an angle between 0 and 180 degrees")
+    aspect = fields.number("aspect", 1.0, lambda ratio: 0.001 <= ratio <= 1000, "a ratio from 0.001 to 1000")
+    slide = reader.value(fields, "slide", REQUIRED, 0.0, float("inf"))
+    intensity = fields.color("intensity", REQUIRED)
+    forward = _direction(fields, "target", target - position)
+    right = np.cross(forward, upwards)
+    if np.linalg.norm(right) <= 1e-12:
+        fields.error("up", "must not be parallel to the axis")
+        right = np.array([1.0, 0.0, 0.0])
+    right /= np.linalg.norm(right)
+    matrix = np.eye(4)
+    # Mitsuba's x runs to the left. A white slide is square for it: what is wider than high is stretched across.
+    matrix[:3, :3] = np.column_stack([-right, np.cross(right, forward) / aspect, forward])
+    matrix[:3, 3] = position
+    # It gives pi times its scale on a screen across the axis at 1 m.
+    plugin = {
+        "type": "projector",
+        "to_world": mi.ScalarTransform4f(matrix),
+        "fov": fov,
+        "irradiance": {"type": "srgb", "color": mi.ScalarColor3f(1.0), "unbounded": True},
+        "scale": 1 / np.pi,
+    }
+    return Lamp(index, plugin, True, True, "projector", slide=slide, intensity=intensity)
+
+
+# Most points of a mesh that shines.
+MOST_POINTS = 4096
+
+
+def _mesh(fields: Fields, index: int, base: Folder) -> List[Lamp]:
+    """The centroids of n² equal parts of each triangle."""
+    matrix = transforms.read(fields.take("transform"), f"{fields.where}.transform", fields.errors)
+    radiance = np.array(fields.color("radiance", REQUIRED))
+    n = fields.integer("samples", 1, 1, 32)
+    name = fields.string("file", REQUIRED)
+    try:
+        triangles = meshes.load(base.path(name))
+    except SceneError as error:
+        fields.error("file", str(error))
+        return []
+    if len(triangles.faces) * n * n > MOST_POINTS:
+        fields.error("samples", f"{len(triangles.faces)} triangles shine from more than {MOST_POINTS} points")
+        return []
+    world = triangles.positions @ matrix[:3, :3].T + matrix[:3, 3]
+    upright = [(3 * i + 1, 3 * j + 1) for j in range(n) for i in range(n - j)]
+    turned = [(3 * i + 2, 3 * j + 2) for j in range(n - 1) for i in range(n - 1 - j)]
+    lamps = []
+    for a, b, c in world[triangles.faces]:
+        across = np.cross(b - a, c - a)
+        twice = np.linalg.norm(across)
+        if not twice > 0:
+            continue
+        normal = across / twice * (-1 if transforms.mirrors(matrix) else 1)
+        for s, t in upright + turned:
+            place = a + (b - a) * (s / (3 * n)) + (c - a) * (t / (3 * n))
+            power = _rgb(tuple(radiance * (twice / (2 * n**2))))
+            plugin = {"type": "point", "position": place.tolist(), "intensity": power}
+            lamps.append(Lamp(index, plugin, True, True, "area", tuple(normal.tolist())))
+    if not lamps:
+        fields.error("file", f"{name}: no triangle has an area")
+    return lamps
+
+
+def _area(fields: Fields, index: int, base: Folder) -> List[Lamp]:
+    kind = fields.choice("shape", "rectangle", ("rectangle", "disk", "sphere", "mesh"))
+    if kind == "mesh":
+        return _mesh(fields, index, base)
     matrix = transforms.read(fields.take("transform"), f"{fields.where}.transform", fields.errors)
     radiance = np.array(fields.color("radiance", REQUIRED))
     n = fields.integer("samples", 4, 1, 32)
@@ -235,7 +414,7 @@ def _area(fields: Fields, index: int) -> List[Lamp]:
 LAMPS = {"point": _point, "directional": _directional, "spot": _spot}
 
 
-def read(tables: Any, textures: Any, errors: List[str], unsupported: List[str]) -> Lights:
+def read(tables: Any, reader: Any, base: Folder, errors: List[str], unsupported: List[str]) -> Lights:
     """The `[[light]]` tables."""
     lamps: List[Lamp] = []
     ambients: List[Tuple[int, Vector]] = []
@@ -250,18 +429,20 @@ def read(tables: Any, textures: Any, errors: List[str], unsupported: List[str]) 
         if kind in LAMPS:
             lamps.append(LAMPS[kind](fields, index))
         elif kind == "environment":
-            radiance, shining = _environment(fields, index, textures)
+            radiance, shining = _environment(fields, index, reader, base)
             environments.append(radiance)
             lamps.extend(shining)
         elif kind == "area":
-            lamps.extend(_area(fields, index))
+            lamps.extend(_area(fields, index, base))
+        elif kind == "projector":
+            lamps.append(_projector(fields, index, reader))
         elif kind == "ambient":
             ambients.append((index, fields.color("radiance", REQUIRED)))
         elif kind == "background":
             background = background + np.array(fields.color("radiance", REQUIRED))
         else:
             if kind is not None:
-                known = [*LAMPS, "area", "ambient", "background", "environment"]
+                known = [*LAMPS, "area", "projector", "ambient", "background", "environment"]
                 unsupported.append(f"light[{index}]: no twin for a light of type {kind!r}; {nearest(kind, known)}")
             continue
         fields.close()

@@ -71,28 +71,64 @@ class Image:
 
     pixels: np.ndarray
     filter: str
-    wrap: str
+    # Along u and along v.
+    wrap: Tuple[str, str]
     scale: Vector
     offset: Vector
     mapping: mappings.Mapping
     # Whether it is not a file as it is, but quilted in Python.
     quilted: bool = False
 
+    @property
+    def folded(self) -> bool:
+        """Whether its axes are wrapped by different rules."""
+        return self.wrap[0] != self.wrap[1]
+
     def range(self) -> Tuple[float, float]:
         return float(self.pixels.min()), float(self.pixels.max())
 
     def build(self) -> "mi.Texture":
+        # A bitmap has one rule for both axes. The one that needs the other end of the picture is Mitsuba's; the other axis is folded before.
+        to_uv = _to_uv((self.scale[0], -self.scale[1]), (self.offset[0], 1 - self.offset[1]))
         bitmap = mi.load_dict(
             {
                 "type": "bitmap",
                 "bitmap": mi.Bitmap(self.pixels),
                 "raw": True,
                 "filter_type": self.filter,
-                "wrap_mode": self.wrap,
-                "to_uv": _to_uv((self.scale[0], -self.scale[1]), (self.offset[0], 1 - self.offset[1])),
+                "wrap_mode": "repeat" if "repeat" in self.wrap else "clamp" if self.folded else self.wrap[0],
+                **({} if self.folded else {"to_uv": to_uv}),
             }
         )
-        return _mapped(bitmap, self.mapping)
+        return _mapped(Folded(bitmap, self) if self.folded else bitmap, self.mapping)
+
+
+class Folded(mi.Texture):
+    """A bitmap of Mitsuba's, each axis of which is wrapped by its own rule; all but repeat are done here."""
+
+    def __init__(self, inner: "mi.Texture", image: Image) -> None:
+        mi.Texture.__init__(self, mi.Properties())
+        self.inner, self.image = inner, image
+
+    def eval(self, si: Any, active: Any = True) -> Any:
+        image = self.image
+        # Columns from the left, rows from the top.
+        sign, start = (1, -1), (0, 1)
+        places = []
+        for axis, count in enumerate((image.pixels.shape[1], image.pixels.shape[0])):
+            x = sign[axis] * (image.scale[axis] * np.array(si.uv[axis], dtype=np.float64) + image.offset[axis]) + start[axis]
+            if image.wrap[axis] == "mirror":
+                x = 1 - np.abs(x % 2 - 1)
+            if image.wrap[axis] != "repeat":
+                # Beyond the middle of the last texel it stays the same, as it does next to its mirror image.
+                x = np.clip(x, 0.5 / count, 1 - 0.5 / count)
+            places.append(x)
+        beside = mi.SurfaceInteraction3f(si)
+        beside.uv = mi.Point2f(np.ascontiguousarray(places, dtype=np.float32))
+        return self.inner.eval(beside, active)
+
+    def to_string(self) -> str:
+        return f"Folded[{self.image.wrap}]"
 
 
 # Filters by what a ray and its neighbours see: nothing that a renderer that follows single rays could show.
@@ -166,6 +202,19 @@ def _pair(fields: Fields, key: str, default: Vector, number_allowed: bool) -> Ve
     return fields.vector(key, default, 2)
 
 
+WRAPS = ("repeat", "clamp", "mirror")
+
+
+def _wrap(fields: Fields) -> Tuple[str, str]:
+    """One word for both axes, or two."""
+    value = fields.take("wrap", "repeat")
+    pair = value if isinstance(value, list) else [value, value]
+    if len(pair) != 2 or not all(word in WRAPS for word in pair):
+        fields.error("wrap", f"expected one of {', '.join(map(repr, WRAPS))}, or two of them, found {value!r}")
+        return ("repeat", "repeat")
+    return pair[0], pair[1]
+
+
 def _constant(fields: Fields, base: Folder) -> Constant:
     return Constant(fields.color("value", REQUIRED, -float("inf")))
 
@@ -183,7 +232,7 @@ def _checker(fields: Fields, base: Folder) -> Checker:
 def _image(fields: Fields, base: Folder) -> Any:
     name = fields.string("file", REQUIRED)
     filtering = fields.choice("filter", "bilinear", ("bilinear", "nearest"))
-    wrap = fields.choice("wrap", "repeat", ("repeat", "clamp", "mirror"))
+    wrap = _wrap(fields)
     space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
     scale = _pair(fields, "scale", (1.0, 1.0), True)
     offset = _pair(fields, "offset", (0.0, 0.0), False)
@@ -207,7 +256,7 @@ def _synthesized(fields: Fields, base: Folder) -> Any:
     tolerance = fields.number("tolerance", 0.1, lambda number: number >= 0, "a number of at least 0")
     seed = fields.integer("seed", 0, 0, 2**32 - 1)
     filtering = fields.choice("filter", "bilinear", ("bilinear", "nearest"))
-    wrap = fields.choice("wrap", "repeat", ("repeat", "clamp", "mirror"))
+    wrap = _wrap(fields)
     space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
     scale = _pair(fields, "scale", (1.0, 1.0), True)
     offset = _pair(fields, "offset", (0.0, 0.0), False)

@@ -17,6 +17,17 @@ pub(crate) struct Config {
     shading: Option<String>,
 }
 
+impl Config {
+    /// What a light reads.
+    pub(crate) fn of(file: FilePath) -> Self {
+        Self {
+            file,
+            subdivision: None,
+            shading: None,
+        }
+    }
+}
+
 /// Loop's is the one scheme.
 #[derive(Debug, Deserialize)]
 struct Subdivision {

@@ -1,12 +1,14 @@
 //! Section 7.
 
-use super::texture::{Place, Texture};
+use super::pattern::{Codes, Lookup, Picture, Wrap};
+use super::texture::{Pattern, Place, Texture};
 use super::unknown;
+use crate::shapes::mesh;
 use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
-use whitstone_core::config::{Color, TextureRef, decode};
+use whitstone_core::config::{Color, FilePath, TextureRef, decode};
 use whitstone_core::steps::Steps;
-use whitstone_core::{DAffine3, DVec2, DVec3, Rgb, SceneErrors};
+use whitstone_core::{DAffine3, DVec2, DVec3, Rgb, SceneError, SceneErrors};
 use whitstone_scene::Description;
 
 #[derive(Deserialize)]
@@ -50,22 +52,62 @@ struct Uniform {
 #[serde(deny_unknown_fields)]
 struct Area {
     shape: Option<String>,
+    file: Option<FilePath>,
     transform: Option<Steps>,
     radiance: Color,
-    #[serde(default = "four")]
-    samples: u32,
+    samples: Option<u32>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Projector {
+    position: [f64; 3],
+    target: [f64; 3],
+    up: Option<[f64; 3]>,
+    fov: Option<f64>,
+    aspect: Option<f64>,
+    slide: TextureRef,
+    intensity: Color,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Environment {
-    radiance: TextureRef,
+    radiance: Option<TextureRef>,
+    faces: Option<Faces>,
     #[serde(default)]
     samples: u32,
 }
 
-fn four() -> u32 {
-    4
+#[derive(Deserialize)]
+struct Faces {
+    px: Face,
+    nx: Face,
+    py: Face,
+    ny: Face,
+    pz: Face,
+    nz: Face,
+}
+
+#[derive(Deserialize)]
+struct Face {
+    file: FilePath,
+}
+
+/// What lies all around.
+enum Sky {
+    Sphere(Texture),
+    /// In the order of the model.
+    Cube(Vec<Picture>),
+}
+
+/// What a projector throws.
+pub(super) struct Slide {
+    position: DVec3,
+    /// To the right and up, each divided by half the size of the slide at 1 m, and the way of the light.
+    frame: [DVec3; 3],
+    intensity: Rgb,
+    slide: Texture,
 }
 
 /// A light that shines on surfaces.
@@ -88,6 +130,7 @@ pub(super) enum Light {
         /// Its part of the area, times the radiance.
         power: Rgb,
     },
+    Thrown(Slide),
 }
 
 /// All of a scene.
@@ -95,7 +138,7 @@ pub(super) struct Lights {
     pub(super) all: Vec<Light>,
     pub(super) ambient: Rgb,
     background: Rgb,
-    environments: Vec<Texture>,
+    environments: Vec<Sky>,
 }
 
 impl Lights {
@@ -137,14 +180,32 @@ impl Lights {
                         irradiance: far.irradiance.get(),
                     });
                 }
-                "area" => lights.all.extend(area(&decode(&plugin.table)?)),
+                "area" => {
+                    let config: Area = decode(&plugin.table)?;
+                    match config.file.clone() {
+                        Some(file) => {
+                            let triangles = mesh::read(description, &mesh::Config::of(file))?.triangles;
+                            lights.all.extend(of_triangles(&config, &triangles));
+                        }
+                        None => lights.all.extend(area(&config)),
+                    }
+                }
+                "projector" => {
+                    let config: Projector = decode(&plugin.table)?;
+                    let slide = Texture::new(description, &config.slide)?;
+                    lights.all.push(Light::Thrown(thrown(&config, slide)));
+                }
                 "ambient" => lights.ambient += decode::<Uniform>(&plugin.table)?.radiance.get(),
                 "background" => lights.background += decode::<Uniform>(&plugin.table)?.radiance.get(),
                 "environment" => {
                     let config: Environment = decode(&plugin.table)?;
-                    let radiance = Texture::new(description, &config.radiance)?;
-                    lights.all.extend(around(&radiance, config.samples));
-                    lights.environments.push(radiance);
+                    let sky = match (&config.radiance, &config.faces) {
+                        (Some(radiance), None) => Sky::Sphere(Texture::new(description, radiance)?),
+                        (None, Some(faces)) => Sky::Cube(cube(description, faces)?),
+                        _ => return Err(unknown(plugin, "light")),
+                    };
+                    lights.all.extend(around(&sky, config.samples));
+                    lights.environments.push(sky);
                 }
                 _ => return Err(unknown(plugin, "light")),
             }
@@ -155,18 +216,108 @@ impl Lights {
     /// What a ray sees that hits nothing.
     pub(super) fn background(&self, d: DVec3) -> Rgb {
         let environments = self.environments.iter();
-        environments.fold(self.background, |sum, radiance| sum + seen(radiance, d))
+        environments.fold(self.background, |sum, sky| sum + sky.seen(d))
     }
 }
 
-/// The radiance of an environment from a direction.
-fn seen(radiance: &Texture, d: DVec3) -> Rgb {
-    let uv = DVec2::new(0.5 + d.x.atan2(-d.z) / TAU, 0.5 + d.y.atan2(d.x.hypot(d.z)) / PI);
-    radiance.at(&Place { uv, p: d, n_s: d })
+impl Sky {
+    /// The radiance from a direction.
+    fn seen(&self, d: DVec3) -> Rgb {
+        match self {
+            Self::Sphere(radiance) => {
+                let u = 0.5 + d.x.atan2(-d.z) / TAU;
+                let uv = DVec2::new(u, 0.5 + d.y.atan2(d.x.hypot(d.z)) / PI);
+                radiance.at(&Place { uv, p: d, n_s: d })
+            }
+            Self::Cube(faces) => {
+                let m = d.abs().max_element();
+                let axis = (0..3).find(|a| d[*a].abs() == m).unwrap_or(0);
+                let (face, s, t) = match (axis, d[axis] < 0.0) {
+                    (0, false) => (0, d.z, d.y),
+                    (0, true) => (1, -d.z, d.y),
+                    (1, false) => (2, d.x, d.z),
+                    (1, true) => (3, d.x, -d.z),
+                    (_, false) => (4, -d.x, d.y),
+                    (_, true) => (5, d.x, d.y),
+                };
+                faces[face].at(DVec3::new((1.0 + s / m) / 2.0, (1.0 + t / m) / 2.0, 0.0))
+            }
+        }
+    }
+}
+
+/// The pictures of the faces.
+fn cube(description: &Description<'_>, faces: &Faces) -> Result<Vec<Picture>, SceneErrors> {
+    let lookup = Lookup {
+        filter: None,
+        wrap: [Wrap::Clamp; 2],
+        scale: None,
+        offset: None,
+    };
+    let Faces {
+        px,
+        nx,
+        py,
+        ny,
+        pz,
+        nz,
+    } = faces;
+    let read = |face: &Face| {
+        let codes = Codes::read(&face.file, description.sources.base());
+        let picture = codes.and_then(|codes| Picture::of(&codes, None, &lookup));
+        picture.map_err(|fault| {
+            let message = format!("the oracle does not know {fault}");
+            SceneErrors::from(SceneError::at(face.file.span.clone(), message))
+        })
+    };
+    [px, nx, py, ny, pz, nz].into_iter().map(read).collect()
+}
+
+/// A projector, by its frame.
+fn thrown(config: &Projector, slide: Texture) -> Slide {
+    let position = DVec3::from_array(config.position);
+    let f = (DVec3::from_array(config.target) - position).normalize();
+    let u = f.cross(config.up.map_or(DVec3::Y, DVec3::from_array)).normalize();
+    let half = (config.fov.unwrap_or(45.0).to_radians() / 2.0).tan();
+    Slide {
+        position,
+        frame: [u / half, u.cross(f) * (config.aspect.unwrap_or(1.0) / half), f],
+        intensity: config.intensity.get(),
+        slide,
+    }
+}
+
+/// The lights that a mesh is.
+fn of_triangles(light: &Area, triangles: &[[[f64; 3]; 3]]) -> Vec<Light> {
+    let transform = light.transform.as_ref();
+    let map = transform.map_or(DAffine3::IDENTITY, |steps| *steps.get().world_from_object());
+    let outwards = map.matrix3.determinant().signum();
+    let n = light.samples.unwrap_or(1);
+    let mut lights = Vec::new();
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|p| map.transform_point3(p.into()));
+        let across = (b - a).cross(c - a);
+        if across == DVec3::ZERO {
+            continue;
+        }
+        let power = light.radiance.get() * (across.length() / f64::from(2 * n * n));
+        // The upright parts in rows, then those upside down.
+        for (third, rows) in [(1, n), (2, n - 1)] {
+            for (i, j) in (0..rows).flat_map(|j| (0..rows - j).map(move |i| (i, j))) {
+                let [s, t] = [i, j].map(|k| f64::from(3 * k + third) / f64::from(3 * n));
+                lights.push(Light::Facing {
+                    position: a + s * (b - a) + t * (c - a),
+                    normal: outwards * across.normalize(),
+                    power,
+                });
+            }
+        }
+    }
+    lights
 }
 
 /// The lights that an environment is.
-fn around(radiance: &Texture, n: u32) -> impl Iterator<Item = Light> {
+fn around(sky: &Sky, n: u32) -> impl Iterator<Item = Light> {
     (0..2 * n * n).map(move |index| {
         let (i, j) = (f64::from(index % (2 * n)), f64::from(index / (2 * n)));
         let side = f64::from(n);
@@ -176,7 +327,7 @@ fn around(radiance: &Texture, n: u32) -> impl Iterator<Item = Light> {
         let towards = DVec3::new(r * cos, y, r * sin);
         Light::Far {
             towards,
-            irradiance: seen(radiance, towards) * (TAU / (side * side)),
+            irradiance: sky.seen(towards) * (TAU / (side * side)),
         }
     })
 }
@@ -193,7 +344,7 @@ fn area(light: &Area) -> Vec<Light> {
         "sphere" => 4.0 * PI * x.length_squared(),
         _ => 4.0 * across,
     };
-    let n = light.samples;
+    let n = light.samples.unwrap_or(4);
     let power = light.radiance.get() * (area / f64::from(n * n));
     let normals = map.matrix3.inverse().transpose();
     let place = |k: u32| {
@@ -223,6 +374,7 @@ impl Light {
     /// Direction to it, its distance and the irradiance of a surface that faces it.
     pub(super) fn at(&self, p: DVec3) -> Option<(DVec3, f64, Rgb)> {
         match *self {
+            Self::Thrown(ref slide) => slide.at(p),
             Self::Far { towards, irradiance } => Some((towards, f64::INFINITY, irradiance)),
             Self::Facing {
                 position,
@@ -255,6 +407,24 @@ impl Light {
                 Some((l, distance, intensity * (part / square)))
             }
         }
+    }
+}
+
+impl Slide {
+    fn at(&self, p: DVec3) -> Option<(DVec3, f64, Rgb)> {
+        let (l, distance) = towards(self.position, p)?;
+        let [x, y, z] = self.frame.map(|axis| axis.dot(p - self.position));
+        if !(z > 0.0 && x.abs() <= z && y.abs() <= z) {
+            return Some((l, distance, Rgb::splat(0.0)));
+        }
+        let uv = DVec2::new((1.0 + x / z) / 2.0, (1.0 + y / z) / 2.0);
+        let place = Place {
+            uv,
+            p: uv.extend(0.0),
+            n_s: DVec3::Z,
+        };
+        let factor = distance / (z * z * z);
+        Some((l, distance, self.intensity * self.slide.at(&place) * factor))
     }
 }
 

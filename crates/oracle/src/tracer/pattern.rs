@@ -121,6 +121,29 @@ pub(super) enum Wrap {
     Mirror,
 }
 
+/// One word for both axes of a picture, or one for each.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(untagged)]
+pub(super) enum Wraps {
+    Both(Wrap),
+    Each([Wrap; 2]),
+}
+
+impl Default for Wraps {
+    fn default() -> Self {
+        Self::Both(Wrap::Repeat)
+    }
+}
+
+impl Wraps {
+    pub(super) fn each(self) -> [Wrap; 2] {
+        match self {
+            Self::Both(wrap) => [wrap; 2],
+            Self::Each(wraps) => wraps,
+        }
+    }
+}
+
 impl Wrap {
     /// The index in 0..count of any index.
     fn index(self, i: f64, count: usize) -> usize {
@@ -143,7 +166,7 @@ pub(super) struct PictureConfig {
     file: FilePath,
     filter: Option<String>,
     #[serde(default)]
-    wrap: Wrap,
+    wrap: Wraps,
     color_space: Option<String>,
     scale: Option<Pair>,
     offset: Option<Pair>,
@@ -157,14 +180,14 @@ pub(super) struct Picture {
     size: [usize; 2],
     texels: Vec<Rgb>,
     nearest: bool,
-    wrap: Wrap,
+    wrap: [Wrap; 2],
     placing: Placing,
 }
 
 /// How the texels of a picture are looked up.
 pub(super) struct Lookup<'a> {
     pub(super) filter: Option<&'a str>,
-    pub(super) wrap: Wrap,
+    pub(super) wrap: [Wrap; 2],
     pub(super) scale: Option<Pair>,
     pub(super) offset: Option<Pair>,
 }
@@ -200,7 +223,7 @@ impl Picture {
         let codes = Codes::read(&config.file, base)?;
         let lookup = Lookup {
             filter: config.filter.as_deref(),
-            wrap: config.wrap,
+            wrap: config.wrap.each(),
             scale: config.scale,
             offset: config.offset,
         };
@@ -241,7 +264,8 @@ impl Picture {
 
     fn texel(&self, column: f64, row: f64) -> Rgb {
         let [width, height] = self.size;
-        self.texels[self.wrap.index(row, height) * width + self.wrap.index(column, width)]
+        let [along_u, along_v] = self.wrap;
+        self.texels[along_v.index(row, height) * width + along_u.index(column, width)]
     }
 }
 

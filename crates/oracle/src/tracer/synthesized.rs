@@ -1,6 +1,6 @@
 //! A picture that is quilted out of a sample. Section 10.
 
-use super::pattern::{Codes, Lookup, Pair, Picture, Wrap};
+use super::pattern::{Codes, Lookup, Pair, Picture, Wraps};
 use super::texture::MappingConfig;
 use crate::shapes::heightfield::m;
 use serde::Deserialize;
@@ -19,7 +19,7 @@ pub(super) struct SynthesizedConfig {
     seed: u32,
     filter: Option<String>,
     #[serde(default)]
-    wrap: Wrap,
+    wrap: Wraps,
     color_space: Option<String>,
     scale: Option<Pair>,
     offset: Option<Pair>,
@@ -34,7 +34,7 @@ pub(super) fn synthesized(config: &SynthesizedConfig, base: &Path) -> Result<Pic
     let sample = Codes::read(&config.file, base)?;
     let lookup = Lookup {
         filter: config.filter.as_deref(),
-        wrap: config.wrap,
+        wrap: config.wrap.each(),
         scale: config.scale,
         offset: config.offset,
     };

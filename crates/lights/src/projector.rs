@@ -1,0 +1,339 @@
+//! A point that throws a slide into a pyramid.
+//!
+//! A projective texture as in Segal, Korobkin, van Widenfelt, Foran, Haeberli, *Fast shadows and lighting effects using texture mapping*, 1992, as a
+//! light: what a pinhole camera at its place would see through the slide is lit by it. Light is stronger to the sides, as
+//! behind a projector's lens, so that a slide of one colour lights a screen across the axis evenly.
+//!
+//! - Twin: Mitsuba `projector` (native frame and falloff); slide and colour through the driver.
+//! - Example: `scenes/lights/projector.toml`.
+
+use crate::emission::{self, Falloff};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::sync::Arc;
+use toml::Spanned;
+use whitstone_core::config::{Color, Finite, TextureRef, Vector3};
+use whitstone_core::stream::{SampleStreams, Vectors};
+use whitstone_core::{
+    Aabb, ColorSource, Context, DVec2, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb,
+    SceneError, SceneErrors, SurfacePoint,
+};
+
+/// A point that throws a slide into a pyramid.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Where it is, in metres.
+    position: Vector3,
+    /// A point on the axis, where the middle of the slide falls, in metres; not the position.
+    #[schemars(with = "Vector3")]
+    target: Spanned<Vector3>,
+    /// A direction that is up in the slide, of any length and not parallel to the axis; [0, 1, 0] if left out.
+    #[serde(default)]
+    #[schemars(with = "Vector3")]
+    up: Option<Spanned<Vector3>>,
+    /// The whole angle across the slide in degrees, between 0 and 180; 45 if left out.
+    #[serde(default)]
+    #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
+    fov: Option<Spanned<Finite>>,
+    /// Width of the slide divided by its height, from 0.001 to 1000; 1 if left out. A picture is stretched to it.
+    #[serde(default)]
+    #[schemars(with = "Finite", extend("minimum" = 0.001, "maximum" = 1000))]
+    aspect: Option<Spanned<Finite>>,
+    /// What it throws, a share of the intensity: a texture over the slide, whose left bottom corner is (0, 0), or a colour.
+    slide: TextureRef,
+    /// Radiant intensity in W/sr along the axis where the slide is 1; the irradiance in W/m² of a screen across the axis at 1 m.
+    intensity: Color,
+}
+
+/// See the module.
+pub struct Projector {
+    position: DVec3,
+    /// Unit, to the right in the slide as the projector sees it.
+    right: DVec3,
+    /// Unit.
+    up: DVec3,
+    /// Unit, the way the light goes.
+    axis: DVec3,
+    /// Half the width and the height of the slide at a distance of 1.
+    half: DVec2,
+    slide: ColorSource,
+    intensity: Rgb,
+}
+
+impl Plugin<Lights> for Projector {
+    const TYPE: &'static str = "projector";
+    type Config = Config;
+
+    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let slide = errors.take(context.texture(&config.slide));
+        let position = config.position.get();
+        let axis = emission::direction_and_length(config.target.get_ref().get() - position);
+        if axis.is_none() {
+            let error = SceneError::at(config.target.span(), "the target is where the light is");
+            let help = "the light shines from `position` to `target`: move one of them";
+            errors.0.push(error.with_help(help));
+        }
+        let half = errors.take(half_size(&config));
+        let axes = axis.and_then(|(axis, _)| errors.take(across(&config, axis)));
+        let (Some(slide), Some((axis, _)), Some(half), Some([right, up])) = (slide, axis, half, axes) else {
+            return Err(errors);
+        };
+        errors.into_result(Arc::new(Self {
+            position,
+            right,
+            up,
+            axis,
+            half,
+            slide,
+            intensity: config.intensity.get(),
+        }))
+    }
+}
+
+/// Half the width and the height of the slide at a distance of 1.
+fn half_size(config: &Config) -> Result<DVec2, SceneErrors> {
+    let mut errors = SceneErrors::default();
+    let value = |number: &Spanned<Finite>| number.get_ref().get();
+    let fov = config.fov.as_ref().map_or(45.0, value);
+    if let Some(angle) = &config.fov
+        && !(fov > 0.0 && fov < 180.0)
+    {
+        let message = format!("expected an angle greater than 0 and less than 180 degrees, found {fov}");
+        errors.0.push(SceneError::at(angle.span(), message));
+    }
+    let aspect = config.aspect.as_ref().map_or(1.0, value);
+    if let Some(ratio) = &config.aspect
+        && !(0.001..=1000.0).contains(&aspect)
+    {
+        let message = format!("expected a ratio of width to height from 0.001 to 1000, found {aspect}");
+        errors.0.push(SceneError::at(ratio.span(), message));
+    }
+    let width = (0.5 * fov.to_radians()).tan();
+    errors.into_result(DVec2::new(width, width / aspect))
+}
+
+/// What is to the right and up in the slide.
+fn across(config: &Config, axis: DVec3) -> Result<[DVec3; 2], SceneErrors> {
+    let place = config
+        .up
+        .as_ref()
+        .map_or_else(|| config.target.span(), Spanned::span);
+    let up = config.up.as_ref().map_or(DVec3::Y, |up| up.get_ref().get());
+    let Some((up, _)) = emission::direction_and_length(up) else {
+        return Err(SceneError::at(place, "`up` has no direction: all its components are zero").into());
+    };
+    let right = axis.cross(up);
+    if right.length() <= 1e-12 {
+        let error = SceneError::at(place, "`up` is parallel to the axis");
+        let help = "give another `up`, such as [0, 0, 1] for a slide that is thrown straight down";
+        return Err(error.with_help(help).into());
+    }
+    // Where `up` is nearly parallel to the axis, what rounding left along the axis is taken off.
+    let right = right.normalize();
+    let right = (right - axis * axis.dot(right)).normalize();
+    Ok([right, right.cross(axis)])
+}
+
+impl Light for Projector {
+    fn gives(&self) -> LightGives {
+        LightGives::SAMPLES
+    }
+
+    fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
+        let sample = emission::sample(self.position, point, self.intensity, Falloff::InverseSquare);
+        out.extend(sample.and_then(|sample| {
+            let irradiance = self.through_slide(&sample)?;
+            Some(LightSample { irradiance, ..sample })
+        }));
+    }
+
+    fn samples_stream(&self, len: usize, points: &Vectors, out: &mut SampleStreams) {
+        let falloff = Falloff::InverseSquare;
+        emission::sample_stream(self.position, len, points, self.intensity, falloff, out);
+        let samples = out.stream(out.len() - 1);
+        for lane in 0..len {
+            let irradiance = self.through_slide(&samples.get(lane)).unwrap_or(Rgb::BLACK);
+            samples.irradiance.set(lane, irradiance);
+        }
+    }
+
+    /// The five planes that bound the pyramid, the one through the light included, against the ball around the box.
+    fn reaches(&self, bounds: &Aabb) -> bool {
+        let (center, radius) = emission::ball_around(bounds);
+        let out = center - self.position;
+        let (x, y, depth) = (self.right.dot(out), self.up.dot(out), self.axis.dot(out));
+        // How far the middle is outside of a plane that leans away from the axis by this much in a metre.
+        let beyond = |across: f64, half: f64| (across.abs() - half * depth) / half.hypot(1.0);
+        let farthest = beyond(x, self.half.x).max(beyond(y, self.half.y)).max(-depth);
+        // Where that is no number, it may reach.
+        let misses = farthest > radius + 1e-9 * (out.length() + radius);
+        !(self.intensity.is_black() || self.slide.is_black() || misses)
+    }
+}
+
+impl Projector {
+    /// What the slide leaves of the irradiance; `None` outside of it.
+    #[inline]
+    fn through_slide(&self, sample: &LightSample) -> Option<Rgb> {
+        let travel = -sample.direction;
+        let cosine = self.axis.dot(travel);
+        let at = DVec2::new(self.right.dot(travel), self.up.dot(travel));
+        let edge = self.half * cosine;
+        // Also false for what is no direction.
+        let inside = cosine > 0.0 && at.x.abs() <= edge.x && at.y.abs() <= edge.y;
+        if !inside {
+            return None;
+        }
+        let uv = 0.5 + 0.5 * at / edge;
+        let mut place = SurfacePoint::new(uv.extend(0.0), 0.0, DVec3::Z);
+        place.uv = uv;
+        let stronger = 1.0 / (cosine * cosine * cosine);
+        let irradiance = sample.irradiance * self.slide.value(&place);
+        Some(irradiance.map(|e| (e * stronger).min(f64::MAX)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::{Needs, Texture};
+    use whitstone_testkit::{TestContext, build_in, light_laws, light_near_laws};
+
+    /// (u, v) as red and green, where a solid texture finds them as blue.
+    struct Ramp;
+
+    impl Texture for Ramp {
+        fn needs(&self) -> Needs {
+            Needs::UV
+        }
+
+        fn value(&self, point: &SurfacePoint) -> Rgb {
+            Rgb::new(point.uv.x, point.uv.y, point.position.x + 2.0 * point.position.y)
+        }
+    }
+
+    fn projector(text: &str) -> Result<Arc<dyn Light>, SceneErrors> {
+        let mut context = TestContext::default().with_texture("ramp", Ramp);
+        build_in::<Lights, Projector>(text, (), &mut context)
+    }
+
+    fn irradiance(light: &dyn Light, point: DVec3) -> Rgb {
+        let mut samples = Vec::new();
+        light.samples(point, &mut samples);
+        samples.first().map_or(Rgb::BLACK, |sample| sample.irradiance)
+    }
+
+    #[test]
+    fn laws() {
+        for more in [
+            "slide = [1, 2, 3]",
+            "slide = \"ramp\"\nfov = 179.9\naspect = 0.25",
+            "slide = 1\nfov = 1e-6\nup = [0, -3, 1]",
+            "slide = 1\nfov = 179.999999\naspect = 1000",
+        ] {
+            let text = format!("position = [0, 2, 0]\ntarget = [0, 0, 0.1]\nintensity = 1\n{more}");
+            light_laws(&*projector(&text).unwrap());
+        }
+        let text = "position = [0, 0, 0]\ntarget = [3, 0, 4]\nintensity = 2\nslide = 1";
+        let light = projector(text).unwrap();
+        light_near_laws(&*light, DVec3::ZERO, Rgb::splat(2.0), DVec3::new(0.6, 0.0, 0.8));
+    }
+
+    /// What is left and right, up and down, and where the frame ends: to a nanometre.
+    #[test]
+    fn the_slide_is_where_the_model_says() {
+        let text = "position = [0, 0, 0]\ntarget = [0, 0, -5]\nintensity = 1\nslide = \"ramp\"\nfov = 90\naspect = 2";
+        let light = projector(text).unwrap();
+        // At a depth of 2 it is 4 wide and 2 high.
+        for (x, y, u, v) in [
+            (0.0, 0.0, 0.5, 0.5),
+            (1.0, 0.5, 0.75, 0.75),
+            (-2.0 + 1e-9, -0.5, 0.0, 0.25),
+        ] {
+            let p = DVec3::new(x, y, -2.0);
+            // 1/z² on a screen, and of a surface that faces the light as much more as its cosine is less.
+            let cosine = 2.0 / p.length();
+            let found = irradiance(&*light, p) * (4.0 * cosine);
+            for (found, expected) in found.to_array().into_iter().zip([u, v, u + 2.0 * v]) {
+                assert!((found - expected).abs() < 1e-8, "{p}: {found}, not {expected}");
+            }
+        }
+        for (x, y, z) in [
+            (2.0 + 1e-9, 0.0, -2.0),
+            (0.0, -1.0 - 1e-9, -2.0),
+            (0.0, 0.0, 2.0),
+            (1.0, 0.2, 2.0),
+        ] {
+            assert!(irradiance(&*light, DVec3::new(x, y, z)).is_black(), "{x} {y} {z}");
+        }
+    }
+
+    /// All light of a slide of one colour falls on a screen: as much as the screen is large, times the irradiance.
+    #[test]
+    fn a_screen_is_lit_evenly_and_spheres_receive_the_flux() {
+        let text = "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 3\nslide = 1\nfov = 90";
+        let light = projector(text).unwrap();
+        for (x, y) in [(0.0, 0.0), (0.9, 0.2), (-0.99, 0.99)] {
+            let p = DVec3::new(x, y, -1.0);
+            let found = irradiance(&*light, p).g / p.length();
+            assert!((found - 3.0).abs() < 1e-12, "{p}: {found}");
+        }
+        // Over the unit sphere, which faces the light everywhere: the flux through it is that through the screen, 3 times 2 times 2.
+        let n = 400;
+        let mut flux = 0.0;
+        for k in 0..n * n {
+            let middle = |k: i32| (f64::from(k) + 0.5) / f64::from(n) * 2.0 - 1.0;
+            // Points of the screen, each with the solid angle that it fills.
+            let p = DVec3::new(middle(k % n), middle(k / n), -1.0);
+            let solid_angle = 4.0 / f64::from(n * n) / p.length().powi(3);
+            flux += irradiance(&*light, p.normalize()).g * solid_angle;
+        }
+        assert!((flux - 12.0).abs() < 1e-9, "{flux}");
+    }
+
+    #[test]
+    fn boxes_beside_the_pyramid_are_not_reached() {
+        let text =
+            "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 3\nslide = 1\nfov = 90\naspect = 2";
+        let light = projector(text).unwrap();
+        let around = |x: f64, y: f64, z: f64| {
+            let center = DVec3::new(x, y, z);
+            Aabb::around([center - 0.1, center + 0.1])
+        };
+        for (x, y, z, reached) in [
+            (0.0, 0.0, -3.0, true),
+            (2.9, 1.4, -3.0, true),
+            (3.5, 0.0, -3.0, false),
+            (0.0, 2.0, -3.0, false),
+            (0.0, 0.0, 0.3, false),
+            (0.0, 0.0, 0.05, true),
+        ] {
+            assert_eq!(light.reaches(&around(x, y, z)), reached, "{x} {y} {z}");
+        }
+        assert!(light.reaches(&Aabb::EVERYTHING));
+        assert!(
+            !projector(&text.replace("slide = 1", "slide = 0"))
+                .unwrap()
+                .reaches(&Aabb::EVERYTHING)
+        );
+    }
+
+    #[test]
+    fn all_faults_are_reported_at_their_places() {
+        let faults = |text: &str| {
+            let errors = projector(text).err().unwrap();
+            let found = errors.0.iter().map(|e| text[e.span.clone().unwrap()].to_owned());
+            found.collect::<Vec<_>>()
+        };
+        let text =
+            "position = [0, 1, 0]\ntarget = [0, 1, 0]\nintensity = 1\nslide = 1\nfov = 180\naspect = 0";
+        assert_eq!(faults(text), ["[0, 1, 0]", "180", "0"]);
+        let text = "position = [0, 1, 0]\ntarget = [0, 5, 0]\nintensity = 1\nslide = 1";
+        assert_eq!(faults(text), ["[0, 5, 0]"]);
+        assert_eq!(faults(&format!("{text}\nup = [0, -2, 0]")), ["[0, -2, 0]"]);
+        assert_eq!(faults(&format!("{text}\nup = [0, 0, 0]")), ["[0, 0, 0]"]);
+        assert!(projector(&format!("{text}\nup = [0, 1, 1]")).is_ok());
+    }
+}
