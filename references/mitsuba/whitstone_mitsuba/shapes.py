@@ -292,6 +292,8 @@ READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Rules, Any]]] = {
 
 # More than this in one landscape is no work for this driver.
 MAX_QUADS = 2**22
+# Bodies that may overlap (model §8).
+MAX_BODIES = 64
 # Groups may be nested so deep (model §9).
 MAX_NESTING = 16
 # More copies than this are no work for one scene of Mitsuba shapes.
@@ -360,6 +362,9 @@ class _Reader:
                 fields.close()
                 continue
             material = self.materials.number(fields.take("material"), f"{fields.where}.material")
+            known = self.materials.all
+            if where and material < len(known) and known[material].priority is not None:
+                fields.error("material", "a shape in a group must not have a priority: all copies would be one body")
             rules, build = READERS[kind](fields, Place(own, around, self.unsupported, self.textures), self.base)
             fields.close()
             self.shapes.append(Shape(kind, first + index, material, rules, build))
@@ -399,6 +404,9 @@ def read(
     tables = reader.tables(document, "")
     reader.number(tables)
     reader.walk(tables, "", 0, np.eye(4))
+    bodies = [shape for shape in reader.shapes if shape.material < len(materials.all) and materials.all[shape.material].priority is not None]
+    if len(bodies) > MAX_BODIES:
+        errors.append(f"shape: at most {MAX_BODIES} shapes with a priority, found {len(bodies)}")
     # Each copy of a table tells the same again.
     for problems in (errors, unsupported):
         problems[:] = list(dict.fromkeys(problems))

@@ -57,7 +57,10 @@ pub(super) fn displace(
     let height = context.texture(&how.height)?;
     let by_uv = height.needs().contains(Needs::UV);
     if by_uv && surface.uvs.is_empty() {
-        let error = SceneError::at(place, "this texture lies by (u, v), and the mesh has no texture coordinates");
+        let error = SceneError::at(
+            place,
+            "this texture lies by (u, v), and the mesh has no texture coordinates",
+        );
         let help = "let it lie by the place in object space: mapping = { projection = \"solid\" }, or \"planar\", \"spherical\", ...";
         return Err(error.with_help(help).into());
     }
@@ -180,9 +183,10 @@ impl Relief<'_> {
 mod tests {
     use crate::mesh::Mesh;
     use std::sync::atomic::{AtomicU32, Ordering};
+    use whitstone_core::config::decode;
     use whitstone_core::{
-        Context, DVec3, Needs, Rgb, SceneError, SceneErrors, Shape, Shapes, SurfacePoint, Texture, Transform,
-        TriangleMesh,
+        Context, DVec3, Needs, Plugin, Rgb, SceneError, SceneErrors, Shape, Shapes, SurfacePoint, Texture,
+        Transform, TriangleMesh,
     };
     use whitstone_testkit::{TestContext, build_in, shape_laws};
 
@@ -237,7 +241,11 @@ mod tests {
         // That of the vertex at +x: its four triangles, two of which are flatter now.
         let (up, down) = (DVec3::new(1.375, 0.0, 0.875), DVec3::new(0.375, 0.0, 0.875));
         let expected = (DVec3::new(up.x, 0.0, up.z) + DVec3::new(down.x, 0.0, -down.z)).normalize();
-        assert!((mesh.normals[0] - expected).length() < 1e-15, "{}", mesh.normals[0]);
+        assert!(
+            (mesh.normals[0] - expected).length() < 1e-15,
+            "{}",
+            mesh.normals[0]
+        );
         shape_laws(Shape::Triangles(mesh), 4_000);
     }
 
@@ -246,7 +254,10 @@ mod tests {
         let divided = "subdivision = { scheme = \"loop\", levels = 3 }";
         let plain = load(OCTAHEDRON, divided).unwrap();
         let same = load(OCTAHEDRON, &format!("{divided}\ndisplacement = {{ height = 0 }}")).unwrap();
-        assert_eq!((&plain.positions, &plain.normals), (&same.positions, &same.normals));
+        assert_eq!(
+            (&plain.positions, &plain.normals),
+            (&same.positions, &same.normals)
+        );
         let more = format!("{divided}\ndisplacement = {{ height = 0.5, scale = -0.5 }}");
         let smaller = load(OCTAHEDRON, &more).unwrap();
         for (k, (before, after)) in plain.positions.iter().zip(&smaller.positions).enumerate() {
@@ -267,7 +278,10 @@ mod tests {
             assert!(heights.windows(2).all(|two| two[0] == two[1]));
             heights[0]
         };
-        assert_eq!([height(0.0, 0.0), height(1.0, 0.0), height(1.0, 1.0)], [2.0, 1.0, 0.0]);
+        assert_eq!(
+            [height(0.0, 0.0), height(1.0, 0.0), height(1.0, 1.0)],
+            [2.0, 1.0, 0.0]
+        );
         assert_eq!(mesh.uvs.len(), mesh.positions.len());
     }
 
@@ -292,14 +306,20 @@ mod tests {
         let message = place("displacement = { height = \"u\" }", "\"u\"");
         assert!(message.contains("the mesh has no texture coordinates"));
         let message = place("displacement = { height = \"nan\" }", "\"nan\"");
-        assert_eq!(message, "the height at the vertex [1, 0, 0] is inf, not a finite number");
+        assert_eq!(
+            message,
+            "the height at the vertex [1, 0, 0] is inf, not a finite number"
+        );
         let message = place("displacement = { height = 1e300, scale = 1e300 }", "1e300");
         assert!(message.contains("beyond all numbers"));
         place("displacement = { height = 1, scale = inf }", "inf");
         place("displacement = { height = -1 }", "-1");
         place("displacement = { height = 1, depth = 2 }", "depth");
         assert!(load(OCTAHEDRON, "displacement = { scale = 1 }").is_err());
-        let point = load("v 0 0 0\nv 0 0 0\nv 1 0 0\nf 1 2 3\n", "displacement = { height = 1 }");
+        let point = load(
+            "v 0 0 0\nv 0 0 0\nv 1 0 0\nf 1 2 3\n",
+            "displacement = { height = 1 }",
+        );
         assert!(point.err().unwrap().0[0].message.contains("no triangle is left"));
     }
 
@@ -313,7 +333,10 @@ mod tests {
             ) -> Result<whitstone_core::ColorSource, SceneErrors> {
                 Err(SceneError::anywhere("too late").into())
             }
-            fn file(&self, file: &whitstone_core::config::FilePath) -> Result<std::path::PathBuf, SceneError> {
+            fn file(
+                &self,
+                file: &whitstone_core::config::FilePath,
+            ) -> Result<std::path::PathBuf, SceneError> {
                 self.0.file(file)
             }
             fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
@@ -325,13 +348,15 @@ mod tests {
             }
             fn warn(&mut self, _: SceneError) {}
         }
-        let folder = std::env::temp_dir().join(format!("whitstone-displacement-memory-{}", std::process::id()));
+        let folder =
+            std::env::temp_dir().join(format!("whitstone-displacement-memory-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         std::fs::write(folder.join("a.obj"), OCTAHEDRON).unwrap();
         let message = |more: &str| {
             let mut context = Stingy(TestContext::in_folder(&folder), 0);
             let text = format!("file = \"a.obj\"\n{more}");
-            let built = build_in::<Shapes, Mesh>(&text, Transform::IDENTITY, &mut context);
+            let config = decode(&toml::de::DeTable::parse(&text).unwrap()).unwrap();
+            let built = Mesh::build(config, Transform::IDENTITY, &mut context);
             built.err().map(|errors| errors.0[0].message.clone())
         };
         let divided = "subdivision = { scheme = \"loop\", levels = 3 }";
