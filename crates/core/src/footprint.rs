@@ -6,7 +6,7 @@
 
 use crate::simd::{self, select};
 use crate::stream::{LANES, Lanes, Optional, RayStream};
-use crate::{Branches, Camera, Geometry, Needs, PathLetter, RawHit, Ray, SurfacePoint, World};
+use crate::{Branches, Camera, Geometry, Inside, Needs, PathLetter, RawHit, Ray, SurfacePoint, World};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 /// How far away the neighbours are that are looked at, as a part of the distance to the next sample: a power of 2, near enough
@@ -118,7 +118,8 @@ impl Spread {
 
 impl World {
     /// How a branch in unit direction `direction` spreads at a point as it is seen by its ray: by what the same material does to the neighbours of the ray.
-    /// Surfaces that do not tell how they go on count as flat.
+    /// Surfaces that do not tell how they go on count as flat. `inside` are the bodies that the ray is in.
+    #[allow(clippy::too_many_arguments, reason = "all that a branch depends on")]
     pub fn spread_of_branch(
         &self,
         spread: &Spread,
@@ -126,8 +127,8 @@ impl World {
         hit: &RawHit,
         point: &SurfacePoint,
         (letter, direction): (PathLetter, DVec3),
+        inside: Inside,
     ) -> Spread {
-        let material = &*self.materials[hit.shape as usize];
         let position = spread.meet(ray, hit.t, point.n_g);
         let turned = [0, 1].map(|side| {
             let mut beside = *point;
@@ -143,7 +144,7 @@ impl World {
             }
             let view = -(ray.direction + STEP * spread.direction[side].as_dvec3()).normalize();
             let mut branches = Branches::default();
-            material.branches(&beside, view, &mut branches);
+            self.branches(hit.shape, inside, &beside, view, &mut branches);
             // Beyond the critical angle there is none: then as if the ray went straight on.
             let found = branches
                 .iter()

@@ -5,9 +5,9 @@ use crate::stream::{
     groups,
 };
 use crate::{
-    Accelerator, BranchKind, Context, Footprint, Geometry, Incoming, Interval, Light, LightGives,
-    LightSample, Lobes, Material, Needs, ObjectOrder, RawHit, Ray, Refused, Rgb, Shadowing, Skip, Spread,
-    SurfacePoint, View,
+    Accelerator, Bodies, BranchKind, Branches, Context, Face, Footprint, Geometry, Incoming, Inside,
+    Interval, Light, LightGives, LightSample, Lobes, Material, Needs, ObjectOrder, RawHit, Ray, Refused, Rgb,
+    Shadowing, Skip, Spread, SurfacePoint, View,
 };
 use glam::DVec3;
 use std::any::Any;
@@ -61,6 +61,8 @@ pub struct World {
     pub culls_lights: bool,
     /// Sum of the ambient radiances.
     pub ambient: Rgb,
+    /// The bodies that may overlap, if there are any: then rays are followed one by one.
+    pub bodies: Option<Bodies>,
     /// What each material reads, in the same order: asked once, not at every hit.
     needs: Vec<Needs>,
     /// How each material answers, in the same order.
@@ -97,6 +99,7 @@ impl World {
             chosen.retain(|light| light.gives().contains(what));
             chosen
         };
+        let bodies = Bodies::of(&materials);
         let (samplers, backgrounds) = (giving(LightGives::SAMPLES), giving(LightGives::BACKGROUND));
         Self {
             geometry,
@@ -106,6 +109,7 @@ impl World {
             lights: samplers,
             backgrounds,
             ambient,
+            bodies,
             needs,
             responses,
             lobes,
@@ -151,6 +155,28 @@ impl World {
         counters.shaded += points as u64;
         counters.uv += counted(Needs::UV);
         counters.textured += counted(Needs::TEXTURE);
+    }
+
+    /// The face of a body that may overlap others, as a ray in these bodies comes to it; `None` of all other surfaces.
+    pub fn face(&self, shape: u32, inside: Inside, point: &SurfacePoint, view: DVec3) -> Option<Face> {
+        let bodies = self.bodies.as_ref()?;
+        bodies.face(shape, inside, point.n_g.dot(view) > 0.0)
+    }
+
+    /// How a ray in these bodies goes on at a surface.
+    pub fn branches(
+        &self,
+        shape: u32,
+        inside: Inside,
+        point: &SurfacePoint,
+        view: DVec3,
+        out: &mut Branches,
+    ) {
+        let material = &*self.materials[shape as usize];
+        match (self.face(shape, inside, point, view), material.overlapping()) {
+            (Some(face), Some(body)) => face.branches(body, point, view, out),
+            _ => material.branches(point, view, out),
+        }
     }
 
     /// What a ray sees that hits nothing.
@@ -236,15 +262,14 @@ impl World {
         self.needs.iter().fold(Needs::NOTHING, |all, needs| all | *needs)
     }
 
-    /// The lights that reach a surface point on the side of `view`, into `scratch.incoming`. `medium` is the absorption coefficient
-    /// (per metre) on that side.
+    /// The lights that reach a surface point on the side of `view`, into `scratch.incoming`. `medium` is that on this side.
     pub fn gather_lights(
         &self,
         point: &SurfacePoint,
         view: DVec3,
         skip: Skip,
         shadows: Shadowing,
-        medium: Rgb,
+        medium: Medium,
         scratch: &mut Scratch,
     ) {
         let through = self.lets_through(shadows);
@@ -368,7 +393,8 @@ impl World {
             if self.lets_through(shadows) {
                 for lane in (0..len).filter(|lane| faces[*lane]) {
                     let ray = Ray::new(all.origin.get(lane), all.direction.get(lane));
-                    let (free, skip, medium) = (all.limit[lane], leaves.skip(lane), media.get(lane));
+                    let (free, skip) = (all.limit[lane], leaves.skip(lane));
+                    let medium = Medium::absorbing(media.get(lane));
                     let part = self.light_through(ray, free, skip, medium, shadows, counters);
                     samples.irradiance.set(lane, samples.irradiance.get(lane) * part);
                 }
@@ -550,6 +576,8 @@ pub struct PathState {
     pub throughput: Rgb,
     /// Absorption coefficient of the medium it travels in, per metre.
     pub absorption: Rgb,
+    /// The bodies that it is in, of those that may overlap.
+    pub inside: Inside,
     /// Bounces before it: 0 for a camera ray.
     pub depth: u32,
     /// For [`Scratch::record`]: the number there of the node that it comes from, and the letter of the
@@ -568,10 +596,28 @@ impl PathState {
             skip: Skip::NOTHING,
             throughput: Rgb::WHITE,
             absorption: Rgb::BLACK,
+            inside: Inside::NOTHING,
             depth: 0,
             origin: None,
             spread: None,
         }
+    }
+}
+
+/// What a ray travels in.
+#[derive(Clone, Copy, Debug)]
+pub struct Medium {
+    /// Absorption coefficient, per metre.
+    pub absorption: Rgb,
+    /// The bodies that it is in, of those that may overlap.
+    pub inside: Inside,
+}
+
+impl Medium {
+    /// In no body that may overlap others.
+    pub const fn absorbing(absorption: Rgb) -> Self {
+        let inside = Inside::NOTHING;
+        Self { absorption, inside }
     }
 }
 

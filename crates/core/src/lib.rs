@@ -5,6 +5,7 @@
 //! nothing of the workspace. The meaning of every quantity is fixed in `docs/whitted-model.md`.
 
 mod accelerator;
+mod bodies;
 mod camera;
 mod color;
 pub mod config;
@@ -31,6 +32,7 @@ mod transform;
 pub mod triangle;
 
 pub use accelerator::{Accelerator, Effort, Outline, Statistics};
+pub use bodies::{Bodies, Face, Inside, Overlapping, Substance};
 pub use camera::{Camera, FilmSize};
 pub use color::Rgb;
 pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
@@ -38,7 +40,9 @@ pub use footprint::{Footprint, Spread};
 pub use geometry::{Element, Geometry, TriangleMesh};
 pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3};
 pub use instance::{Group, Instance};
-pub use integrator::{Counters, Integrator, LightMemory, PathLetter, PathState, Scratch, TreeNode, World};
+pub use integrator::{
+    Counters, Integrator, LightMemory, Medium, PathLetter, PathState, Scratch, TreeNode, World,
+};
 pub use light::{Light, LightGives, LightSample};
 pub use material::{
     Branch, BranchKind, BranchStream, BranchStreams, Branches, Filter, Flags, Illumination, Incoming, Lobes,

@@ -1,6 +1,6 @@
 use crate::config::PluginRef;
 use crate::stream::{Colors, LANES, Lanes, PointStream, SampleStreams, Vectors};
-use crate::{Needs, Rgb, SourceSpan, SurfacePoint};
+use crate::{Needs, Overlapping, Rgb, SourceSpan, SurfacePoint};
 use glam::DVec3;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, Visitor};
@@ -69,6 +69,11 @@ pub trait Material: Send + Sync {
     fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
         let _ = (point, direction, filtered);
         Filter::OPAQUE
+    }
+
+    /// Itself as a body that may overlap others, if it has a priority among them: then what its faces do depends on what a ray is in.
+    fn overlapping(&self) -> Option<&dyn Overlapping> {
+        None
     }
 
     /// [`Self::branches`] for every point of a stream.

@@ -1,6 +1,6 @@
 //! Shadow rays: what hides a light, and what lets a part of it through.
 
-use crate::{Counters, Interval, Lobes, Ray, Rgb, Skip, World};
+use crate::{Counters, Interval, Lobes, Medium, Ray, Rgb, Skip, World};
 
 /// Light of which less than this is left in every channel counts as none: the cut of the lecture notes.
 const CUT: f64 = 0.002;
@@ -36,19 +36,23 @@ impl World {
         self.lobes.intersects(shadowing.passing())
     }
 
-    /// The share of light that comes along a shadow ray from `free` metres away. `medium` is the absorption coefficient (per metre)
-    /// where the ray starts; only filtered shadows see it.
+    /// The share of light that comes along a shadow ray from `free` metres away. `medium` is what the ray starts in; only filtered
+    /// shadows see it.
     pub(crate) fn light_through(
         &self,
         ray: Ray,
         free: f64,
         skip: Skip,
-        medium: Rgb,
+        medium: Medium,
         shadowing: Shadowing,
         counters: &mut Counters,
     ) -> Rgb {
         let filtered = shadowing == Shadowing::Filtered;
-        let mut medium = if filtered { medium } else { Rgb::BLACK };
+        let Medium {
+            absorption,
+            mut inside,
+        } = medium;
+        let mut medium = if filtered { absorption } else { Rgb::BLACK };
         let (mut ray, mut free, mut skip) = (ray, free, skip);
         let mut left = Rgb::WHITE;
         for _ in 0..MOST_CROSSINGS {
@@ -62,7 +66,14 @@ impl World {
             }
             self.count_shaded(hit.shape, 1, counters);
             let point = self.surface(&ray, &hit).seen_from(-ray.direction);
-            let filter = material.shadow(&point, ray.direction, filtered);
+            let face = self.face(hit.shape, inside, &point, -ray.direction);
+            let filter = match (face, material.overlapping()) {
+                (Some(face), Some(body)) if filtered => {
+                    inside = face.behind;
+                    face.filter(body, &point, ray.direction)
+                }
+                _ => material.shadow(&point, ray.direction, filtered),
+            };
             left = left * medium.transmittance(hit.t) * filter.weight;
             if left.max_component() < CUT {
                 return Rgb::BLACK;

@@ -4,8 +4,8 @@ use crate::shadows::Shadows;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
-    Branch, BranchKind, Branches, DVec3, Interval, Lobes, PathState, Ray, Rgb, Scratch, Skip, SurfacePoint,
-    World,
+    Branch, BranchKind, Branches, DVec3, Interval, Lobes, Medium, PathState, Ray, Rgb, Scratch, Skip,
+    SurfacePoint, World,
 };
 
 /// What is traced at a surface.
@@ -72,12 +72,14 @@ impl Rules {
         }
         point.footprint = world.footprint(&path.ray, &hit, &point, path.spread.as_ref());
         let skip = Skip::leaving(&hit);
-        let material = &*world.materials[hit.shape as usize];
         let lobes = world.lobes_of(hit.shape);
         world.count_shaded(hit.shape, 1, &mut scratch.counters);
         let mut local = Rgb::BLACK;
         if lobes.intersects(Lobes::SHOWN) {
-            let medium = path.absorption;
+            let medium = Medium {
+                absorption: path.absorption,
+                inside: path.inside,
+            };
             local = self
                 .shadows
                 .local(world, hit.shape, &point, view, skip, medium, scratch);
@@ -88,17 +90,19 @@ impl Rules {
             && lobes.intersects(Lobes::BRANCHES)
         {
             let mut branches = Branches::default();
-            material.branches(&point, view, &mut branches);
+            world.branches(hit.shape, path.inside, &point, view, &mut branches);
+            let face = world.face(hit.shape, path.inside, &point, view);
             // Backwards: what comes last is traced first.
             for branch in branches.iter().rev() {
                 let Some(mut child) = follow(path, branch, &point, view, skip, throughput, limits) else {
                     continue;
                 };
                 child.origin = Some((node, branch.kind.into()));
+                child.inside = face.map_or(path.inside, |face| face.inside(branch.kind));
                 if path.depth < limits.max_depth {
                     child.spread = path.spread.map(|spread| {
                         let branch = (branch.kind.into(), branch.direction);
-                        world.spread_of_branch(&spread, &path.ray, &hit, &point, branch)
+                        world.spread_of_branch(&spread, &path.ray, &hit, &point, branch, path.inside)
                     });
                     scratch.pending.extend(next.replace(child));
                 } else if limits.beyond == Beyond::Background {
@@ -141,6 +145,7 @@ fn follow(
         skip,
         throughput,
         absorption,
+        inside: path.inside,
         depth,
         origin: None,
         spread: None,

@@ -2,7 +2,9 @@
 
 use schemars::JsonSchema;
 use serde::Deserialize;
-use whitstone_core::{DVec3, Illumination, Lobes, Rgb, Scratch, Shadowing, Skip, SurfacePoint, World};
+use whitstone_core::{
+    DVec3, Illumination, Lobes, Medium, Rgb, Scratch, Shadowing, Skip, SurfacePoint, World,
+};
 
 /// What stands between a surface and a light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -33,8 +35,7 @@ impl Shadows {
         self != Self::None
     }
 
-    /// Radiance towards `view` from the surface itself and from the lights that reach the point. `medium` is the absorption
-    /// coefficient (per metre) on the viewer's side.
+    /// Radiance towards `view` from the surface itself and from the lights that reach the point. `medium` is that on the viewer's side.
     #[allow(clippy::too_many_arguments, reason = "all that shading depends on")]
     pub(crate) fn local(
         self,
@@ -43,7 +44,7 @@ impl Shadows {
         point: &SurfacePoint,
         view: DVec3,
         skip: Skip,
-        medium: Rgb,
+        medium: Medium,
         scratch: &mut Scratch,
     ) -> Rgb {
         let (material, lobes) = (&world.materials[shape as usize], world.lobes_of(shape));

@@ -9,8 +9,8 @@ use crate::rules::{Beyond, Limits, Rules};
 use std::mem::swap;
 use whitstone_core::stream::{Colors, GROUP, HitStream, LANES, NO_SHAPE, PointStream, RayStream, Vectors};
 use whitstone_core::{
-    BranchStream, BranchStreams, Counters, LightMemory, Lobes, Material, PathLetter, Rgb, Scratch, World,
-    simd,
+    BranchStream, BranchStreams, Counters, Inside, LightMemory, Lobes, Material, PathLetter, Rgb, Scratch,
+    World, simd,
 };
 
 /// Working memory: about 200 KiB a thread.
@@ -63,6 +63,14 @@ impl Rules {
         scratch: &mut Scratch,
         out: &mut Colors,
     ) {
+        if world.bodies.is_some() {
+            // What a ray is in has no column here: scenes of which that matters are rare.
+            for lane in 0..rays.len {
+                scratch.spread = rays.spread(lane);
+                out.set(lane, self.radiance(world, &rays.ray(lane), scratch));
+            }
+            return;
+        }
         let mut memory = scratch.take_memory::<Memory>();
         let m = &mut *memory;
         m.current.start(rays);
@@ -300,8 +308,8 @@ impl Memory {
             for lane in (0..rays.len).filter(|lane| branch.alive.0[*lane]) {
                 let direction = branch.rays.direction.get(lane);
                 let (ray, hit, point) = (rays.ray(lane), hits.hit(lane), points.get(lane));
-                let found =
-                    world.spread_of_branch(&spreads.get(lane), &ray, &hit, &point, (letter, direction));
+                let (spread, branch) = (spreads.get(lane), (letter, direction));
+                let found = world.spread_of_branch(&spread, &ray, &hit, &point, branch, Inside::NOTHING);
                 out.set(lane, &found);
             }
         }

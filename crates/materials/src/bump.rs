@@ -17,6 +17,9 @@ use whitstone_core::{
 };
 
 /// A height over the surface that is seen in the shading only.
+///
+/// Outlines and shadows stay those of the smooth surface. Of the showcase's `bump_sphere` and `displacement`, which has the same relief in its triangles,
+/// the shades differ by 11% of the mean in the middle of the ball, by 29% where there is no bump; 156 pixels at the outline and 77 in the shadow are wrong.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

@@ -1,20 +1,22 @@
 //! Glass, water, diamond: reflection and refraction by Fresnel's equations.
 //!
 //! Cook and Torrance 1982 (Fresnel); the forms that do not cancel are derived in `optics.rs`. Transmitted
-//! radiance is scaled by the squared relative index: what is kept is L/n².
+//! radiance is scaled by the squared relative index: what is kept is L/n². Bodies with a priority may overlap (Schmidt and Budge 2002,
+//! *Simple nested dielectrics in ray traced images*): the core says which media a face is between.
 //!
 //! - Twin: Mitsuba `dielectric` (native); absorption through the driver.
-//! - Example: `scenes/materials/dielectric.toml`.
+//! - Example: `scenes/materials/dielectric.toml`; with priorities `scenes/showcase/priorities.toml`.
 
 use crate::body::Body;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
-use whitstone_core::config::{Color, Positive};
+use toml::Spanned;
+use whitstone_core::config::{Color, IntegerIn, Positive};
 use whitstone_core::stream::{GROUP, PointStream, groups};
 use whitstone_core::{
     Branch, BranchKind, BranchStreams, Branches, Context, DVec3, Filter, Lobes, Material, Materials, Needs,
-    Plugin, Rgb, SceneErrors, SurfacePoint, simd, simd::select,
+    Overlapping, Plugin, Rgb, SceneError, SceneErrors, Substance, SurfacePoint, simd, simd::select,
 };
 
 /// A smooth transparent body: reflection and refraction by Fresnel's equations.
@@ -26,30 +28,42 @@ pub struct Config {
     interior_ior: Positive,
     /// Index of refraction outside.
     #[serde(default = "vacuum")]
-    exterior_ior: Positive,
+    #[schemars(with = "Positive")]
+    exterior_ior: Spanned<Positive>,
     /// Absorption coefficient inside, per metre.
     #[serde(default = "clear")]
     absorption: Color,
     /// Absorption coefficient outside, per metre, of rays that leave the body.
-    #[serde(default = "clear")]
-    exterior_absorption: Color,
+    #[serde(default = "clear_outside")]
+    #[schemars(with = "Color")]
+    exterior_absorption: Spanned<Color>,
+    /// Lets the body overlap others that have one: where they do, that of the highest priority counts, of equal ones the first in the scene,
+    /// and faces between what does not count are not there. What is outside then follows from the bodies around.
+    #[schemars(with = "Option<IntegerIn<0, 65535>>")]
+    priority: Option<IntegerIn<0, 65535>>,
 }
 
 fn glass() -> Positive {
     Positive::new(1.5).expect("1.5 is positive")
 }
 
-fn vacuum() -> Positive {
-    Positive::new(1.0).expect("1 is positive")
+fn vacuum() -> Spanned<Positive> {
+    Spanned::new(0..0, Positive::new(1.0).expect("1 is positive"))
 }
 
 fn clear() -> Color {
     Color::grey(0.0)
 }
 
+fn clear_outside() -> Spanned<Color> {
+    Spanned::new(0..0, clear())
+}
+
 /// See the module.
 pub struct Dielectric {
     body: Body,
+    /// Of a body that may overlap others.
+    overlaps: Option<(u32, Substance)>,
 }
 
 impl Plugin<Materials> for Dielectric {
@@ -57,21 +71,45 @@ impl Plugin<Materials> for Dielectric {
     type Config = Config;
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
-        let interior = (config.interior_ior.get(), config.absorption.get());
-        let exterior = (config.exterior_ior.get(), config.exterior_absorption.get());
+        let (ior, absorption) = (config.interior_ior.get(), config.absorption.get());
+        let outside = (config.exterior_ior, config.exterior_absorption);
+        let exterior = (outside.0.get_ref().get(), outside.1.get_ref().get());
+        if config.priority.is_some() {
+            let mut errors = SceneErrors::default();
+            for (place, given, expected) in [
+                (outside.0.span(), exterior.0 != 1.0, "1"),
+                (outside.1.span(), !exterior.1.is_black(), "0"),
+            ] {
+                if given {
+                    let message = format!(
+                        "expected {expected}: with a priority, what is outside follows from the bodies around"
+                    );
+                    let help = "give the body around a priority of its own, or leave the priority out";
+                    errors.0.push(SceneError::at(place, message).with_help(help));
+                }
+            }
+            errors.into_result(())?;
+        }
+        let priority = config.priority.map(IntegerIn::get);
         Ok(Arc::new(Self {
-            body: Body::new(interior, exterior),
+            body: Body::new((ior, absorption), exterior),
+            overlaps: priority.map(|priority| (priority, Substance { ior, absorption })),
         }))
     }
 }
 
 impl Material for Dielectric {
     fn lobes(&self) -> Lobes {
-        if self.body.is_open() {
+        // What a body meets that overlaps others is not known here.
+        if self.body.is_open() && self.overlaps.is_none() {
             Lobes::TRANSMISSION | Lobes::FILTERS
         } else {
             Lobes::REFLECTION | Lobes::TRANSMISSION | Lobes::FILTERS
         }
+    }
+
+    fn overlapping(&self) -> Option<&dyn Overlapping> {
+        self.overlaps.is_some().then_some(self)
     }
 
     fn needs(&self) -> Needs {
@@ -87,23 +125,7 @@ impl Material for Dielectric {
     }
 
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
-        let split = self.split(point, view);
-        if split.reflectance > 0.0 {
-            out.push(Branch {
-                direction: split.reflected,
-                weight: Rgb::splat(split.reflectance),
-                kind: BranchKind::Reflection,
-            });
-        }
-        if split.transmittance > 0.0 {
-            out.push(Branch {
-                direction: split.transmitted,
-                weight: Rgb::splat(split.transmittance),
-                kind: BranchKind::Transmission {
-                    absorption: split.absorption,
-                },
-            });
-        }
+        Split::new(&self.body, point, view).push(out);
     }
 
     fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
@@ -112,7 +134,7 @@ impl Material for Dielectric {
             || {
                 for start in groups(points.len) {
                     for lane in start..start + GROUP {
-                        let split = self.split(&points.get(lane), points.view.get(lane));
+                        let split = Split::new(&self.body, &points.get(lane), points.view.get(lane));
                         let (reflectance, transmittance) = (split.reflectance, split.transmittance);
                         out.reflection.direction.set(lane, split.reflected);
                         out.reflection.weight.set(lane, Rgb::splat(reflectance));
@@ -137,21 +159,75 @@ struct Split {
     absorption: Rgb,
 }
 
-impl Dielectric {
+impl Split {
     #[inline(always)]
-    fn split(&self, point: &SurfacePoint, view: DVec3) -> Split {
-        let passage = self.body.passage(point, view);
+    fn new(body: &Body, point: &SurfacePoint, view: DVec3) -> Self {
+        let passage = body.passage(point, view);
         let (crossing, eta) = (&passage.crossing, passage.interface.eta());
         let fresnel = passage.interface.fresnel(crossing);
         // In this order, since eta² may overflow where the product is a number.
         let transmittance = fresnel.transmitted * eta * eta;
-        Split {
+        Self {
             reflected: passage.reflected,
             reflectance: select(crossing.total, 1.0, fresnel.reflected),
             transmitted: crossing.direction,
             transmittance: select(crossing.total, 0.0, transmittance),
             absorption: passage.absorption,
         }
+    }
+
+    fn push(&self, out: &mut Branches) {
+        if self.reflectance > 0.0 {
+            out.push(Branch {
+                direction: self.reflected,
+                weight: Rgb::splat(self.reflectance),
+                kind: BranchKind::Reflection,
+            });
+        }
+        if self.transmittance > 0.0 {
+            out.push(Branch {
+                direction: self.transmitted,
+                weight: Rgb::splat(self.transmittance),
+                kind: BranchKind::Transmission {
+                    absorption: self.absorption,
+                },
+            });
+        }
+    }
+}
+
+/// The body whose face is between two substances, as the one in front of it is seen in this direction.
+fn between(point: &SurfacePoint, view: DVec3, from: Substance, to: Substance) -> Body {
+    let [from, to] = [from, to].map(|substance| (substance.ior, substance.absorption));
+    if point.n_g.dot(view) > 0.0 {
+        Body::new(to, from)
+    } else {
+        Body::new(from, to)
+    }
+}
+
+impl Overlapping for Dielectric {
+    fn priority(&self) -> u32 {
+        self.overlaps.map_or(0, |(priority, _)| priority)
+    }
+
+    fn substance(&self) -> Substance {
+        self.overlaps.map_or(Substance::NONE, |(_, substance)| substance)
+    }
+
+    fn branches_between(
+        &self,
+        point: &SurfacePoint,
+        view: DVec3,
+        from: Substance,
+        to: Substance,
+        out: &mut Branches,
+    ) {
+        Split::new(&between(point, view, from, to), point, view).push(out);
+    }
+
+    fn filter_between(&self, point: &SurfacePoint, direction: DVec3, from: Substance, to: Substance) -> Rgb {
+        Rgb::splat(between(point, -direction, from, to).unbent(point, direction))
     }
 }
 
@@ -251,6 +327,49 @@ mod tests {
         assert_eq!(outwards.medium, Some(Rgb::splat(3.0)));
     }
 
+    /// Between two substances a body with a priority does what one does that names both of them.
+    #[test]
+    fn a_priority_changes_nothing_but_what_the_faces_are_between() {
+        let build = |text: &str| build::<Materials, Dielectric>(text, ()).unwrap();
+        let ranked = build("interior_ior = 1.33\nabsorption = 2\npriority = 3");
+        let body = ranked.overlapping().unwrap();
+        assert_eq!((body.priority(), body.substance().ior), (3, 1.33));
+        assert_eq!(
+            ranked.lobes(),
+            Lobes::REFLECTION | Lobes::TRANSMISSION | Lobes::FILTERS
+        );
+        let named = build("interior_ior = 1.33\nabsorption = 2\nexterior_ior = 1.6\nexterior_absorption = 5");
+        assert!(named.overlapping().is_none());
+        let glass = Substance {
+            ior: 1.6,
+            absorption: Rgb::splat(5.0),
+        };
+        let view = DVec3::new(0.3, 0.1, 0.7).normalize();
+        for n in [DVec3::Z, DVec3::NEG_Z] {
+            let point = SurfacePoint::new(DVec3::ZERO, 0.0, n);
+            let (from, to) = match n == DVec3::Z {
+                true => (glass, body.substance()),
+                false => (body.substance(), glass),
+            };
+            let (mut found, mut expected) = (Branches::default(), Branches::default());
+            body.branches_between(&point, view, from, to, &mut found);
+            named.branches(&point, view, &mut expected);
+            assert!(found.iter().eq(expected.iter()));
+            let filter = body.filter_between(&point, -view, from, to);
+            assert_eq!(filter, named.shadow(&point, -view, true).weight);
+        }
+    }
+
+    #[test]
+    fn what_a_priority_decides_is_not_said_twice() {
+        let text = "priority = 1\nexterior_ior = 1.33\nexterior_absorption = [0, 1, 0]";
+        let errors = build::<Materials, Dielectric>(text, ()).err().unwrap().0;
+        let places: Vec<&str> = errors.iter().map(|e| &text[e.span.clone().unwrap()]).collect();
+        assert_eq!(places, ["1.33", "[0, 1, 0]"]);
+        assert!(errors[0].message.starts_with("expected 1: with a priority"));
+        assert!(build::<Materials, Dielectric>("priority = 0\nexterior_ior = 1", ()).is_ok());
+    }
+
     #[test]
     fn bad_values_are_refused() {
         for text in [
@@ -258,6 +377,9 @@ mod tests {
             "exterior_ior = -1",
             "absorption = -1",
             "interior_ior = inf",
+            "priority = -1",
+            "priority = 1.5",
+            "priority = 65536",
             "ior = 1",
         ] {
             assert!(build::<Materials, Dielectric>(text, ()).is_err(), "{text}");

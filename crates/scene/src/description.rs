@@ -424,6 +424,11 @@ impl<'s> Reader<'_, 's> {
                 DeValue::String(FAULTY_INLINE.clone().into())
             }
             DeValue::Array(items) => DeValue::Array(items.into_iter().map(|item| self.hoist(item)).collect()),
+            // One of a plugin's own: there may be plugins in it.
+            DeValue::Table(table) => {
+                let entries = table.into_iter();
+                DeValue::Table(entries.map(|(key, value)| (key, self.hoist(value))).collect())
+            }
             other => other,
         };
         Spanned::new(span, value)

@@ -2,20 +2,23 @@
 //!
 //! - Formats: Wavefront OBJ (polygons and their texture coordinates and normals; see `obj`), and PLY (Turk,
 //!   *The PLY polygon file format*, 1994; see `ply`).
-//! - Refined on demand into the smooth surface of its triangles (Loop 1987; see `subdivision`).
-//! - Twin: Mitsuba `obj` and `ply` meshes (native), with `face_normals` where the file has no normals; subdivided by the driver.
+//! - Refined on demand into the smooth surface of its triangles (Loop 1987; see `subdivision`), and moved along its normals by a
+//!   height (Cook 1984; see `displacement`).
+//! - Twin: Mitsuba `obj` and `ply` meshes (native), with `face_normals` where the file has no normals; subdivided and displaced by the driver.
 //! - Example: `scenes/shapes/mesh.toml`.
 
+mod displacement;
 mod obj;
 mod ply;
 mod subdivision;
 
 use crate::lower::{Lowered, Triangles, lower};
+use displacement::Displacement;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::borrow::Cow;
 use std::path::Path;
-use subdivision::Subdivision;
+use subdivision::{Subdivision, Surface};
 use whitstone_core::config::FilePath;
 use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
 
@@ -32,6 +35,10 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "Subdivision")]
     subdivision: Option<Subdivision>,
+    /// Moves the vertices along their normals by a height, after the subdivision; forgets the normals in the file as well.
+    #[serde(default)]
+    #[schemars(with = "Displacement")]
+    displacement: Option<Displacement>,
 }
 
 /// How normals vary over a triangle.
@@ -80,6 +87,7 @@ impl Plugin<Shapes> for Mesh {
             file,
             shading,
             subdivision,
+            displacement,
         } = config;
         let error = |message: String| SceneError::at(file.span.clone(), message);
         let path = context.file(&file)?;
@@ -90,8 +98,19 @@ impl Plugin<Shapes> for Mesh {
             Some(line) => error(format!("{}, line {line}: {message}", file.path)),
             None => error(format!("{}: {message}", file.path)),
         })?;
-        if let Some(how) = &subdivision {
-            object = subdivision::subdivide(object, how, context)?;
+        if subdivision.is_some() || displacement.is_some() {
+            let mut surface = Surface::new(object);
+            if displacement.is_some() {
+                let levels = subdivision.as_ref().map_or(0, Subdivision::levels);
+                context.reserve(displacement::bytes(&surface, levels))?;
+            }
+            if let Some(how) = &subdivision {
+                subdivision::subdivide(&mut surface, how, context)?;
+            }
+            if let Some(how) = &displacement {
+                displacement::displace(&mut surface, how, context)?;
+            }
+            object = surface.finish();
         }
         if shading == Shading::Flat {
             object.normals.clear();

@@ -381,7 +381,7 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whitstone_core::Shadowing;
+    use whitstone_core::{Medium, Shadowing};
 
     /// Recursive, one bounce, with a switch for each fault.
     #[derive(Default)]
@@ -423,7 +423,14 @@ mod tests {
             } else {
                 Shadowing::Opaque
             };
-            world.gather_lights(&point, view, Skip::leaving(&hit), shadows, Rgb::BLACK, scratch);
+            world.gather_lights(
+                &point,
+                view,
+                Skip::leaving(&hit),
+                shadows,
+                Medium::absorbing(Rgb::BLACK),
+                scratch,
+            );
             let light = Illumination {
                 ambient: world.ambient,
                 lights: &scratch.incoming,

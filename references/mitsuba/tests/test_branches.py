@@ -167,5 +167,74 @@ class Dielectrics(Case):
                     self.near(np.sum([light["value"] for light in node["lights"]], axis=0), node["local"])
 
 
+class Bodies(Case):
+    """Bodies with priorities beside faces that name both of their sides."""
+
+    GLASS = "interior_ior = 1.5, absorption = [0.4, 0.1, 0.2]"
+    WATER = "interior_ior = 1.25, absorption = [0.1, 0.1, 0.5]"
+
+    def picture(self, shapes, shadows):
+        scene = film(24, 18) + '[camera]\ntype = "perspective"\nlook_at = { origin = [0.3, 0.2, 6], target = [0, 0, 0] }\nfov = 40\n'
+        scene += f'[integrator]\ntype = "whitted"\nmax_depth = 20\nshadows = "{shadows}"\n'
+        scene += '[[light]]\ntype = "directional"\ndirection = [0.2, -0.3, -1]\nirradiance = 3\n'
+        scene += '[[light]]\ntype = "ambient"\nradiance = 0.5\n[[light]]\ntype = "background"\nradiance = [0.3, 0.5, 0.7]\n'
+        scene += '[[shape]]\ntype = "rectangle"\ntransform = [{ scale = 9 }, { translate = [0, 0, -3] }]\nmaterial = { type = "matte", reflectance = 0.8 }\n'
+        channels, _ = self.render(scene + shapes)
+        return np.stack([channels[name] for name in "RGB"], axis=2)
+
+    def ball(self, radius, keys):
+        return f'[[shape]]\ntype = "sphere"\nradius = {radius}\nmaterial = {{ type = "dielectric", {keys} }}\n'
+
+    def test_bodies_in_bodies(self):
+        for shadows in ("opaque", "filtered"):
+            outside = "exterior_ior = 1.5, exterior_absorption = [0.4, 0.1, 0.2]"
+            named = self.picture(self.ball(1.5, self.GLASS) + self.ball(0.9, f"{self.WATER}, {outside}"), shadows)
+            both = self.ball(1.5, f"{self.GLASS}, priority = 1") + self.ball(0.9, f"{self.WATER}, priority = PRIORITY")
+            ranked = self.picture(both.replace("PRIORITY", "2"), shadows)
+            self.near(ranked, named, rel=1e-4, atol=1e-4)
+            # Of less priority it is not there; of the same, it is the second in the document.
+            alone = self.picture(self.ball(1.5, self.GLASS), shadows)
+            for priority in ("0", "1"):
+                self.near(self.picture(both.replace("PRIORITY", priority), shadows), alone, rel=1e-4, atol=1e-3)
+            self.assertGreater(np.abs(alone - ranked).max(), 0.05)
+
+    def test_overlapping_blocks(self):
+        """Glass from -1 to 0.5 and water from 0 to 1, beside the three panes that remain."""
+
+        def block(low, high, keys):
+            steps = f"[{{ scale = [50, 50, {(high - low) / 2}] }}, {{ translate = [0, 0, {(high + low) / 2}] }}]"
+            return f'[[shape]]\ntype = "box"\ntransform = {steps}\nmaterial = {{ type = "dielectric", {keys} }}\n'
+
+        def pane(z, keys):
+            steps = f"[{{ scale = 50 }}, {{ translate = [0, 0, {z}] }}]"
+            return f'[[shape]]\ntype = "rectangle"\ntransform = {steps}\nmaterial = {{ type = "dielectric", {keys} }}\n'
+
+        for shadows in ("opaque", "filtered"):
+            for glass, water, meet in ((9, 4, 0.5), (4, 9, 0.0)):
+                found = block(-1, 0.5, f"{self.GLASS}, priority = {glass}") + block(0, 1, f"{self.WATER}, priority = {water}")
+                middle = pane(meet, f"{self.GLASS}, exterior_ior = 1.25, exterior_absorption = [0.1, 0.1, 0.5]")
+                last = pane(-1, "interior_ior = 1, exterior_ior = 1.5, exterior_absorption = [0.4, 0.1, 0.2]")
+                expected = self.picture(pane(1, self.WATER) + middle + last, shadows)
+                self.near(self.picture(found, shadows), expected, rel=1e-4, atol=1e-5)
+
+    def test_a_camera_inside(self):
+        """What a ray starts in it does not know; from the first face on it does."""
+        scene = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 0, 0], target = [0, 0, -1] }\n'
+        sky = '[[light]]\ntype = "background"\nradiance = 1\n'
+        # (1 - R) eta^2 through one face, and what is reflected goes on inside: R of it, each time.
+        found = self.value(scene + '[integrator]\ntype = "whitted"\nmax_depth = 30\n' + sky + self.ball(1, "interior_ior = 1.5, priority = 3"))
+        self.near(found, [2.25] * 3, rel=1e-5)
+
+    def test_refused(self):
+        scene = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n'
+        self.refuse(scene + self.ball(1, "priority = 1, exterior_ior = 1.2"), "scene", "exterior_ior")
+        self.refuse(scene + self.ball(1, "priority = 70000"), "scene", "priority")
+        glass = '{ type = "dielectric", priority = 1 }'
+        self.refuse(scene + f'[[shape]]\ntype = "sphere"\nmaterial = {{ type = "two_sided", front = {glass}, back = {glass} }}\n', "scene", "part of another")
+        group = f'[[group.g.shape]]\ntype = "sphere"\nmaterial = {glass}\n[[shape]]\ntype = "instance"\ngroup = "g"\n'
+        self.refuse(scene + group, "scene", "all copies")
+        self.refuse(scene + 65 * self.ball(1, "priority = 1"), "scene", "at most 64")
+
+
 if __name__ == "__main__":
     unittest.main()

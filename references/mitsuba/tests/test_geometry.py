@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 from support import DOWN, FLOOR, Case, film
 
-from whitstone_mitsuba import meshes, subdivision
+from whitstone_mitsuba import displacement, mappings, meshes, subdivision, textures
 from whitstone_mitsuba.runtime import mi
 
 AOVS = ("depth", "normal", "uv", "shape_id", "primitive_id")
@@ -357,6 +357,63 @@ class Meshes(Case):
         self.near(found["n_s"], [0, 0, 1], atol=0.1)
         self.refuse(looking([0, 0, 5]) + shape.format('"butterfly"', 1), "scene", "scheme", base=self.base)
         self.refuse(looking([0, 0, 5]) + shape.format('"loop"', 9), "scene", "levels", base=self.base)
+
+    def test_displacement(self):
+        """By hand, with a height that rises along z in object space: z + 1/2, from 0 to 1."""
+        self.write("c.obj", OCTAHEDRON)
+        height = '{ type = "solid", size = [1, 1, 2], values = [0, 1], wrap = "clamp", mapping = { transform = [{ translate = [0, 0, 1] }, { scale = 0.5 }] } }'
+        shape = '[[shape]]\ntype = "mesh"\nfile = "c.obj"\ntransform = { scale = 2 }\n'
+        shape += f"displacement = {{ height = {height}, scale = 0.5, offset = 0.25 }}\n"
+        # Tips at 1.375 and -0.875, the others at 1.125, all twice that in the world.
+        for origin, depth in (([0, 0, 5], 5 - 2.75), ([0, 0, -5], 5 - 1.75), ([5, 0, 0], 5 - 2.25)):
+            node = self.nodes(looking(origin, up=[0, 1, 0.1]) + shape, base=self.base)[0]
+            self.near(node["t"], depth, rel=1e-4)
+        # The normal at the tip of +x: its four triangles after they have moved.
+        up, down = np.array([1.375, 0, 1.125]), np.array([0.875, 0, -1.125])
+        n = (up + down) / np.linalg.norm(up + down)
+        node = self.nodes(looking([5, 0, 0]) + shape, base=self.base)[0]
+        self.near(node["n_s"], n, atol=1e-3)
+        flat = self.nodes(looking([5, 0.1, 0.1], (0, 0.1, 0.1)) + shape + 'shading = "flat"\n', base=self.base)[0]
+        self.assertEqual(flat["n_s"], flat["n_g"])
+
+        def refuse(text, *words):
+            self.refuse(looking([0, 0, 5]) + shape.replace(height, text), "scene", *words, base=self.base)
+
+        refuse('{ type = "checker" }', "no texture coordinates")
+        refuse("-1", "height")
+        refuse("1, depth = 2", "depth")
+        refuse("1, scale = nan, offset = 0 } #", "scale")
+
+    def test_displacement_at_seams(self):
+        """A point of two triangles that see other texture coordinates: by the mean of its corners."""
+        square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 3 0\nf 1/1 2/2 3/1\nf 1/3 3/1 4/1\n"
+        mesh = meshes.load(self.write("square.obj", square))
+        rise = lambda points, normals, uvs: uvs[:, 0]  # noqa: E731
+        moved = subdivision.loop(mesh, 0, rise)
+        corners = moved.positions[moved.faces]
+        self.near(corners[:, :, 2], [[1.5, 1, 0], [1.5, 0, 0]])
+        self.near(corners[:, :, :2], mesh.positions[mesh.faces][:, :, :2])
+
+    def test_heights_are_those_of_textures(self):
+        """In float64 as Mitsuba's own textures in float32."""
+        generator = np.random.default_rng(5)
+        texels = generator.random((4, 5, 3)).astype(np.float32)
+        uvs = generator.random((500, 2)) * 5 - 2
+        mapping = mappings.Mapping("uv")
+        for kind in ("bilinear", "nearest"):
+            for wrap in ("repeat", "clamp", "mirror"):
+                image = textures.Image(texels, kind, wrap, (1.5, 2.0), (0.25, 0.5), mapping)
+                self.same_heights(image, uvs)
+        checker = textures.Checker((0.8,) * 3, (0.2,) * 3, (2.0, 3.0), (0.1, 0.3), mapping)
+        self.same_heights(checker, uvs)
+
+    def same_heights(self, texture, uvs):
+        found = displacement.heights(texture, np.zeros((len(uvs), 3)), np.zeros((len(uvs), 3)), uvs)
+        si = mi.SurfaceInteraction3f()
+        si.uv = mi.Point2f(np.ascontiguousarray(uvs.T.astype(np.float32)))
+        expected = np.array(texture.build().eval(si))[0]
+        # A coordinate next to an edge may be on its other side in float32.
+        self.assertGreater(np.mean(np.abs(found - expected) < 1e-5), 0.995)
 
     def test_obj(self):
         triangles = meshes.load(self.write("a.obj", OBJ))

@@ -178,7 +178,7 @@ def parse(text: str, base: str) -> Document:
     lamps = lights.read(root.get("light", []), texture_reader, folder, errors, unsupported)
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
     groups = _shared(root.get("group", {}), "group", errors)
-    shape_list = shapes.read(root, groups, material_reader, folder, errors, unsupported)
+    shape_list = shapes.read(root, groups, material_reader, texture_reader, folder, errors, unsupported)
     # A document can be wrong and unsupported at once: what it gets wrong comes first.
     if errors:
         raise SceneError("\n".join(errors))

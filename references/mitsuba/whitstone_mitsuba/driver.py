@@ -73,12 +73,14 @@ class Rays:
     left_shape: Any
     left_primitive: Any
     left_within: Any
+    # The bodies that it is in, of those that may overlap: a bit for each.
+    inside: Any
     real: int = 0
 
     def arrays(self) -> List[Any]:
         return [
             self.o, self.d, self.throughput, self.medium, self.key, self.path, self.setting,
-            self.left_shape, self.left_primitive, self.left_within,
+            self.left_shape, self.left_primitive, self.left_within, self.inside,
         ]  # fmt: skip
 
     def gather(self, indices: np.ndarray) -> "Rays":
@@ -295,7 +297,7 @@ class Tracer:
         rays = Rays(
             o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),
             mi.UInt32(which.astype(np.uint32)), dr.full(mi.UInt32, NOTHING, width), dr.full(mi.UInt32, NOTHING, width),
-            dr.zeros(mi.Float, width), real=count,
+            dr.zeros(mi.Float, width), dr.zeros(mi.UInt64, width), real=count,
         )  # fmt: skip
         # Every lane its own memory: arrays of one value repeated would be another kind of kernel input.
         for array in rays.arrays():
@@ -610,11 +612,17 @@ class Tracer:
         """One branch of one material at its lanes: (rays, weight, which of them to follow)."""
         hits, rays = level.hits, level.rays
         si = self._interaction(level, lanes)
-        way = self.built.shaders[number].branch(letter, si)
-        weight = way.weight
-        direction = mi.Vector3f(si.to_world(way.wo))
         n_g = mi.Vector3f(si.n)
         side = -dr.dot(n_g, dr.gather(mi.Vector3f, rays.d, lanes))
+        inside = dr.gather(mi.UInt64, rays.inside, lanes)
+        if self.document.materials[number].priority is None:
+            way = self.built.shaders[number].branch(letter, si)
+        else:
+            face = self.built.bodies.face(dr.gather(mi.UInt32, hits.shape, lanes), inside, side > 0)
+            way = face.branch(letter, si)
+            inside = face.before if letter == "R" else face.behind
+        weight = way.weight
+        direction = mi.Vector3f(si.to_world(way.wo))
         leaving = dr.dot(n_g, direction) * side
         throughput = dr.gather(mi.Color3f, hits.throughput, lanes) * weight
         strength = dr.max(throughput)
@@ -632,7 +640,7 @@ class Tracer:
         o, direction = self._perturb(o, direction, key, path, setting)
         spawned = Rays(
             o, direction, throughput, medium, key, path, setting,
-            dr.gather(mi.UInt32, hits.shape, lanes), dr.gather(mi.UInt32, hits.primitive, lanes), unit * REHIT_UNITS,
+            dr.gather(mi.UInt32, hits.shape, lanes), dr.gather(mi.UInt32, hits.primitive, lanes), unit * REHIT_UNITS, inside,
         )  # fmt: skip
         dr.eval(spawned.arrays(), weight, keep)
         return spawned, weight, keep

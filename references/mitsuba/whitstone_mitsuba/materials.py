@@ -113,6 +113,8 @@ class Material:
     around: bool = False
     # Of a conductor, as colours.
     index: Tuple[Vector, Vector] = (BLACK, BLACK)
+    # Of a body that may overlap others.
+    priority: Optional[int] = None
 
     def hosted(self) -> Optional[Tuple[str, str]]:
         """(plugin type, reason) where the twin is not Mitsuba's own."""
@@ -120,6 +122,8 @@ class Material:
             return self.type, "its reflection formula is a Python BSDF; Mitsuba has none like it"
         if self.type in COMPOSITES:
             return self.type, "the driver adds it to what Mitsuba answers for its parts"
+        if self.priority is not None:
+            return "priority", "the driver knows which bodies a ray is in, and asks Mitsuba for Fresnel's equations only"
         return None
 
     def build(self) -> "mi.BSDF":
@@ -211,7 +215,10 @@ def _mirror(fields: Fields, textures: Textures) -> Material:
 
 def _dielectric(fields: Fields, textures: Textures) -> Material:
     ior, interior, exterior = _media(fields)
-    return Material("dielectric", None, (REFLECT, TRANSMIT), False, interior, exterior, {}, ior, refracts=True)
+    priority = fields.integer("priority", None, 0, 65535) if fields.has("priority") else None
+    if priority is not None and (ior["exterior_ior"] != 1 or exterior != BLACK):
+        fields.error("priority", "what is outside follows from the bodies around: exterior_ior must be 1, exterior_absorption 0")
+    return Material("dielectric", None, (REFLECT, TRANSMIT), False, interior, exterior, {}, ior, refracts=True, priority=priority)
 
 
 # eta and k of measured metals, as the model lists them.
@@ -392,4 +399,6 @@ class Materials:
             if value is not None or not optional:
                 numbers.append(self.number(value, f"{fields.where}.{key}"))
         known = [self.all[number] if number < len(self.all) else Material("matte") for number in numbers]
+        if any(part.priority is not None for part in known):
+            fields.error(None, "a material with a priority must be that of a shape, not a part of another one")
         return replace(reader(fields, self._textures, known), parts=tuple(numbers))

@@ -6,7 +6,7 @@ from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import lights, rounding, shaders
+from . import bodies, lights, rounding, shaders
 from . import shapes as shape_module
 from .document import Document
 from .runtime import dr, mi
@@ -70,6 +70,7 @@ class Built:
         self.geometry = geometry(setting)
         self.bsdfs = [material.build() for material in document.materials]
         self.shaders = shaders.build(document.materials, self.bsdfs)
+        self.bodies = bodies.Bodies(document.shapes, document.materials)
         self.emitters = [lamp.build() for lamp in document.lights.lamps]
         self.background = document.lights.background_emitter()
         self.environments = [texture.build() for texture in document.lights.environments]

@@ -28,17 +28,18 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
     key = dr.gather(mi.UInt32, rays.key, lanes)
     path = mix(dr.gather(mi.UInt32, rays.path, lanes) + dr.opaque(mi.UInt32, 0x80000000 + number))
     medium = dr.gather(mi.Color3f, rays.medium, lanes) if filtered else dr.zeros(mi.Color3f, width)
+    inside = dr.gather(mi.UInt64, rays.inside, lanes)
     left = mi.Color3f(dr.full(mi.Float, 1, width))
     # Which lanes these are of `share`.
     home = np.flatnonzero(counts.numpy()[:width])
     real = home
-    state = [p, n_g, l, goal if goal is not None else p, setting, key, path, medium, left]
+    state = [p, n_g, l, goal if goal is not None else p, setting, key, path, medium, left, inside]
     for crossing in range(MOST_CROSSINGS):
         if len(real) == 0:
             break
         chosen = pad(real)
         state = [dr.gather(type(array), array, chosen) for array in state]
-        p, n_g, l, target, setting, key, path, medium, left = state  # noqa: E741
+        p, n_g, l, target, setting, key, path, medium, left, inside = state  # noqa: E741
         o, _ = tracer._leave(p, n_g, l, setting)
         d, reach = l, dr.full(mi.Float, dr.inf, dr.width(l))
         if goal is not None:
@@ -50,7 +51,7 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
         o, d = tracer._perturb(o, d, key, path, setting)
         nothing = dr.zeros(mi.Float, dr.width(o))
         never = dr.full(mi.UInt32, 0xFFFFFFFF, dr.width(o))
-        ray = Rays(o, d, mi.Color3f(left), mi.Color3f(medium), key, path, setting, never, never, nothing, real=len(real))
+        ray = Rays(o, d, mi.Color3f(left), mi.Color3f(medium), key, path, setting, never, never, nothing, mi.UInt64(inside), real=len(real))
         for array in ray.arrays():
             dr.make_opaque(array)
         tracer.counts.shadow += len(real)
@@ -71,8 +72,9 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
         # What the surfaces leave of it, by material.
         kept = dr.zeros(mi.Color3f, dr.width(o))
         behind = mi.Color3f(medium)
-        dr.make_opaque(kept)
-        dr.make_opaque(behind)
+        entered = mi.UInt64(inside)
+        for array in (kept, behind, entered):
+            dr.make_opaque(array)
         numbers = hits.material.numpy()[stopped]
         stage = Level(ray, hits, hits.local, hits.transmittance)
         for material in np.unique(numbers):
@@ -81,21 +83,27 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
                 continue
             some = pad(stopped[numbers == material])
             si = tracer._interaction(stage, some)
-            way = shader.shadow(si, filtered)
+            # The ray goes inside where it comes from outside.
+            enters = dr.dot(mi.Vector3f(si.n), si.to_world(si.wi)) > 0
+            if tracer.document.materials[int(material)].priority is None:
+                way = shader.shadow(si, filtered)
+            else:
+                shape, within = dr.gather(mi.UInt32, hits.shape, some), dr.gather(mi.UInt64, inside, some)
+                face = tracer.built.bodies.face(shape, within, enters)
+                way = face.shadow(si)
+                dr.scatter(entered, face.behind, some)
             before = dr.gather(mi.Color3f, medium, some)
             segment = dr.exp(-before * dr.gather(mi.Float, hits.t, some))
             rest = dr.gather(mi.Color3f, left, some) * segment * way.weight
             rest = dr.select(dr.max(rest) < dr.opaque(mi.Float, CUT), mi.Color3f(0), rest)
             after = before
             if filtered and way.straight is not True:
-                # The ray goes inside where it comes from outside.
-                enters = dr.dot(mi.Vector3f(si.n), si.to_world(si.wi)) > 0
                 after = dr.select(way.straight, before, dr.select(enters, way.inside, way.outside))
             dr.scatter(kept, rest, some)
             dr.scatter(behind, after, some)
-            dr.eval(kept, behind)
+            dr.eval(kept, behind, entered)
         alive = np.flatnonzero((dr.max(kept) > 0).numpy()[: len(real)])
         home = home[alive]
-        state = [hits.p, hits.n_g, d if goal is None else l, target, setting, key, path, behind, kept]
+        state = [hits.p, hits.n_g, d if goal is None else l, target, setting, key, path, behind, kept, entered]
         real = alive
     return share

@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from . import meshes, patches, rounding, subdivision, transforms
+from . import displacement, meshes, patches, rounding, subdivision, transforms
 from .errors import SceneError
 from .fields import REQUIRED, Fields, nearest
 from .files import Folder
@@ -54,6 +54,8 @@ class Place:
     around: np.ndarray
     # Problems with the twin of this copy; the document itself may be right.
     unsupported: List[str]
+    # What reads the values of textures.
+    textures: Any = None
 
     @property
     def world(self) -> np.ndarray:
@@ -230,15 +232,18 @@ def _mesh(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
             triangles = meshes.load(base.path(name))
         except SceneError as error:
             fields.error("file", str(error))
+    levels, rise = 0, None
+    if fields.has("displacement"):
+        rise = displacement.read(fields, place.textures, triangles.uvs is not None)
     if fields.has("subdivision"):
         inner = Fields(fields.take("subdivision"), f"{fields.where}.subdivision", fields.errors)
         inner.choice("scheme", REQUIRED, ("loop",))
         levels = inner.integer("levels", REQUIRED, 1, 8)
         inner.close()
-        if len(triangles.faces) * 4**levels > 2 * MAX_QUADS:
-            place.unsupported.append(f"{fields.where}: no twin for more than {2 * MAX_QUADS} triangles")
-        elif not fields.errors:
-            triangles = subdivision.loop(triangles, levels)
+    if len(triangles.faces) * 4**levels > 2 * MAX_QUADS and levels > 0:
+        place.unsupported.append(f"{fields.where}: no twin for more than {2 * MAX_QUADS} triangles")
+    elif (levels > 0 or rise is not None) and not fields.errors:
+        triangles = subdivision.loop(triangles, levels, rise)
     smooth = shading == "smooth" and triangles.normals is not None
     return Rules(smooth=smooth, primitive=PRIMITIVE_NATIVE), _triangles(triangles, place, smooth)
 
@@ -287,6 +292,8 @@ READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Rules, Any]]] = {
 
 # More than this in one landscape is no work for this driver.
 MAX_QUADS = 2**22
+# Bodies that may overlap (model §8).
+MAX_BODIES = 64
 # Groups may be nested so deep (model §9).
 MAX_NESTING = 16
 # More copies than this are no work for one scene of Mitsuba shapes.
@@ -296,9 +303,10 @@ MAX_COPIES = 4096
 class _Reader:
     """Walks through the `[[shape]]` tables and the groups that instances among them place."""
 
-    def __init__(self, groups: Any, materials: Any, base: Folder, errors: List[str], unsupported: List[str]) -> None:
+    def __init__(self, groups: Any, materials: Any, textures: Any, base: Folder, errors: List[str], unsupported: List[str]) -> None:
         self.groups = groups
         self.materials = materials
+        self.textures = textures
         self.base = base
         self.errors = errors
         self.unsupported = unsupported
@@ -354,7 +362,10 @@ class _Reader:
                 fields.close()
                 continue
             material = self.materials.number(fields.take("material"), f"{fields.where}.material")
-            rules, build = READERS[kind](fields, Place(own, around, self.unsupported), self.base)
+            known = self.materials.all
+            if where and material < len(known) and known[material].priority is not None:
+                fields.error("material", "a shape in a group must not have a priority: all copies would be one body")
+            rules, build = READERS[kind](fields, Place(own, around, self.unsupported, self.textures), self.base)
             fields.close()
             self.shapes.append(Shape(kind, first + index, material, rules, build))
 
@@ -385,12 +396,17 @@ class _Reader:
             self.open.pop()
 
 
-def read(document: Any, groups: Any, materials: Any, base: Folder, errors: List[str], unsupported: List[str]) -> List[Shape]:
+def read(
+    document: Any, groups: Any, materials: Any, textures: Any, base: Folder, errors: List[str], unsupported: List[str]
+) -> List[Shape]:
     """The `[[shape]]` tables in the document's order; in the place of an instance, the shapes of its group."""
-    reader = _Reader(groups, materials, base, errors, unsupported)
+    reader = _Reader(groups, materials, textures, base, errors, unsupported)
     tables = reader.tables(document, "")
     reader.number(tables)
     reader.walk(tables, "", 0, np.eye(4))
+    bodies = [shape for shape in reader.shapes if shape.material < len(materials.all) and materials.all[shape.material].priority is not None]
+    if len(bodies) > MAX_BODIES:
+        errors.append(f"shape: at most {MAX_BODIES} shapes with a priority, found {len(bodies)}")
     # Each copy of a table tells the same again.
     for problems in (errors, unsupported):
         problems[:] = list(dict.fromkeys(problems))

@@ -1,16 +1,19 @@
-"""Loop's subdivision surfaces (model §9), by matrices: every level is one sparse linear map of the points."""
+"""Loop's subdivision surfaces (model §9), by matrices: every level is one sparse linear map of the points; then displaced."""
 
 from __future__ import annotations
 
-from typing import Tuple
+from typing import Callable, Optional, Tuple
 
 import numpy as np
 
 from .meshes import Triangles
 
+# (points (n, 3), unit normals (n, 3), uvs (n, 2)) -> heights (n,), of corners of triangles
+Heights = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
-def loop(mesh: Triangles, levels: int) -> Triangles:
-    """The mesh after some levels, with normals."""
+
+def loop(mesh: Triangles, levels: int, rise: Optional[Heights] = None) -> Triangles:
+    """The mesh after some levels, moved along its normals by `rise` (in metres), with normals."""
     # -0 and 0 are one number.
     points, point_of = np.unique(mesh.positions + 0.0, axis=0, return_inverse=True)
     faces = np.asarray(point_of).reshape(-1)[mesh.faces]
@@ -24,17 +27,37 @@ def loop(mesh: Triangles, levels: int) -> Triangles:
             edges, of_side = _edges(corners)
             corners = _split(corners, len(uvs) + of_side)
             uvs = np.vstack([uvs, uvs[edges].mean(axis=1)])
-    normals = np.zeros_like(points)
-    a, b, c = (points[faces[:, corner]] for corner in range(3))
-    across = np.cross(b - a, c - a)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], across)
+    if rise is not None:
+        points = points + _rises(points, faces, None if uvs is None else uvs[corners], rise)
+    normals = _normals(points, faces)
     if uvs is None:
         return Triangles(points, faces, normals)
     # Every texture coordinate belongs to one point.
     at = np.zeros(len(uvs), dtype=np.int64)
     at[corners.ravel()] = faces.ravel()
     return Triangles(points[at], corners, normals[at], uvs)
+
+
+def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """At each point the sum over its triangles, not normalised."""
+    normals = np.zeros_like(points)
+    a, b, c = (points[faces[:, corner]] for corner in range(3))
+    across = np.cross(b - a, c - a)
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], across)
+    return normals
+
+
+def _rises(points: np.ndarray, faces: np.ndarray, uvs: Optional[np.ndarray], rise: Heights) -> np.ndarray:
+    """(n, 3): how far each point moves, by the mean over the corners of triangles at it; `uvs` is (triangles, 3, 2)."""
+    normals = _normals(points, faces)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+    at = faces.ravel()
+    seen = rise(points[at], normals[at], np.zeros((len(at), 2)) if uvs is None else uvs.reshape(-1, 2))
+    count = np.maximum(np.bincount(at, minlength=len(points)), 1)
+    mean = np.bincount(at, weights=seen, minlength=len(points)) / count
+    return mean[:, None] * normals
 
 
 def _edges(faces: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:

@@ -66,6 +66,7 @@ class Documents(Case):
             (HEAD + BLACK_LIMIT + "max_depth = 256\n", "integrator.max_depth", "255"),
             (dark + FLOOR + f"material = {{ {glass} }}\n", "shape[0]", "not closed"),
             (dark + BALL % (glass + ", exterior_absorption = 1"), "exterior_absorption"),
+            (dark + BALL % (glass + ", priority = 2"), "priority", "overlap"),
             (dark + BALL % glass + BALL % (glass + ", exterior_ior = 1.2"), "Fresnel"),
             (dark + '[[shape]]\ntype = "triangle"\nvertices = [[0, 0, 0], [1, 0, 0], [0, 0, 1]]\n'
              + 'normals = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]\nmaterial = { type = "mirror" }\n', "shape[0]", "interpolated"),

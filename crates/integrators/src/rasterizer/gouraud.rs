@@ -3,7 +3,7 @@
 //! Gouraud, *Continuous shading of curved surfaces*, 1971. With the perspective: the weights are those of the point in the world.
 
 use crate::shadows::Shadows;
-use whitstone_core::{DVec2, Lobes, PathState, RawHit, Ray, Rgb, Scratch, Shape, Skip, World};
+use whitstone_core::{DVec2, Lobes, Medium, PathState, RawHit, Ray, Rgb, Scratch, Shape, Skip, World};
 
 /// Radiance along a camera ray that starts where the viewer is.
 pub(super) fn radiance(world: &World, ray: &Ray, hit: Option<RawHit>, scratch: &mut Scratch) -> Rgb {
@@ -33,7 +33,7 @@ pub(super) fn radiance(world: &World, ray: &Ray, hit: Option<RawHit>, scratch: &
         let point = point.seen_from(view);
         world.count_shaded(hit.shape, 1, &mut scratch.counters);
         if world.lobes_of(hit.shape).intersects(Lobes::SHOWN) {
-            let (skip, medium) = (Skip::leaving(&hit), Rgb::BLACK);
+            let (skip, medium) = (Skip::leaving(&hit), Medium::absorbing(Rgb::BLACK));
             sum += Shadows::None.local(world, hit.shape, &point, view, skip, medium, scratch) * weight;
         }
     }

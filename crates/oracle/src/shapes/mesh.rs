@@ -5,6 +5,7 @@ mod ply;
 mod subdivision;
 
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use std::path::Path;
 use whitstone_core::config::FilePath;
 use whitstone_core::{SceneError, SceneErrors};
@@ -15,6 +16,8 @@ pub(crate) struct Config {
     file: FilePath,
     subdivision: Option<Subdivision>,
     shading: Option<String>,
+    /// Whether there is one is all that it looks at.
+    displacement: Option<IgnoredAny>,
 }
 
 impl Config {
@@ -24,6 +27,7 @@ impl Config {
             file,
             subdivision: None,
             shading: None,
+            displacement: None,
         }
     }
 }
@@ -70,6 +74,10 @@ fn all<T: Copy>([a, b, c]: [Option<T>; 3]) -> Option<[T; 3]> {
 
 pub(crate) fn read(description: &Description<'_>, config: &Config) -> Result<Mesh, SceneErrors> {
     let error = |message: String| SceneErrors::from(SceneError::at(config.file.span.clone(), message));
+    if config.displacement.is_some() {
+        let message = "the oracle does not know displaced meshes".to_owned();
+        return Err(SceneError::at(config.file.span.clone(), message).into());
+    }
     let path = description.sources.base().join(Path::new(&config.file.path));
     let bytes = std::fs::read(&path).map_err(|fault| error(fault.to_string()))?;
     let mesh = match bytes.starts_with(b"ply") {

@@ -27,6 +27,13 @@ pub(super) struct Subdivision {
     levels: Spanned<IntegerIn<1, 8>>,
 }
 
+impl Subdivision {
+    /// How often each triangle is divided into four.
+    pub(super) fn levels(&self) -> u32 {
+        self.levels.get_ref().get()
+    }
+}
+
 /// Rules by which triangles are divided.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -51,14 +58,13 @@ impl Edge {
     }
 }
 
-/// Refines a mesh; all that is wrong with the request is told before anything is built.
+/// Refines a surface; all that is wrong with the request is told before anything is built.
 pub(super) fn subdivide(
-    mesh: Triangles,
+    surface: &mut Surface,
     how: &Subdivision,
     context: &mut dyn Context,
-) -> Result<Triangles, SceneErrors> {
-    let levels = how.levels.get_ref().get();
-    let mut surface = Surface::new(mesh);
+) -> Result<(), SceneErrors> {
+    let levels = how.levels();
     if surface.sides.is_empty() {
         let message = "no triangle is left to divide: each has two corners at one position";
         return Err(SceneError::at(how.levels.span(), message).into());
@@ -72,22 +78,22 @@ pub(super) fn subdivide(
     for _ in 0..levels {
         surface.refine();
     }
-    Ok(surface.finish())
+    Ok(())
 }
 
 /// Triangles by their points, and by the corners that differ in texture coordinates.
-struct Surface {
-    points: Vec<DVec3>,
+pub(super) struct Surface {
+    pub(super) points: Vec<DVec3>,
     /// Three points a triangle.
-    sides: Vec<[u32; 3]>,
+    pub(super) sides: Vec<[u32; 3]>,
     /// Texture coordinates, and three of them a triangle; both empty where the mesh has none.
-    uvs: Vec<DVec2>,
-    corners: Vec<[u32; 3]>,
+    pub(super) uvs: Vec<DVec2>,
+    pub(super) corners: Vec<[u32; 3]>,
 }
 
 impl Surface {
     /// Corners at one position become one point, and what has no area by that is left out.
-    fn new(mesh: Triangles) -> Self {
+    pub(super) fn new(mesh: Triangles) -> Self {
         let mut points = Vec::new();
         let mut known: HashMap<[u64; 3], u32> = HashMap::new();
         let of_vertex: Vec<u32> = mesh
@@ -121,17 +127,23 @@ impl Surface {
         }
     }
 
-    /// What refining takes at most: each level leaves every edge twice and three new ones a triangle.
+    /// What refining takes at most.
     fn bytes(&self, levels: u32) -> u64 {
+        let [points, triangles] = self.size_after(levels);
+        // The last level reads a quarter of the triangles and makes all; points have normals in the end.
+        let point = size_of::<[DVec3; 2]>() + size_of::<DVec2>();
+        let triangle = 2 * size_of::<[u32; 3]>() + size_of::<[u64; 3]>();
+        points * point as u64 + triangles * triangle as u64
+    }
+
+    /// Points and triangles, at most: each level leaves every edge twice and three new ones a triangle.
+    pub(super) fn size_after(&self, levels: u32) -> [u64; 2] {
         let (mut points, mut triangles) = (self.points.len() as u64, self.sides.len() as u64);
         let mut edges = 3 * triangles;
         for _ in 0..levels {
             (points, edges, triangles) = (points + edges, 2 * edges + 3 * triangles, 4 * triangles);
         }
-        // The last level reads a quarter of the triangles and makes all; points have normals in the end.
-        let point = size_of::<[DVec3; 2]>() + size_of::<DVec2>();
-        let triangle = 2 * size_of::<[u32; 3]>() + size_of::<[u64; 3]>();
-        points * point as u64 + triangles * triangle as u64
+        [points, triangles]
     }
 
     fn refine(&mut self) {
@@ -153,8 +165,8 @@ impl Surface {
         (self.points, self.sides) = (points, divided);
     }
 
-    /// As vertices, each with a position, a normal and texture coordinates.
-    fn finish(self) -> Triangles {
+    /// At each point the sum of the normals of its triangles, as long as twice their areas.
+    pub(super) fn normals(&self) -> Vec<DVec3> {
         let mut normals = vec![DVec3::ZERO; self.points.len()];
         for triangle in &self.sides {
             let [a, b, c] = triangle.map(|point| self.points[point as usize]);
@@ -163,6 +175,12 @@ impl Surface {
                 normals[*point as usize] += normal;
             }
         }
+        normals
+    }
+
+    /// As vertices, each with a position, a normal and texture coordinates.
+    pub(super) fn finish(self) -> Triangles {
+        let normals = self.normals();
         if self.corners.is_empty() {
             return Triangles {
                 positions: self.points,

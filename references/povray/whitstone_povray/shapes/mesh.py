@@ -14,12 +14,14 @@ def _list(name: str, entries: List[str]) -> str:
 
 
 def twin(fields: Fields, place: Place) -> Solid:
-    """`file`, `shading`; not subdivided."""
+    """`file`, `shading`; neither subdivided nor displaced."""
     path = fields.path("file")
     smooth = fields.choice("shading", "smooth", ("smooth", "flat")) == "smooth"
     surface = Surface("x", "y", mapped=True)
     if fields.take("subdivision") is not None:
         fields.unsupported("POV-Ray does not subdivide: the twin would be the mesh that Mitsuba's is", "subdivision")
+    if fields.take("displacement") is not None:
+        fields.unsupported("POV-Ray does not displace: the twin would be the mesh that Mitsuba's is", "displacement")
     try:
         mesh = meshes.load(path)
     except SceneError as error:

@@ -2,7 +2,7 @@
 
 use super::{Highlight, Interface, Kind, Tangent};
 use crate::tracer::texture::{Texture, table};
-use crate::tracer::unknown;
+use crate::tracer::{unknown, unknown_part};
 use serde::Deserialize;
 use whitstone_core::config::{Color, PluginRef, TextureRef, decode};
 use whitstone_core::{DVec3, Rgb, SceneError, SceneErrors};
@@ -36,6 +36,7 @@ struct Glass {
     exterior_ior: Option<f64>,
     absorption: Option<Color>,
     exterior_absorption: Option<Color>,
+    priority: Option<u32>,
 }
 
 #[derive(Deserialize)]
@@ -149,6 +150,9 @@ impl Source<'_, '_> {
             "mirror" => Kind::Mirror(self.texture(decode::<Matte>(&plugin.table)?.reflectance, 1.0)?),
             "dielectric" => {
                 let glass: Glass = decode(&plugin.table)?;
+                if glass.priority.is_some() {
+                    return Err(unknown_part(plugin, "bodies that overlap by priority"));
+                }
                 Kind::Dielectric(Interface::new(
                     [glass.interior_ior, glass.exterior_ior],
                     [glass.absorption, glass.exterior_absorption],

@@ -1,0 +1,368 @@
+//! Vertices that are moved along their normals by a height.
+//!
+//! Cook, *Shade trees*, 1984, section "Displacement maps": unlike bump mapping, which turns the normals only, this moves the surface, so
+//! that silhouettes and shadows show it as well. The height is looked up at the vertices, in object space: how fine the relief becomes is a matter
+//! of how fine the mesh is. All corners at one position move as one, so that no gap opens at a seam of texture coordinates.
+
+use super::subdivision::Surface;
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::ops::Range;
+use toml::Spanned;
+use whitstone_core::config::{Finite, TextureRef};
+use whitstone_core::{ColorSource, Context, DVec2, DVec3, Needs, SceneError, SceneErrors, SurfacePoint};
+
+/// Moves each vertex along its unit normal by scale times (height - offset).
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Displacement {
+    /// The height: a texture, of which the first channel counts. It is looked up in object space: at the vertex before it is moved, with its texture
+    /// coordinates and its normal.
+    height: TextureRef,
+    /// Metres in object space for a height of 1, outwards; may be negative.
+    #[serde(default = "one")]
+    #[schemars(with = "Finite")]
+    scale: Spanned<Finite>,
+    /// The height at which a vertex stays where it is.
+    #[serde(default = "zero")]
+    offset: Finite,
+}
+
+fn one() -> Spanned<Finite> {
+    Spanned::new(0..0, Finite::new(1.0).expect("1 is finite"))
+}
+
+fn zero() -> Finite {
+    Finite::new(0.0).expect("0 is finite")
+}
+
+/// What displacing takes besides the surface, after so many levels of subdivision: a normal and a mean height a point, and the
+/// heights that it is the mean of.
+pub(super) fn bytes(surface: &Surface, levels: u32) -> u64 {
+    let [points, _] = surface.size_after(levels);
+    let point = size_of::<DVec3>() + size_of::<Mean>() + size_of::<f64>();
+    let corner = size_of::<f64>() + size_of::<u32>();
+    let corners = if surface.uvs.is_empty() { 0 } else { points };
+    points * point as u64 + corners * corner as u64
+}
+
+/// Moves the points of a surface.
+pub(super) fn displace(
+    surface: &mut Surface,
+    how: &Displacement,
+    context: &mut dyn Context,
+) -> Result<(), SceneErrors> {
+    let place = how.height.span.clone().unwrap_or(0..0);
+    let height = context.texture(&how.height)?;
+    let by_uv = height.needs().contains(Needs::UV);
+    if by_uv && surface.uvs.is_empty() {
+        let error = SceneError::at(
+            place,
+            "this texture lies by (u, v), and the mesh has no texture coordinates",
+        );
+        let help = "let it lie by the place in object space: mapping = { projection = \"solid\" }, or \"planar\", \"spherical\", ...";
+        return Err(error.with_help(help).into());
+    }
+    if surface.sides.is_empty() {
+        let message = "no triangle is left to displace: each has two corners at one position";
+        return Err(SceneError::at(place, message).into());
+    }
+    // Zero where triangles cancel, or where there is none: such points stay.
+    let mut normals = surface.normals();
+    normals.par_iter_mut().for_each(|n| *n = n.normalize_or_zero());
+    let relief = Relief {
+        surface,
+        normals: &normals,
+        height: &height,
+        place,
+    };
+    let heights = if by_uv {
+        relief.heights_by_uv()?
+    } else {
+        relief.heights()?
+    };
+    let (scale, offset) = (how.scale.get_ref().get(), how.offset.get());
+    let moved = surface.points.par_iter_mut().zip(&normals).zip(&heights);
+    moved.for_each(|((point, n), height)| *point += scale * (height - offset) * *n);
+    if surface.points.iter().any(|point| !point.is_finite()) {
+        let message = "this moves a vertex beyond all numbers";
+        return Err(SceneError::at(how.scale.span(), message).into());
+    }
+    Ok(())
+}
+
+/// A mean on the way.
+#[derive(Clone, Copy, Default)]
+struct Mean {
+    sum: f64,
+    count: u32,
+}
+
+/// No point: of texture coordinates that no triangle uses.
+const NOWHERE: u32 = u32::MAX;
+
+/// Where heights are looked up.
+struct Relief<'a> {
+    surface: &'a Surface,
+    /// Of unit length, or zero.
+    normals: &'a [DVec3],
+    height: &'a ColorSource,
+    /// Of the texture, for messages.
+    place: Range<usize>,
+}
+
+impl Relief<'_> {
+    /// At each point.
+    fn heights(&self) -> Result<Vec<f64>, SceneError> {
+        let points = 0..self.surface.points.len();
+        let heights: Vec<f64> = points
+            .into_par_iter()
+            .map(|point| self.at(point, DVec2::ZERO))
+            .collect();
+        self.check(heights.iter().copied().zip(0..))?;
+        Ok(heights)
+    }
+
+    /// At each point the mean of what its corners see, each with its own texture coordinates.
+    fn heights_by_uv(&self) -> Result<Vec<f64>, SceneError> {
+        let Surface {
+            points,
+            sides,
+            uvs,
+            corners,
+        } = self.surface;
+        let mut point_of = vec![NOWHERE; uvs.len()];
+        for (corners, points) in corners.iter().zip(sides) {
+            for (corner, point) in corners.iter().zip(points) {
+                point_of[*corner as usize] = *point;
+            }
+        }
+        let at = |(&point, &uv)| match point {
+            NOWHERE => 0.0,
+            point => self.at(point as usize, uv),
+        };
+        let seen: Vec<f64> = point_of.par_iter().zip(uvs).map(at).collect();
+        self.check(seen.iter().copied().zip(point_of.iter().copied()))?;
+        let mut means = vec![Mean::default(); points.len()];
+        for (corners, points) in corners.iter().zip(sides) {
+            for (corner, point) in corners.iter().zip(points) {
+                let mean = &mut means[*point as usize];
+                mean.sum += seen[*corner as usize];
+                mean.count += 1;
+            }
+        }
+        // Points without a triangle have no normal along which they could move.
+        let mean = |mean: &Mean| mean.sum / f64::from(mean.count.max(1));
+        Ok(means.iter().map(mean).collect())
+    }
+
+    /// What one corner sees.
+    fn at(&self, point: usize, uv: DVec2) -> f64 {
+        let (position, normal) = (self.surface.points[point], self.normals[point]);
+        if normal == DVec3::ZERO {
+            return 0.0;
+        }
+        let mut there = SurfacePoint::new(position, 0.0, normal);
+        there.uv = uv;
+        self.height.value(&there).r
+    }
+
+    /// That all heights, each with its point, are numbers.
+    fn check(&self, mut heights: impl Iterator<Item = (f64, u32)>) -> Result<(), SceneError> {
+        let Some((height, point)) = heights.find(|(height, _)| !height.is_finite()) else {
+            return Ok(());
+        };
+        let position = self.surface.points[point as usize];
+        let message = format!("the height at the vertex {position} is {height}, not a finite number");
+        Err(SceneError::at(self.place.clone(), message))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::mesh::Mesh;
+    use std::sync::atomic::{AtomicU32, Ordering};
+    use whitstone_core::config::decode;
+    use whitstone_core::{
+        Context, DVec3, Needs, Plugin, Rgb, SceneError, SceneErrors, Shape, Shapes, SurfacePoint, Texture,
+        Transform, TriangleMesh,
+    };
+    use whitstone_testkit::{TestContext, build_in, shape_laws};
+
+    /// A height of any kind.
+    struct Height(fn(&SurfacePoint) -> f64, Needs);
+
+    impl Texture for Height {
+        fn needs(&self) -> Needs {
+            self.1
+        }
+
+        fn value(&self, point: &SurfacePoint) -> Rgb {
+            // Only the first channel counts.
+            Rgb::new((self.0)(point), 77.0, 77.0)
+        }
+    }
+
+    const OCTAHEDRON: &str = "v 1 0 0\nv 0 1 0\nv 0 0 1\nv -1 0 0\nv 0 -1 0\nv 0 0 -1\n\
+                              f 1 2 3\nf 2 4 3\nf 4 5 3\nf 5 1 3\nf 2 1 6\nf 4 2 6\nf 5 4 6\nf 1 5 6\n";
+
+    fn load(file: &str, more: &str) -> Result<TriangleMesh, SceneErrors> {
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let name = format!("whitstone-displacement-{}-{number}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("a.obj"), file).unwrap();
+        let mut context = TestContext::in_folder(&folder)
+            .with_texture("up", Height(|p| p.position.z, Needs::NOTHING))
+            .with_texture("out", Height(|p| p.n_s.z.abs(), Needs::SHADING_NORMAL))
+            .with_texture("u", Height(|p| p.uv.x, Needs::UV))
+            .with_texture("nan", Height(|p| 1.0 / p.position.x.min(0.0), Needs::NOTHING));
+        let text = format!("file = \"a.obj\"\n{more}");
+        let built = build_in::<Shapes, Mesh>(&text, Transform::IDENTITY, &mut context);
+        std::fs::remove_dir_all(&folder).unwrap();
+        match built? {
+            Shape::Triangles(mesh) => Ok(mesh),
+            _ => Err(SceneError::anywhere("a mesh is triangles").into()),
+        }
+    }
+
+    #[test]
+    fn vertices_move_along_their_normals_and_normals_follow() {
+        let more = "displacement = { height = \"up\", scale = 0.5, offset = 0.25 }";
+        let mesh = load(OCTAHEDRON, more).unwrap();
+        // By half of z less a quarter: the equator in, the upper tip out, the lower one in.
+        let expected = [0.875, 0.875, 1.375, -0.875, -0.875, -0.375];
+        for ((p, axis), length) in mesh.positions.iter().zip([0, 1, 2, 0, 1, 2]).zip(expected) {
+            assert!((p[axis] - length).abs() < 1e-15, "{p}");
+            assert!((p.length() - length.abs()).abs() < 1e-15, "{p}");
+        }
+        // That of the vertex at +x: its four triangles, two of which are flatter now.
+        let (up, down) = (DVec3::new(1.375, 0.0, 0.875), DVec3::new(0.375, 0.0, 0.875));
+        let expected = (DVec3::new(up.x, 0.0, up.z) + DVec3::new(down.x, 0.0, -down.z)).normalize();
+        assert!(
+            (mesh.normals[0] - expected).length() < 1e-15,
+            "{}",
+            mesh.normals[0]
+        );
+        shape_laws(Shape::Triangles(mesh), 4_000);
+    }
+
+    #[test]
+    fn a_constant_height_grows_a_sphere_and_none_leaves_the_mesh_as_it_is() {
+        let divided = "subdivision = { scheme = \"loop\", levels = 3 }";
+        let plain = load(OCTAHEDRON, divided).unwrap();
+        let same = load(OCTAHEDRON, &format!("{divided}\ndisplacement = {{ height = 0 }}")).unwrap();
+        assert_eq!(
+            (&plain.positions, &plain.normals),
+            (&same.positions, &same.normals)
+        );
+        let more = format!("{divided}\ndisplacement = {{ height = 0.5, scale = -0.5 }}");
+        let smaller = load(OCTAHEDRON, &more).unwrap();
+        for (k, (before, after)) in plain.positions.iter().zip(&smaller.positions).enumerate() {
+            let expected = *before - 0.25 * plain.normals[k];
+            assert!((*after - expected).length() < 1e-15);
+        }
+    }
+
+    /// Both sides of a seam see other texture coordinates; the point moves by the mean of its three corners.
+    #[test]
+    fn seams_stay_closed() {
+        let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 4 0\n\
+                      f 1/1 2/2 3/1\nf 1/3 3/1 4/1\n";
+        let mesh = load(square, "displacement = { height = \"u\" }").unwrap();
+        let height = |x: f64, y: f64| {
+            let there = mesh.positions.iter().filter(|p| (p.x, p.y) == (x, y));
+            let heights: Vec<f64> = there.map(|p| p.z).collect();
+            assert!(heights.windows(2).all(|two| two[0] == two[1]));
+            heights[0]
+        };
+        assert_eq!(
+            [height(0.0, 0.0), height(1.0, 0.0), height(1.0, 1.0)],
+            [2.0, 1.0, 0.0]
+        );
+        assert_eq!(mesh.uvs.len(), mesh.positions.len());
+    }
+
+    #[test]
+    fn heights_may_look_at_normals_and_flat_shading_forgets_them() {
+        let more = "displacement = { height = \"out\" }\nshading = \"flat\"";
+        let mesh = load(OCTAHEDRON, more).unwrap();
+        assert!(mesh.normals.is_empty());
+        assert!((mesh.positions[2].z - 2.0).abs() < 1e-15);
+        assert!((mesh.positions[0].x - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_cannot_be_is_told_at_its_place() {
+        let place = |more: &str, word: &str| {
+            let error = load(OCTAHEDRON, more).err().unwrap().0.remove(0);
+            let text = format!("file = \"a.obj\"\n{more}");
+            let span = error.span.clone().unwrap();
+            assert_eq!(&text[span], word, "{}", error.message);
+            error.message
+        };
+        let message = place("displacement = { height = \"u\" }", "\"u\"");
+        assert!(message.contains("the mesh has no texture coordinates"));
+        let message = place("displacement = { height = \"nan\" }", "\"nan\"");
+        assert_eq!(
+            message,
+            "the height at the vertex [1, 0, 0] is inf, not a finite number"
+        );
+        let message = place("displacement = { height = 1e300, scale = 1e300 }", "1e300");
+        assert!(message.contains("beyond all numbers"));
+        place("displacement = { height = 1, scale = inf }", "inf");
+        place("displacement = { height = -1 }", "-1");
+        place("displacement = { height = 1, depth = 2 }", "depth");
+        assert!(load(OCTAHEDRON, "displacement = { scale = 1 }").is_err());
+        let point = load(
+            "v 0 0 0\nv 0 0 0\nv 1 0 0\nf 1 2 3\n",
+            "displacement = { height = 1 }",
+        );
+        assert!(point.err().unwrap().0[0].message.contains("no triangle is left"));
+    }
+
+    #[test]
+    fn memory_is_asked_for_before() {
+        struct Stingy(TestContext, u64);
+        impl Context for Stingy {
+            fn texture(
+                &mut self,
+                _: &whitstone_core::config::TextureRef,
+            ) -> Result<whitstone_core::ColorSource, SceneErrors> {
+                Err(SceneError::anywhere("too late").into())
+            }
+            fn file(
+                &self,
+                file: &whitstone_core::config::FilePath,
+            ) -> Result<std::path::PathBuf, SceneError> {
+                self.0.file(file)
+            }
+            fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
+                self.1 += bytes;
+                match self.1 > 55_000 {
+                    true => Err(SceneError::anywhere("no memory").into()),
+                    false => Ok(()),
+                }
+            }
+            fn warn(&mut self, _: SceneError) {}
+        }
+        let folder =
+            std::env::temp_dir().join(format!("whitstone-displacement-memory-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("a.obj"), OCTAHEDRON).unwrap();
+        let message = |more: &str| {
+            let mut context = Stingy(TestContext::in_folder(&folder), 0);
+            let text = format!("file = \"a.obj\"\n{more}");
+            let config = decode(&toml::de::DeTable::parse(&text).unwrap()).unwrap();
+            let built = Mesh::build(config, Transform::IDENTITY, &mut context);
+            built.err().map(|errors| errors.0[0].message.clone())
+        };
+        let divided = "subdivision = { scheme = \"loop\", levels = 3 }";
+        assert_eq!(message(divided), None);
+        let displaced = format!("{divided}\ndisplacement = {{ height = 1 }}");
+        assert_eq!(message(&displaced).as_deref(), Some("no memory"));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,88 @@
+"""Heights over meshes (model §9, displacement): textures looked up in float64, for single precision would roughen the surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import patterns, textures
+from .fields import REQUIRED, Fields
+from .subdivision import Heights
+
+
+@dataclass
+class _Frame:
+    n: np.ndarray
+
+
+@dataclass
+class _Place:
+    """What mappings look at, with one column for each corner."""
+
+    p: np.ndarray
+    uv: np.ndarray
+    sh_frame: _Frame
+
+
+def _index(place: np.ndarray, count: int, wrap: str) -> np.ndarray:
+    """The texel that is shown at a whole number."""
+    place = place.astype(np.int64)
+    if wrap == "clamp":
+        return np.clip(place, 0, count - 1)
+    if wrap == "repeat":
+        return np.mod(place, count)
+    folded = np.mod(place, 2 * count)
+    return np.where(folded < count, folded, 2 * count - 1 - folded)
+
+
+def _image(image: Any, q: np.ndarray) -> np.ndarray:
+    """(n, 3) colours of an image at (n, 3) points of texture space."""
+    texels = image.pixels.astype(np.float64)
+    rows, columns = texels.shape[:2]
+    x = (q[:, 0] * image.scale[0] + image.offset[0]) * columns
+    y = (1 - (q[:, 1] * image.scale[1] + image.offset[1])) * rows
+    if image.filter == "nearest":
+        return texels[_index(np.floor(y), rows, image.wrap), _index(np.floor(x), columns, image.wrap)]
+    left, top = np.floor(x - 0.5), np.floor(y - 0.5)
+    right_share, low_share = (x - 0.5 - left)[:, None], (y - 0.5 - top)[:, None]
+    line = []
+    for row in (0, 1):
+        j = _index(top + row, rows, image.wrap)
+        two = [texels[j, _index(left + column, columns, image.wrap)] for column in (0, 1)]
+        line.append(two[0] * (1 - right_share) + two[1] * right_share)
+    return line[0] * (1 - low_share) + line[1] * low_share
+
+
+def _checker(checker: Any, q: np.ndarray) -> np.ndarray:
+    cell = np.floor(q[:, :2] * np.array(checker.scale) + np.array(checker.offset)).sum(axis=1)
+    return np.where((np.mod(cell, 2) == 0)[:, None], np.array(checker.a), np.array(checker.b))
+
+
+def _colors(texture: Any, q: np.ndarray) -> np.ndarray:
+    if isinstance(texture, textures.Image):
+        return _image(texture, q)
+    if isinstance(texture, textures.Checker):
+        return _checker(texture, q)
+    assert isinstance(texture, patterns.HOSTED)
+    return texture.at(q)
+
+
+def heights(texture: Any, points: np.ndarray, normals: np.ndarray, uvs: np.ndarray) -> np.ndarray:
+    """(n,): the first channel at corners with these positions, unit normals and texture coordinates."""
+    if isinstance(texture, textures.Constant):
+        return np.full(len(points), texture.value[0])
+    place = _Place(points.T, uvs.T, _Frame(normals.T))
+    return texture.mapping.values(place, lambda q: _colors(texture, q))[:, 0]
+
+
+def read(fields: Fields, library: Any, has_uv: bool) -> Heights:
+    """The key `displacement`: how far a corner moves along its normal."""
+    inner = Fields(fields.take("displacement"), f"{fields.where}.displacement", fields.errors)
+    height = library.value(inner, "height", REQUIRED, 0.0, float("inf"))
+    scale, offset = inner.number("scale", 1.0), inner.number("offset", 0.0)
+    inner.close()
+    if hasattr(height, "mapping") and height.mapping.projection == "uv" and not has_uv:
+        inner.error("height", "lies by (u, v), and the mesh has no texture coordinates")
+    return lambda points, normals, uvs: scale * (heights(height, points, normals, uvs) - offset)
