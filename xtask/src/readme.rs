@@ -29,6 +29,9 @@ const SHEET: [&str; 6] = [
 /// Pixels of a picture on the sheet.
 const TILE: (usize, usize) = (288, 216);
 
+/// The showcase scenes that are shown beside their references.
+const TRIOS: [&str; 2] = ["classic", "room"];
+
 /// Pictures of what accelerators divide space into: name, configuration, down to which level.
 const BOUNDS: [(&str, &str, usize); 9] = [
     ("bvh", "type = \"bvh\"", 2),
@@ -70,12 +73,12 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     let mut files = vec![
         (PathBuf::from(README), readme.into_bytes()),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
-        (
-            PathBuf::from("docs/images/classic-trio.png"),
-            classic_trio(registry)?,
-        ),
         (PathBuf::from(plugins::FILE), plugins::json(registry).into_bytes()),
     ];
+    for name in TRIOS {
+        let path = PathBuf::from(format!("docs/images/{name}-trio.png"));
+        files.push((path, trio_of(registry, name)?));
+    }
     for (name, accelerator, deepest) in BOUNDS {
         let path = PathBuf::from(format!("docs/images/bounds-{name}.png"));
         files.push((path, bounds(registry, accelerator, deepest)?));
@@ -247,15 +250,12 @@ fn sheet(registry: &Registry) -> Result<Vec<u8>, Failure> {
 }
 
 /// Ours, the stored reference, and the error.
-fn classic_trio(registry: &Registry) -> Result<Vec<u8>, Failure> {
-    let (film, hash) = render(registry, Path::new("scenes/showcase/classic.toml"), &[])?;
+fn trio_of(registry: &Registry, name: &str) -> Result<Vec<u8>, Failure> {
+    let scene = PathBuf::from(format!("scenes/showcase/{name}.toml"));
+    let (film, hash) = render(registry, &scene, &[])?;
     let ours = film.to_image(&hash).map_err(Failure::usage)?;
-    let stored = Stored::read(
-        Path::new("references/images/showcase/classic"),
-        Renderer::Mitsuba,
-        &hash,
-    )
-    .map_err(Failure::usage)?;
+    let folder = PathBuf::from(format!("references/images/showcase/{name}"));
+    let stored = Stored::read(&folder, Renderer::Mitsuba, &hash).map_err(Failure::usage)?;
     let raster =
         trio(&ours, &stored.image, ToneMap::default(), ErrorView::default()).map_err(Failure::usage)?;
     raster.to_png().map_err(Failure::environment)
