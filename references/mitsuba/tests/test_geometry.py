@@ -4,6 +4,7 @@ import math
 import os
 import tempfile
 import unittest
+from itertools import product
 
 import numpy as np
 from support import DOWN, FLOOR, Case, film
@@ -401,7 +402,7 @@ class Meshes(Case):
         uvs = generator.random((500, 2)) * 5 - 2
         mapping = mappings.Mapping("uv")
         for kind in ("bilinear", "nearest"):
-            for wrap in ("repeat", "clamp", "mirror"):
+            for wrap in product(textures.WRAPS, textures.WRAPS):
                 image = textures.Image(texels, kind, wrap, (1.5, 2.0), (0.25, 0.5), mapping)
                 self.same_heights(image, uvs)
         checker = textures.Checker((0.8,) * 3, (0.2,) * 3, (2.0, 3.0), (0.1, 0.3), mapping)

@@ -41,16 +41,17 @@ def _image(image: Any, q: np.ndarray) -> np.ndarray:
     """(n, 3) colours of an image at (n, 3) points of texture space."""
     texels = image.pixels.astype(np.float64)
     rows, columns = texels.shape[:2]
+    along_u, along_v = image.wrap
     x = (q[:, 0] * image.scale[0] + image.offset[0]) * columns
     y = (1 - (q[:, 1] * image.scale[1] + image.offset[1])) * rows
     if image.filter == "nearest":
-        return texels[_index(np.floor(y), rows, image.wrap), _index(np.floor(x), columns, image.wrap)]
+        return texels[_index(np.floor(y), rows, along_v), _index(np.floor(x), columns, along_u)]
     left, top = np.floor(x - 0.5), np.floor(y - 0.5)
     right_share, low_share = (x - 0.5 - left)[:, None], (y - 0.5 - top)[:, None]
     line = []
     for row in (0, 1):
-        j = _index(top + row, rows, image.wrap)
-        two = [texels[j, _index(left + column, columns, image.wrap)] for column in (0, 1)]
+        j = _index(top + row, rows, along_v)
+        two = [texels[j, _index(left + column, columns, along_u)] for column in (0, 1)]
         line.append(two[0] * (1 - right_share) + two[1] * right_share)
     return line[0] * (1 - low_share) + line[1] * low_share
 

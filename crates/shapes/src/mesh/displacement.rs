@@ -285,6 +285,29 @@ mod tests {
         assert_eq!(mesh.uvs.len(), mesh.positions.len());
     }
 
+    /// Case 44 of the catalogue: from next to nothing to walls a ramp has the normal that it should, and what folds over has normals at all.
+    #[test]
+    fn normals_follow_any_amplitude() {
+        let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nf 1/1 2/2 3/2\nf 1/1 3/2 4/1\n";
+        for decade in -12..=3 {
+            let amplitude = 10f64.powi(decade);
+            let more = format!("displacement = {{ height = \"u\", scale = {amplitude:e} }}");
+            let expected = DVec3::new(-amplitude, 0.0, 1.0).normalize();
+            for n in &load(square, &more).unwrap().normals {
+                assert!((*n - expected).length() < 1e-15, "{amplitude:e}: {n}");
+            }
+            let more = format!(
+                "subdivision = {{ scheme = \"loop\", levels = 3 }}\ndisplacement = {{ height = \"out\", scale = -{amplitude:e} }}"
+            );
+            let mesh = load(OCTAHEDRON, &more).unwrap();
+            assert!(mesh.positions.iter().all(|p| p.is_finite()));
+            assert!(
+                mesh.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-14),
+                "{amplitude:e}"
+            );
+        }
+    }
+
     #[test]
     fn heights_may_look_at_normals_and_flat_shading_forgets_them() {
         let more = "displacement = { height = \"out\" }\nshading = \"flat\"";

@@ -1,7 +1,7 @@
 //! Reliefs that only the shading knows, from next to nothing to walls.
 //!
-//! There is no displacement yet, which moves the surface itself: what holds for it, that nothing is torn and nothing folds over unseen, cannot be
-//! asked of a normal.
+//! Displacement moves the surface itself, and what rays meet are triangles as any others: that their normals are right at any amplitude is
+//! a test of `crates/shapes/src/mesh/displacement.rs`.
 
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use whitstone_core::{Branches, DVec3, SurfacePoint};
