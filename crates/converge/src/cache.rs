@@ -1,6 +1,7 @@
 //! What is finished is kept, so that a run that was broken off goes on where it stopped.
 
 use crate::errors::Measured;
+use crate::usage::Ticks;
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::collections::HashSet;
@@ -24,6 +25,9 @@ pub struct Record {
     pub primitives: Option<u64>,
     /// Bytes that building and rendering took at most, where the system tells.
     pub memory: Option<u64>,
+    /// Processor time of the machine meanwhile.
+    #[serde(default)]
+    pub used: Ticks,
     /// How many repeats are enough.
     pub repeats: usize,
     /// How many the time that is allowed has room for.

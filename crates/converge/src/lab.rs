@@ -4,7 +4,6 @@ use crate::cache::{Cache, Record};
 use crate::errors::{Measured, edges};
 use crate::study::{Against, Change, Engine, Study};
 use crate::usage::{Memory, Ticks, processor_time};
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use whitstone_core::{Registry, SceneError, SceneErrors};
@@ -50,8 +49,6 @@ pub struct Lab<'a> {
     pub(crate) options: Options,
     /// Whether only the first half of the times is taken.
     pub(crate) halfway: bool,
-    /// Processor time while the studies were timed, by their names.
-    used: BTreeMap<String, Ticks>,
 }
 
 /// A configuration that is ready to be timed.
@@ -97,7 +94,6 @@ impl<'a> Lab<'a> {
             cache,
             options,
             halfway: false,
-            used: BTreeMap::new(),
         }
     }
 
@@ -107,22 +103,9 @@ impl<'a> Lab<'a> {
     }
 
     /// Processor time of everything and of what takes part, where the system tells.
-    pub(crate) fn ticks(&self) -> Option<Ticks> {
+    fn ticks(&self) -> Option<Ticks> {
         let driver: Vec<u32> = self.mitsuba.iter().map(Driver::process).collect();
         Ticks::now(&driver)
-    }
-
-    /// Notes what was used since `before`, when a study began to be timed.
-    pub(crate) fn used_since(&mut self, study: &Study, before: Option<Ticks>) {
-        if let (Some(before), Some(now)) = (before, self.ticks()) {
-            let used = self.used.entry(study.name.clone()).or_default();
-            *used = used.more(before, now);
-        }
-    }
-
-    /// The part of the processor time that others used while a study was timed.
-    pub(crate) fn others(&self, study: &Study) -> Option<f64> {
-        self.used.get(&study.name)?.others()
     }
 
     /// The name of what a rendering of a scene determines.
@@ -281,6 +264,7 @@ impl<'a> Lab<'a> {
             build_s: shot.build_s,
             times: Vec::new(),
             cpu: Vec::new(),
+            used: Ticks::default(),
             rays: shot.rays,
             samples: shot.samples,
             primitives: shot.primitives,
@@ -301,6 +285,7 @@ impl<'a> Lab<'a> {
                 Ready::Mitsuba(flattened) => drop(self.shoot_mitsuba(flattened)?),
             }
         }
+        let before = self.ticks();
         match ready {
             Ready::Whitstone(pipeline) => {
                 let (clock, processor) = (Instant::now(), processor_time());
@@ -316,6 +301,9 @@ impl<'a> Lab<'a> {
                 record.times.push(shot.seconds);
                 record.cpu.push(shot.cpu);
             }
+        }
+        if let (Some(before), Some(now)) = (before, self.ticks()) {
+            record.used = record.used.more(before, now);
         }
         Ok(())
     }

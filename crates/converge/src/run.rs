@@ -5,6 +5,7 @@ use crate::errors::{Measured, rounding};
 use crate::lab::{Lab, Ready};
 use crate::report::{Point, SeriesReport, StudyReport, TruthReport};
 use crate::study::{Engine, Series, Study, Truth};
+use crate::usage::Ticks;
 use whitstone_image::{Image, Mask};
 use whitstone_validate::quoted;
 
@@ -87,9 +88,7 @@ impl Lab<'_> {
                 jobs.push(self.first_look(study, series, setting, truth_of(series)));
             }
         }
-        let before = self.ticks();
         self.rounds(&mut jobs, told);
-        self.used_since(study, before);
         let series = study.series.iter().enumerate().map(|(number, of)| {
             let points = jobs
                 .iter()
@@ -109,7 +108,8 @@ impl Lab<'_> {
         let series: Vec<SeriesReport> = series.collect();
         let floor = truths.iter().map(|truth| truth.floor).fold(0.0, f64::max);
         let truth = self.truth_report(study);
-        let others = self.others(study);
+        let records = jobs.iter().filter_map(|job| job.record.as_ref().ok());
+        let others = records.map(|record| record.used).sum::<Ticks>().others();
         Ok(StudyReport::new(study, truth, floor, series, problems, others))
     }
 

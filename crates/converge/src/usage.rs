@@ -1,6 +1,8 @@
 //! What the system says of this process and of the machine.
 
+use serde::{Deserialize, Serialize};
 use std::fs;
+use std::iter::Sum;
 
 /// Processor time of all threads of this process, in seconds.
 #[cfg(unix)]
@@ -29,7 +31,7 @@ pub fn processor() -> Option<String> {
 }
 
 /// Processor time since some moment, in ticks of the system.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ticks {
     /// Of everything that runs.
     pub all: u64,
@@ -64,6 +66,12 @@ impl Ticks {
     /// The part that others used, 0 to 1; none where that is too little to tell.
     pub fn others(self) -> Option<f64> {
         (self.all >= 100).then(|| (1.0 - self.own as f64 / self.all as f64).max(0.0))
+    }
+}
+
+impl Sum for Ticks {
+    fn sum<I: Iterator<Item = Self>>(parts: I) -> Self {
+        parts.fold(Self::default(), |sum, part| sum.more(Self::default(), part))
     }
 }
 
