@@ -2,10 +2,10 @@
 //!
 //! Cook and Torrance 1982 (Fresnel); the forms that do not cancel are derived in `optics.rs`. Transmitted
 //! radiance is scaled by the squared relative index: what is kept is L/n². Bodies with a priority may overlap (Schmidt and Budge 2002,
-//! *Simple nested dielectrics in ray traced images*): the core says which media a face is between.
+//! *Simple nested dielectrics in ray traced images*): the core says which media a face is between, as in `scenes/showcase/priorities.toml`.
 //!
 //! - Twin: Mitsuba `dielectric` (native); absorption through the driver.
-//! - Example: `scenes/materials/dielectric.toml`; with priorities `scenes/showcase/priorities.toml`.
+//! - Example: `scenes/materials/dielectric.toml`.
 
 use crate::body::Body;
 use schemars::JsonSchema;
