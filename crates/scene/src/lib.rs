@@ -11,6 +11,7 @@ mod description;
 mod document;
 mod film;
 mod groups;
+mod limits;
 mod memory;
 mod operands;
 mod pipeline;
