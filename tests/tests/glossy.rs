@@ -22,7 +22,7 @@ type = "background"
 radiance = [0.3, 0.5, 0.7]
 "#;
 
-/// A ball over a floor before a wall; of what is `MATERIAL`, some reflects in others.
+/// A ball and a box over a floor; of what is `MATERIAL`, some reflects in others. Nothing touches: there rounding decides what is seen.
 const ROOM: &str = r#"
 [integrator]
 type = "whitted"
@@ -33,12 +33,12 @@ transform = { rotate = { axis = [1, 0, 0], degrees = -90 } }
 material = { type = "mix", a = { type = "matte", reflectance = { type = "checker", scale = 2 } }, b = { MATERIAL } }
 [[shape]]
 type = "sphere"
-center = [-0.4, 0.6, 0]
+center = [-0.4, 0.65, 0]
 radius = 0.6
 material = { MATERIAL }
 [[shape]]
 type = "box"
-transform = [{ scale = 0.3 }, { translate = [0.8, 0.3, 0] }]
+transform = [{ scale = 0.3 }, { translate = [0.8, 0.37, 0] }]
 material = { type = "mask", opacity = 0.7, material = { MATERIAL } }
 "#;
 
