@@ -7,6 +7,7 @@
 mod accelerator;
 mod bodies;
 mod camera;
+mod closed_mesh;
 mod color;
 pub mod config;
 mod error;
@@ -34,6 +35,7 @@ pub mod triangle;
 pub use accelerator::{Accelerator, Effort, Outline, Statistics};
 pub use bodies::{Bodies, Face, Inside, Overlapping, Substance};
 pub use camera::{Camera, FilmSize};
+pub use closed_mesh::{ClosedMesh, NotClosed};
 pub use color::Rgb;
 pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
 pub use footprint::{Footprint, Spread};

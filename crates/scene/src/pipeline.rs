@@ -13,10 +13,10 @@ use whitstone_core::config::{
     FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue,
 };
 use whitstone_core::{
-    Accelerator, Accelerators, Bodies, Camera, Cameras, ColorSource, Context, Element, FamilyName, Geometry,
-    Group, Integrator, Integrators, LightGives, Lights, Lobes, Material, Materials, ObjectOrder, Primitive,
-    Refused, Registry, Sampler, Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture,
-    Textures, Transform, TriangleMesh, View, World,
+    Accelerator, Accelerators, Bodies, Camera, Cameras, ClosedMesh, ColorSource, Context, Element,
+    FamilyName, Geometry, Group, Integrator, Integrators, LightGives, Lights, Lobes, Material, Materials,
+    ObjectOrder, Primitive, Refused, Registry, Sampler, Samplers, SceneError, SceneErrors, Shape, Shapes,
+    SourceSpan, Texture, Textures, Transform, TriangleMesh, View, World,
 };
 
 /// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
@@ -668,7 +668,11 @@ impl Context for Builder<'_, '_, '_> {
         let (plugin, transform) = self.operands.enter(table, operand, around)?;
         let built = self.plugin::<Shapes>(&plugin, transform);
         self.operands.leave();
-        operands::solid(built?, &plugin)
+        let shape = built?;
+        if let Shape::Triangles(mesh) = &shape {
+            self.memory.take(ClosedMesh::bytes(mesh))?;
+        }
+        operands::solid(shape, &plugin)
     }
 
     fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {

@@ -162,10 +162,8 @@ impl Context for TestContext {
         let Some(build) = build else {
             return Err(SceneError::at(operand.span.clone(), "no such operand").into());
         };
-        match build(around)? {
-            Shape::Opaque(primitive) if primitive.solid() => Ok(primitive),
-            _ => Err(SceneError::at(operand.span.clone(), "the operand is no solid").into()),
-        }
+        let error = |_| SceneError::at(operand.span.clone(), "the operand is no solid").into();
+        build(around)?.into_solid().map_err(error)
     }
 
     fn warn(&mut self, warning: SceneError) {
