@@ -186,11 +186,9 @@ impl Grid {
     /// Whether the whole border of the grid is outside of the set.
     fn is_closed(&self) -> bool {
         let [nx, ny, nz] = self.size;
-        let at_end = |i: usize, n: usize| i == 0 || i == n - 1;
-        let inside = self.values.iter().enumerate().filter(|(_, value)| **value < 0.0);
-        inside.into_iter().all(|(at, _)| {
-            let (x, y, z) = (at % nx, at / nx % ny, at / nx / ny);
-            !(at_end(x, nx) || at_end(y, ny) || at_end(z, nz))
+        let inner = |i: usize, n: usize| i > 0 && i < n - 1;
+        self.values.iter().enumerate().all(|(at, value)| {
+            *value >= 0.0 || inner(at % nx, nx) && inner(at / nx % ny, ny) && inner(at / nx / ny, nz)
         })
     }
 
@@ -449,14 +447,11 @@ mod tests {
     fn all(shape: &Isosurface, ray: &Ray) -> Vec<f64> {
         let mut found = Vec::new();
         let mut min = 0.0;
-        while let Some(hit) = shape.closest(
-            ray,
-            Interval {
-                min,
-                max: f64::INFINITY,
-            },
-            None,
-        ) {
+        let beyond = |min| Interval {
+            min,
+            ..Interval::FORWARD
+        };
+        while let Some(hit) = shape.closest(ray, beyond(min), None) {
             found.push(hit.t);
             min = hit.t;
             assert!(found.len() < 1000);
