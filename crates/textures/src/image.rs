@@ -1,9 +1,11 @@
-//! A picture from a file, or its alpha channel: how much of the picture is there (Porter and Duff, *Compositing digital images*, 1984). Colours are
-//! not multiplied by alpha nor divided by it. A `mask` multiplies them, so it wants a file in which that has not been done already: PNG files are so, EXR
-//! files mostly not.
+//! A picture from a file, or its alpha channel.
+//!
+//! Alpha says how much of the picture is there (Porter and Duff, *Compositing digital images*, 1984). Colours are neither multiplied by it nor divided. A `mask`
+//! multiplies them, so it wants a file in which that has not been done already: PNG files are so, EXR files mostly not. Leaves are cut out in
+//! `scenes/showcase/cutout.toml`.
 //!
 //! - Twin: Mitsuba `bitmap` (native).
-//! - Example: `scenes/textures/image.toml`; alpha in `scenes/showcase/cutout.toml`.
+//! - Example: `scenes/textures/image.toml`.
 
 use crate::mapping::{Mapping, Projection};
 use crate::raster::{ColorSpace, Filter, Lookup, MaxAnisotropy, Raster, Store};

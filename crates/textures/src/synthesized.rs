@@ -4,9 +4,10 @@
 //! neighbours where they overlap, and is cut along the path on which they differ least. On demand the whole is then brought nearer to the sample (Kwatra, Essa,
 //! Bobick and Kwatra, *Texture optimization for example-based synthesis*, 2005), with plain least squares: all errors are whole numbers, so that every machine, and
 //! the reference, choose the same pieces. The weights of that paper, error^(r - 2) with r = 0.8, are none, and would let rounding choose.
+//! Both are beside each other in `scenes/showcase/texture_optimization.toml`.
 //!
 //! - Twin: Mitsuba `bitmap` (native), of a picture quilted in Python, written from the model.
-//! - Example: `scenes/textures/synthesized.toml`; optimised in `scenes/showcase/texture_optimization.toml`.
+//! - Example: `scenes/textures/synthesized.toml`.
 
 mod codes;
 mod optimization;

@@ -2,6 +2,7 @@
 
 use crate::terminal::{Exit, Failure, progress};
 use clap::{Args, Subcommand};
+use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use whitstone_core::{DVec3, Registry, Rgb, SceneErrors};
 use whitstone_image::{Image, atomic, exr_io};
@@ -74,7 +75,8 @@ impl Cubemap {
         }
         let fine = width.div_ceil(4);
         let size = self.size.map_or(fine.min(4096), |size| size as usize);
-        let parts = fine.div_ceil(size);
+        // The picture's texels are 2 pi/width radians apart, those in the middle of a face 2/size.
+        let parts = (width.max(2 * height) as f64 / (PI * size as f64)).ceil() as usize;
         let folder = match output {
             Some(folder) => folder.clone(),
             None => PathBuf::from(picture.file_stem().unwrap_or_default()),
