@@ -34,11 +34,9 @@ pub(crate) struct Crossing {
 }
 
 /// So many ranges are looked at in full; of those that are still open then, what is not wider than [`COARSE`] is searched for one root.
-pub(crate) const STEPS: u32 = 1 << 13;
+const STEPS: u32 = 1 << 13;
 /// What comes late may be as thin as this and is still seen: along the axis of a mandelbulb, where nothing is known of slopes, all steps go into one place.
 const COARSE: f64 = 1.0 / (1u64 << 14) as f64;
-/// Ranges at most: as many wide ones as there are in all of [0, 1], and those around them.
-pub(crate) const MOST_STEPS: u32 = STEPS + (1 << 15) + DEPTH as u32 + 1;
 /// Halvings of one range at most.
 const DEPTH: usize = 46;
 /// What is not wider is searched for one root.
@@ -46,7 +44,7 @@ const NARROWEST: f64 = 1.0 / (1u64 << DEPTH) as f64;
 /// Steps to a root: every third one halves the bracket, whatever the slopes are, to its 53 digits.
 const REFINEMENTS: u32 = 159;
 
-/// Calls `visit` for every crossing in order, until it breaks. Crossings alternate. At most [`MOST_STEPS`] ranges and
+/// Calls `visit` for every crossing in order, until it breaks. Crossings alternate. At most [`STEPS`] + 2^15 + [`DEPTH`] + 1 ranges and
 /// [`REFINEMENTS`] values for each crossing.
 pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> ControlFlow<()>) -> u32 {
     // The range in work reaches from `lo` to the last of the ends, the next one to the one before, ...
@@ -120,6 +118,9 @@ mod tests {
     use super::*;
     use crate::enclosure::{Dual, Enclosure, Number};
     use whitstone_testkit::Random;
+
+    /// Ranges at most: behind the steps as many coarse ones as there are in all of [0, 1], and those around them.
+    const MOST_STEPS: u32 = STEPS + (1 << 15) + DEPTH as u32 + 1;
 
     /// The product of s - root over some roots.
     struct Polynomial(Vec<f64>);
