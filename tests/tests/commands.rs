@@ -610,3 +610,59 @@ fn output_that_cannot_be_written_leaves_nothing() {
     assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
     assert_eq!(entries(folder.path()), before);
 }
+
+/// A picture that takes some tenths of a second to make is made once; what is kept is not trusted, and belongs to the sample.
+#[test]
+fn what_took_long_to_make_is_kept_between_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let sample = |changed: bool| {
+        let code = |x: usize, y: usize| ((7 * x * y + 31 * x + 17 * y) % 251) as u8;
+        let texel = |x, y| [code(x, y), code(y, x), u8::from(changed && (x, y) == (20, 30))];
+        let raster = whitstone::image::Raster::from_fn(48, 48, texel);
+        raster.write_png(path("sample.png")).unwrap();
+    };
+    sample(false);
+    let scene = "[film]\nwidth = 40\nheight = 30\n[camera]\ntype = \"perspective\"\nlook_at = { origin = [0, 0, 3], target = [0, 0, 0] }\n\
+        [[light]]\ntype = \"ambient\"\nradiance = 1\n[[shape]]\ntype = \"rectangle\"\n[shape.material]\ntype = \"matte\"\n\
+        reflectance = { type = \"synthesized\", file = \"sample.png\", size = [256, 256], block = 24, optimize = { iterations = 1 } }\n";
+    fs::write(path("a.toml"), scene).unwrap();
+    let render = |arguments: &[&str]| {
+        let output = program!()
+            .current_dir(folder.path())
+            .args(["render", "a.toml", "--target", "here"])
+            .args(arguments)
+            .output()
+            .unwrap();
+        assert_eq!(code(&output), Some(0), "{}", stderr(&output));
+        exr_io::read(path("a.exr"), whitstone::image::Limits::IMAGE).unwrap()
+    };
+    let kept = || -> Vec<PathBuf> {
+        let files = fs::read_dir(path("here/kept")).unwrap();
+        files.map(|file| file.unwrap().path()).collect()
+    };
+    let first = render(&[]);
+    let [file] = &kept()[..] else {
+        panic!("one file: {:?}", kept());
+    };
+    let whole = fs::read(file).unwrap();
+    assert_eq!(whole.len(), 32 + 3 * 256 * 256);
+    // That it is read is seen by a picture with another one in it, whose hash is right.
+    let grey = vec![128; 3 * 256 * 256];
+    let forged = [blake3::hash(&grey).as_bytes().as_slice(), &grey].concat();
+    fs::write(file, &forged).unwrap();
+    assert!(render(&[]).rgb().unwrap() != first.rgb().unwrap());
+    assert!(render(&["--fresh"]).rgb().unwrap() == first.rgb().unwrap());
+    assert_eq!(fs::read(file).unwrap(), whole);
+    for broken in [&whole[..50], b"", &[&whole[..99], b"?", &whole[100..]].concat()] {
+        fs::write(file, broken).unwrap();
+        assert!(render(&[]).rgb().unwrap() == first.rgb().unwrap());
+        assert_eq!(fs::read(file).unwrap(), whole);
+    }
+    // Other settings, or a bit of the sample, make other pictures.
+    render(&["--set", "shape.0.material.reflectance.seed=1"]);
+    assert_eq!(kept().len(), 2);
+    sample(true);
+    render(&[]);
+    assert_eq!(kept().len(), 3);
+}

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use whitstone::core::{Aabb, DVec3, Light, LightGives, LightSample, Lobes, Rgb};
 use whitstone::scene::{Pipeline, RenderOptions, Sources};
-use whitstone_tests::build;
+use whitstone_tests::{build, root};
 
 fn pipeline(text: &str) -> Pipeline {
     let camera = "[camera]\ntype = \"perspective\"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n";
@@ -149,4 +149,51 @@ fn lights_that_reach_nothing_are_left_out() {
     assert_eq!(mirror.world.lights.len(), 0);
     let why = mirror.left_out.iter().find(|part| part.what == "light 1 (point)");
     assert_eq!(why.unwrap().why, "no material in use reflects light by itself");
+}
+
+/// Heights are read while a mesh is built, and a slide only by the light that shows it: neither is kept, nor told as what shading reads.
+#[test]
+fn textures_that_nothing_looks_up_any_more_are_told_and_not_kept() {
+    let built = |more: &str| {
+        let mesh = "type = \"mesh\"\nfile = \"icosphere_1.ply\"\ndisplacement = { height = \"relief\", scale = 0.1 }";
+        let text = format!(
+            "[camera]\ntype = \"perspective\"\nlook_at = {{ origin = [0, 0, 5], target = [0, 0, 0] }}\n[[light]]\ntype = \"ambient\"\nradiance = 1\n\
+             [texture.relief]\ntype = \"noise\"\n[texture.spare]\ntype = \"noise\"\n[texture.white]\ntype = \"constant\"\nvalue = 1\n\
+             [[shape]]\n{mesh}\n{more}"
+        );
+        let folder = root().join("scenes/assets");
+        let sources = Sources::from_text("test", &text, &folder, &[]).unwrap();
+        build(&sources, &whitstone::registry()).unwrap_or_else(|report| panic!("{report}"))
+    };
+    let kinds = |pipeline: &Pipeline| -> Vec<String> {
+        let kinds = pipeline.textures.iter().map(|(kind, _)| kind.clone());
+        kinds.collect()
+    };
+    let why = |pipeline: &Pipeline, what: &str| {
+        let part = pipeline.left_out.iter().find(|part| part.what == what);
+        part.map(|part| part.why.clone())
+    };
+    let read = Some("nothing looks it up once the scene is built".to_owned());
+    let plain = built("material = { type = \"matte\", reflectance = \"white\" }");
+    assert!(kinds(&plain).is_empty());
+    assert_eq!(why(&plain, "texture \"relief\""), read);
+    assert_eq!(
+        why(&plain, "texture \"spare\"").as_deref(),
+        Some("nothing in use names it")
+    );
+    assert_eq!(why(&plain, "texture \"white\""), None);
+    assert!(plain.costs().iter().all(|cost| cost.part != "textures"));
+    let shaded = built("material = { type = \"matte\", reflectance = \"relief\" }");
+    assert_eq!(
+        (kinds(&shaded), why(&shaded, "texture \"relief\"")),
+        (vec!["noise".to_owned()], None)
+    );
+    let other = built(
+        "material = { type = \"matte\", reflectance = { type = \"checker\" } }\n[[light]]\ntype = \"projector\"\nposition = [0, 0, 9]\n\
+         target = [0, 0, 10]\nintensity = 1\nslide = { type = \"worley\" }",
+    );
+    assert_eq!(kinds(&other), ["checker"]);
+    assert_eq!(why(&other, "a texture, worley"), read);
+    let cost = other.costs().into_iter().find(|cost| cost.part == "textures");
+    assert!(cost.unwrap().work.starts_with("checker: looked up at hits"));
 }

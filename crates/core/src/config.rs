@@ -52,10 +52,10 @@ pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> 
             Err(error) => error,
         };
         let mut message = error.message().trim().to_owned();
-        let consequence = removed
-            .iter()
-            .any(|key| message == format!("missing field `{key}`"));
-        if consequence {
+        // A key that was taken out, or another one that would do in its place.
+        let missing = message.strip_prefix("missing field ").unwrap_or_default();
+        let mut missing = missing.split('`').skip(1).step_by(2);
+        if missing.any(|key| removed.iter().any(|removed| removed == key)) {
             return Err(errors);
         }
         let mut span = error.span().unwrap_or_else(|| table.span());
@@ -67,8 +67,9 @@ pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> 
         {
             (span, message) = (element, fault.to_owned());
         }
+        let whole = span == table.span();
         let at_fault = rest.get_ref().iter().find_map(|(key, value)| {
-            let covers = |outer: SourceSpan| outer.start <= span.start && span.end <= outer.end;
+            let covers = |outer: SourceSpan| !whole && outer.start <= span.start && span.end <= outer.end;
             (covers(key.span()) || covers(value.span())).then(|| key.get_ref().to_string())
         });
         errors.0.push(explain(message, span));

@@ -86,7 +86,7 @@ impl TriangleMesh {
         );
     }
 
-    fn surface(&self, hit: &RawHit, needs: Needs) -> SurfacePoint {
+    pub(crate) fn surface(&self, hit: &RawHit, needs: Needs) -> SurfacePoint {
         let indices = self.triangles[hit.primitive as usize];
         let [a, b, c] = indices.map(|i| self.positions[i as usize]);
         let DVec2 { x: u, y: v } = hit.params;
@@ -112,7 +112,7 @@ impl TriangleMesh {
     }
 
     /// See [`crate::Primitive::beside`].
-    fn beside(&self, hit: &RawHit, q: DVec3, needs: Needs) -> SurfacePoint {
+    pub(crate) fn beside(&self, hit: &RawHit, q: DVec3, needs: Needs) -> SurfacePoint {
         let [a, b, c] = self.corners(hit.primitive);
         let (e, f) = (b - a, c - a);
         let across = e.cross(f);

@@ -7,6 +7,7 @@
 mod accelerator;
 mod bodies;
 mod camera;
+mod closed_mesh;
 mod color;
 pub mod config;
 mod distribution;
@@ -36,6 +37,7 @@ pub mod triangle;
 pub use accelerator::{Accelerator, Effort, Outline, Statistics};
 pub use bodies::{Bodies, Face, Inside, Overlapping, Substance};
 pub use camera::{Camera, FilmSize};
+pub use closed_mesh::{ClosedMesh, NotClosed};
 pub use color::Rgb;
 pub use distribution::Distribution;
 pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};

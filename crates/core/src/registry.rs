@@ -175,6 +175,17 @@ pub trait Context {
         Ok(())
     }
 
+    /// What was kept of these parts, if it is so many bytes. The parts are all that it is made from, and a name with a version.
+    fn recall(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
+        let _ = (parts, length);
+        None
+    }
+
+    /// Keeps what was made of these parts for later runs, if anything is kept at all: for what takes longer to make than to read.
+    fn keep(&mut self, parts: &[&[u8]], made: &[u8]) {
+        let _ = (parts, made);
+    }
+
     /// Tells the user something that is no error.
     fn warn(&mut self, warning: SceneError);
 }

@@ -108,6 +108,9 @@ pub enum ReadFault {
         /// The channels that there are.
         available: Vec<String>,
     },
+    /// A texture has no alpha channel.
+    #[error("there is no alpha channel")]
+    NoAlpha,
     /// A texture has a value that is NaN or infinite.
     #[error(
         "{count} values are not finite, the first is {value} in channel {channel} at column {x}, row {y}"
@@ -115,7 +118,7 @@ pub enum ReadFault {
     NotFinite {
         /// How many there are.
         count: usize,
-        /// Channel of the first: `R`, `G` or `B`.
+        /// Channel of the first: `R`, `G`, `B` or `A`.
         channel: &'static str,
         /// Its column.
         x: usize,

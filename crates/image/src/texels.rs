@@ -40,7 +40,7 @@ pub struct Texels {
 /// Reads a PNG, JPEG or EXR file; the kind is known by the first bytes, not by the name. [`Limits::TEXTURE`] are the
 /// usual limits.
 ///
-/// - Alpha is ignored (colours are not multiplied by it), grey is repeated to RGB, palettes and codes of fewer than 8 bits
+/// - Alpha is ignored (colours are not multiplied by it, see [`read_alpha`]), grey is repeated to RGB, palettes and codes of fewer than 8 bits
 ///   are expanded to 8.
 /// - Colour profiles, gamma chunks and EXIF orientation are ignored: the scene says what the values mean.
 /// - Of an animated PNG, the default image. Of an EXR file, the data window and the channels R, G, B, or else Y.
@@ -49,12 +49,44 @@ pub struct Texels {
 /// [`ReadError`] with a [`ReadFault`]: no such file, an unknown format, an empty, damaged or truncated one, sizes beyond
 /// the limits, no colour channels, or (EXR) values that are NaN or infinite.
 pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Texels, ReadError> {
-    let path = path.as_ref();
+    read_part(path.as_ref(), limits, Part::Color)
+}
+
+/// The alpha channel of a file as [`read`] reads them, repeated to three channels; its codes are never those of sRGB.
+///
+/// Of an EXR file it is the channel A. A palette has one where a chunk says what is transparent; a JPEG has none.
+///
+/// # Errors
+/// As [`read`], and [`ReadFault::NoAlpha`].
+pub fn read_alpha(path: impl AsRef<Path>, limits: Limits) -> Result<Texels, ReadError> {
+    read_part(path.as_ref(), limits, Part::Alpha)
+}
+
+fn read_part(path: &Path, limits: Limits, part: Part) -> Result<Texels, ReadError> {
     let read = || {
         let file = File::open(path)?;
-        decode_from(BufReader::new(file), limits)
+        decode_from(BufReader::new(file), limits, part)
     };
     read().map_err(|fault| fault.at(path))
+}
+
+/// What of a pixel is wanted.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Color,
+    Alpha,
+}
+
+impl Part {
+    /// Out of grey, grey and alpha, a colour, or a colour and alpha.
+    fn of<T: Copy>(self, pixel: &[T]) -> Option<[T; 3]> {
+        match (self, pixel) {
+            (Self::Color, &[grey] | &[grey, _]) => Some([grey; 3]),
+            (Self::Color, &[r, g, b] | &[r, g, b, _]) => Some([r, g, b]),
+            (Self::Alpha, &[_, alpha] | &[_, _, _, alpha]) => Some([alpha; 3]),
+            _ => None,
+        }
+    }
 }
 
 /// As [`read`], from memory.
@@ -62,10 +94,10 @@ pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Texels, ReadError>
 /// # Errors
 /// As [`read`].
 pub fn decode(bytes: &[u8], limits: Limits) -> Result<Texels, ReadFault> {
-    decode_from(Cursor::new(bytes), limits)
+    decode_from(Cursor::new(bytes), limits, Part::Color)
 }
 
-fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits) -> Result<Texels, ReadFault> {
+fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> Result<Texels, ReadFault> {
     const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
     const JPEG: &[u8] = b"\xff\xd8\xff";
     let mut start = Vec::new();
@@ -74,14 +106,16 @@ fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits) -> Result<Texel
     if start.starts_with(PNG) {
         no_panic(|| {
             let decoder = PngDecoder::with_limits(source, decoder_limits(limits)).map_err(to_fault)?;
-            from_integers(decoder, limits)
+            from_integers(decoder, limits, part)
         })
     } else if start.starts_with(JPEG) {
-        no_panic(|| decode_jpeg(source, limits))
+        no_panic(|| decode_jpeg(source, limits, part))
     } else if start.starts_with(&exr_io::MAGIC) {
-        let (image, names) =
-            exr_io::decode_channels(source, limits, |name| RGB.contains(&name) || name == "Y")?;
-        from_floats(&image, names)
+        let (image, names) = exr_io::decode_channels(source, limits, |name| match part {
+            Part::Color => RGB.contains(&name) || name == "Y",
+            Part::Alpha => name == "A",
+        })?;
+        from_floats(&image, names, part)
     } else {
         Err(ReadFault::UnknownFormat {
             expected: "a PNG, JPEG or EXR file",
@@ -99,14 +133,14 @@ fn decoder_limits(limits: Limits) -> image::Limits {
 /// Bytes of a JPEG file that are read whatever the limits.
 const MAX_JPEG_EXTRAS: u64 = 64 << 20;
 
-fn decode_jpeg<R: BufRead + Seek>(mut source: R, limits: Limits) -> Result<Texels, ReadFault> {
+fn decode_jpeg<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> Result<Texels, ReadFault> {
     let mut bytes = Vec::new();
     // What is in a file besides the pixels may be more than these where the limit is small.
     (&mut source)
         .take(limits.max_bytes.max(MAX_JPEG_EXTRAS))
         .read_to_end(&mut bytes)?;
     let decoder = JpegDecoder::new(Cursor::new(&bytes)).map_err(to_fault)?;
-    let texels = from_integers(decoder, limits)?;
+    let texels = from_integers(decoder, limits, part)?;
     // The decoder paints what is missing at the end grey. The end marker cannot occur inside a scan, where 0xff is
     // followed by 0 or a restart marker.
     let scan = bytes
@@ -119,40 +153,35 @@ fn decode_jpeg<R: BufRead + Seek>(mut source: R, limits: Limits) -> Result<Texel
     Ok(texels)
 }
 
-fn from_integers(decoder: impl ImageDecoder, limits: Limits) -> Result<Texels, ReadFault> {
+fn from_integers(decoder: impl ImageDecoder, limits: Limits, part: Part) -> Result<Texels, ReadFault> {
     let (width, height) = decoder.dimensions();
     let (width, height) = (width as usize, height as usize);
     limits.check(width, height, size_of::<[f32; 3]>())?;
     let decoded = DynamicImage::from_decoder(decoder).map_err(to_fault)?;
-    let eight = |codes: [u8; 3]| codes.map(|code| f32::from(code) / 255.0);
-    let sixteen = |codes: [u16; 3]| codes.map(|code| f32::from(code) / 65535.0);
+    let color = decoded.color();
+    if part == Part::Alpha && !color.has_alpha() {
+        return Err(ReadFault::NoAlpha);
+    }
+    let channels = usize::from(color.channel_count());
+    let eight = |codes: Vec<u8>| {
+        let pixels = codes.chunks_exact(channels).filter_map(|pixel| part.of(pixel));
+        let data = pixels.map(|codes| codes.map(|code| f32::from(code) / 255.0));
+        (data.collect(), Encoding::Srgb8)
+    };
+    let sixteen = |codes: Vec<u16>| {
+        let pixels = codes.chunks_exact(channels).filter_map(|pixel| part.of(pixel));
+        let data = pixels.map(|codes| codes.map(|code| f32::from(code) / 65535.0));
+        (data.collect(), Encoding::Srgb16)
+    };
     let (data, encoding) = match decoded {
-        DynamicImage::ImageLuma8(image) => (
-            image.pixels().map(|p| eight([p.0[0]; 3])).collect(),
-            Encoding::Srgb8,
-        ),
-        DynamicImage::ImageLumaA8(image) => (
-            image.pixels().map(|p| eight([p.0[0]; 3])).collect(),
-            Encoding::Srgb8,
-        ),
-        DynamicImage::ImageRgb8(image) => (image.pixels().map(|p| eight(p.0)).collect(), Encoding::Srgb8),
-        DynamicImage::ImageRgba8(image) => (
-            image.pixels().map(|p| eight(first_three(p.0))).collect(),
-            Encoding::Srgb8,
-        ),
-        DynamicImage::ImageLuma16(image) => (
-            image.pixels().map(|p| sixteen([p.0[0]; 3])).collect(),
-            Encoding::Srgb16,
-        ),
-        DynamicImage::ImageLumaA16(image) => (
-            image.pixels().map(|p| sixteen([p.0[0]; 3])).collect(),
-            Encoding::Srgb16,
-        ),
-        DynamicImage::ImageRgb16(image) => (image.pixels().map(|p| sixteen(p.0)).collect(), Encoding::Srgb16),
-        DynamicImage::ImageRgba16(image) => (
-            image.pixels().map(|p| sixteen(first_three(p.0))).collect(),
-            Encoding::Srgb16,
-        ),
+        DynamicImage::ImageLuma8(image) => eight(image.into_raw()),
+        DynamicImage::ImageLumaA8(image) => eight(image.into_raw()),
+        DynamicImage::ImageRgb8(image) => eight(image.into_raw()),
+        DynamicImage::ImageRgba8(image) => eight(image.into_raw()),
+        DynamicImage::ImageLuma16(image) => sixteen(image.into_raw()),
+        DynamicImage::ImageLumaA16(image) => sixteen(image.into_raw()),
+        DynamicImage::ImageRgb16(image) => sixteen(image.into_raw()),
+        DynamicImage::ImageRgba16(image) => sixteen(image.into_raw()),
         other => {
             return Err(ReadFault::Unsupported(format!(
                 "pixels of type {:?}",
@@ -168,15 +197,12 @@ fn from_integers(decoder: impl ImageDecoder, limits: Limits) -> Result<Texels, R
     })
 }
 
-fn first_three<T: Copy>([r, g, b, _]: [T; 4]) -> [T; 3] {
-    [r, g, b]
-}
-
-fn from_floats(image: &Image, available: Vec<String>) -> Result<Texels, ReadFault> {
-    let planes = match (image.rgb(), image.channel("Y")) {
-        (Ok(planes), _) => planes,
-        (Err(_), Some(grey)) => [grey; 3],
-        (Err(_), None) => return Err(ReadFault::NoColor { available }),
+fn from_floats(image: &Image, available: Vec<String>, part: Part) -> Result<Texels, ReadFault> {
+    let planes = match (part, image.rgb(), image.channel("Y")) {
+        (Part::Alpha, ..) => [image.channel("A").ok_or(ReadFault::NoAlpha)?; 3],
+        (Part::Color, Ok(planes), _) => planes,
+        (Part::Color, Err(_), Some(grey)) => [grey; 3],
+        (Part::Color, Err(_), None) => return Err(ReadFault::NoColor { available }),
     };
     let data: Vec<[f32; 3]> = (0..image.pixel_count())
         .map(|index| planes.map(|plane| plane[index]))
@@ -189,7 +215,7 @@ fn from_floats(image: &Image, available: Vec<String>) -> Result<Texels, ReadFaul
             .unwrap_or(0);
         return Err(ReadFault::NotFinite {
             count: data.iter().map(bad).sum(),
-            channel: RGB[channel],
+            channel: if part == Part::Alpha { "A" } else { RGB[channel] },
             x: index % image.width(),
             y: index / image.width(),
             value: data[index][channel],

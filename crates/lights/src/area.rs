@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn meshes_obey_the_laws() {
+    fn meshes_are_lights_as_others() {
         for text in [
             "file = \"square.obj\"\nradiance = [1, 0, 7]",
             "file = \"corner.obj\"\nradiance = 3\nsamples = 3\ntransform = { scale = [1, -2, 3] }",

@@ -21,8 +21,25 @@ use whitstone_core::{
 
 /// What lies all around: seen behind everything, and a light if asked for.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(try_from = "Keys")]
+pub struct Config(Keys);
+
+impl TryFrom<Keys> for Config {
+    type Error = &'static str;
+
+    /// Here, so that it is told together with what else is wrong.
+    fn try_from(keys: Keys) -> Result<Self, Self::Error> {
+        if keys.radiance.is_none() && keys.faces.is_none() {
+            return Err("missing field `radiance` or `faces`");
+        }
+        Ok(Self(keys))
+    }
+}
+
+/// What lies all around: seen behind everything, and a light if asked for.
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Config {
+struct Keys {
     /// Radiance in W/(m² sr); a texture on the sphere of directions, such as a picture by latitude and longitude, or a colour. Either this or `faces`.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
@@ -89,20 +106,18 @@ impl Plugin<Lights> for Environment {
     const TYPE: &'static str = "environment";
     type Config = Config;
 
-    fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
-        let sky = match (&config.radiance, &config.faces) {
+    fn build(Config(keys): Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Light>, SceneErrors> {
+        let sky = match (&keys.radiance, &keys.faces) {
             (Some(radiance), None) => Sky::Sphere(context.texture(radiance)?),
             (None, Some(faces)) => Sky::Cube(cube(faces.get_ref(), context)?),
-            (None, None) => {
-                let error = SceneError::anywhere("missing key `radiance`");
-                return Err(error.with_help("or `faces`, six pictures").into());
-            }
+            // Refused before.
+            (None, None) => return Err(SceneErrors::default()),
             (Some(_), Some(faces)) => {
                 let message = "`faces` together with `radiance`: expected one of them";
                 return Err(SceneError::at(faces.span(), message).into());
             }
         };
-        let n = config.samples.get();
+        let n = keys.samples.get();
         let solid_angle = TAU / f64::from(n * n);
         let sample = |j: u32, i: u32| {
             let y = 1.0 - 2.0 * (f64::from(j) + 0.5) / f64::from(n);
@@ -390,6 +405,29 @@ mod tests {
     fn bad_values_are_refused_at_their_places() {
         let text = "radiance = -1\nsamples = 100";
         assert_eq!(environment(text).err().unwrap().0.len(), 2);
-        assert!(environment("samples = 1").is_err());
+        // What is missing is told beside what is wrong, and what is wrong is not missing.
+        for (text, expected) in [
+            ("samples = 1", &["missing key `radiance` or `faces`"][..]),
+            (
+                "samples = 33",
+                &[
+                    "expected an integer from 0 to 32, found 33",
+                    "missing key `radiance` or `faces`",
+                ],
+            ),
+            (
+                "sample = 2",
+                &["unknown key `sample`", "missing key `radiance` or `faces`"],
+            ),
+            ("radiance = -1", &["expected a colour of at least 0, found -1"]),
+            (
+                "faces = 1\nsamples = 2",
+                &["wrong type: integer `1`, expected a table of six faces: px, nx, py, ny, pz, nz"],
+            ),
+        ] {
+            let errors = environment(text).err().unwrap().0;
+            let messages: Vec<&str> = errors.iter().map(|error| error.message.as_str()).collect();
+            assert_eq!(messages, expected, "{text}");
+        }
     }
 }

@@ -22,7 +22,7 @@ const fn case(shape: &'static str, keys: &'static str) -> Case {
 }
 
 /// At least one for every type; the first of a type is the plain one.
-pub const CASES: [Case; 40] = [
+pub const CASES: [Case; 41] = [
     case("sphere", ""),
     case("sphere", "center = [1, -2, 3]\nradius = 0.01"),
     case("plane", ""),
@@ -91,6 +91,10 @@ pub const CASES: [Case; 40] = [
     case(
         "csg",
         "operation = \"difference\"\noperands = [{ type = \"quadric\", coefficients = [1, 1, 1, 0, 0, 0, 0, 0, 0, -1] }, { type = \"paraboloid\", radius = 0.8, z = [0, 2], transform = { translate = [0, 0, 0.1] } }]",
+    ),
+    case(
+        "csg",
+        "operation = \"difference\"\noperands = [{ type = \"implicit\", field = { smooth_union = { k = 0.3, of = [{ box = { half = [0.6, 0.3, 0.4] } }, { torus = { major = 0.6 } }] } } }, { type = \"isosurface\", size = [4, 5, 4], generator = \"metaballs\", seed = 4, balls = 10, level = 0.7, transform = { translate = [0.3, 0.1, 0] } }]",
     ),
     case(
         "isosurface",

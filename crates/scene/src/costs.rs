@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::mem::size_of_val;
 use std::sync::Arc;
-use whitstone_core::{Accelerator, DVec3, FamilyName, Geometry, Light, Lobes, Shape, TextureBytes};
+use whitstone_core::{Accelerator, DVec3, Geometry, Light, Lobes, Shape, TextureBytes};
 
 /// What a part that is in use takes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -64,15 +64,14 @@ impl Pipeline {
             );
             costs.push(cost("reflected and refracted rays", Some(0), work));
         }
-        let textures: BTreeSet<_> = self
-            .used
-            .iter()
-            .filter(|(family, _)| *family == FamilyName::Texture)
-            .collect();
-        if !textures.is_empty() {
-            let names: Vec<&str> = textures.into_iter().map(|(_, name)| *name).collect();
-            let work = format!("{}: read where their materials are shaded", names.join(", "));
-            let told = self.textures.iter().map(|texture| texture.bytes());
+        if !self.textures.is_empty() {
+            let kinds: BTreeSet<&str> = self.textures.iter().map(|(kind, _)| kind.as_str()).collect();
+            let kinds: Vec<&str> = kinds.into_iter().collect();
+            let work = format!(
+                "{}: looked up at hits, and by the lights that show them",
+                kinds.join(", ")
+            );
+            let told = self.textures.iter().map(|(_, texture)| texture.bytes());
             let told: Option<Vec<TextureBytes>> = told.collect();
             let sum = |of: fn(&TextureBytes) -> u64| told.as_ref().map(|told| told.iter().map(of).sum());
             costs.push(cost("textures", sum(|bytes| bytes.texels), work));

@@ -5,6 +5,7 @@
 //! This crate knows the registry, not the plugins.
 
 mod adaptive;
+mod cache;
 mod check;
 mod costs;
 mod description;
@@ -21,7 +22,9 @@ mod reach;
 mod schema;
 mod sources;
 mod transform;
+mod unused;
 
+pub use cache::Cache;
 pub use check::{all_errors, all_errors_with};
 pub use costs::Cost;
 pub use description::{Aov, Description, Expect, FilmTable, GroupTable, PluginTable, ShapeTable};

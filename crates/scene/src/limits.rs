@@ -59,9 +59,10 @@ pub(crate) fn ending(
         let most = (1..bounces)
             .take_while(|bounces| rays(*bounces) <= MOST_REFLECTIONS)
             .count() as u32;
+        // The least power of ten by which one bounce more is left out.
+        let power = rays(most + 1).log10().floor();
         let help = format!(
-            "let `max_depth` of the integrator be at most {most}, its `min_contribution` at least {:e}, or `samples` be less",
-            1.0 / rays(most)
+            "let `max_depth` of the integrator be at most {most}, its `min_contribution` at least 1e-{power}, or `samples` be less"
         );
         errors
             .0

@@ -73,16 +73,14 @@ pub(crate) fn no_id(operand: &SolidRef) -> SceneError {
 
 /// What was built if it bounds a volume.
 pub(crate) fn solid(shape: Shape, plugin: &PluginTable<'_>) -> Result<Box<dyn Primitive>, SceneErrors> {
-    match shape {
-        Shape::Opaque(primitive) if primitive.solid() => Ok(primitive),
-        _ => {
-            let message = format!(
-                "this {} bounds no volume, so it cannot be an operand",
-                plugin.name
-            );
-            let error = SceneError::at(plugin.name_span.clone(), message);
-            let help = "operands are closed shapes, such as sphere, box or a cylinder with caps, the half-space below a plane, and csg";
-            Err(error.with_help(help).into())
-        }
-    }
+    shape.into_solid().map_err(|why| {
+        let why = why.map_or(String::new(), |why| format!(": {why}"));
+        let message = format!(
+            "this {} bounds no volume, so it cannot be an operand{why}",
+            plugin.name
+        );
+        let error = SceneError::at(plugin.name_span.clone(), message);
+        let help = "operands are closed shapes (sphere, box, a cylinder with caps, a closed mesh, a level set that its box does not cut), the half-space below a plane, and csg";
+        error.with_help(help).into()
+    })
 }

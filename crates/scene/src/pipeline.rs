@@ -1,8 +1,10 @@
+use crate::cache::Cache;
 use crate::groups::{BuiltGroup, unknown_id};
 use crate::limits;
 use crate::memory::Memory;
 use crate::operands::{self, Operands};
 use crate::reach;
+use crate::unused::{LookedUp, unused_parts};
 use crate::{Description, FilmTable, LeftOut, Plan, PluginTable, ShapeTable};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -14,8 +16,8 @@ use whitstone_core::config::{
     FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue,
 };
 use whitstone_core::{
-    Accelerator, Accelerators, Camera, Cameras, ColorSource, Context, Element, FamilyName, Geometry, Group,
-    Integrator, Integrators, LightGives, Lights, Lobes, Material, Materials, ObjectOrder, Primitive, Refused,
+    Accelerator, Accelerators, Camera, Cameras, ClosedMesh, ColorSource, Context, Element, FamilyName,
+    Geometry, Group, Integrator, Integrators, Lights, Material, Materials, ObjectOrder, Primitive, Refused,
     Registry, Sampler, Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures,
     Transform, TriangleMesh, View, World,
 };
@@ -57,8 +59,8 @@ pub struct Pipeline {
     pub accelerator: (String, String),
     /// The groups that are placed, by id.
     pub groups: Vec<BuiltGroup>,
-    /// The textures in use, each once.
-    pub textures: Vec<Arc<dyn Texture>>,
+    /// The textures that are looked up while it renders, each once, with their types.
+    pub textures: Vec<(String, Arc<dyn Texture>)>,
     /// The plugins that it is built from.
     pub used: BTreeSet<(FamilyName, &'static str)>,
     /// What was not built, with the reasons.
@@ -74,6 +76,8 @@ pub struct Pipeline {
 pub struct BuildOptions<'a> {
     /// Bytes that meshes and accelerators may take, also while they are built; by default what the machine has left.
     pub max_memory: Option<u64>,
+    /// Where what took long to make is kept; by default nowhere.
+    pub cache: Option<Cache<'a>>,
     /// Told what is about to be built.
     pub progress: Option<&'a dyn Fn(&str)>,
 }
@@ -109,6 +113,7 @@ impl Pipeline {
             description,
             registry,
             textures: BTreeMap::new(),
+            looked_up: LookedUp::default(),
             materials: BTreeMap::new(),
             open: Vec::new(),
             groups: BTreeMap::new(),
@@ -171,7 +176,9 @@ impl Pipeline {
         };
         let (warnings, used) = (builder.warnings, builder.used);
         let groups = builder.groups.into_values().collect();
-        let textures = builder.textures.into_values().flatten().collect();
+        // What nobody else holds now was of use only until here.
+        drop(builder.textures);
+        let textures = builder.looked_up.kept(&mut left_out);
         let pipeline = match (camera, sampler, integrator, built) {
             (Some(camera), Some(sampler), Some(integrator), Some(built))
                 if complete && errors.0.is_empty() =>
@@ -234,70 +241,15 @@ fn choose_accelerator(table: &PluginTable<'_>, geometry: &Geometry, registry: &R
     }
 }
 
-/// Parts of the pipeline that this scene does not run.
-fn unused_parts(
-    description: &Description<'_>,
-    lights: &[Arc<dyn whitstone_core::Light>],
-    materials: &[Arc<dyn Material>],
-    integrator: &dyn Integrator,
-) -> Vec<LeftOut> {
-    let any = |lobes| {
-        materials
-            .iter()
-            .any(|material| material.lobes().intersects(lobes))
-    };
-    let mut parts = Vec::new();
-    let mut leave_out = |what: &str, why: &str| {
-        parts.push(LeftOut {
-            what: what.to_owned(),
-            why: why.to_owned(),
-        });
-    };
-    let sampled = lights
-        .iter()
-        .any(|light| light.gives().contains(LightGives::SAMPLES));
-    if !any(Lobes::LOCAL) {
-        leave_out("shadow rays", "no material in use reflects light by itself");
-    } else if !sampled {
-        leave_out("shadow rays", "no light shines from a place or a direction");
-    }
-    if !integrator.follows_branches() {
-        leave_out(
-            "reflected and refracted rays",
-            "the integrator does not follow them",
-        );
-    } else {
-        if !any(Lobes::REFLECTION) {
-            leave_out("reflected rays", "no material in use mirrors");
-        }
-        if !any(Lobes::TRANSMISSION | Lobes::STRAIGHT) {
-            leave_out("refracted rays", "no material in use transmits");
-        }
-    }
-    let needs = materials
-        .iter()
-        .fold(whitstone_core::Needs::NOTHING, |needs, material| {
-            needs | material.needs()
-        });
-    if !needs.contains(whitstone_core::Needs::UV) {
-        leave_out("texture coordinates", "no texture in use reads them");
-    }
-    if !needs.contains(whitstone_core::Needs::FOOTPRINT) {
-        leave_out("footprints of rays", "no texture in use filters by them");
-    }
-    if description.film.aovs.is_empty() {
-        leave_out("output layers", "the film asks for none");
-    }
-    parts
-}
-
 /// Builds plugins and what they refer to.
 struct Builder<'d, 's, 'o> {
     description: &'d Description<'s>,
     registry: &'d Registry,
     /// Textures by id or place: `None` where the building failed and the error is reported.
     textures: BTreeMap<Key, Option<Arc<dyn Texture>>>,
-    /// Materials in the same way.
+    /// All that were built, also pictures that have no table.
+    looked_up: LookedUp,
+    /// Materials in the same way as textures.
     materials: BTreeMap<Key, Option<Arc<dyn Material>>>,
     /// Textures and materials being built: one of them again is a cycle.
     open: Vec<(FamilyName, Key)>,
@@ -506,7 +458,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
             .filter(|id| !self.textures.contains_key(&Key::Shared((*id).clone())))
             .map(|id| LeftOut {
                 what: format!("texture \"{id}\""),
-                why: "no material in use names it".to_owned(),
+                why: "nothing in use names it".to_owned(),
             })
             .collect()
     }
@@ -516,7 +468,17 @@ impl<'d, 's> Builder<'d, 's, '_> {
         if let Some(built) = self.textures.get(&key) {
             return built.clone().ok_or_else(SceneErrors::default);
         }
-        let result = self.nested::<Textures>(&key, &self.description.textures, span)?;
+        let description = self.description;
+        let result = self.nested::<Textures>(&key, &description.textures, span)?;
+        if let Ok(built) = &result {
+            let (id, table) = match &key {
+                Key::Shared(id) => (Some(&**id), description.textures.get(id)),
+                Key::Inline(index) => (None, description.inline.get(*index)),
+            };
+            if let Some(table) = table {
+                self.looked_up.add(id, &table.name, built);
+            }
+        }
         self.textures.insert(key, result.as_ref().ok().cloned());
         result
     }
@@ -618,7 +580,10 @@ impl Context for Builder<'_, '_, '_> {
     }
 
     fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
-        self.plugin::<Textures>(&PluginTable::of_file("image", file, &[("wrap", "clamp")]), ())
+        let table = PluginTable::of_file("image", file, &[("wrap", "clamp")]);
+        let built = self.plugin::<Textures>(&table, ())?;
+        self.looked_up.add(None, &table.name, &built);
+        Ok(built)
     }
 
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
@@ -647,11 +612,25 @@ impl Context for Builder<'_, '_, '_> {
         let (plugin, transform) = self.operands.enter(table, operand, around)?;
         let built = self.plugin::<Shapes>(&plugin, transform);
         self.operands.leave();
-        operands::solid(built?, &plugin)
+        let shape = built?;
+        if let Shape::Triangles(mesh) = &shape {
+            self.memory.take(ClosedMesh::bytes(mesh))?;
+        }
+        operands::solid(shape, &plugin)
     }
 
     fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
         Ok(self.memory.take(bytes)?)
+    }
+
+    fn recall(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
+        self.options.cache?.recall(parts, length)
+    }
+
+    fn keep(&mut self, parts: &[&[u8]], made: &[u8]) {
+        if let Some(cache) = self.options.cache {
+            cache.keep(parts, made);
+        }
     }
 
     fn warn(&mut self, warning: SceneError) {

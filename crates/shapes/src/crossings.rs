@@ -33,8 +33,10 @@ pub(crate) struct Crossing {
     pub enters: bool,
 }
 
-/// So many ranges are looked at in full; those that are still open then, [`DEPTH`] at most, are searched for one root each.
-pub(crate) const STEPS: u32 = 1 << 13;
+/// So many ranges are looked at in full; of those that are still open then, what is not wider than [`COARSE`] is searched for one root.
+const STEPS: u32 = 1 << 13;
+/// What comes late may be as thin as this and is still seen: along the axis of a mandelbulb, where nothing is known of slopes, all steps go into one place.
+const COARSE: f64 = 1.0 / (1u64 << 14) as f64;
 /// Halvings of one range at most.
 const DEPTH: usize = 46;
 /// What is not wider is searched for one root.
@@ -42,7 +44,7 @@ const NARROWEST: f64 = 1.0 / (1u64 << DEPTH) as f64;
 /// Steps to a root: every third one halves the bracket, whatever the slopes are, to its 53 digits.
 const REFINEMENTS: u32 = 159;
 
-/// Calls `visit` for every crossing in order, until it breaks. Crossings alternate. At most [`STEPS`] + [`DEPTH`] + 1 ranges and
+/// Calls `visit` for every crossing in order, until it breaks. Crossings alternate. At most [`STEPS`] + 2^15 + [`DEPTH`] + 1 ranges and
 /// [`REFINEMENTS`] values for each crossing.
 pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> ControlFlow<()>) -> u32 {
     // The range in work reaches from `lo` to the last of the ends, the next one to the one before, ...
@@ -52,7 +54,8 @@ pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> Contr
     loop {
         let hi = ends[last];
         steps += 1;
-        let known = if steps > STEPS || hi - lo <= NARROWEST {
+        let narrowest = if steps > STEPS { COARSE } else { NARROWEST };
+        let known = if hi - lo <= narrowest {
             Known::OnceAtMost
         } else {
             f.over(lo, hi)
@@ -115,6 +118,9 @@ mod tests {
     use super::*;
     use crate::enclosure::{Dual, Enclosure, Number};
     use whitstone_testkit::Random;
+
+    /// Ranges at most: behind the steps as many coarse ones as there are in all of [0, 1], and those around them.
+    const MOST_STEPS: u32 = STEPS + (1 << 15) + DEPTH as u32 + 1;
 
     /// The product of s - root over some roots.
     struct Polynomial(Vec<f64>);
@@ -202,7 +208,7 @@ mod tests {
     fn roots_that_only_touch_are_no_crossings_and_take_bounded_steps() {
         let (found, steps) = all(&Polynomial(vec![0.3, 0.3]));
         assert_eq!(found, []);
-        assert!(steps <= STEPS + DEPTH as u32 + 1);
+        assert!(steps <= MOST_STEPS);
         // Zero everywhere.
         struct Nothing;
         impl Along for Nothing {
@@ -215,7 +221,34 @@ mod tests {
         }
         let (found, steps) = all(&Nothing);
         assert_eq!(found, []);
-        assert!(steps <= STEPS + DEPTH as u32 + 1, "{steps}");
+        assert!(steps <= MOST_STEPS, "{steps}");
+    }
+
+    /// A gap behind a place where nothing is known, however often it is halved.
+    #[test]
+    fn what_comes_behind_a_hard_place_is_seen() {
+        struct Behind;
+        impl Along for Behind {
+            fn at(&self, s: f64) -> (f64, f64) {
+                (if (0.6..0.601).contains(&s) { 1.0 } else { -1.0 }, f64::NAN)
+            }
+            fn over(&self, lo: f64, hi: f64) -> Known {
+                let gap = lo <= 0.601 && hi >= 0.6;
+                if lo < 0.3 && hi > 0.2 || gap {
+                    Known::Nothing
+                } else {
+                    Known::Apart
+                }
+            }
+        }
+        let (found, steps) = all(&Behind);
+        let places: Vec<f64> = found.iter().map(|crossing| crossing.s).collect();
+        assert!(steps > STEPS && steps <= MOST_STEPS, "{steps}");
+        assert!(places.len() == 2, "{places:?}");
+        assert!(
+            (places[0] - 0.6).abs() < 1e-12 && (places[1] - 0.601).abs() < 1e-12,
+            "{places:?}"
+        );
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub struct Config {
     /// "union" is what lies in any operand, "intersection" what lies in all of them, "difference" what lies in the first
     /// one and in none of the others.
     operation: Operation,
-    /// Closed shapes, 2 to 256, with transforms of their own and without material; they may be of type csg, 16 deep.
+    /// Closed shapes (solids, level sets that are not cut open, closed meshes), 2 to 256, with transforms of their own and without material; they may be of type csg, 16 deep.
     #[schemars(with = "Vec<SolidRef>")]
     operands: Operands,
 }
@@ -323,8 +323,8 @@ impl Primitive for Csg {
 mod tests {
     use super::*;
     use crate::{
-        cone::Cone, cuboid::Cuboid, cylinder::Cylinder, hyperboloid::Hyperboloid, plane::Plane,
-        sphere::Sphere,
+        cone::Cone, cuboid::Cuboid, cylinder::Cylinder, fractal::Fractal, hyperboloid::Hyperboloid,
+        implicit::Implicit, isosurface::Isosurface, mesh::Mesh, plane::Plane, sphere::Sphere,
     };
     use whitstone_core::DAffine3;
     use whitstone_testkit::{Random, TestContext, build_in, placements, shape_laws};
@@ -333,8 +333,19 @@ mod tests {
         Transform::new(DAffine3::from_translation(DVec3::new(x, y, z))).unwrap()
     }
 
+    const FIELD: &str =
+        "field.smooth_union = { k = 0.2, of = [{ box = { half = [0.9, 0.3, 0.4] } }, { torus = {} }] }";
+    const GRID: &str = "size = [7, 6, 8]\ngenerator = \"metaballs\"\nballs = 12\nlevel = 0.7";
+    const JULIA: &str = "kind = \"julia\"\nc = [-0.2, 0.6, 0.2, 0.2]\ndepth = 3";
+
+    /// The example's meshes are operands here.
     fn operands() -> TestContext {
-        TestContext::default()
+        let assets = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes/assets");
+        TestContext::in_folder(&assets)
+            .with_operand::<Mesh>("mesh", "file = \"icosphere_1.ply\"", Transform::IDENTITY)
+            .with_operand::<Implicit>("field", FIELD, Transform::IDENTITY)
+            .with_operand::<Isosurface>("grid", GRID, Transform::IDENTITY)
+            .with_operand::<Fractal>("julia", JULIA, moved(0.2, 0.0, 0.1))
             .with_operand::<Sphere>("ball", "", Transform::IDENTITY)
             .with_operand::<Sphere>("beside", "radius = 0.8", moved(0.5, 0.3, 0.2))
             .with_operand::<Sphere>("far", "radius = 0.1", moved(5.0, 0.0, 0.0))
@@ -383,6 +394,12 @@ mod tests {
             ("difference", &["ball", "below"]),
             ("difference", &["waist", "ring"]),
             ("union", &["ring", "bore"]),
+            ("difference", &["mesh", "bore"]),
+            ("difference", &["cube", "mesh"]),
+            ("union", &["field", "mesh"]),
+            ("difference", &["field", "bore"]),
+            ("intersection", &["grid", "cone"]),
+            ("difference", &["julia", "below"]),
         ] {
             for (name, transform) in placements() {
                 // Where a ball may not stand.
@@ -392,7 +409,8 @@ mod tests {
                 let built = build_in::<Shapes, Csg>(&text(operation, names), transform, &mut operands());
                 eprintln!("{operation} of {names:?}, {name}");
                 if let Ok(shape) = built {
-                    shape_laws(shape, 2_000);
+                    let slow = names.iter().any(|name| ["field", "grid", "julia"].contains(name));
+                    shape_laws(shape, if slow { 300 } else { 2_000 });
                 }
             }
         }
@@ -403,13 +421,20 @@ mod tests {
     fn what_is_inside_is_what_the_operation_says() {
         let mut random = Random::new(1);
         let context = operands();
-        let names = ["cube", "beside", "waist"];
-        let parts = names.map(|name| solid_of("union", &[name, name]));
         let inside = |solid: &dyn Primitive, ray: &Ray| {
             let around = |span: &Span| span.enter.t < 0.0 && span.exit.t > 0.0;
             spans(solid, ray).iter().any(around)
         };
-        for operation in ["union", "intersection", "difference"] {
+        let all = [
+            ["cube", "beside", "waist"],
+            ["mesh", "field", "grid"],
+            ["cube", "mesh", "julia"],
+        ];
+        for (operation, names) in ["union", "intersection", "difference"]
+            .iter()
+            .flat_map(|operation| all.map(|names| (*operation, names)))
+        {
+            let parts = names.map(|name| solid_of("union", &[name, name]));
             let Shape::Opaque(whole) = build(operation, &names, Transform::IDENTITY, &mut context.clone())
             else {
                 unreachable!("csg is opaque")
@@ -456,7 +481,9 @@ mod tests {
     #[test]
     fn there_are_no_slivers() {
         let mut random = Random::new(2);
-        for name in ["ball", "cube", "bore", "cone", "waist", "ring", "below"] {
+        for name in [
+            "ball", "cube", "bore", "cone", "waist", "ring", "below", "mesh", "field", "grid", "julia",
+        ] {
             let nothing = solid_of("difference", &[name, name]);
             let itself = solid_of("intersection", &[name, name]);
             for _ in 0..2_000 {

@@ -10,15 +10,16 @@
 //! - Twin: POV-Ray `isosurface` with the iterates as nested functions.
 //! - Example: `scenes/shapes/fractal.toml`.
 
-use crate::crossings::{Along, Known};
+use crate::crossings::{Along, Known, crossings};
 use crate::level::{Level, ROOM, Sample, Segment};
 use schemars::JsonSchema;
 use serde::Deserialize;
+use std::ops::ControlFlow;
 use toml::Spanned;
 use whitstone_core::config::{Finite, IntegerIn};
 use whitstone_core::{
     Aabb, Context, DVec2, DVec3, DVec4, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray,
-    SceneError, SceneErrors, Shape, Shapes, SurfacePoint, Transform,
+    SceneError, SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform,
 };
 
 /// What is longer never comes back: 2.
@@ -305,6 +306,14 @@ impl Fractal {
         Fate::Open(false)
     }
 
+    fn along<'a>(&'a self, segment: &'a Segment) -> Line<'a> {
+        Line {
+            shape: self,
+            segment,
+            length: segment.direction.length(),
+        }
+    }
+
     fn sample(&self, p: DVec3) -> Sample {
         let (value, gradient) = self.value(p, DVec3::AXES);
         // A ball of one point: how far roundings may lead.
@@ -360,25 +369,37 @@ impl Primitive for Fractal {
         let ray = self.level.ray(ray);
         let segment = self.level.clip(&ray)?;
         let leaves = leaves.map(|_| self.value(ray.origin, [ray.direction]).1[0]);
-        let line = Line {
-            shape: self,
-            segment: &segment,
-            length: segment.direction.length(),
-        };
-        self.level.closest(&ray, &segment, &line, leaves, interval)
+        self.level
+            .closest(&ray, &segment, &self.along(&segment), leaves, interval)
     }
 
     fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
         let p = self.level.ray(ray).at(hit.t);
         self.level.surface(ray, p, |p| self.sample(p))
     }
+
+    fn solid(&self) -> bool {
+        true
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        self.level.spans(&self.level.ray(ray), spans, |segment, tell| {
+            crossings(&self.along(segment), |crossing| {
+                tell(crossing, DVec2::ZERO);
+                ControlFlow::Continue(())
+            });
+        });
+    }
+
+    fn goes_inside(&self, ray: &Ray, _: u32) -> bool {
+        let ray = self.level.ray(ray);
+        self.value(ray.origin, [ray.direction]).1[0] < 0.0
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::crossings::crossings;
-    use std::ops::ControlFlow;
     use whitstone_testkit::{Random, build, shape_laws_everywhere};
 
     const C: [f64; 4] = [-0.2, 0.6, 0.2, 0.2];

@@ -10,21 +10,24 @@
 
 mod tree;
 
-use crate::crossings::{Along, Known};
+use crate::crossings::{Along, Known, crossings};
 use crate::enclosure::{Dual, Enclosure};
 use crate::level::{Level, ROOM, Sample, Segment};
 use schemars::JsonSchema;
 use serde::Deserialize;
+use std::ops::ControlFlow;
 use toml::Spanned;
 use tree::{Field, Node};
 use whitstone_core::config::{Positive, Vector3};
 use whitstone_core::{
-    Aabb, Context, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, SurfacePoint, Transform,
+    Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
+    SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform,
 };
 
 /// Places at which a promised bound on the slope is tried.
 const SAMPLES: u32 = 4096;
+/// Parts of the faces of the box that are looked at, to find out whether it cuts anything off.
+const FACE_PARTS: u32 = 1 << 14;
 /// Relative to the size of the box: what the function may be off by rounding, and what is too little to matter.
 const SMALL: f64 = 1.0 / (1u64 << 44) as f64;
 
@@ -174,6 +177,39 @@ impl Implicit {
         }
     }
 
+    /// Whether the field is certainly positive all over the box's faces, so that the box cuts nothing off.
+    fn is_closed(&self) -> bool {
+        let (min, max) = (self.level.min(), self.level.max());
+        let whole = [0, 1, 2].map(|k| Enclosure::new(min[k], max[k]));
+        let mut open: Vec<_> = (0..6)
+            .map(|face| {
+                let (mut part, axis) = (whole, face / 2);
+                let at = if face % 2 == 0 { min[axis] } else { max[axis] };
+                part[axis] = Enclosure::new(at, at);
+                part
+            })
+            .collect();
+        for _ in 0..FACE_PARTS {
+            let Some(part) = open.pop() else {
+                return true;
+            };
+            if self.field.eval(part).lo > self.small {
+                continue;
+            }
+            let longest =
+                |a: &usize, b: &usize| (part[*a].hi - part[*a].lo).total_cmp(&(part[*b].hi - part[*b].lo));
+            let axis = (0..3).max_by(longest).unwrap_or(0);
+            let Enclosure { lo, hi } = part[axis];
+            let middle = 0.5 * (lo + hi);
+            for [from, to] in [[lo, middle], [middle, hi]] {
+                let mut half = part;
+                half[axis] = Enclosure::new(from, to);
+                open.push(half);
+            }
+        }
+        false
+    }
+
     fn along<'a>(&'a self, segment: &'a Segment) -> Line<'a> {
         Line {
             shape: self,
@@ -257,13 +293,29 @@ impl Primitive for Implicit {
         let there = RawHit { t: 0.0, ..*hit };
         Some(self.surface(&Ray::new(q, point.n_g), &there, needs))
     }
+
+    fn solid(&self) -> bool {
+        self.is_closed()
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        self.level.spans(&self.level.ray(ray), spans, |segment, tell| {
+            crossings(&self.along(segment), |crossing| {
+                tell(crossing, DVec2::ZERO);
+                ControlFlow::Continue(())
+            });
+        });
+    }
+
+    fn goes_inside(&self, ray: &Ray, _: u32) -> bool {
+        let ray = self.level.ray(ray);
+        self.sample(ray.origin).gradient.dot(ray.direction) < 0.0
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::crossings::crossings;
-    use std::ops::ControlFlow;
     use whitstone_core::InstancePath;
     use whitstone_testkit::{Random, build, shape_laws_everywhere};
 

@@ -24,7 +24,7 @@ use toml::Spanned;
 use whitstone_core::config::{FilePath, Finite, IntegerIn};
 use whitstone_core::{
     Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, SurfacePoint, Transform,
+    SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform,
 };
 
 /// Most values: a gigabyte of them.
@@ -181,6 +181,15 @@ impl Grid {
             grid.first[axis] = grid.first[axis].min(grid.last[axis] - 1);
         }
         grid
+    }
+
+    /// Whether the whole border of the grid is outside of the set.
+    fn is_closed(&self) -> bool {
+        let [nx, ny, nz] = self.size;
+        let inner = |i: usize, n: usize| i > 0 && i < n - 1;
+        self.values.iter().enumerate().all(|(at, value)| {
+            *value >= 0.0 || inner(at % nx, nx) && inner(at / nx % ny, ny) && inner(at / nx / ny, nz)
+        })
     }
 
     fn block(&self, cell: [usize; 3]) -> usize {
@@ -356,6 +365,17 @@ impl Isosurface {
             grid,
         }
     }
+
+    /// Of the density's lack at the origin of an object-space ray, along it.
+    fn slope(&self, ray: &Ray) -> f64 {
+        let cell = self.grid.cell_at(self.grid.coordinates(ray.origin));
+        self.grid.sample(cell, ray.origin).gradient.dot(ray.direction)
+    }
+
+    /// As the parameters of a hit.
+    fn params(&self, cell: [usize; 3]) -> DVec2 {
+        DVec2::new(self.grid.cell_number(cell) as f64, 0.0)
+    }
 }
 
 impl Primitive for Isosurface {
@@ -366,10 +386,7 @@ impl Primitive for Isosurface {
     fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
         let ray = self.level.ray(ray);
         let segment = self.level.clip(&ray)?;
-        let leaves = leaves.map(|_| {
-            let cell = self.grid.cell_at(self.grid.coordinates(ray.origin));
-            self.grid.sample(cell, ray.origin).gradient.dot(ray.direction)
-        });
+        let leaves = leaves.map(|_| self.slope(&ray));
         let mut filter = self.level.filter(&ray, &segment, leaves, interval.min);
         let mut found = None;
         self.grid.walk(&segment, |crossing, cell| match filter(crossing) {
@@ -380,13 +397,30 @@ impl Primitive for Isosurface {
             None => ControlFlow::Continue(()),
         });
         let (t, cell) = found?;
-        whole(t, interval, DVec2::new(self.grid.cell_number(cell) as f64, 0.0))
+        whole(t, interval, self.params(cell))
     }
 
     fn surface(&self, ray: &Ray, hit: &RawHit, _: Needs) -> SurfacePoint {
         let cell = self.grid.cell(hit.params.x as usize);
         let p = self.level.ray(ray).at(hit.t);
         self.level.surface(ray, p, |p| self.grid.sample(cell, p))
+    }
+
+    fn solid(&self) -> bool {
+        self.grid.is_closed()
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        self.level.spans(&self.level.ray(ray), spans, |segment, tell| {
+            self.grid.walk(segment, |crossing, cell| {
+                tell(crossing, self.params(cell));
+                ControlFlow::Continue(())
+            });
+        });
+    }
+
+    fn goes_inside(&self, ray: &Ray, _: u32) -> bool {
+        self.slope(&self.level.ray(ray)) < 0.0
     }
 }
 
@@ -413,14 +447,11 @@ mod tests {
     fn all(shape: &Isosurface, ray: &Ray) -> Vec<f64> {
         let mut found = Vec::new();
         let mut min = 0.0;
-        while let Some(hit) = shape.closest(
-            ray,
-            Interval {
-                min,
-                max: f64::INFINITY,
-            },
-            None,
-        ) {
+        let beyond = |min| Interval {
+            min,
+            ..Interval::FORWARD
+        };
+        while let Some(hit) = shape.closest(ray, beyond(min), None) {
             found.push(hit.t);
             min = hit.t;
             assert!(found.len() < 1000);

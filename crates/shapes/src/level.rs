@@ -2,7 +2,9 @@
 
 use crate::crossings::{Along, Crossing, crossings};
 use std::ops::ControlFlow;
-use whitstone_core::{Aabb, DMat3, DVec2, DVec3, Interval, PrimitiveHit, Ray, SurfacePoint, Transform};
+use whitstone_core::{
+    Aabb, DMat3, DVec2, DVec3, Interval, PrimitiveHit, Ray, Spans, SurfacePoint, Transform, solid,
+};
 
 /// Half the distance from 1 to the next number: the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
@@ -163,6 +165,42 @@ impl Level {
             }
         });
         whole(found?, interval, DVec2::ZERO)
+    }
+
+    /// The parts of the whole line of an object-space ray that lie in the set, of which the box cuts nothing off. `visit` tells of every crossing of a
+    /// segment, in order. What lies behind the origin is looked for from there on as well, so that what lies in front are the hits of `closest`.
+    pub(crate) fn spans(
+        &self,
+        ray: &Ray,
+        spans: &mut Spans,
+        visit: impl Fn(&Segment, &mut dyn FnMut(Crossing, DVec2)),
+    ) {
+        let mut ends = Vec::new();
+        for (side, direction) in [(-1.0, -ray.direction), (1.0, ray.direction)] {
+            // From far behind to far ahead.
+            ends.reverse();
+            if let Some(segment) = self.clip(&Ray::new(ray.origin, direction)) {
+                visit(&segment, &mut |crossing, params| {
+                    let end = PrimitiveHit {
+                        params,
+                        ..PrimitiveHit::plain(side * segment.parameter(crossing.s))
+                    };
+                    ends.push((end, crossing.enters == (side > 0.0)));
+                });
+            }
+        }
+        let mut entered = None;
+        for (end, enters) in ends {
+            match (entered, enters) {
+                (None, true) => entered = Some(end),
+                (Some(enter), false) => {
+                    solid::push(spans, enter, end);
+                    entered = None;
+                }
+                // What has no partner is a rounding.
+                _ => {}
+            }
+        }
     }
 
     /// A hit near a point of object space: moved onto the surface, so that it is as good as coordinates allow, from

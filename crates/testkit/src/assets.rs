@@ -15,6 +15,7 @@ pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
         ("icosphere_0.ply", icosphere(0)),
         ("icosphere_1.ply", icosphere(1)),
         ("icosphere_2.ply", icosphere(2)),
+        ("leaf.png", leaf()),
         ("sky_nx.png", sky(|s, t| [-1.0, t, -s])),
         ("sky_ny.png", sky(|s, t| [s, -1.0, -t])),
         ("sky_nz.png", sky(|s, t| [s, t, -1.0])),
@@ -257,6 +258,29 @@ fn checker() -> Vec<u8> {
     png(&picture)
 }
 
+/// A leaf with a hole on 32 x 32 pixels, 8 bits sRGB and alpha: how much of a pixel it covers. It is green all over, also where it is not: colours are not
+/// multiplied by alpha.
+fn leaf() -> Vec<u8> {
+    const SIZE: u32 = 32;
+    const PARTS: u32 = 8;
+    let covers = |x: f64, y: f64| {
+        let wide = 0.75 * (1.0 - y * y) * (1.0 - 0.35 * y);
+        let teeth = 1.0 - 0.5 * (4.0 * y - (4.0 * y).floor());
+        let hole = (x - 0.25) * (x - 0.25) + (y - 0.2) * (y - 0.2) < 0.02;
+        (x.abs() < wide * teeth && !hole) || (x.abs() < 0.06 && y < 0.0)
+    };
+    let picture = image::RgbaImage::from_fn(SIZE, SIZE, |i, j| {
+        let at =
+            |k: u32, part: u32| (2.0 * f64::from(PARTS * k + part) + 1.0) / f64::from(PARTS * SIZE) - 1.0;
+        let parts = (0..PARTS * PARTS).filter(|part| covers(at(i, part % PARTS), -at(j, part / PARTS)));
+        let alpha = 255 * parts.count() as u32 / (PARTS * PARTS);
+        let vein = i.abs_diff(SIZE / 2) < 1 || (i.abs_diff(SIZE / 2) + j) % 7 == 0;
+        let green = if vein { 170 } else { 120 + 2 * j as u8 };
+        image::Rgba([60, green, 40, alpha as u8])
+    });
+    png(&picture)
+}
+
 /// A wall of stones of several tones with dark joints, a sample for textures that are made from one.
 fn stones() -> Vec<u8> {
     const SIZE: u32 = 48;
@@ -318,7 +342,10 @@ fn sky(direction: impl Fn(f64, f64) -> [f64; 3]) -> Vec<u8> {
     png(&picture)
 }
 
-fn png(picture: &image::RgbImage) -> Vec<u8> {
+fn png<P>(picture: &image::ImageBuffer<P, Vec<u8>>) -> Vec<u8>
+where
+    P: image::PixelWithColorType<Subpixel = u8>,
+{
     let mut bytes = std::io::Cursor::new(Vec::new());
     let written = picture.write_to(&mut bytes, image::ImageFormat::Png);
     written.expect("memory takes all that is written");

@@ -33,6 +33,8 @@ pub struct TestContext {
     meshes: BTreeMap<String, TriangleMesh>,
     /// Operands by id.
     operands: BTreeMap<String, Operand>,
+    /// What plugins kept, by the parts that it is made of.
+    pub kept: BTreeMap<Vec<Vec<u8>>, Vec<u8>>,
     /// What plugins warned about.
     pub warnings: Vec<SceneError>,
 }
@@ -106,6 +108,10 @@ impl TestContext {
     }
 }
 
+fn owned(parts: &[&[u8]]) -> Vec<Vec<u8>> {
+    parts.iter().map(|part| part.to_vec()).collect()
+}
+
 impl Context for TestContext {
     fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors> {
         match &reference.value {
@@ -162,10 +168,17 @@ impl Context for TestContext {
         let Some(build) = build else {
             return Err(SceneError::at(operand.span.clone(), "no such operand").into());
         };
-        match build(around)? {
-            Shape::Opaque(primitive) if primitive.solid() => Ok(primitive),
-            _ => Err(SceneError::at(operand.span.clone(), "the operand is no solid").into()),
-        }
+        let error = |_| SceneError::at(operand.span.clone(), "the operand is no solid").into();
+        build(around)?.into_solid().map_err(error)
+    }
+
+    fn recall(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
+        let found = self.kept.get(&owned(parts)).cloned();
+        found.filter(|made| made.len() == length)
+    }
+
+    fn keep(&mut self, parts: &[&[u8]], made: &[u8]) {
+        self.kept.insert(owned(parts), made.to_vec());
     }
 
     fn warn(&mut self, warning: SceneError) {

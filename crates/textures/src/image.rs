@@ -1,4 +1,8 @@
-//! A picture from a file.
+//! A picture from a file, or its alpha channel.
+//!
+//! Alpha says how much of the picture is there (Porter and Duff, *Compositing digital images*, 1984). Colours are neither multiplied by it nor divided. A `mask`
+//! multiplies them, so it wants a file in which that has not been done already: PNG files are so, EXR files mostly not. Leaves are cut out in
+//! `scenes/showcase/cutout.toml`.
 //!
 //! - Twin: Mitsuba `bitmap` (native).
 //! - Example: `scenes/textures/image.toml`.
@@ -9,9 +13,10 @@ use crate::wrap::Wraps;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
+use toml::Spanned;
 use whitstone_core::config::{FilePath, IntegerIn, Scale2, Vector2};
 use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Texture, Textures};
-use whitstone_image::limits::Limits;
+use whitstone_image::limits::{Limits, ReadFault};
 use whitstone_image::texels;
 
 /// A picture from a PNG, JPEG or EXR file.
@@ -33,9 +38,14 @@ pub struct Config {
     /// sky by latitude and longitude wants ["repeat", "clamp"].
     #[serde(default)]
     wrap: Wraps,
-    /// What the values in the file are: "srgb", "linear", or "auto": sRGB for PNG and JPEG, linear for EXR.
+    /// What of the picture: "color", as it is in the file, whatever its alpha is; or "alpha" as a grey, such as for the `opacity` of a `mask`.
     #[serde(default)]
-    color_space: ColorSpace,
+    #[schemars(with = "Channel")]
+    channel: Option<Spanned<Channel>>,
+    /// What the values in the file are: "srgb", "linear", or "auto": sRGB for PNG and JPEG, linear for EXR. Not of alpha, which is always linear.
+    #[serde(default)]
+    #[schemars(with = "ColorSpace")]
+    color_space: Option<Spanned<ColorSpace>>,
     /// Pictures in a unit of u and of v.
     #[serde(default = "one")]
     scale: Scale2,
@@ -45,6 +55,17 @@ pub struct Config {
     /// Where the texture lies; by (u, v) if left out.
     #[serde(default)]
     mapping: Mapping,
+}
+
+/// A part of a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum Channel {
+    /// Its colours.
+    #[default]
+    Color,
+    /// How much of it is there.
+    Alpha,
 }
 
 fn one() -> Scale2 {
@@ -68,17 +89,41 @@ impl Plugin<Textures> for Image {
             let message = format!("\"{}\" is no texture: {why}", config.file.path);
             SceneErrors::from(SceneError::at(config.file.span.clone(), message))
         };
-        let texels = texels::read(&path, Limits::TEXTURE).map_err(|error| refuse(error.fault.to_string()))?;
+        let alpha = config
+            .channel
+            .as_ref()
+            .filter(|channel| *channel.get_ref() == Channel::Alpha);
+        let texels = match alpha {
+            None => texels::read(&path, Limits::TEXTURE),
+            Some(_) => texels::read_alpha(&path, Limits::TEXTURE),
+        };
+        let texels = texels.map_err(|error| match (error.fault, alpha) {
+            (ReadFault::NoAlpha, Some(alpha)) => {
+                let message = format!("\"{}\" has no alpha channel", config.file.path);
+                SceneError::at(alpha.span(), message).into()
+            }
+            (fault, _) => refuse(fault.to_string()),
+        })?;
+        let color_space = match (&config.color_space, alpha) {
+            (None, None) => ColorSpace::Auto,
+            (Some(space), None) => *space.get_ref(),
+            (None, Some(_)) => ColorSpace::Linear,
+            (Some(space), Some(_)) => {
+                let message = "an alpha channel has no color space: it is linear";
+                return Err(SceneError::at(space.span(), message).into());
+            }
+        };
         if let Some(at) = texels
             .data
             .iter()
             .position(|texel| texel.iter().any(|value| *value < 0.0))
         {
             let (x, y) = (at % texels.width, at / texels.width);
-            return Err(refuse(format!("a colour is negative at column {x}, row {y}")));
+            let what = if alpha.is_some() { "alpha" } else { "a colour" };
+            return Err(refuse(format!("{what} is negative at column {x}, row {y}")));
         }
         let size = [texels.width, texels.height];
-        let store = Store::new(texels, config.color_space);
+        let store = Store::new(texels, color_space);
         let lookup = Lookup {
             filter: config.filter,
             wrap: config.wrap.0,
@@ -258,6 +303,85 @@ mod tests {
         };
         assert_eq!(value(""), Rgb::new(0.5, 7.0, 0.0));
         assert!((value("color_space = \"srgb\"").r - srgb_to_linear(0.5)).abs() < 1e-16);
+    }
+
+    #[test]
+    fn alpha_is_a_grey_that_is_never_decoded() {
+        let folder = tempfile::tempdir().unwrap();
+        let planes = [("R", 0.5), ("G", 0.5), ("B", 0.5), ("A", 0.25)];
+        let mut image = planes::Image::new(1, 1).unwrap();
+        for (name, value) in planes {
+            image.add_channel(name, vec![value]).unwrap();
+        }
+        whitstone_image::exr_io::write(folder.path().join("a.exr"), &image).unwrap();
+        let leaf = whitstone_testkit::assets::generate();
+        let (_, bytes) = leaf.iter().find(|(name, _)| *name == "leaf.png").unwrap();
+        std::fs::write(folder.path().join("leaf.png"), bytes).unwrap();
+        let seen = |text: &str| at(&*build(folder.path(), text).unwrap(), 0.5, 0.5);
+        assert_eq!(seen("file = \"a.exr\""), Rgb::splat(0.5));
+        assert_eq!(seen("file = \"a.exr\"\nchannel = \"color\""), Rgb::splat(0.5));
+        assert_eq!(seen("file = \"a.exr\"\nchannel = \"alpha\""), Rgb::splat(0.25));
+        let leaf = build(
+            folder.path(),
+            "file = \"leaf.png\"\nchannel = \"alpha\"\nfilter = \"nearest\"",
+        )
+        .unwrap();
+        texture_laws(&*leaf);
+        // Whole, absent, and in part, by codes that mean what they are.
+        let values: Vec<Rgb> = (0..32 * 32)
+            .map(|k| {
+                at(
+                    &*leaf,
+                    (f64::from(k % 32) + 0.5) / 32.0,
+                    (f64::from(k / 32) + 0.5) / 32.0,
+                )
+            })
+            .collect();
+        for expected in [0.0, 1.0] {
+            assert!(
+                values
+                    .iter()
+                    .filter(|value| **value == Rgb::splat(expected))
+                    .count()
+                    > 100
+            );
+        }
+        let in_part = values.iter().find(|value| (0.2..0.8).contains(&value.r)).unwrap();
+        assert!((in_part.r * 255.0).fract().min(1.0 - (in_part.r * 255.0).fract()) < 1e-12);
+        picture("channel = \"color\"");
+    }
+
+    #[test]
+    fn alpha_that_is_not_there_is_an_error_at_the_word() {
+        let folder = tempfile::tempdir().unwrap();
+        png::Raster::from_fn(2, 2, |_, _| [1, 2, 3])
+            .write_png(folder.path().join("a.png"))
+            .unwrap();
+        let mut negative = planes::Image::new(1, 1).unwrap();
+        negative.add_channel("A", vec![-1.0]).unwrap();
+        whitstone_image::exr_io::write(folder.path().join("a.exr"), &negative).unwrap();
+        for (text, place, why) in [
+            (
+                "file = \"a.png\"\nchannel = \"alpha\"",
+                "\"alpha\"",
+                "has no alpha channel",
+            ),
+            ("file = \"a.png\"\nchannel = \"red\"", "\"red\"", "unknown value"),
+            (
+                "file = \"a.exr\"\nchannel = \"alpha\"",
+                "\"a.exr\"",
+                "alpha is negative",
+            ),
+            (
+                "file = \"a.exr\"\nchannel = \"alpha\"\ncolor_space = \"srgb\"",
+                "\"srgb\"",
+                "no color space",
+            ),
+        ] {
+            let error = build(folder.path(), text).err().unwrap().0.remove(0);
+            assert_eq!(&text[error.span.unwrap()], place, "{}", error.message);
+            assert!(error.message.contains(why), "{}", error.message);
+        }
     }
 
     #[test]

@@ -225,6 +225,11 @@ mod tests {
     }
 
     #[test]
+    fn the_numbers_of_reflections_are_no_depth() {
+        assert_eq!(["", "R", "R07", "R07TR12"].map(depth), [0, 1, 1, 3]);
+    }
+
+    #[test]
     fn a_miss_is_read_and_equal_trees_agree() {
         let tree = [mine("", 0), mine("R", -1)];
         assert_eq!(other(&tree[1]).t, f64::INFINITY);

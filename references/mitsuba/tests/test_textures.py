@@ -6,6 +6,7 @@ import math
 import os
 import tempfile
 import unittest
+import unittest.mock
 
 import numpy as np
 from support import Case, film
@@ -241,6 +242,58 @@ class Textures(Case):
         self.assertTrue(all(tuple(texel) in known for texel in np.rint(one * 255).astype(int).reshape(-1, 3)))
         for bad in ((20, 15, 3, ""), (0, 1, 1, ""), (4, 4, 1, ", seed = -1")):
             self.refuse(scene(1, 1, text.format("m.png", *bad)), "scene", "expected", base=self.base)
+
+    def test_alpha(self):
+        """It is no colour: never decoded, and colours are not multiplied by it."""
+        random = np.random.default_rng(11)
+        eight = random.integers(0, 256, (3, 4, 4), dtype=np.uint8)
+        mi.Bitmap(eight).write(os.path.join(self.base, "8.png"))
+        mi.Bitmap(eight[:, :, 2:], mi.Bitmap.PixelFormat.YA).write(os.path.join(self.base, "grey.png"))
+        sixteen = random.integers(0, 65536, (3, 4, 4), dtype=np.uint16)
+        mi.Bitmap(sixteen).write(os.path.join(self.base, "16.png"))
+        floats = {name: random.random((3, 4), dtype=np.float32) for name in "ARGB"}
+        exr.write(os.path.join(self.base, "f.exr"), floats)
+        text = '{{ type = "image", file = "{}", filter = "nearest", channel = "{}" }}'
+        for name, alpha in (("8.png", eight[:, :, 3] / 255), ("grey.png", eight[:, :, 3] / 255), ("16.png", sixteen[:, :, 3] / 65535), ("f.exr", floats["A"])):
+            found = self.seen(4, 3, text.format(name, "alpha"))
+            self.near(found, np.repeat(alpha[:, :, None], 3, axis=2), rel=1e-5, atol=2e-6)
+        self.near(self.seen(4, 3, text.format("8.png", "color")), srgb_to_linear(eight[:, :, :3] / 255), rel=1e-5, atol=2e-6)
+        self.refuse(scene(1, 1, text.format("t.png", "alpha")), "scene", "expected a channel A", base=self.base)
+        self.refuse(scene(1, 1, text.format("8.png", 'alpha", color_space = "linear')), "scene", "color_space", base=self.base)
+
+    def test_synthesized_and_optimized(self):
+        """One iteration by the words of the model, with whole numbers and loops."""
+        random = np.random.default_rng(10)
+        sample = random.integers(0, 256, (7, 8, 3))
+        # Each piece of this one is there four times.
+        for sample in (sample, np.tile(random.integers(0, 256, (4, 4, 3)), (3, 3, 1))):
+            picture = random.integers(0, 256, (11, 9, 3))
+            found = [[[] for _ in range(9)] for _ in range(11)]
+            pieces = [sample[y : y + 5, x : x + 5] for y in range(len(sample) - 4) for x in range(sample.shape[1] - 4)]
+            for y in (0, 1, 2, 3, 4, 5, 6):
+                for x in (0, 1, 2, 3, 4):
+                    errors = [((piece - picture[y : y + 5, x : x + 5]) ** 2).sum() for piece in pieces]
+                    for j, i in itertools.product(range(5), range(5)):
+                        found[y + j][x + i].append(pieces[errors.index(min(errors))][j, i])
+            means = np.array([[(2 * sum(texels) + len(texels)) // (2 * len(texels)) for texels in row] for row in found])
+            np.testing.assert_array_equal(quilting.optimized(picture, sample, 5, 1), means)
+            np.testing.assert_array_equal(quilting.optimized(picture, sample, 5, 0), picture)
+            # Pieces in small tables, one row of them at a time.
+            with unittest.mock.patch.object(quilting, "MOST_NUMBERS", 1):
+                np.testing.assert_array_equal(quilting.optimized(picture, sample, 5, 1), means)
+        # All pieces are equally near: the first one counts, along both axes and from table to table.
+        halves = np.repeat([126, 130], (5, 6)).repeat(3).reshape(1, 11, 3).repeat(9, axis=0)
+        for sample, numbers in itertools.product((halves, halves.transpose(1, 0, 2)), (1, 1 << 23)):
+            with unittest.mock.patch.object(quilting, "MOST_NUMBERS", numbers):
+                self.assertTrue(np.all(quilting.optimized(np.full((7, 6, 3), 128), sample, 5, 1) == 126))
+        for length, starts in ((13, [0, 2, 4, 5]), (12, [0, 2, 4]), (8, [0])):
+            with unittest.mock.patch.object(quilting, "_nearest", return_value=[0] * len(starts)) as asked:
+                quilting.optimized(np.zeros((8, length, 3), dtype=np.int64), np.zeros((8, 8, 3), dtype=np.int64), 8, 1)
+            self.assertEqual(len(asked.call_args.args[0]), len(starts))
+        mi.Bitmap(sample.astype(np.uint8)).write(os.path.join(self.base, "o.png"))
+        text = '{{ type = "synthesized", file = "o.png", size = [9, 9], block = 4, optimize = {} }}'
+        for bad in ("{ neighborhood = 10 }", "{ neighborhood = 3 }", "{}", "{ neighborhood = 4, iterations = 65 }", "1"):
+            self.refuse(scene(1, 1, text.format(bad)), "scene", "expected", base=self.base)
 
     def test_shared_and_range(self):
         shared = '[texture.t]\ntype = "constant"\nvalue = [0.1, 0.2, 0.3]\n'

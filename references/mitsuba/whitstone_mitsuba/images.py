@@ -27,6 +27,14 @@ def _pick_rgb(pixels: np.ndarray, names: list, path: str) -> np.ndarray:
     raise SceneError(f"{path}: expected channels R, G, B or Y, found {', '.join(names)}")
 
 
+def _pick_alpha(pixels: np.ndarray, names: list, path: str) -> np.ndarray:
+    """The alpha channel, three times."""
+    where = {name.split(".")[-1].upper(): index for index, name in enumerate(names)}
+    if "A" not in where:
+        raise SceneError(f"{path}: expected a channel A, found {', '.join(names)}")
+    return np.repeat(pixels[:, :, where["A"], None], 3, axis=2)
+
+
 def codes(path: str) -> np.ndarray:
     """(height, width, 3) codes of a file of 8 bits."""
     if not os.path.isfile(path):
@@ -42,8 +50,8 @@ def codes(path: str) -> np.ndarray:
     return _pick_rgb(pixels, names, path).astype(np.int64)
 
 
-def load(path: str, color_space: str) -> np.ndarray:
-    """(height, width, 3) float32, top row first. `color_space`: "auto", "srgb", "linear"."""
+def load(path: str, color_space: str, alpha: bool = False) -> np.ndarray:
+    """(height, width, 3) float32, top row first. `color_space`: "auto", "srgb", "linear"; alpha counts as linear whatever it says."""
     extension = os.path.splitext(path)[1].lower()
     if extension not in EXTENSIONS:
         raise SceneError(f"{path}: expected an image file ending in {', '.join(EXTENSIONS)}")
@@ -57,8 +65,9 @@ def load(path: str, color_space: str) -> np.ndarray:
         raise SceneError(f"{path}: cannot be read as an image: {error}") from error
     # Integer texels are fractions of the type's largest value; float32 ones are values.
     scale = float(np.iinfo(pixels.dtype).max) if np.issubdtype(pixels.dtype, np.integer) else 1.0
-    values = _pick_rgb(pixels, names, path).astype(np.float64) / scale
-    if color_space == "srgb" or (color_space == "auto" and extension != ".exr"):
+    pick = _pick_alpha if alpha else _pick_rgb
+    values = pick(pixels, names, path).astype(np.float64) / scale
+    if not alpha and (color_space == "srgb" or (color_space == "auto" and extension != ".exr")):
         values = srgb_to_linear(values)
     if not np.all(np.isfinite(values)):
         raise SceneError(f"{path}: has texels that are not finite")

@@ -1,4 +1,4 @@
-"""Pictures quilted out of pieces of a sample (model §10, `synthesized`), in whole numbers."""
+"""Pictures quilted out of pieces of a sample, and brought nearer to it (model §10, `synthesized`), in whole numbers."""
 
 from __future__ import annotations
 
@@ -51,3 +51,51 @@ def quilt(sample: np.ndarray, size: Tuple[int, int], block: int, overlap: int, t
                 new &= np.arange(block)[:, None] >= np.array(_seam(d[:overlap].T))[None, :]
             old[new] = piece[new]
     return canvas[: size[1], : size[0]]
+
+
+# Numbers in a table of pieces: 64 MiB.
+MOST_NUMBERS = 1 << 23
+
+
+def _nearest(squares: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    """For each square the number of the piece with the least sum of squared differences, the lowest of several.
+
+    In double precision for the sake of its matrix products: all sums are whole numbers below 2^53, so exact in any order.
+    """
+    high, wide = pieces.shape[:2]
+    squares = squares.astype(np.float64)
+    own = (squares**2).sum(axis=1)
+    best, chosen = np.full(len(squares), np.inf), np.zeros(len(squares), dtype=np.int64)
+    rows = max(1, MOST_NUMBERS // (wide * squares.shape[1]))
+    for first in range(0, high, rows):
+        some = pieces[first : first + rows].reshape(-1, squares.shape[1]).astype(np.float64)
+        for start in range(0, len(squares), 256):
+            part = slice(start, start + 256)
+            errors = own[part, None] + (some**2).sum(axis=1) - 2 * (squares[part] @ some.T)
+            least = errors.argmin(axis=1)
+            errors = errors[np.arange(len(least)), least]
+            lower = errors < best[part]
+            best[part] = np.where(lower, errors, best[part])
+            chosen[part] = np.where(lower, first * wide + least, chosen[part])
+    return chosen
+
+
+def optimized(picture: np.ndarray, sample: np.ndarray, side: int, iterations: int) -> np.ndarray:
+    """(H, W, 3) codes, changed so often."""
+    height, width = picture.shape[:2]
+    pieces = np.lib.stride_tricks.sliding_window_view(sample, (side, side), axis=(0, 1))
+    wide = pieces.shape[1]
+
+    def starts(length: int) -> List[int]:
+        return list(range(0, length - side, side // 4)) + [length - side]
+
+    corners = [(y, x) for y in starts(height) for x in starts(width)]
+    for _ in range(iterations):
+        windows = [picture[y : y + side, x : x + side].transpose(2, 0, 1).ravel() for y, x in corners]
+        sums, counts = np.zeros_like(picture), np.zeros((height, width, 1), dtype=np.int64)
+        for (y, x), number in zip(corners, _nearest(np.array(windows), pieces)):
+            v, u = divmod(int(number), wide)
+            sums[y : y + side, x : x + side] += sample[v : v + side, u : u + side]
+            counts[y : y + side, x : x + side] += 1
+        picture = (2 * sums + counts) // (2 * counts)
+    return picture

@@ -233,6 +233,9 @@ def _image(fields: Fields, base: Folder) -> Any:
     name = fields.string("file", REQUIRED)
     filtering = fields.choice("filter", "bilinear", ("bilinear", "nearest"))
     wrap = _wrap(fields)
+    alpha = fields.choice("channel", "color", ("color", "alpha")) == "alpha"
+    if alpha and fields.has("color_space"):
+        fields.error("color_space", "expected none beside an alpha channel")
     space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
     scale = _pair(fields, "scale", (1.0, 1.0), True)
     offset = _pair(fields, "offset", (0.0, 0.0), False)
@@ -240,10 +243,20 @@ def _image(fields: Fields, base: Folder) -> Any:
     if not name:
         return Constant((0.0, 0.0, 0.0))
     try:
-        return Image(images.load(base.path(name), space), filtering, wrap, scale, offset, mapping)
+        return Image(images.load(base.path(name), space, alpha), filtering, wrap, scale, offset, mapping)
     except SceneError as error:
         fields.error("file", str(error))
         return Constant((0.0, 0.0, 0.0))
+
+
+def _optimize(fields: Fields) -> Tuple[int, int]:
+    """Side of the neighbourhoods and number of iterations; 0 where nothing is done."""
+    if not fields.has("optimize"):
+        return 0, 0
+    inner = Fields(fields.take("optimize"), f"{fields.where}.optimize", fields.errors)
+    side, iterations = inner.integer("neighborhood", 16, 4, 256), inner.integer("iterations", 4, 0, 64)
+    inner.close()
+    return side, iterations
 
 
 def _synthesized(fields: Fields, base: Folder) -> Any:
@@ -255,6 +268,7 @@ def _synthesized(fields: Fields, base: Folder) -> Any:
     overlap = fields.integer("overlap", max(1, block // 4), 1, 128)
     tolerance = fields.number("tolerance", 0.1, lambda number: number >= 0, "a number of at least 0")
     seed = fields.integer("seed", 0, 0, 2**32 - 1)
+    side, iterations = _optimize(fields)
     filtering = fields.choice("filter", "bilinear", ("bilinear", "nearest"))
     wrap = _wrap(fields)
     space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
@@ -269,7 +283,12 @@ def _synthesized(fields: Fields, base: Folder) -> Any:
     if block > min(sample.shape[:2]) or 2 * overlap > block:
         fields.error("block", f"expected a block within the sample and an overlap of at most half, found {block} and {overlap}")
         return Constant((0.0, 0.0, 0.0))
-    values = quilting.quilt(sample, (size[0], size[1]), block, overlap, tolerance, seed) / 255.0
+    most = min(sample.shape[:2] + tuple(size))
+    if side > most:
+        fields.error("optimize", f"expected a neighborhood of at most {most}, found {side}")
+        return Constant((0.0, 0.0, 0.0))
+    picture = quilting.quilt(sample, (size[0], size[1]), block, overlap, tolerance, seed)
+    values = quilting.optimized(picture, sample, side, iterations) / 255.0 if side else picture / 255.0
     values = values if space == "linear" else images.srgb_to_linear(values)
     pixels = np.ascontiguousarray(values, dtype=np.float32)
     return Image(pixels, filtering, wrap, scale, offset, mapping, quilted=True)

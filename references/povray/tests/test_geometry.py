@@ -199,6 +199,24 @@ class Shapes(Case):
         nested = joined % ("intersection", ball % (0.9, 0), inner % (ball % (0.9, 0), pipe))
         self.assertEqual(self.seen(nested, [(0.2, 0.0), (0.6, 0.0), (-0.8, 0.0), (-0.6, 0.0)]), [0, 1, 0, 1])
 
+    def test_meshes_and_level_sets_in_csg(self):
+        joined = '[[shape]]\ntype = "csg"\noperation = "difference"\noperands = [%s, %s]\ntransform = { translate = [0.2, 0, 0] }\n' + SEEN
+        # Where the plane cuts the tetrahedron, x + y <= 0 in the whole, which is moved.
+        corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "corner.obj")
+            with open(path, "w", encoding="utf-8") as file:
+                file.write(corners)
+            mesh = '{ type = "mesh", file = "%s", transform = [{ scale = 2 }, { translate = [-0.5, -0.5, -1.5] }] }' % path
+            cut = '{ type = "plane", transform = { translate = [0, 0, -0.5] } }'
+            points = [(0.15, 0.0), (-0.25, 0.4), (0.25, 0.0), (-0.25, 0.5), (-0.35, 0.0)]
+            self.assertEqual(self.seen(joined % (mesh, cut), points), [1, 1, 0, 0, 0])
+        ball = '{ type = "implicit", field = { sphere = { radius = 0.6 } } }'
+        pipe = '{ type = "implicit", field = { union = [{ box = { half = [0.2, 0.2, 3] } }] } }'
+        self.assertEqual(self.seen(joined % (ball, pipe), [(0.2, 0.0), (0.45, 0.0), (0.85, 0.0)]), [0, 1, 0])
+        grid = '{ type = "isosurface", size = [3, 3, 3], values = [%s] }' % ", ".join("1" if i == 13 else "0" for i in range(27))
+        self.assertEqual(self.seen(joined % (grid, pipe), [(0.2, 0.0), (0.5, 0.0), (0.75, 0.0)]), [0, 1, 0])
+
     def test_what_csg_refuses(self):
         joined = film() + DOWN + '[[shape]]\ntype = "csg"\noperation = "union"\noperands = [%s, { type = "sphere" }]\n'
         for operand in ('{ type = "disk" }', '{ type = "cylinder", caps = false }', '{ type = "sphere", material = "m" }'):

@@ -40,6 +40,13 @@ def normal(matrix: Matrix, n: Sequence[float]) -> Tuple[float, ...]:
     return unit([sign * dot(row, n) for row in cofactors(matrix)])
 
 
+def inverse(matrix: Matrix) -> Matrix:
+    """What takes a transform back."""
+    columns, size = cofactors(matrix), determinant(matrix)
+    linear = [[column[row] / size for column in columns] for row in range(3)]
+    return tuple((*row, -sum(a * line[3] for a, line in zip(row, matrix))) for row in linear)
+
+
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
     """Of three numbers."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

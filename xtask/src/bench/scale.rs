@@ -133,6 +133,7 @@ fn build(
     let options = BuildOptions {
         max_memory: Some((arguments.max_memory * (1u64 << 30) as f64) as u64),
         progress: Some(&progress),
+        ..BuildOptions::default()
     };
     let sources = Sources::load(Path::new(SCENE), overrides)
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;

@@ -46,6 +46,45 @@ fn codes_are_normalised_and_not_decoded() {
 }
 
 #[test]
+fn alpha_is_read_by_itself_or_missed() {
+    let alpha = |bytes: Vec<u8>| decode_from(Cursor::new(bytes), Limits::TEXTURE, Part::Alpha);
+    for (bytes, expected) in [
+        (png(ImageBuffer::from_pixel(1, 1, LumaA([9_u8, 51]))), 0.2),
+        (png(ImageBuffer::from_pixel(1, 1, Rgba([9_u8, 8, 7, 51]))), 0.2),
+        (png(ImageBuffer::from_pixel(1, 1, LumaA([9_u16, 13107]))), 0.2),
+        (
+            png(ImageBuffer::from_pixel(1, 1, Rgba([9_u16, 8, 7, 13107]))),
+            0.2,
+        ),
+        (exr(&[("R", vec![0.5; 6]), ("A", vec![1.5; 6])]), 1.5),
+        (exr(&[("A", vec![0.25; 6])]), 0.25),
+    ] {
+        assert_eq!(alpha(bytes).unwrap().data[0], [expected; 3]);
+    }
+    let mut jpeg = Vec::new();
+    JpegEncoder::new(&mut jpeg)
+        .encode(&[9; 3], 1, 1, ExtendedColorType::Rgb8)
+        .unwrap();
+    for bytes in [
+        png(ImageBuffer::from_pixel(1, 1, Luma([9_u8]))),
+        png(ImageBuffer::from_pixel(1, 1, Rgb([9_u16, 8, 7]))),
+        exr(&[("R", vec![0.5; 6]), ("G", vec![0.5; 6]), ("B", vec![0.5; 6])]),
+        jpeg,
+    ] {
+        assert!(matches!(alpha(bytes), Err(ReadFault::NoAlpha)));
+    }
+    let infinite = exr(&[("A", vec![0.0, f32::INFINITY, 0.0, 0.0, 0.0, 0.0])]);
+    assert!(matches!(
+        alpha(infinite),
+        Err(ReadFault::NotFinite {
+            channel: "A",
+            x: 1,
+            ..
+        })
+    ));
+}
+
+#[test]
 fn alpha_is_ignored_and_grey_repeated() {
     let first = |bytes: Vec<u8>| decode(&bytes, Limits::TEXTURE).unwrap().data[0];
     let eight = 51.0 / 255.0;

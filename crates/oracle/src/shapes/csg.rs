@@ -1,7 +1,7 @@
 //! Union, intersection and difference of solids.
 
 use super::{Placed, Surface, surface};
-use crate::interval::Decided;
+use crate::interval::{Decided, Undecided};
 use crate::root::{Root, Roots};
 use crate::vector::Line;
 use serde::Deserialize;
@@ -85,7 +85,8 @@ impl Surface for Csg {
         for (number, operand) in self.operands.iter().enumerate() {
             let roots = operand.meet(line)?;
             inside.push(roots.from_inside);
-            ends.extend(roots.all.into_iter().map(|root| (number, root)));
+            let alternating = alternating(roots)?;
+            ends.extend(alternating.into_iter().map(|root| (number, root)));
         }
         let from_inside = self.operation.inside(&inside);
         let (mut all, mut was) = (Vec::new(), from_inside);
@@ -114,6 +115,26 @@ impl Surface for Csg {
         }
         Ok(Roots { all, from_inside })
     }
+}
+
+/// The places where a solid is entered and left by turns. Where several triangles are met at once they must agree, and no part of a solid may be in another one.
+fn alternating(roots: Roots) -> Decided<Vec<Root>> {
+    let mut found: Vec<Root> = Vec::new();
+    for (_, root) in sorted(roots.all.into_iter().map(|root| (0, root)))? {
+        let inside = found.last().map_or(roots.from_inside, |last| last.enters);
+        if root.enters != inside {
+            found.push(root);
+            continue;
+        }
+        let again = match found.last() {
+            Some(last) => last.t.compare(&root.t)? == Ordering::Equal,
+            None => false,
+        };
+        if !again {
+            return Err(Undecided);
+        }
+    }
+    Ok(found)
 }
 
 /// In ascending order, if that is known.

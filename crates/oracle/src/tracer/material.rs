@@ -1,9 +1,11 @@
 //! Section 8.
 
+pub(super) mod bodies;
 mod read;
 
 use super::camera::lens;
 use super::texture::{Place, Texture};
+use bodies::{Face, Substance};
 use read::Source;
 use std::f64::consts::PI;
 use whitstone_core::config::Color;
@@ -12,21 +14,36 @@ use whitstone_scene::{Description, ShapeTable};
 
 /// What a ray travels in.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Medium(Rgb);
+pub(super) struct Medium {
+    absorption: Rgb,
+    /// The bodies that it is in, a bit for each of their ranks.
+    inside: u64,
+}
 
 impl Default for Medium {
     fn default() -> Self {
-        Self(Rgb::splat(0.0))
+        Self::of(Rgb::splat(0.0))
     }
 }
 
 impl Medium {
+    fn of(absorption: Rgb) -> Self {
+        Self {
+            absorption,
+            inside: 0,
+        }
+    }
+
+    fn within(self, inside: u64) -> Self {
+        Self { inside, ..self }
+    }
+
     pub(super) fn over(self, length: f64) -> Rgb {
-        self.0.map(|a| (-a * length).exp())
+        self.absorption.map(|a| (-a * length).exp())
     }
 
     pub(super) fn endless(self) -> Rgb {
-        self.0.map(|a| if a == 0.0 { 1.0 } else { 0.0 })
+        self.absorption.map(|a| if a == 0.0 { 1.0 } else { 0.0 })
     }
 }
 
@@ -47,10 +64,19 @@ struct Interface {
 
 impl Interface {
     fn new(ior: [Option<f64>; 2], absorption: [Option<Color>; 2]) -> Self {
-        let medium = |color: Option<Color>| Medium(color.map_or(Rgb::splat(0.0), Color::get));
+        let medium = |color: Option<Color>| Medium::of(color.map_or(Rgb::splat(0.0), Color::get));
         Self {
             ior: [ior[0].unwrap_or(1.5), ior[1].unwrap_or(1.0)],
             media: absorption.map(medium),
+        }
+    }
+
+    /// Between what is on the viewer's side, who is outside or not, and what is on the other one.
+    fn seen(outside: bool, [here, there]: [Substance; 2]) -> Self {
+        let [inner, outer] = if outside { [there, here] } else { [here, there] };
+        Self {
+            ior: [inner.ior, outer.ior],
+            media: [inner.absorption, outer.absorption].map(Medium::of),
         }
     }
 }
@@ -81,6 +107,8 @@ enum Kind {
         k: Rgb,
         tint: Texture,
     },
+    /// One of the bodies that may overlap.
+    Body(Face),
     Emissive(Texture, Option<Box<Kind>>),
     /// How much of the second.
     Mix(Texture, [Box<Kind>; 2]),
@@ -130,6 +158,11 @@ impl Material {
             None => Kind::Matte(Texture::Constant(Rgb::splat(0.5))),
             Some((_, reference)) => Source { description }.kind(reference)?,
         }))
+    }
+
+    /// As one of the bodies that may overlap.
+    pub(super) fn of_body(face: Face) -> Self {
+        Self(Kind::Body(face))
     }
 
     /// At a surface point, with the geometric normal and the direction to the viewer.
@@ -384,13 +417,18 @@ impl At<'_> {
                 }
                 all
             }
-            Kind::Dielectric(interface) => match self.refracted(interface) {
-                None => vec![reflected(Rgb::splat(1.0))],
-                Some((mut branch, r, eta)) => {
-                    branch.weight = Rgb::splat((1.0 - r) * eta * eta);
-                    vec![reflected(Rgb::splat(r)), branch]
+            Kind::Dielectric(interface) => self.glass(interface, medium),
+            Kind::Body(face) => {
+                let [own, other] = face.sets(self.is_outside(), medium.inside);
+                let mut all = match face.between(own, other) {
+                    None => vec![straight(Rgb::splat(1.0))],
+                    Some(two) => self.glass(&Interface::seen(self.is_outside(), two), medium),
+                };
+                for branch in &mut all {
+                    branch.medium.inside = if branch.transmitted { other } else { own };
                 }
-            },
+                all
+            }
             Kind::Gloss {
                 branches: Some(branches),
                 ..
@@ -400,6 +438,7 @@ impl At<'_> {
                 match self.refracted(interface) {
                     None => vec![reflected(refl + refr)],
                     Some((mut branch, _, _)) => {
+                        branch.medium.inside = medium.inside;
                         branch.weight = refr;
                         vec![reflected(refl), branch]
                     }
@@ -410,30 +449,42 @@ impl At<'_> {
 
     /// Of light that goes straight on from the viewer's side: what is left of it, and the medium behind where that is another one.
     /// Without `filtered` only the holes of masks let it through. Section 7.
-    pub(super) fn filter(&self, filtered: bool) -> (Rgb, Option<Medium>) {
+    pub(super) fn filter(&self, filtered: bool, medium: Medium) -> (Rgb, Option<Medium>) {
         let nothing = (Rgb::splat(0.0), None);
-        let inside = self.viewer.dot(self.n_g) > 0.0;
-        let behind = |interface: &Interface| Some(interface.media[usize::from(!inside)]);
+        let behind = |interface: &Interface| {
+            let there = interface.media[usize::from(!self.is_outside())];
+            Some(there.within(medium.inside))
+        };
         match self.kind {
-            Kind::Emissive(_, Some(inner)) => self.with(inner).filter(filtered),
-            Kind::Sides(sides) => self.side(sides).filter(filtered),
+            Kind::Emissive(_, Some(inner)) => self.with(inner).filter(filtered, medium),
+            Kind::Sides(sides) => self.side(sides).filter(filtered, medium),
             Kind::Mask(opacity, inner) => {
                 let o = opacity.at(&self.spot);
-                let (left, medium) = self.with(inner).filter(filtered);
+                let (left, medium) = self.with(inner).filter(filtered, medium);
                 (o.map(|o| 1.0 - o) + o * left, medium)
             }
             Kind::Mix(weight, [a, b]) => {
                 let w = weight.at(&self.spot);
-                let (a, b) = (self.with(a).filter(filtered), self.with(b).filter(filtered));
+                let (a, b) = (
+                    self.with(a).filter(filtered, medium),
+                    self.with(b).filter(filtered, medium),
+                );
                 (w.map(|w| 1.0 - w) * a.0 + w * b.0, a.1.or(b.1))
             }
             Kind::NormalMap(..) | Kind::Bump { .. } | Kind::BumpVectors(..) => {
-                self.bent().map_or(nothing, |bent| bent.filter(filtered))
+                self.bent().map_or(nothing, |bent| bent.filter(filtered, medium))
             }
-            Kind::Dielectric(interface) if filtered => {
-                let [a, b] = interface.ior;
-                let r = reflectance(self.n.dot(self.viewer).abs(), a.max(b) / a.min(b));
-                (Rgb::splat(1.0 - r), behind(interface))
+            Kind::Dielectric(interface) if filtered => (self.passes(interface), behind(interface)),
+            Kind::Body(face) if filtered => {
+                let [own, other] = face.sets(self.is_outside(), medium.inside);
+                match face.between(own, other) {
+                    None => (Rgb::splat(1.0), Some(medium.within(other))),
+                    Some(two) => {
+                        let interface = Interface::seen(self.is_outside(), two);
+                        let there = behind(&interface).map(|there| there.within(other));
+                        (self.passes(&interface), there)
+                    }
+                }
             }
             Kind::Pane(eta, tint) if filtered => {
                 let r = reflectance(self.n.dot(self.viewer), *eta);
@@ -464,9 +515,38 @@ impl At<'_> {
         [x, r.cross(x)]
     }
 
+    /// What is not reflected of light that goes straight on.
+    fn passes(&self, interface: &Interface) -> Rgb {
+        let [a, b] = interface.ior;
+        let r = reflectance(self.n.dot(self.viewer).abs(), a.max(b) / a.min(b));
+        Rgb::splat(1.0 - r)
+    }
+
+    fn is_outside(&self) -> bool {
+        self.viewer.dot(self.n_g) > 0.0
+    }
+
+    /// Reflection and refraction by Fresnel's formulas.
+    fn glass(&self, interface: &Interface, medium: Medium) -> Vec<Branch> {
+        let reflected = |weight: f64| Branch {
+            direction: 2.0 * self.n.dot(self.viewer) * self.n - self.viewer,
+            weight: Rgb::splat(weight),
+            medium,
+            transmitted: false,
+        };
+        match self.refracted(interface) {
+            None => vec![reflected(1.0)],
+            Some((mut branch, r, eta)) => {
+                branch.medium.inside = medium.inside;
+                branch.weight = Rgb::splat((1.0 - r) * eta * eta);
+                vec![reflected(r), branch]
+            }
+        }
+    }
+
     /// The transmitted branch, the reflectance and the relative index; `None` for total reflection.
     fn refracted(&self, interface: &Interface) -> Option<(Branch, f64, f64)> {
-        let outside = self.viewer.dot(self.n_g) > 0.0;
+        let outside = self.is_outside();
         let [interior, exterior] = interface.ior;
         let (n_i, n_t, medium) = if outside {
             (exterior, interior, interface.media[0])

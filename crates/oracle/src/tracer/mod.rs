@@ -449,7 +449,7 @@ impl Tracer {
         let (mut medium, mut passed) = (medium, 0.0);
         let hits = self.scene.all(&ray, from, end)?;
         for (number, hit) in hits.iter().enumerate() {
-            let (filter, behind) = self.scene.material(hit, -l).filter(filtered);
+            let (filter, behind) = self.scene.material(hit, -l).filter(filtered, medium);
             if filtered {
                 left *= medium.over(hit.t - passed);
             }

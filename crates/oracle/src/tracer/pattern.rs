@@ -5,8 +5,8 @@ use serde::Deserialize;
 use std::path::Path;
 use whitstone_core::config::{Color, FilePath};
 use whitstone_core::{DVec2, DVec3, Rgb};
-use whitstone_image::limits::Limits;
-use whitstone_image::texels::{self, Encoding};
+use whitstone_image::limits::{Limits, ReadError};
+use whitstone_image::texels::{self, Encoding, Texels};
 
 /// A number or two.
 #[derive(Clone, Copy, Deserialize)]
@@ -167,6 +167,7 @@ pub(super) struct PictureConfig {
     filter: Option<String>,
     #[serde(default)]
     wrap: Wraps,
+    channel: Option<String>,
     color_space: Option<String>,
     scale: Option<Pair>,
     offset: Option<Pair>,
@@ -201,7 +202,10 @@ pub(super) struct Codes {
 
 impl Codes {
     pub(super) fn read(file: &FilePath, base: &Path) -> Result<Self, String> {
-        let texels = texels::read(base.join(Path::new(&file.path)), Limits::TEXTURE);
+        Self::new(texels::read(base.join(Path::new(&file.path)), Limits::TEXTURE))
+    }
+
+    fn new(texels: Result<Texels, ReadError>) -> Result<Self, String> {
         let texels = texels.map_err(|error| format!("this picture: {error}"))?;
         let most = match texels.encoding {
             Encoding::Srgb8 => Some(255.0),
@@ -220,14 +224,26 @@ impl Codes {
 
 impl Picture {
     pub(super) fn new(config: &PictureConfig, base: &Path) -> Result<Self, String> {
-        let codes = Codes::read(&config.file, base)?;
+        let alpha = config.channel.as_deref() == Some("alpha");
+        let codes = match alpha {
+            true => Codes::new(texels::read_alpha(
+                base.join(Path::new(&config.file.path)),
+                Limits::TEXTURE,
+            )),
+            false => Codes::read(&config.file, base),
+        }?;
         let lookup = Lookup {
             filter: config.filter.as_deref(),
             wrap: config.wrap.each(),
             scale: config.scale,
             offset: config.offset,
         };
-        Self::of(&codes, config.color_space.as_deref(), &lookup)
+        let space = if alpha {
+            Some("linear")
+        } else {
+            config.color_space.as_deref()
+        };
+        Self::of(&codes, space, &lookup)
     }
 
     pub(super) fn of(codes: &Codes, color_space: Option<&str>, lookup: &Lookup<'_>) -> Result<Self, String> {

@@ -193,8 +193,17 @@ impl Coordinates {
 
     /// The interpolated normal, of any length, in the space that `normals` leads to; `None` where it is the geometric one.
     pub(super) fn normal(&self, p: DVec3, primitive: u32, normals: &DMat3) -> Option<DVec3> {
-        let Self::Triangles(mesh) = self else {
-            return None;
+        let mesh = match self {
+            Self::Triangles(mesh) => mesh,
+            Self::Operands(operands) => {
+                // The maps lead from the space of the whole into those of the operands.
+                let count = operands.len() as u32;
+                let (map, operand) = &operands[(primitive % count) as usize];
+                let normals = *normals * map.matrix3.transpose();
+                let n = operand.normal(map.transform_point3(p), primitive / count, &normals)?;
+                return Some(n);
+            }
+            _ => return None,
         };
         let corners = mesh.normals[primitive as usize]?;
         let weights = barycentric(&mesh.triangles[primitive as usize], p);

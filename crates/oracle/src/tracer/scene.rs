@@ -1,6 +1,6 @@
 //! The shapes of a scene with their materials, and what a ray meets first of them.
 
-use super::material::{At, Material};
+use super::material::{At, Material, bodies};
 use super::place::{Coordinates, Corner};
 use super::texture::Place;
 use super::{Unsure, unknown_part};
@@ -77,8 +77,12 @@ fn check(shape: &ShapeTable<'_>) -> Result<(), SceneErrors> {
 impl Scene {
     pub(super) fn new(description: &Description<'_>) -> Result<Self, SceneErrors> {
         let mut parts = Vec::new();
-        for shape in &description.shapes {
+        for (shape, face) in description.shapes.iter().zip(bodies::faces(description)?) {
             place(description, shape, &[], &mut parts)?;
+            // No body is a group.
+            if let (Some(face), Some(part)) = (face, parts.last_mut()) {
+                part.material = Material::of_body(face);
+            }
         }
         let has_masks = parts.iter().any(|part| part.material.has_masks());
         Ok(Self { parts, has_masks })

@@ -17,6 +17,7 @@ pub(super) struct SynthesizedConfig {
     tolerance: Option<f64>,
     #[serde(default)]
     seed: u32,
+    optimize: Option<Optimize>,
     filter: Option<String>,
     #[serde(default)]
     wrap: Wraps,
@@ -26,6 +27,13 @@ pub(super) struct SynthesizedConfig {
     #[serde(rename = "max_anisotropy")]
     _max_anisotropy: Option<serde::de::IgnoredAny>,
     pub(super) mapping: Option<MappingConfig>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Optimize {
+    neighborhood: Option<usize>,
+    iterations: Option<u32>,
 }
 
 type Texel = [f64; 3];
@@ -42,6 +50,12 @@ pub(super) fn synthesized(config: &SynthesizedConfig, base: &Path) -> Result<Pic
         size: config.size,
         values: quilted(config, &sample),
         most: sample.most,
+    };
+    let quilted = match &config.optimize {
+        None => quilted,
+        Some(how) => {
+            (0..how.iterations.unwrap_or(4)).fold(quilted, |picture, _| nearer(&picture, &sample, how))
+        }
     };
     Picture::of(&quilted, config.color_space.as_deref(), &lookup)
 }
@@ -104,6 +118,50 @@ fn quilted(config: &SynthesizedConfig, sample: &Codes) -> Vec<Texel> {
     (0..h)
         .flat_map(|j| canvas[j * width..j * width + w].to_vec())
         .collect()
+}
+
+/// The picture after one iteration: means of the pieces that are nearest to its neighbourhoods.
+fn nearer(picture: &Codes, sample: &Codes, how: &Optimize) -> Codes {
+    let n = how.neighborhood.unwrap_or(16);
+    let starts = |length: usize| {
+        let apart = (0..length).filter(move |at| at % (n / 4) == 0 && *at < length - n);
+        apart.chain([length - n])
+    };
+    let [width, height] = picture.size;
+    let all = || (0..n).flat_map(|j| (0..n).map(move |i| (i, j)));
+    let piece = |[x, y]: [usize; 2], (i, j): (usize, usize)| sample.values[(y + j) * sample.size[0] + x + i];
+    let mut covering: Vec<Vec<Texel>> = vec![Vec::new(); width * height];
+    for y in starts(height) {
+        for x in starts(width) {
+            let at = |(i, j): (usize, usize)| (y + j) * width + x + i;
+            let apart = |place| -> f64 {
+                all()
+                    .map(|k| difference(piece(place, k), picture.values[at(k)]))
+                    .sum()
+            };
+            let places = (0..=sample.size[1] - n).flat_map(|y| (0..=sample.size[0] - n).map(move |x| [x, y]));
+            let mut nearest = ([0, 0], f64::INFINITY);
+            for place in places {
+                let error = apart(place);
+                if error < nearest.1 {
+                    nearest = (place, error);
+                }
+            }
+            all().for_each(|k| covering[at(k)].push(piece(nearest.0, k)));
+        }
+    }
+    let mean = |texels: &Vec<Texel>| {
+        let count = texels.len() as f64;
+        [0, 1, 2].map(|c| {
+            let sum: f64 = texels.iter().map(|texel| texel[c]).sum();
+            ((2.0 * sum + count) / (2.0 * count)).floor()
+        })
+    };
+    Codes {
+        size: picture.size,
+        values: covering.iter().map(mean).collect(),
+        most: picture.most,
+    }
 }
 
 fn difference(a: Texel, b: Texel) -> f64 {

@@ -1,5 +1,6 @@
 //! The commands, one file each.
 
+pub mod bake;
 pub mod compare;
 pub mod completions;
 #[cfg(feature = "converge")]
@@ -27,7 +28,7 @@ use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use whitstone_core::{DuplicateType, Registry};
-use whitstone_scene::{BuildOptions, Description, Pipeline, Plan, Sources, all_errors_with};
+use whitstone_scene::{BuildOptions, Cache, Description, Pipeline, Plan, Sources, all_errors_with};
 
 /// A Whitted ray tracer that is validated against Mitsuba 3, pixel by pixel.
 ///
@@ -56,6 +57,7 @@ pub enum Command {
     Stress(stress::Arguments),
     #[cfg(feature = "converge")]
     Converge(converge::Arguments),
+    Bake(bake::Arguments),
     List(list::Arguments),
     Schema(schema::Arguments),
     Sensitivity(sensitivity::Arguments),
@@ -79,6 +81,7 @@ impl Command {
             Self::Stress(arguments) => stress::run(arguments, registry),
             #[cfg(feature = "converge")]
             Self::Converge(arguments) => converge::run(arguments, registry, program),
+            Self::Bake(arguments) => bake::run(arguments, registry),
             Self::List(arguments) => list::run(arguments, registry),
             Self::NewPlugin(arguments) => new_plugin::run(arguments, registry),
             Self::Sensitivity(arguments) => sensitivity::run(arguments, registry, program),
@@ -175,6 +178,12 @@ pub struct SceneArguments {
     /// Refuse a scene whose meshes and accelerators need more memory, in GiB; by default what the machine has left
     #[arg(long, value_name = "GIB", value_parser = gib)]
     pub max_memory: Option<u64>,
+    /// Folder of what is kept between runs: textures that took long to make, the environment of Mitsuba
+    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
+    pub target: PathBuf,
+    /// Make anew also what is kept there
+    #[arg(long)]
+    pub fresh: bool,
 }
 
 /// A scene that is built, or all that is wrong with it as a report.
@@ -194,8 +203,13 @@ pub fn build_with<T>(
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, color)))?;
     let bar = terminal::spinner("building");
     let progress = |what: &str| bar.set_message(format!("building {what}"));
+    let kept = arguments.target.join("kept");
     let options = BuildOptions {
         max_memory: arguments.max_memory,
+        cache: Some(Cache {
+            folder: &kept,
+            reuse: !arguments.fresh,
+        }),
         progress: Some(&progress),
     };
     let report = |_| {

@@ -35,9 +35,6 @@ pub(super) struct PixelArguments {
     /// Whether to ask Mitsuba for its rays too
     #[arg(long, value_enum, default_value_t = Beside::Auto, requires = "pixel")]
     reference: Beside,
-    /// Folder with the environment of Mitsuba
-    #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
-    target: PathBuf,
     /// Folder with the driver of Mitsuba
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
@@ -119,14 +116,14 @@ impl PixelArguments {
     fn theirs(&self, scene: &SceneArguments, pixel: [usize; 2]) -> Result<Theirs, String> {
         let environment = match self.reference {
             Beside::None => return Err("--reference none".to_owned()),
-            Beside::Live => Environment::ensure(&self.target, &self.references, &|text| eprintln!("{text}"))
+            Beside::Live => Environment::ensure(&scene.target, &self.references, &|text| eprintln!("{text}"))
                 .map_err(|error| error.to_string())?,
-            Beside::Auto => Environment::existing(&self.target, &self.references)
+            Beside::Auto => Environment::existing(&scene.target, &self.references)
                 .ok_or("there is no environment of Mitsuba here; --reference live makes it")?,
         };
-        let cache = self.target.join("live");
+        let cache = scene.target.join("live");
         let mut live =
-            Live::start(environment, cache, true, TIME_LIMIT).map_err(|error| error.to_string())?;
+            Live::start(environment, cache, !scene.fresh, TIME_LIMIT).map_err(|error| error.to_string())?;
         let flattened = flatten(&scene.scene, &scene.overrides)?;
         let text = SceneText {
             text: &flattened.text,

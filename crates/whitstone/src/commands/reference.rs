@@ -59,6 +59,8 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             scene: path.clone(),
             overrides,
             max_memory: None,
+            target: options.target.clone(),
+            fresh: !options.reuse,
         };
         let pipeline = super::build(&scene, registry)?;
         let size = pipeline.film.size;

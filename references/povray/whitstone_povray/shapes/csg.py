@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Optional
 
 from .. import registry, transforms
@@ -14,6 +15,8 @@ _NAMES = {"union": "merge", "intersection": "intersection", "difference": "diffe
 # Operands may be nested so deep, and there may be so many (model §9).
 _MAX_NESTING = 16
 _MAX_OPERANDS = 256
+# What tells POV-Ray that a mesh has an inside: a direction in which it looks for the outside, along no edge of ours.
+_INSIDE = "inside_vector <0.2113, 0.6247, 0.7517>"
 
 
 class _OfOperands:
@@ -29,7 +32,8 @@ class _OfOperands:
     v = u
 
 
-def _operand(table: object, where: str, fields: Fields, place: Place, depth: int) -> Optional[str]:
+def _operand(table: object, where: str, fields: Fields, place: Place, depth: int) -> Optional[Solid]:
+    """Closed, where it stands in the whole."""
     inner = Fields(table, where, fields.context)
     plane = isinstance(table, dict) and table.get("type") == "plane"
     nested = isinstance(table, dict) and table.get("type") == "csg"
@@ -45,9 +49,13 @@ def _operand(table: object, where: str, fields: Fields, place: Place, depth: int
     inner.close()
     # POV-Ray 3.7 cuts the bounding box of a difference by a plane that it has turned, and loses parts.
     body = f"box {{ {place.point((-_FAR, -_FAR, -_FAR))}, {place.point((_FAR, _FAR, 0))}" if plane else solid.body
-    if not (plane or solid.closed) or solid.matrix is not None:
+    if not (plane or solid.closed):
         inner.error("", "bounds no volume, so it cannot be an operand")
-    return f"{body} {transforms.write(own, place.setting.scale)} }}"
+    if solid.matrix is not None:
+        # A mesh stands in the world already: what is around it must be taken back.
+        own = transforms.inverse(place.own)
+        body = f"{body} {_INSIDE}"
+    return replace(solid, body=f"{body} {transforms.write(own, place.setting.scale)} }}")
 
 
 def _twin(fields: Fields, place: Place, depth: int) -> Solid:
@@ -56,11 +64,11 @@ def _twin(fields: Fields, place: Place, depth: int) -> Solid:
     if not isinstance(tables, list) or not 2 <= len(tables) <= _MAX_OPERANDS:
         fields.error("operands", f"expected 2 to {_MAX_OPERANDS} tables of shapes")
         tables = []
-    operands = [
-        _operand(table, f"{fields.where}.operands[{number}]", fields, place, depth) for number, table in enumerate(tables)
-    ]
-    inside = "\n  ".join(operand for operand in operands if operand is not None)
-    return Solid(f"{_NAMES[operation]} {{\n  {inside}", _OfOperands(), True)
+    found = [_operand(table, f"{fields.where}.operands[{number}]", fields, place, depth) for number, table in enumerate(tables)]
+    operands = [operand for operand in found if operand is not None]
+    inside = "\n  ".join(operand.body for operand in operands)
+    head = "\n".join(operand.head for operand in operands if operand.head)
+    return Solid(f"{_NAMES[operation]} {{\n  {inside}", _OfOperands(), True, smooth=any(o.smooth for o in operands), head=head)
 
 
 def twin(fields: Fields, place: Place) -> Solid:

@@ -1,12 +1,13 @@
 //! The tables of materials.
 
+use super::bodies::Substance;
 use super::{Highlight, Interface, Kind, Tangent, lobe};
 use crate::tracer::texture::{Texture, table};
-use crate::tracer::{unknown, unknown_part};
+use crate::tracer::unknown;
 use serde::Deserialize;
 use whitstone_core::config::{Color, PluginRef, TextureRef, decode};
 use whitstone_core::{DVec3, Rgb, SceneError, SceneErrors};
-use whitstone_scene::Description;
+use whitstone_scene::{Description, ShapeTable};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -148,6 +149,24 @@ const METALS: [(&str, [f64; 3], [f64; 3]); 10] = [
     ("W", [4.37082, 3.30025, 2.99841], [3.50064, 2.60487, 2.27323]),
 ];
 
+/// The priority of a shape that is a body that may overlap others, with what it is made of.
+pub(super) fn body(
+    description: &Description<'_>,
+    shape: &ShapeTable<'_>,
+) -> Result<Option<(u32, Substance)>, SceneErrors> {
+    let reference = shape.material.as_ref().map(|(_, reference)| reference);
+    let plugin = reference.and_then(|reference| table(description, &description.materials, reference));
+    let Some(plugin) = plugin.filter(|plugin| plugin.name == "dielectric") else {
+        return Ok(None);
+    };
+    let glass: Glass = decode(&plugin.table)?;
+    let substance = Substance {
+        ior: glass.interior_ior.unwrap_or(1.5),
+        absorption: glass.absorption.map_or(Rgb::splat(0.0), Color::get),
+    };
+    Ok(glass.priority.map(|priority| (priority, substance)))
+}
+
 /// Where a material is looked for.
 pub(super) struct Source<'a, 's> {
     pub(super) description: &'a Description<'s>,
@@ -176,9 +195,6 @@ impl Source<'_, '_> {
             "mirror" => Kind::Mirror(self.texture(decode::<Matte>(&plugin.table)?.reflectance, 1.0)?),
             "dielectric" => {
                 let glass: Glass = decode(&plugin.table)?;
-                if glass.priority.is_some() {
-                    return Err(unknown_part(plugin, "bodies that overlap by priority"));
-                }
                 Kind::Dielectric(Interface::new(
                     [glass.interior_ior, glass.exterior_ior],
                     [glass.absorption, glass.exterior_absorption],

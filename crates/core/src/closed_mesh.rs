@@ -1,0 +1,373 @@
+//! A mesh of triangles as a solid.
+
+use crate::solid::{self, Spans};
+use crate::triangle::ShearedRay;
+use crate::{Aabb, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, Shape, SurfacePoint, TriangleMesh};
+use glam::{DVec2, DVec3};
+use std::collections::HashMap;
+use std::fmt;
+use std::ops::Range;
+
+/// Triangles in a leaf at most.
+const LEAF: usize = 4;
+
+/// A mesh that bounds a volume: inside is where its triangles go around a point more often outwards than inwards.
+///
+/// The crossings of a line pair up whatever it runs through ([`ShearedRay::pierce`]); those inside of another part of the mesh do not count. Triangles are found by boxes
+/// within boxes, halved at the median of the longest side.
+pub struct ClosedMesh {
+    mesh: TriangleMesh,
+    /// Numbers of triangles, by leaves.
+    order: Vec<u32>,
+    /// Each in front of all that it holds.
+    nodes: Vec<Node>,
+}
+
+struct Node {
+    bounds: Aabb,
+    /// The first node behind all that this one holds.
+    next: usize,
+    /// Of a leaf, in `order`.
+    triangles: Range<usize>,
+}
+
+/// Why a mesh bounds no volume.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NotClosed {
+    /// So many edges are not run along as often in the one direction as in the other.
+    Edges(usize),
+    /// Its triangles face inwards.
+    InsideOut,
+}
+
+impl fmt::Display for NotClosed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Edges(1) => f.write_str(
+                "one of its edges belongs to one triangle only, or to two that face different sides",
+            ),
+            Self::Edges(count) => {
+                write!(
+                    f,
+                    "{count} of its edges belong to one triangle only, or to two that face different sides"
+                )
+            }
+            Self::InsideOut => f.write_str("its triangles face inwards"),
+        }
+    }
+}
+
+impl Shape {
+    /// As an operand of constructive solid geometry. Fails, with the reason where it is a mesh, if it bounds no volume.
+    pub fn into_solid(self) -> Result<Box<dyn Primitive>, Option<NotClosed>> {
+        match self {
+            Self::Opaque(primitive) if primitive.solid() => Ok(primitive),
+            Self::Triangles(mesh) => Ok(Box::new(ClosedMesh::new(mesh)?)),
+            _ => Err(None),
+        }
+    }
+}
+
+impl ClosedMesh {
+    /// Fails if the mesh has no inside. Vertices at the same place are one.
+    pub fn new(mesh: TriangleMesh) -> Result<Self, NotClosed> {
+        let open = open_edges(&mesh);
+        if open > 0 {
+            return Err(NotClosed::Edges(open));
+        }
+        if volume(&mesh).is_sign_negative() {
+            return Err(NotClosed::InsideOut);
+        }
+        let mut order: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
+        let mut nodes = Vec::new();
+        let end = order.len();
+        build(&mesh, &mut order, 0..end, &mut nodes);
+        Ok(Self { mesh, order, nodes })
+    }
+
+    /// Bytes that [`Self::new`] takes at most, those of the mesh not counted.
+    pub fn bytes(mesh: &TriangleMesh) -> u64 {
+        // A node for two triangles, and one and a half edges a triangle with as many free places.
+        let each = size_of::<u32>() + size_of::<Node>() + 3 * size_of::<([[u64; 3]; 2], i64)>();
+        mesh.triangles.len() as u64 * each as u64
+    }
+
+    /// Calls back for all triangles near the line.
+    fn near(&self, ray: &Ray, mut visit: impl FnMut(u32)) {
+        let mut at = 0;
+        while let Some(node) = self.nodes.get(at) {
+            if is_near(ray, &node.bounds) {
+                for triangle in &self.order[node.triangles.clone()] {
+                    visit(*triangle);
+                }
+                at += 1;
+            } else {
+                at = node.next;
+            }
+        }
+    }
+}
+
+/// How many edges do not cancel each other.
+fn open_edges(mesh: &TriangleMesh) -> usize {
+    // Zero has two signs and one place.
+    let place = |vertex: u32| {
+        (mesh.positions[vertex as usize] + 0.0)
+            .to_array()
+            .map(f64::to_bits)
+    };
+    let mut balance = HashMap::new();
+    for triangle in &mesh.triangles {
+        let [a, b, c] = triangle.map(place);
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            if from < to {
+                *balance.entry((from, to)).or_insert(0_i64) += 1;
+            } else if to < from {
+                *balance.entry((to, from)).or_insert(0) -= 1;
+            }
+        }
+    }
+    balance.values().filter(|sum| **sum != 0).count()
+}
+
+/// Six times the volume, positive where triangles face outwards.
+fn volume(mesh: &TriangleMesh) -> f64 {
+    let center = bounds(mesh, 0..mesh.triangles.len() as u32).center();
+    let parts = (0..mesh.triangles.len() as u32).map(|triangle| {
+        let [a, b, c] = mesh.corners(triangle).map(|corner| corner - center);
+        a.dot(b.cross(c))
+    });
+    parts.sum::<f64>() * mesh.orientation
+}
+
+fn bounds(mesh: &TriangleMesh, triangles: impl IntoIterator<Item = u32>) -> Aabb {
+    Aabb::around(triangles.into_iter().flat_map(|triangle| mesh.corners(triangle)))
+}
+
+/// Adds the nodes of a range of triangles. As deep as the range can be halved.
+fn build(mesh: &TriangleMesh, order: &mut [u32], range: Range<usize>, nodes: &mut Vec<Node>) {
+    let own = nodes.len();
+    let bounds = bounds(mesh, order[range.clone()].iter().copied());
+    let is_leaf = range.len() <= LEAF;
+    nodes.push(Node {
+        bounds,
+        next: 0,
+        triangles: if is_leaf { range.clone() } else { 0..0 },
+    });
+    if !is_leaf {
+        let extent = bounds.extent();
+        let longest = |a: &usize, b: &usize| extent[*a].total_cmp(&extent[*b]);
+        let axis = (0..3).max_by(longest).unwrap_or(0);
+        let middle = range.len() / 2;
+        let place = |triangle: u32| -> f64 {
+            mesh.corners(triangle)
+                .map(|corner| corner[axis] / 3.0)
+                .iter()
+                .sum()
+        };
+        order[range.clone()]
+            .select_nth_unstable_by(middle, |a, b| place(*a).total_cmp(&place(*b)).then(a.cmp(b)));
+        build(mesh, order, range.start..range.start + middle, nodes);
+        build(mesh, order, range.start + middle..range.end, nodes);
+    }
+    nodes[own].next = nodes.len();
+}
+
+/// False only if the line certainly passes by what [`ShearedRay::beside`] sees of the box.
+fn is_near(ray: &Ray, bounds: &Aabb) -> bool {
+    let (low, high) = (bounds.min - ray.origin, bounds.max - ray.origin);
+    // Places beside the line are off by roundings of places relative to its origin.
+    let off = DVec3::splat(8.0 * f64::EPSILON * low.abs().max(high.abs()).max_element());
+    let (one, other) = ((low - off) / ray.direction, (high + off) / ray.direction);
+    // 0/0 is NaN and changes nothing.
+    let near = one
+        .min(other)
+        .to_array()
+        .into_iter()
+        .fold(f64::NEG_INFINITY, f64::max);
+    let far = one
+        .max(other)
+        .to_array()
+        .into_iter()
+        .fold(f64::INFINITY, f64::min);
+    near <= far + 4.0 * f64::EPSILON * far.abs().min(f64::MAX)
+}
+
+impl Primitive for ClosedMesh {
+    fn bounds(&self) -> Aabb {
+        self.nodes.first().map_or(Aabb::EMPTY, |root| root.bounds)
+    }
+
+    fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
+        let mut spans = Spans::new();
+        self.spans(ray, &mut spans);
+        let inside = leaves.map(|primitive| self.goes_inside(ray, primitive));
+        solid::first_end(&spans, interval, inside)
+    }
+
+    fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
+        self.mesh.surface(hit, needs)
+    }
+
+    fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
+        Some(self.mesh.beside(hit, q, needs))
+    }
+
+    fn solid(&self) -> bool {
+        true
+    }
+
+    fn spans(&self, ray: &Ray, spans: &mut Spans) {
+        let sheared = ShearedRay::new(ray);
+        let mut crossings = Vec::new();
+        self.near(ray, |triangle| {
+            let [a, b, c] = self.mesh.corners(triangle);
+            if let Some(found) = sheared.pierce(a, b, c) {
+                let end = PrimitiveHit {
+                    t: found.at.t,
+                    primitive: triangle,
+                    params: DVec2::new(found.at.u, found.at.v),
+                };
+                crossings.push((end, found.from_front == (self.mesh.orientation > 0.0)));
+            }
+        });
+        crossings.sort_by(|(a, _), (b, _)| a.t.total_cmp(&b.t).then(a.primitive.cmp(&b.primitive)));
+        let (mut around, mut entered) = (0_i64, None);
+        for (end, enters) in crossings {
+            let was = around;
+            around += if enters { 1 } else { -1 };
+            match (was, around) {
+                (0, 1) => entered = Some(end),
+                (1, 0) => {
+                    if let Some(enter) = entered.take() {
+                        solid::push(spans, enter, end);
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn primitives(&self) -> u32 {
+        self.mesh.triangles.len() as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// An octahedron around the origin, its corners moved.
+    fn octahedron(moved: [DVec3; 6]) -> TriangleMesh {
+        let corners = [
+            DVec3::X,
+            DVec3::Y,
+            DVec3::Z,
+            DVec3::NEG_X,
+            DVec3::NEG_Y,
+            DVec3::NEG_Z,
+        ];
+        let mut triangles = Vec::new();
+        for (x, y, z) in [(0, 1, 2), (3, 4, 2), (3, 1, 5), (0, 4, 5)] {
+            triangles.push([x, y, z]);
+        }
+        for (x, y, z) in [(3, 1, 2), (0, 4, 2), (0, 1, 5), (3, 4, 5)] {
+            triangles.push([y, x, z]);
+        }
+        TriangleMesh {
+            positions: std::array::from_fn::<_, 6, _>(|i| corners[i] + moved[i]).to_vec(),
+            triangles,
+            orientation: 1.0,
+            ..TriangleMesh::default()
+        }
+    }
+
+    fn spans(solid: &ClosedMesh, ray: &Ray) -> Spans {
+        let mut spans = Spans::new();
+        solid.spans(ray, &mut spans);
+        spans
+    }
+
+    #[test]
+    fn what_is_not_closed_is_refused() {
+        let whole = octahedron([DVec3::ZERO; 6]);
+        assert!(ClosedMesh::new(whole.clone()).is_ok());
+        let mut open = whole.clone();
+        open.triangles.pop();
+        assert_eq!(ClosedMesh::new(open).err(), Some(NotClosed::Edges(3)));
+        let mut turned = whole.clone();
+        turned.triangles[0].swap(0, 1);
+        assert_eq!(ClosedMesh::new(turned).err(), Some(NotClosed::Edges(3)));
+        let mirrored = TriangleMesh {
+            orientation: -1.0,
+            ..whole.clone()
+        };
+        assert_eq!(ClosedMesh::new(mirrored).err(), Some(NotClosed::InsideOut));
+        // Every triangle with vertices of its own.
+        let split = TriangleMesh {
+            positions: (0..8).flat_map(|triangle| whole.corners(triangle)).collect(),
+            triangles: (0..8).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+            ..whole
+        };
+        assert!(ClosedMesh::new(split).is_ok());
+    }
+
+    #[test]
+    fn lines_run_through_it_from_face_to_face() {
+        let solid = ClosedMesh::new(octahedron([DVec3::ZERO; 6])).unwrap();
+        // From within; through two corners; through two edges; beside.
+        let found = |origin: [f64; 3], direction: [f64; 3]| {
+            let spans = spans(&solid, &Ray::new(origin.into(), direction.into()));
+            spans
+                .iter()
+                .map(|span| (span.enter.t, span.exit.t))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(found([0.25, 0.25, 0.0], [0.0, 0.0, -1.0]), [(-0.5, 0.5)]);
+        assert_eq!(found([0.0, 0.0, 3.0], [0.0, 0.0, -1.0]), [(2.0, 4.0)]);
+        assert_eq!(found([0.5, 3.0, 0.0], [0.0, -1.0, 0.0]), [(2.5, 3.5)]);
+        assert_eq!(found([2.0, 0.0, 3.0], [0.0, 0.0, -1.0]), []);
+    }
+
+    proptest! {
+        /// Lines through corners, edges and along faces: crossings pair up, and the middle of a part is inside.
+        #[test]
+        fn crossings_pair_up(
+            moved in prop::array::uniform6(prop::array::uniform3(-0.2..0.2f64)),
+            eye in prop::array::uniform3(-10.0..10.0f64),
+            (corner, next, along) in (0usize..6, 1usize..6, prop_oneof![Just(0.0), Just(0.5), 0.0..1.0f64]),
+        ) {
+            let mesh = octahedron(moved.map(DVec3::from));
+            let other = (corner + next) % 6;
+            let solid = ClosedMesh::new(mesh.clone()).unwrap();
+            let target = mesh.positions[corner].lerp(mesh.positions[other], along);
+            let eye = if along == 0.5 { target + (mesh.positions[other] - mesh.positions[corner]) } else { DVec3::from(eye) };
+            let ray = Ray::new(eye, target - eye);
+            let sheared = ShearedRay::new(&ray);
+            let (mut front, mut back) = (0, 0);
+            for triangle in 0..8 {
+                let [a, b, c] = mesh.corners(triangle);
+                match sheared.pierce(a, b, c) {
+                    Some(found) if found.from_front => front += 1,
+                    Some(_) => back += 1,
+                    None => {}
+                }
+            }
+            prop_assert_eq!(front, back);
+            let all = spans(&solid, &ray);
+            prop_assert!(all.len() <= front);
+            for span in all {
+                prop_assert!(span.enter.t < span.exit.t);
+                let middle = ray.at(0.5 * (span.enter.t + span.exit.t));
+                let cut = spans(&solid, &Ray::new(middle, DVec3::new(0.3, -0.5, 0.8)));
+                // A line may run along an edge or a face, where either is right.
+                let on_surface = (0..8).any(|triangle| {
+                    let [a, b, c] = mesh.corners(triangle);
+                    (b - a).cross(c - a).normalize().dot(middle - a).abs() < 1e-9
+                });
+                prop_assert!(on_surface || cut.iter().any(|s| s.enter.t < 0.0 && s.exit.t > 0.0));
+            }
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! What a scene has no use for while it renders.
+
+use crate::{Description, LeftOut};
+use std::sync::Arc;
+use whitstone_core::{Integrator, Light, LightGives, Lobes, Material, Needs, Texture};
+
+/// The textures that were built, also pictures that have no table.
+#[derive(Default)]
+pub(crate) struct LookedUp(Vec<Built>);
+
+struct Built {
+    /// Of a shared one.
+    id: Option<String>,
+    /// Its type.
+    kind: String,
+    texture: Arc<dyn Texture>,
+}
+
+impl LookedUp {
+    pub(crate) fn add(&mut self, id: Option<&str>, kind: &str, texture: &Arc<dyn Texture>) {
+        self.0.push(Built {
+            id: id.map(str::to_owned),
+            kind: kind.to_owned(),
+            texture: texture.clone(),
+        });
+    }
+
+    /// Those that others hold, with their types. The rest were read while the scene was built, as heights are, or belong to what is left out.
+    pub(crate) fn kept(self, left_out: &mut Vec<LeftOut>) -> Vec<(String, Arc<dyn Texture>)> {
+        let mut kept = Vec::new();
+        for Built { id, kind, texture } in self.0 {
+            if Arc::strong_count(&texture) > 1 {
+                kept.push((kind, texture));
+            } else if texture.constant().is_none() {
+                left_out.push(LeftOut {
+                    what: id.map_or_else(|| format!("a texture, {kind}"), |id| format!("texture \"{id}\"")),
+                    why: "nothing looks it up once the scene is built".to_owned(),
+                });
+            }
+        }
+        kept
+    }
+}
+
+/// Parts of the pipeline that this scene does not run.
+pub(crate) fn unused_parts(
+    description: &Description<'_>,
+    lights: &[Arc<dyn Light>],
+    materials: &[Arc<dyn Material>],
+    integrator: &dyn Integrator,
+) -> Vec<LeftOut> {
+    let any = |lobes| {
+        materials
+            .iter()
+            .any(|material| material.lobes().intersects(lobes))
+    };
+    let mut parts = Vec::new();
+    let mut leave_out = |what: &str, why: &str| {
+        parts.push(LeftOut {
+            what: what.to_owned(),
+            why: why.to_owned(),
+        });
+    };
+    let sampled = lights
+        .iter()
+        .any(|light| light.gives().contains(LightGives::SAMPLES));
+    if !any(Lobes::LOCAL) {
+        leave_out("shadow rays", "no material in use reflects light by itself");
+    } else if !sampled {
+        leave_out("shadow rays", "no light shines from a place or a direction");
+    }
+    if !integrator.follows_branches() {
+        leave_out(
+            "reflected and refracted rays",
+            "the integrator does not follow them",
+        );
+    } else {
+        if !any(Lobes::REFLECTION) {
+            leave_out("reflected rays", "no material in use mirrors");
+        }
+        if !any(Lobes::TRANSMISSION | Lobes::STRAIGHT) {
+            leave_out("refracted rays", "no material in use transmits");
+        }
+    }
+    let needs = materials
+        .iter()
+        .fold(Needs::NOTHING, |needs, material| needs | material.needs());
+    if !needs.contains(Needs::UV) {
+        leave_out("texture coordinates", "no texture in use reads them");
+    }
+    if !needs.contains(Needs::FOOTPRINT) {
+        leave_out("footprints of rays", "no texture in use filters by them");
+    }
+    if description.film.aovs.is_empty() {
+        leave_out("output layers", "the film asks for none");
+    }
+    parts
+}
