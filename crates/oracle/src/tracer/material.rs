@@ -407,9 +407,11 @@ impl At<'_> {
                 let w = weight.at(&self.spot);
                 let mut all: Vec<Branch> =
                     scaled(self.with(a).branches(medium), w.map(|w| 1.0 - w)).collect();
+                let of_a = all.len();
                 for branch in scaled(self.with(b).branches(medium), w) {
-                    // Those in one direction are one, also for the least contribution.
-                    let same = all.iter_mut().find(|one| one.transmitted == branch.transmitted);
+                    // Those in one direction are one, also for the least contribution; of one that is glossy there are several.
+                    let mut of_a = all[..of_a].iter_mut();
+                    let same = of_a.find(|one| one.transmitted == branch.transmitted);
                     match same {
                         Some(one) => one.weight += branch.weight,
                         None => all.push(branch),
