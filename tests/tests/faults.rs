@@ -47,7 +47,7 @@ fn set(text: &str) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-const FAULTS: [Fault; 27] = [
+const FAULTS: [Fault; 29] = [
     Fault {
         reference: Renderer::Mitsuba,
         name: "light 1% brighter",
@@ -218,6 +218,22 @@ const FAULTS: [Fault; 27] = [
         name: "bumps 2% higher",
         scene: "scenes/materials/bump.toml",
         overrides: || set("shape.orange.material.scale=0.0306"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "vectors of bumps 2% longer",
+        scene: "scenes/showcase/bump_vectors.toml",
+        overrides: || set("shape.voxels.material.scale=0.408"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "a lobe of exponent 61 for 60",
+        scene: "scenes/materials/glossy.toml",
+        overrides: || set("shape.brushed.material.exponent=61"),
         tamper: |_| {},
         found: unexplained,
     },

@@ -5,9 +5,9 @@ use crate::stream::{
     groups,
 };
 use crate::{
-    Accelerator, Bodies, BranchKind, Branches, Context, Face, Footprint, Geometry, Incoming, Inside,
-    Interval, Light, LightGives, LightSample, Lobes, Material, Needs, ObjectOrder, RawHit, Ray, Refused, Rgb,
-    Shadowing, Skip, Spread, SurfacePoint, View,
+    Accelerator, Bodies, Branches, Context, Face, Footprint, Geometry, Incoming, Inside, Interval, Light,
+    LightGives, LightSample, Lobes, Material, Medium, Needs, ObjectOrder, PathState, RawHit, Ray, Refused,
+    Rgb, Shadowing, Skip, Spread, SurfacePoint, View,
 };
 use glam::DVec3;
 use std::any::Any;
@@ -17,6 +17,13 @@ use std::sync::Arc;
 pub trait Integrator: Send + Sync {
     /// Whether it follows the branches of materials: if not, the plan leaves out what only branches need.
     fn follows_branches(&self) -> bool;
+
+    /// How many bounces a ray lives at most that goes on each time in so many directions, in equal shares of all light: so that scenes
+    /// without an end in sight can be refused.
+    fn bounces(&self, directions: u32) -> u32 {
+        let _ = directions;
+        0
+    }
 
     /// Radiance along the ray, a pure function of world and ray. `scratch` is working memory, kept
     /// between calls of one thread, and counts the rays; if it has a record, every ray is noted there.
@@ -63,6 +70,10 @@ pub struct World {
     pub ambient: Rgb,
     /// The bodies that may overlap, if there are any: then rays are followed one by one.
     pub bodies: Option<Bodies>,
+    /// Whether some material spreads its reflections over directions.
+    pub(crate) spreads_reflections: bool,
+    /// See [`World::one_by_one`].
+    one_by_one: bool,
     /// What each material reads, in the same order: asked once, not at every hit.
     needs: Vec<Needs>,
     /// How each material answers, in the same order.
@@ -100,6 +111,7 @@ impl World {
             chosen
         };
         let bodies = Bodies::of(&materials);
+        let spreads_reflections = materials.iter().any(|material| material.reflections() > 1);
         let (samplers, backgrounds) = (giving(LightGives::SAMPLES), giving(LightGives::BACKGROUND));
         Self {
             geometry,
@@ -109,7 +121,9 @@ impl World {
             lights: samplers,
             backgrounds,
             ambient,
+            one_by_one: bodies.is_some() || spreads_reflections,
             bodies,
+            spreads_reflections,
             needs,
             responses,
             lobes,
@@ -140,6 +154,11 @@ impl World {
     /// What is read of the surface points of a shape.
     pub(crate) fn needs_of(&self, shape: u32) -> Needs {
         self.needs[shape as usize]
+    }
+
+    /// Whether rays must be followed one by one: what they carry, or into how many they branch, has no column in streams.
+    pub fn one_by_one(&self) -> bool {
+        self.one_by_one
     }
 
     /// Whether some texture in use reads footprints, so that rays must carry how far apart they are.
@@ -520,7 +539,7 @@ impl Scratch {
         local: Rgb,
     ) -> u32 {
         let name = path.origin.map_or_else(String::new, |(parent, letter)| {
-            format!("{}{letter:?}", nodes[parent as usize].path)
+            format!("{}{letter}", nodes[parent as usize].path)
         });
         let (hit, point) = found.unzip();
         nodes.push(TreeNode {
@@ -543,7 +562,8 @@ impl Scratch {
 /// radiance along the camera ray.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TreeNode {
-    /// "" for the camera ray, then a letter for each branch: R for reflection, T for transmission.
+    /// "" for the camera ray, then a letter for each branch: R for reflection, T for transmission. Where a reflection is spread over
+    /// directions, R and the number of the direction in two digits.
     pub path: String,
     /// Number of the shape that was hit; -1 for none.
     pub shape: i64,
@@ -563,80 +583,6 @@ pub struct TreeNode {
     pub local: Rgb,
     /// Whether this is a branch beyond the depth limit, which was not traced: a leaf with what stands for it.
     pub limit: bool,
-}
-
-/// A ray of the tree under a camera ray, waiting to be traced.
-#[derive(Clone, Copy, Debug)]
-pub struct PathState {
-    /// In world space, unit direction.
-    pub ray: Ray,
-    /// The primitive it leaves.
-    pub skip: Skip,
-    /// Factor on its radiance in the pixel.
-    pub throughput: Rgb,
-    /// Absorption coefficient of the medium it travels in, per metre.
-    pub absorption: Rgb,
-    /// The bodies that it is in, of those that may overlap.
-    pub inside: Inside,
-    /// Bounces before it: 0 for a camera ray.
-    pub depth: u32,
-    /// For [`Scratch::record`]: the number there of the node that it comes from, and the letter of the
-    /// branch; `None` for a camera ray.
-    pub origin: Option<(u32, PathLetter)>,
-    /// How far apart it is from its neighbours, where textures ask for it.
-    pub spread: Option<Spread>,
-}
-
-impl PathState {
-    /// The start of a tree: a camera ray, in empty space.
-    #[inline]
-    pub fn camera(ray: Ray) -> Self {
-        Self {
-            ray,
-            skip: Skip::NOTHING,
-            throughput: Rgb::WHITE,
-            absorption: Rgb::BLACK,
-            inside: Inside::NOTHING,
-            depth: 0,
-            origin: None,
-            spread: None,
-        }
-    }
-}
-
-/// What a ray travels in.
-#[derive(Clone, Copy, Debug)]
-pub struct Medium {
-    /// Absorption coefficient, per metre.
-    pub absorption: Rgb,
-    /// The bodies that it is in, of those that may overlap.
-    pub inside: Inside,
-}
-
-impl Medium {
-    /// In no body that may overlap others.
-    pub const fn absorbing(absorption: Rgb) -> Self {
-        let inside = Inside::NOTHING;
-        Self { absorption, inside }
-    }
-}
-
-/// Which branch a ray is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PathLetter {
-    /// Reflection.
-    R,
-    /// Transmission.
-    T,
-}
-
-impl From<BranchKind> for PathLetter {
-    fn from(kind: BranchKind) -> Self {
-        match kind {
-            BranchKind::Reflection => Self::R,
-            BranchKind::Transmission { .. } | BranchKind::Straight => Self::T,
-        }
-    }
 }
 
 /// Rays traced, and what was computed where they ended.

@@ -10,6 +10,7 @@ mod camera;
 mod closed_mesh;
 mod color;
 pub mod config;
+mod distribution;
 mod error;
 pub mod footprint;
 mod geometry;
@@ -19,6 +20,7 @@ mod integrator;
 mod light;
 mod material;
 mod object_order;
+mod path;
 mod ray;
 mod registry;
 mod sampler;
@@ -37,20 +39,20 @@ pub use bodies::{Bodies, Face, Inside, Overlapping, Substance};
 pub use camera::{Camera, FilmSize};
 pub use closed_mesh::{ClosedMesh, NotClosed};
 pub use color::Rgb;
+pub use distribution::Distribution;
 pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
 pub use footprint::{Footprint, Spread};
 pub use geometry::{Element, Geometry, TriangleMesh};
 pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3};
 pub use instance::{Group, Instance};
-pub use integrator::{
-    Counters, Integrator, LightMemory, Medium, PathLetter, PathState, Scratch, TreeNode, World,
-};
+pub use integrator::{Counters, Integrator, LightMemory, Scratch, TreeNode, World};
 pub use light::{Light, LightGives, LightSample};
 pub use material::{
     Branch, BranchKind, BranchStream, BranchStreams, Branches, Filter, Flags, Illumination, Incoming, Lobes,
     Material, MaterialRef,
 };
 pub use object_order::{ObjectOrder, Refused, View};
+pub use path::{Medium, PathLetter, PathState};
 pub use ray::{Aabb, Interval, Ray};
 pub use registry::{
     Accelerators, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights, Materials, Plugin,

@@ -1,6 +1,6 @@
 use crate::config::PluginRef;
 use crate::stream::{Colors, LANES, Lanes, PointStream, SampleStreams, Vectors};
-use crate::{Needs, Overlapping, Rgb, SourceSpan, SurfacePoint};
+use crate::{Distribution, Needs, Overlapping, Rgb, SourceSpan, SurfacePoint};
 use glam::DVec3;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, Visitor};
@@ -91,6 +91,17 @@ pub trait Material: Send + Sync {
     /// The directions in which a Whitted integrator goes on, reflection first.
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
         let _ = (point, view, out);
+    }
+
+    /// Over how many directions the reflected branch is spread at most: over 1, its own, but by what is glossy.
+    fn reflections(&self) -> u32 {
+        1
+    }
+
+    /// How the reflected branch, which goes in the mirror direction, is spread over directions; `None` where it is not.
+    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
+        let _ = (point, view);
+        None
     }
 }
 

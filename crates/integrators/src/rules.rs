@@ -49,7 +49,7 @@ impl Rules {
         sum
     }
 
-    /// What this ray alone adds to the pixel. Its first branch is left in `next`, its second on the stack.
+    /// What this ray alone adds to the pixel. Its first branch is left in `next`, the others on the stack.
     fn trace(
         &self,
         world: &World,
@@ -93,15 +93,18 @@ impl Rules {
             world.branches(hit.shape, path.inside, &point, view, &mut branches);
             let face = world.face(hit.shape, path.inside, &point, view);
             // Backwards: what comes last is traced first.
-            for branch in branches.iter().rev() {
+            world.backwards(hit.shape, &point, view, &branches, |branch, letter| {
                 let Some(mut child) = follow(path, branch, &point, view, skip, throughput, limits) else {
-                    continue;
+                    return;
                 };
-                child.origin = Some((node, branch.kind.into()));
+                child.origin = Some((node, letter));
                 child.inside = face.map_or(path.inside, |face| face.inside(branch.kind));
                 if path.depth < limits.max_depth {
                     child.spread = path.spread.map(|spread| {
-                        let branch = (branch.kind.into(), branch.direction);
+                        // All directions of a reflection that is spread are as far apart as that of the mirror.
+                        let mut own = branches.iter().filter(|own| own.kind == branch.kind);
+                        let direction = own.next().map_or(branch.direction, |own| own.direction);
+                        let branch = (branch.kind.into(), direction);
                         world.spread_of_branch(&spread, &path.ray, &hit, &point, branch, path.inside)
                     });
                     scratch.pending.extend(next.replace(child));
@@ -110,7 +113,7 @@ impl Rules {
                     scratch.note_limit(&child, limit);
                     sum += child.throughput * limit;
                 }
-            }
+            });
         }
         sum
     }

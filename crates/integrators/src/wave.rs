@@ -63,8 +63,8 @@ impl Rules {
         scratch: &mut Scratch,
         out: &mut Colors,
     ) {
-        if world.bodies.is_some() {
-            // What a ray is in has no column here: scenes of which that matters are rare.
+        if world.one_by_one() {
+            // What a ray is in has no column here, nor has a third branch a place: scenes of which that matters are rare.
             for lane in 0..rays.len {
                 scratch.spread = rays.spread(lane);
                 out.set(lane, self.radiance(world, &rays.ray(lane), scratch));

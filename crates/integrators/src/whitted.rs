@@ -3,8 +3,8 @@
 //! Whitted 1980, *An improved illumination model for shaded display*. The tree of rays is walked depth
 //! first, reflection before transmission, on an explicit stack: a hundred thousand bounces must not
 //! exhaust that of the thread. Since a ray is replaced by its two branches, of which one is followed
-//! first, the stack never holds more than `max_depth + 1` of them. See `rules` for one ray and `wave` for
-//! streams of them.
+//! first, the stack never holds more than `max_depth + 1` of them; where a glossy surface has n² reflections instead of one,
+//! n² for each bounce at such surfaces. See `rules` for one ray and `wave` for streams of them.
 //!
 //! - Twin: Mitsuba through the driver, which walks the same tree by levels.
 //! - Example: `scenes/integrators/whitted.toml`.
@@ -69,6 +69,19 @@ impl Plugin<Integrators> for Whitted {
 impl Integrator for Whitted {
     fn follows_branches(&self) -> bool {
         true
+    }
+
+    fn bounces(&self, directions: u32) -> u32 {
+        let Some(limits) = &self.rules.branches else {
+            return 0;
+        };
+        let (mut bounces, mut share) = (0, 1.0 / f64::from(directions));
+        // Less than any number that is not 0, in the end, so that the loop has one.
+        while bounces < limits.max_depth && share >= limits.min_contribution && share > 0.0 {
+            bounces += 1;
+            share /= f64::from(directions);
+        }
+        bounces
     }
 
     fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {

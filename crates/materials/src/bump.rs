@@ -1,22 +1,25 @@
-//! A height over the surface that is seen in the shading only.
+//! Bumps over the surface that are seen in the shading only: a height, or vectors that are added to the normals.
 //!
 //! Blinn 1978, *Simulation of wrinkled surfaces*: the normal is that of the surface raised by the height, of which only the slope is
 //! taken over. Here the height is a function of the place in the world (Perlin 1985, *An image synthesizer*, section "Texture"), so no
-//! tangents are asked of shapes; its slope is the difference quotient that the model says, so that two programs agree.
+//! tangents are asked of shapes; its slope is the difference quotient that the model says, so that two programs agree. The lecture notes have
+//! "a 2D or 3D array of vectors which are added to the normals at the points for which we do shading calculations" instead, which are here
+//! colours of an image or of a block of voxels, or of any other texture.
 //!
 //! - Twin: through the driver, which turns the frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/bump.toml`.
 
-use crate::detail::{Detail, Detailed};
+use crate::detail::{Detail, Detailed, Frame, coded};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
-use whitstone_core::config::{Finite, MaterialRef, Positive, TextureRef};
+use toml::Spanned;
+use whitstone_core::config::{Finite, MaterialRef, Positive, TextureRef, Vector3};
 use whitstone_core::{
     ColorSource, Context, DVec3, Material, Materials, Needs, Plugin, SceneError, SceneErrors, SurfacePoint,
 };
 
-/// A height over the surface that is seen in the shading only.
+/// A height over the surface, or vectors added to its normals, seen in the shading only.
 ///
 /// Outlines and shadows stay those of the smooth surface. Of the showcase's `bump_sphere` and `displacement`, which has the same relief in its triangles,
 /// the shades differ by 11% of the mean in the middle of the ball, by 29% where there is no bump; 156 pixels at the outline and 77 in the shadow are wrong.
@@ -24,13 +27,33 @@ use whitstone_core::{
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// The height: a texture that lies by the place in the world, of which the first channel counts.
-    height: TextureRef,
-    /// Metres for a height of 1.
+    #[serde(default)]
+    #[schemars(with = "TextureRef")]
+    height: Option<TextureRef>,
+    /// Instead of it, vectors: twice a colour less 1, so that mid grey, 0.5, is none. An image should be read with `color_space = "linear"`; of 8 bits, none
+    /// of its codes is 0.5 exactly.
+    #[serde(default)]
+    #[schemars(with = "TextureRef")]
+    vectors: Option<TextureRef>,
+    /// Where the vectors point: "world", along its axes, or "tangent", along tangent, bitangent and normal of the surface.
+    #[serde(default)]
+    #[schemars(with = "Space")]
+    space: Option<Spanned<Space>>,
+    /// Of the space "tangent", as of a normal_map: direction of the tangent in the world; [1, 0, 0] if neither is given.
+    #[serde(default)]
+    #[schemars(with = "Vector3")]
+    tangent: Option<Spanned<Vector3>>,
+    /// Instead of it, the axis around which the tangent goes.
+    #[serde(default)]
+    #[schemars(with = "Vector3")]
+    axis: Option<Spanned<Vector3>>,
+    /// Metres for a height of 1; the factor of vectors, which are added to a unit normal.
     #[serde(default = "one")]
     scale: Finite,
-    /// How far to either side the height is looked up for its slope, in metres.
-    #[serde(default = "millimetre")]
-    step: Positive,
+    /// How far to either side the height is looked up for its slope, in metres; 0.001 if left out.
+    #[serde(default)]
+    #[schemars(with = "Positive")]
+    step: Option<Spanned<Positive>>,
     /// What is shaded by it.
     material: MaterialRef,
 }
@@ -39,15 +62,32 @@ fn one() -> Finite {
     Finite::new(1.0).expect("1 is finite")
 }
 
-fn millimetre() -> Positive {
-    Positive::new(1e-3).expect("it is positive")
+/// Along what the parts of a vector are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum Space {
+    /// The axes of the world.
+    World,
+    /// Tangent, bitangent and normal.
+    Tangent,
 }
 
 /// See the module.
-pub struct Bump {
+pub struct Bump;
+
+/// By the slope of a height.
+struct Height {
     height: ColorSource,
     scale: f64,
     step: f64,
+}
+
+/// By vectors that are added.
+struct Vectors {
+    vectors: ColorSource,
+    scale: f64,
+    /// `None`: the axes of the world.
+    frame: Option<Frame>,
 }
 
 impl Plugin<Materials> for Bump {
@@ -56,30 +96,110 @@ impl Plugin<Materials> for Bump {
 
     fn build(config: Config, (): (), context: &mut dyn Context) -> Result<Arc<dyn Material>, SceneErrors> {
         let mut errors = SceneErrors::default();
-        let height = errors.take(context.texture(&config.height));
         let inner = errors.take(context.material(&config.material));
-        if let Some(height) = &height
-            && height.needs().contains(Needs::UV)
-        {
-            let mut error = SceneError::anywhere("this texture lies by (u, v), and only shapes know where that is")
-                .with_help("let it lie by the place in the world: mapping = { projection = \"planar\" }, or \"solid\", \"spherical\", ...");
-            error.span = config.height.span.clone();
-            errors.0.push(error);
-        }
-        match (height, inner) {
-            // A constant height has no slope.
-            (Some(ColorSource::Constant(_)), Some(inner)) => errors.into_result(inner),
-            (Some(height), Some(inner)) => {
-                let (scale, step) = (config.scale.get(), config.step.get());
-                let detail = Self { height, scale, step };
-                errors.into_result(Arc::new(Detailed { detail, inner }))
+        let scale = config.scale.get();
+        match (&config.height, &config.vectors) {
+            (Some(height), None) => {
+                let detail = errors.take(Height::new(height, &config, context));
+                match (detail, inner) {
+                    // A constant height has no slope.
+                    (
+                        Some(Height {
+                            height: ColorSource::Constant(_),
+                            ..
+                        }),
+                        Some(inner),
+                    ) => errors.into_result(inner),
+                    (Some(detail), Some(inner)) => errors.into_result(Arc::new(Detailed { detail, inner })),
+                    _ => Err(errors),
+                }
             }
-            _ => Err(errors),
+            (None, Some(vectors)) => {
+                let vectors = errors.take(context.texture(vectors));
+                let frame = errors.take(frame(&config));
+                match (vectors, frame, inner) {
+                    (Some(vectors), Some(frame), Some(inner)) => {
+                        let detail = Vectors {
+                            vectors,
+                            scale,
+                            frame,
+                        };
+                        errors.into_result(Arc::new(Detailed { detail, inner }))
+                    }
+                    _ => Err(errors),
+                }
+            }
+            (Some(_), Some(vectors)) => {
+                let mut error = SceneError::anywhere("either a height or vectors");
+                error.span = vectors.span.clone();
+                errors.0.push(error);
+                Err(errors)
+            }
+            (None, None) => {
+                errors
+                    .0
+                    .push(SceneError::anywhere("bumps need a `height` or `vectors`"));
+                Err(errors)
+            }
         }
     }
 }
 
-impl Detail for Bump {
+impl Height {
+    fn new(height: &TextureRef, config: &Config, context: &mut dyn Context) -> Result<Self, SceneErrors> {
+        let mut errors = SceneErrors::default();
+        let found = errors.take(context.texture(height));
+        if let Some(found) = &found
+            && found.needs().contains(Needs::UV)
+        {
+            let mut error = SceneError::anywhere("this texture lies by (u, v), and only shapes know where that is")
+                .with_help("let it lie by the place in the world: mapping = { projection = \"planar\" }, or \"solid\", \"spherical\", ...");
+            error.span = height.span.clone();
+            errors.0.push(error);
+        }
+        let space = config.space.as_ref().map(Spanned::span);
+        let directions = [&config.tangent, &config.axis].map(|given| given.as_ref().map(Spanned::span));
+        for span in directions.into_iter().chain([space]).flatten() {
+            errors.0.push(SceneError::at(
+                span,
+                "a height has no directions: this is of `vectors`",
+            ));
+        }
+        match found {
+            Some(height) => errors.into_result(Self {
+                height,
+                scale: config.scale.get(),
+                step: config.step.as_ref().map_or(1e-3, |step| step.get_ref().get()),
+            }),
+            None => Err(errors),
+        }
+    }
+}
+
+/// Where the parts of vectors point; `None`: along the axes of the world.
+fn frame(config: &Config) -> Result<Option<Frame>, SceneErrors> {
+    let mut errors = SceneErrors::default();
+    if let Some(step) = &config.step {
+        let message = "vectors are looked up in one place: a step is of a height";
+        errors.0.push(SceneError::at(step.span(), message));
+    }
+    let (tangent, axis) = (config.tangent.as_ref(), config.axis.as_ref());
+    let space = config
+        .space
+        .as_ref()
+        .map_or(Space::World, |space| *space.get_ref());
+    if space == Space::World {
+        for given in [tangent, axis].into_iter().flatten() {
+            let error = SceneError::at(given.span(), "the axes of the world need no tangent");
+            errors.0.push(error.with_help("space = \"tangent\" has one"));
+        }
+        return errors.into_result(None);
+    }
+    let frame = errors.take(Frame::new(tangent, axis));
+    errors.into_result(frame)
+}
+
+impl Detail for Height {
     fn needs(&self) -> Needs {
         self.height.needs()
     }
@@ -97,6 +217,20 @@ impl Detail for Bump {
         let gradient = slopes * (self.scale / (2.0 * self.step));
         let n = point.n_s;
         (n - (gradient - gradient.dot(n) * n)).try_normalize()
+    }
+}
+
+impl Detail for Vectors {
+    fn needs(&self) -> Needs {
+        self.vectors.needs()
+    }
+
+    fn normal(&self, point: &SurfacePoint) -> Option<DVec3> {
+        let vector = match &self.frame {
+            None => coded(&self.vectors, point),
+            Some(frame) => frame.vector(&self.vectors, point)?,
+        };
+        (point.n_s + self.scale * vector).try_normalize()
     }
 }
 
@@ -149,6 +283,9 @@ mod tests {
             "height = \"slope\"\nscale = -40\nmaterial = \"mirror\"",
             "height = \"slope\"\nscale = 1e300\nmaterial = \"mirror\"",
             "height = 0.5\nmaterial = \"matte\"",
+            "vectors = [0.9, 0.1, 0.6]\nmaterial = \"matte\"",
+            "vectors = \"slope\"\nscale = -3\nmaterial = \"mirror\"",
+            "vectors = \"flat\"\nscale = 1e300\nspace = \"tangent\"\naxis = [0, 1, 0]\nmaterial = \"mirror\"",
         ] {
             sided_material_laws(&*bump(text).unwrap());
         }
@@ -166,6 +303,61 @@ mod tests {
         assert!(material.lobes().contains(Lobes::OWN_NORMAL));
         let none = bump("height = 3\nmaterial = \"mirror\"").unwrap();
         assert_eq!(none.lobes(), Lobes::REFLECTION);
+    }
+
+    /// The reflection of a view along the normal +z says where the bent normal is.
+    fn bent(text: &str) -> DVec3 {
+        let material = bump(&format!("{text}\nmaterial = \"mirror\"")).unwrap();
+        let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
+        point.uv.x = 0.5;
+        let mut branches = Branches::default();
+        material.branches(&point, DVec3::Z, &mut branches);
+        (branches.iter().next().unwrap().direction + DVec3::Z).normalize()
+    }
+
+    #[test]
+    fn vectors_are_added_to_the_normal() {
+        let near = |text: &str, expected: [f64; 3]| {
+            let expected = DVec3::from_array(expected).normalize();
+            assert!((bent(text) - expected).length() < 1e-15, "{text}: {}", bent(text));
+        };
+        near("vectors = 0.5", [0.0, 0.0, 1.0]);
+        near("vectors = [1, 0.5, 0.5]\nscale = 0.75", [0.75, 0.0, 1.0]);
+        near("vectors = [0, 0.75, 0.75]", [-1.0, 0.5, 1.5]);
+        // Along y there, with -x for the bitangent: z x y.
+        let tangent = "vectors = [1, 0.75, 0.5]\nspace = \"tangent\"\ntangent = [0, 3, 7]";
+        near(tangent, [-0.5, 1.0, 1.0]);
+        near(
+            &tangent.replace("tangent = [0, 3, 7]", "axis = [-2, 0, 0]"),
+            [-0.5, 1.0, 1.0],
+        );
+        near("vectors = [1, 0.75, 0.5]\nspace = \"tangent\"", [1.0, 0.5, 1.0]);
+        // By (u, v), which a height cannot.
+        near("vectors = \"flat\"\nscale = 4", [0.0, 0.0, 1.0]);
+        // What looks away, and what has no length, is not taken.
+        near("vectors = [0.5, 0.5, 0]\nscale = 2", [0.0, 0.0, 1.0]);
+        near("vectors = [0.5, 0.5, 0]", [0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn keys_that_do_not_go_together_are_refused_at_their_places() {
+        for (text, place) in [
+            ("height = \"slope\"\nvectors = 0.25", "0.25"),
+            ("vectors = 0.25\nstep = 0.125", "0.125"),
+            ("vectors = 0.25\ntangent = [1, 0, 0]", "[1, 0, 0]"),
+            (
+                "vectors = 0.25\nspace = \"tangent\"\naxis = [0, 0, 0]",
+                "[0, 0, 0]",
+            ),
+            ("vectors = 0.25\nspace = \"object\"", "\"object\""),
+            ("height = \"slope\"\nspace = \"world\"", "\"world\""),
+            ("height = \"slope\"\naxis = [0, 1, 0]", "[0, 1, 0]"),
+        ] {
+            let text = format!("{text}\nmaterial = \"matte\"");
+            let error = bump(&text).err().unwrap().0.remove(0);
+            assert_eq!(&text[error.span.unwrap()], place);
+        }
+        assert!(bump("material = \"matte\"").is_err());
     }
 
     #[test]

@@ -1,7 +1,62 @@
 //! Surface detail: another normal for shading, over any material.
 
 use std::sync::Arc;
-use whitstone_core::{Branches, DVec3, Filter, Illumination, Lobes, Material, Needs, Rgb, SurfacePoint};
+use toml::Spanned;
+use whitstone_core::config::Vector3;
+use whitstone_core::{
+    Branches, ColorSource, DVec3, Distribution, Filter, Illumination, Lobes, Material, Needs, Rgb,
+    SceneError, SceneErrors, SurfacePoint,
+};
+
+/// Vectors as colours: twice a colour less 1.
+pub(crate) fn coded(colors: &ColorSource, point: &SurfacePoint) -> DVec3 {
+    DVec3::from_array(colors.value(point).to_array().map(|part| 2.0 * part - 1.0))
+}
+
+/// Tangent, bitangent and normal, by where the tangent points.
+pub(crate) enum Frame {
+    Along(DVec3),
+    Around(DVec3),
+}
+
+impl Frame {
+    /// By one of two directions in the world, or along x.
+    pub(crate) fn new(
+        tangent: Option<&Spanned<Vector3>>,
+        axis: Option<&Spanned<Vector3>>,
+    ) -> Result<Self, SceneErrors> {
+        let unit = |vector: &Spanned<Vector3>| {
+            let error = || {
+                SceneError::at(
+                    vector.span(),
+                    "expected a direction, found a vector without length",
+                )
+            };
+            vector.get_ref().get().try_normalize().ok_or_else(error)
+        };
+        Ok(match (tangent, axis) {
+            (None, None) => Self::Along(DVec3::X),
+            (Some(tangent), None) => Self::Along(unit(tangent)?),
+            (None, Some(axis)) => Self::Around(unit(axis)?),
+            (Some(_), Some(axis)) => {
+                let message = "either the tangent or the axis that it goes around";
+                return Err(SceneError::at(axis.span(), message).into());
+            }
+        })
+    }
+
+    /// The vector whose parts are coded as a colour, in the world; `None` where there is no tangent.
+    pub(crate) fn vector(&self, parts: &ColorSource, point: &SurfacePoint) -> Option<DVec3> {
+        let n = point.n_s;
+        let t = match self {
+            Self::Along(direction) => direction - direction.dot(n) * n,
+            Self::Around(axis) => axis.cross(n),
+        };
+        let t = t.try_normalize()?;
+        let DVec3 { x, y, z } = coded(parts, point);
+        Some(x * t + y * n.cross(t) + z * n)
+    }
+}
 
 /// Where a normal for shading comes from.
 pub(crate) trait Detail: Send + Sync {
@@ -55,5 +110,13 @@ impl<D: Detail> Material for Detailed<D> {
 
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
         self.inner.branches(&self.at(point, view), view, out);
+    }
+
+    fn reflections(&self) -> u32 {
+        self.inner.reflections()
+    }
+
+    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
+        self.inner.distribution(&self.at(point, view), view)
     }
 }

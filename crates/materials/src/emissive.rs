@@ -12,8 +12,8 @@ use std::sync::Arc;
 use whitstone_core::config::{MaterialRef, TextureRef};
 use whitstone_core::stream::{Colors, PointStream, SampleStreams};
 use whitstone_core::{
-    BranchStreams, Branches, ColorSource, Context, DVec3, Filter, Illumination, Lobes, Material, Materials,
-    Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
+    BranchStreams, Branches, ColorSource, Context, DVec3, Distribution, Filter, Illumination, Lobes,
+    Material, Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
 };
 
 /// A surface that glows by itself, over any other material.
@@ -105,6 +105,14 @@ impl Material for Emissive {
 
     fn branches_stream(&self, points: &PointStream, out: &mut BranchStreams) {
         self.under.branches_stream(points, out);
+    }
+
+    fn reflections(&self) -> u32 {
+        self.under.reflections()
+    }
+
+    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
+        self.under.distribution(point, view)
     }
 }
 

@@ -25,6 +25,8 @@ pub mod conductor;
 pub mod dielectric;
 #[cfg(feature = "emissive")]
 pub mod emissive;
+#[cfg(feature = "glossy")]
+pub mod glossy;
 #[cfg(feature = "mask")]
 pub mod mask;
 #[cfg(feature = "matte")]
@@ -57,6 +59,8 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     registry.add::<Materials, dielectric::Dielectric>(from)?;
     #[cfg(feature = "emissive")]
     registry.add::<Materials, emissive::Emissive>(from)?;
+    #[cfg(feature = "glossy")]
+    registry.add::<Materials, glossy::Glossy>(from)?;
     #[cfg(feature = "mask")]
     registry.add::<Materials, mask::Mask>(from)?;
     #[cfg(feature = "matte")]

@@ -12,8 +12,8 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{MaterialRef, TextureRef};
 use whitstone_core::{
-    Branch, BranchKind, Branches, ColorSource, Context, DVec3, Filter, Illumination, Lobes, Material,
-    Materials, Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint,
+    Branch, BranchKind, Branches, ColorSource, Context, DVec3, Distribution, Filter, Illumination, Lobes,
+    Material, Materials, Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint,
 };
 
 /// A material with holes, through which rays and shadow rays go straight on.
@@ -103,6 +103,14 @@ impl Material for Mask {
             kind: BranchKind::Straight,
         });
         out.merge(&hole, Rgb::WHITE);
+    }
+
+    fn reflections(&self) -> u32 {
+        self.inner.reflections()
+    }
+
+    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
+        self.inner.distribution(point, view)
     }
 }
 

@@ -12,8 +12,8 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::{MaterialRef, TextureRef};
 use whitstone_core::{
-    Branches, ColorSource, Context, DVec3, Filter, Illumination, Lobes, Material, Materials, Needs, Plugin,
-    Rgb, SceneError, SceneErrors, SurfacePoint,
+    Branches, ColorSource, Context, DVec3, Distribution, Filter, Illumination, Lobes, Material, Materials,
+    Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint,
 };
 
 /// Two materials in one place, each by its share.
@@ -50,7 +50,7 @@ impl Plugin<Materials> for Mix {
         let a = errors.take(context.material(&config.a));
         let b = errors.take(context.material(&config.b));
         if let (Some(a), Some(b)) = (&a, &b)
-            && let Err(message) = one_direction(a.lobes(), b.lobes())
+            && let Err(message) = one_direction(&**a, &**b)
         {
             errors.0.push(SceneError::at(config.b.span.clone(), message));
         }
@@ -62,7 +62,9 @@ impl Plugin<Materials> for Mix {
 }
 
 /// That branches of a kind go in one direction.
-fn one_direction(a: Lobes, b: Lobes) -> Result<(), &'static str> {
+fn one_direction(a: &dyn Material, b: &dyn Material) -> Result<(), &'static str> {
+    let spread = a.reflections() > 1 || b.reflections() > 1;
+    let (a, b) = (a.lobes(), b.lobes());
     let through = Lobes::TRANSMISSION | Lobes::STRAIGHT;
     let either = a | b;
     if a.intersects(through) && b.intersects(through) && either.contains(Lobes::TRANSMISSION) {
@@ -73,6 +75,11 @@ fn one_direction(a: Lobes, b: Lobes) -> Result<(), &'static str> {
     let reflect = a.intersects(Lobes::REFLECTION) && b.intersects(Lobes::REFLECTION);
     if reflect && either.contains(Lobes::OWN_NORMAL) {
         return Err("both materials reflect, by different normals: rays would go on in two directions");
+    }
+    if reflect && spread {
+        return Err(
+            "both materials reflect, and one of them is glossy: rays would go on about two directions",
+        );
     }
     Ok(())
 }
@@ -127,6 +134,17 @@ impl Material for Mix {
             material.branches(point, view, &mut part);
             out.merge(&part, share);
         }
+    }
+
+    fn reflections(&self) -> u32 {
+        self.a.reflections().max(self.b.reflections())
+    }
+
+    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
+        // At most one of them reflects, if either spreads what it reflects.
+        self.a
+            .distribution(point, view)
+            .or_else(|| self.b.distribution(point, view))
     }
 }
 

@@ -6,14 +6,14 @@
 //! - Twin: through the driver, which turns the frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/normal_map.toml`.
 
-use crate::detail::{Detail, Detailed};
+use crate::detail::{Detail, Detailed, Frame};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{MaterialRef, TextureRef, Vector3};
 use whitstone_core::{
-    ColorSource, Context, DVec3, Material, Materials, Needs, Plugin, SceneError, SceneErrors, SurfacePoint,
+    ColorSource, Context, DVec3, Material, Materials, Needs, Plugin, SceneErrors, SurfacePoint,
 };
 
 /// Normals from the colours of a texture, over any material.
@@ -41,12 +41,6 @@ pub struct NormalMap {
     frame: Frame,
 }
 
-/// Where the tangent points.
-enum Frame {
-    Along(DVec3),
-    Around(DVec3),
-}
-
 impl Plugin<Materials> for NormalMap {
     const TYPE: &'static str = "normal_map";
     type Config = Config;
@@ -55,27 +49,7 @@ impl Plugin<Materials> for NormalMap {
         let mut errors = SceneErrors::default();
         let map = errors.take(context.texture(&config.map));
         let inner = errors.take(context.material(&config.material));
-        let mut unit = |vector: &Spanned<Vector3>| {
-            let found = vector.get_ref().get().try_normalize();
-            if found.is_none() {
-                let error = SceneError::at(
-                    vector.span(),
-                    "expected a direction, found a vector without length",
-                );
-                errors.0.push(error);
-            }
-            found
-        };
-        let frame = match (&config.tangent, &config.axis) {
-            (None, None) => Some(Frame::Along(DVec3::X)),
-            (Some(tangent), None) => unit(tangent).map(Frame::Along),
-            (None, Some(axis)) => unit(axis).map(Frame::Around),
-            (Some(_), Some(axis)) => {
-                let message = "either the tangent or the axis that it goes around";
-                errors.0.push(SceneError::at(axis.span(), message));
-                None
-            }
-        };
+        let frame = errors.take(Frame::new(config.tangent.as_ref(), config.axis.as_ref()));
         match (map, inner, frame) {
             (Some(map), Some(inner), Some(frame)) => {
                 let detail = Self { map, frame };
@@ -92,14 +66,7 @@ impl Detail for NormalMap {
     }
 
     fn normal(&self, point: &SurfacePoint) -> Option<DVec3> {
-        let n = point.n_s;
-        let t = match self.frame {
-            Frame::Along(direction) => direction - direction.dot(n) * n,
-            Frame::Around(axis) => axis.cross(n),
-        };
-        let t = t.try_normalize()?;
-        let [x, y, z] = self.map.value(point).to_array().map(|part| 2.0 * part - 1.0);
-        (x * t + y * n.cross(t) + z * n).try_normalize()
+        self.frame.vector(&self.map, point)?.try_normalize()
     }
 }
 

@@ -10,8 +10,8 @@ use serde::Deserialize;
 use std::sync::Arc;
 use whitstone_core::config::MaterialRef;
 use whitstone_core::{
-    Branches, Context, DVec3, Filter, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb,
-    SceneErrors, SurfacePoint,
+    Branches, Context, DVec3, Distribution, Filter, Illumination, Lobes, Material, Materials, Needs, Plugin,
+    Rgb, SceneErrors, SurfacePoint,
 };
 
 /// One material outside, another one inside.
@@ -79,6 +79,14 @@ impl Material for TwoSided {
 
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
         self.seen(point, view).branches(point, view, out);
+    }
+
+    fn reflections(&self) -> u32 {
+        self.front.reflections().max(self.back.reflections())
+    }
+
+    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
+        self.seen(point, view).distribution(point, view)
     }
 }
 

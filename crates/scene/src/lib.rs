@@ -12,6 +12,7 @@ mod description;
 mod document;
 mod film;
 mod groups;
+mod limits;
 mod memory;
 mod operands;
 mod pipeline;

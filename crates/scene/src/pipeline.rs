@@ -1,5 +1,6 @@
 use crate::cache::Cache;
 use crate::groups::{BuiltGroup, unknown_id};
+use crate::limits;
 use crate::memory::Memory;
 use crate::operands::{self, Operands};
 use crate::reach;
@@ -15,10 +16,10 @@ use whitstone_core::config::{
     FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue,
 };
 use whitstone_core::{
-    Accelerator, Accelerators, Bodies, Camera, Cameras, ClosedMesh, ColorSource, Context, Element,
-    FamilyName, Geometry, Group, Integrator, Integrators, Lights, Material, Materials, ObjectOrder,
-    Primitive, Refused, Registry, Sampler, Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan,
-    Texture, Textures, Transform, TriangleMesh, View, World,
+    Accelerator, Accelerators, Camera, Cameras, ClosedMesh, ColorSource, Context, Element, FamilyName,
+    Geometry, Group, Integrator, Integrators, Lights, Material, Materials, ObjectOrder, Primitive, Refused,
+    Registry, Sampler, Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures,
+    Transform, TriangleMesh, View, World,
 };
 
 /// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
@@ -133,7 +134,10 @@ impl Pipeline {
         }
         let materials = builder.materials(plan, &mut errors);
         if errors.0.is_empty() {
-            overlapping(plan, &materials, &mut errors);
+            limits::overlapping(plan, &materials, &mut errors);
+        }
+        if let Some(integrator) = &integrator {
+            limits::ending(plan, &materials, &**integrator, &mut errors);
         }
         let complete = builder.groups(plan, &mut errors);
         let built = builder.structure(&description.shapes, &description.accelerator, &mut errors);
@@ -199,31 +203,6 @@ impl Pipeline {
             _ => None,
         };
         (pipeline, errors)
-    }
-}
-
-/// Bodies that may overlap: not too many, and none that could be copied. The materials are those of all shapes.
-fn overlapping(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], errors: &mut SceneErrors) {
-    let alone = plan.description.shapes.len();
-    let all = plan.shapes().into_iter().zip(materials).enumerate();
-    let bodies =
-        all.filter(|(_, (shape, material))| shape.group.is_none() && material.overlapping().is_some());
-    for (count, (number, (shape, _))) in bodies.enumerate() {
-        let place = shape.material.as_ref().map(|(span, _)| span.clone());
-        let message = if number >= alone {
-            "a shape in a group must not have a priority: all of its copies would be one body".to_owned()
-        } else if count == Bodies::MOST {
-            format!(
-                "expected at most {} shapes with a priority, found more",
-                Bodies::MOST
-            )
-        } else {
-            continue;
-        };
-        errors.0.push(SceneError {
-            span: place,
-            ..SceneError::anywhere(message)
-        });
     }
 }
 

@@ -142,6 +142,27 @@ fn branch_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3, plain
         found,
         "branches are always the same"
     );
+    let Some(spread) = material.distribution(point, view) else {
+        return;
+    };
+    for branch in found
+        .iter()
+        .filter(|branch| branch.kind == BranchKind::Reflection)
+    {
+        let all: Vec<DVec3> = spread.directions(branch.direction).collect();
+        let most = material.reflections() as usize;
+        assert!(
+            most > 1 && !all.is_empty() && all.len() <= most,
+            "what spreads its reflections says over how many directions, not {most}: {place}"
+        );
+        for direction in all {
+            let length = direction.length();
+            assert!(
+                (length - 1.0).abs() < 1e-14,
+                "branches have unit directions, not {length}: {place}"
+            );
+        }
+    }
 }
 
 fn local_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3) {
@@ -428,258 +449,4 @@ pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior:
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    struct Made {
-        lobes: Lobes,
-        needs: Needs,
-        local: fn(&SurfacePoint, DVec3, &Illumination<'_>) -> f64,
-        branches: fn(&SurfacePoint, DVec3) -> Vec<Branch>,
-    }
-
-    impl Material for Made {
-        fn lobes(&self) -> Lobes {
-            self.lobes
-        }
-        fn needs(&self) -> Needs {
-            self.needs
-        }
-        fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
-            Rgb::splat((self.local)(point, view, light))
-        }
-        fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
-            for branch in (self.branches)(point, view) {
-                out.push(branch);
-            }
-        }
-    }
-
-    fn lambert(point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> f64 {
-        let n = point.n_towards(view);
-        let term = |light: &Incoming| light.irradiance.g * n.dot(light.direction).max(0.0);
-        light.ambient.g + light.lights.iter().map(term).sum::<f64>()
-    }
-
-    fn mirrored(point: &SurfacePoint, view: DVec3) -> Branch {
-        let n = point.n_towards(view);
-        Branch {
-            direction: (2.0 * n.dot(view) * n - view).normalize(),
-            weight: Rgb::splat(0.5),
-            kind: BranchKind::Reflection,
-        }
-    }
-
-    fn straight(view: DVec3) -> Branch {
-        Branch {
-            direction: -view,
-            weight: Rgb::splat(0.5),
-            kind: BranchKind::Transmission {
-                absorption: Rgb::BLACK,
-            },
-        }
-    }
-
-    const RIGHT: Made = Made {
-        lobes: Lobes::LOCAL,
-        needs: Needs::SHADING_NORMAL,
-        local: lambert,
-        branches: |_, _| Vec::new(),
-    };
-
-    fn all() -> Lobes {
-        Lobes::LOCAL | Lobes::REFLECTION | Lobes::TRANSMISSION
-    }
-
-    #[test]
-    fn a_right_material_passes() {
-        material_laws(&Made {
-            lobes: all(),
-            branches: |point, view| vec![mirrored(point, view), straight(view)],
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    fn what_is_divided_by_pi_keeps_energy_and_is_reciprocal() {
-        let right = Made {
-            local: |point, view, light| std::f64::consts::FRAC_1_PI * lambert(point, view, light),
-            ..RIGHT
-        };
-        energy_laws(&right);
-        reciprocity_laws(&right);
-    }
-
-    #[test]
-    #[should_panic(expected = "no more light leaves")]
-    fn a_missing_pi_is_found() {
-        energy_laws(&RIGHT);
-    }
-
-    #[test]
-    #[should_panic(expected = "both ways alike")]
-    fn a_highlight_that_forgets_the_viewer_is_found() {
-        reciprocity_laws(&Made {
-            local: |point, view, light| lambert(point, view, light) * (2.0 + point.n_towards(view).dot(view)),
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "finite and not negative")]
-    fn an_unclamped_cosine_is_found() {
-        material_laws(&Made {
-            local: |point, view, light| {
-                let n = point.n_towards(view);
-                light
-                    .lights
-                    .iter()
-                    .map(|light| (n.dot(light.direction) - 0.5) / n.dot(view))
-                    .sum()
-            },
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "both sides look the same")]
-    fn a_dark_inside_is_found() {
-        material_laws(&Made {
-            local: |point, view, light| {
-                if point.n_g.dot(view) > 0.0 {
-                    lambert(point, view, light)
-                } else {
-                    0.0
-                }
-            },
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "says that it needs it")]
-    fn a_hidden_shading_normal_is_found() {
-        material_laws(&Made {
-            needs: Needs::NOTHING,
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "without light there is none")]
-    fn a_glow_is_found() {
-        material_laws(&Made {
-            local: |_, _, _| 1.0,
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "in proportion")]
-    fn a_response_that_is_not_linear_is_found() {
-        material_laws(&Made {
-            local: |p, v, l| lambert(p, v, l).sqrt(),
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "lobes name every kind")]
-    fn a_hidden_branch_is_found() {
-        material_laws(&Made {
-            branches: |point, view| vec![mirrored(point, view)],
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "lobes name a local")]
-    fn a_hidden_local_response_is_found() {
-        material_laws(&Made {
-            lobes: Lobes::REFLECTION,
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "unit directions")]
-    fn a_long_branch_is_found() {
-        let branches = |point: &SurfacePoint, view| {
-            let branch = mirrored(point, view);
-            vec![Branch {
-                direction: branch.direction * 1.001,
-                ..branch
-            }]
-        };
-        material_laws(&Made {
-            lobes: all(),
-            branches,
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "stays on the viewer's side")]
-    fn a_reflection_into_the_surface_is_found() {
-        let branches = |point: &SurfacePoint, view| {
-            let branch = mirrored(point, view);
-            vec![Branch {
-                direction: -branch.direction,
-                ..branch
-            }]
-        };
-        material_laws(&Made {
-            lobes: all(),
-            branches,
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "no more radiance leaves")]
-    fn a_surface_that_adds_energy_is_found() {
-        let branches = |point: &SurfacePoint, view| vec![mirrored(point, view)];
-        furnace_laws(&Made {
-            lobes: all(),
-            branches,
-            ..RIGHT
-        });
-    }
-
-    #[test]
-    #[should_panic(expected = "the law of refraction")]
-    fn glass_that_does_not_bend_is_found() {
-        let branches = |point: &SurfacePoint, view| {
-            let entering = point.n_g.dot(view) > 0.0;
-            let weight = Rgb::splat(if entering { 1.0 / 2.25 } else { 2.25 });
-            vec![Branch {
-                weight,
-                ..straight(view)
-            }]
-        };
-        dielectric_laws(
-            &Made {
-                lobes: all(),
-                branches,
-                ..RIGHT
-            },
-            1.5,
-            1.0,
-        );
-    }
-
-    #[test]
-    #[should_panic(expected = "nothing is lost")]
-    fn glass_that_loses_light_is_found() {
-        let branches = |point: &SurfacePoint, view| vec![mirrored(point, view)];
-        dielectric_laws(
-            &Made {
-                lobes: all(),
-                branches,
-                ..RIGHT
-            },
-            1.5,
-            1.0,
-        );
-    }
-}
+mod tests;

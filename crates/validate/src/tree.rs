@@ -15,7 +15,7 @@ const COINCIDENT_ULPS: f64 = 4.0;
 /// A node of the reference's tree, as the driver tells it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Node {
-    /// "" for the camera ray, then a letter for each branch: R or T.
+    /// "" for the camera ray, then a letter for each branch, R or T; two digits behind an R say which of several reflections.
     pub path: String,
     /// Number of the shape; -1 for a miss.
     pub shape: i64,
@@ -71,6 +71,11 @@ impl Pair<'_> {
     }
 }
 
+/// How many branches lead to a ray.
+pub fn depth(path: &str) -> usize {
+    path.bytes().filter(u8::is_ascii_alphabetic).count()
+}
+
 /// The rays of both trees by depth, reflections before transmissions.
 pub fn pairs<'a>(ours: &'a [TreeNode], theirs: &'a [Node]) -> Vec<Pair<'a>> {
     let empty = |path: &'a str| Pair {
@@ -81,7 +86,7 @@ pub fn pairs<'a>(ours: &'a [TreeNode], theirs: &'a [Node]) -> Vec<Pair<'a>> {
     };
     let mut found: BTreeMap<(usize, &str), Pair<'a>> = BTreeMap::new();
     let mut pair_of = |path: &'a str, fill: &dyn Fn(&mut Pair<'a>)| {
-        fill(found.entry((path.len(), path)).or_insert_with(|| empty(path)));
+        fill(found.entry((depth(path), path)).or_insert_with(|| empty(path)));
     };
     for node in ours {
         pair_of(&node.path, &|pair| pair.ours = Some(node));
@@ -217,6 +222,11 @@ mod tests {
         let mut theirs: Vec<Node> = ours.iter().map(other).collect();
         change(&mut theirs);
         first_difference(ours, &theirs)
+    }
+
+    #[test]
+    fn the_numbers_of_reflections_are_no_depth() {
+        assert_eq!(["", "R", "R07", "R07TR12"].map(depth), [0, 1, 1, 3]);
     }
 
     #[test]

@@ -164,11 +164,103 @@ class Detail(Case):
         self.near(self.mirrored('type = "bump", height = 0.3, material = { type = "mirror" }'), [0, 1, 0], rel=1e-5, atol=1e-5)
         self.refuse(HEAD + floor('type = "bump", height = { type = "checker" }, material = { type = "mirror" }'), "scene", "height")
 
+    def test_vectors_are_added(self):
+        text = 'type = "bump", vectors = {}, material = {{ type = "mirror" }}'
+        # The normal (0.25, 0.5, 0) is half way between straight up and the ray, and tan of half the angle is 1/2.
+        sideways = text.format("[0.625, 0.25, 0.5]")
+        self.near(self.mirrored(sideways), [0.8, 0.6, 0], rel=1e-5, atol=1e-5)
+        self.near(self.mirrored(text.format("[0.5625, 0.5, 0.5], scale = 4")), [0.8, 0.6, 0], rel=1e-5, atol=1e-5)
+        # Along x, y x x = -z and the normal; x across the axis -z is the tangent, too.
+        own = '[0.75, 0.5, 0.5], space = "tangent"'
+        self.near(self.mirrored(text.format(own)), [0.8, 0.6, 0], rel=1e-5, atol=1e-5)
+        self.near(self.mirrored(text.format('[0.5, 0.75, 0.5], space = "tangent"')), [0, 0.6, -0.8], rel=1e-5, atol=1e-5)
+        self.near(self.mirrored(text.format(f"{own}, axis = [0, 0, -2]")), [0.8, 0.6, 0], rel=1e-5, atol=1e-5)
+        self.near(self.mirrored(text.format(f"{own}, tangent = [0, 7, 3]")), [0, 0.6, 0.8], rel=1e-5, atol=1e-5)
+        # None, one that looks away, and none that is left.
+        for colour in ("0.5", "[0.5, 0, 0.5], scale = 2", "[0.5, 0, 0.5]"):
+            self.near(self.mirrored(text.format(colour)), [0, 1, 0], rel=1e-5, atol=1e-5)
+        for more in ("step = 1", "axis = [0, 1, 0]", "height = 1"):
+            self.refuse(HEAD + floor(text.format(f"0.5, {more}")), "scene", more.split()[0])
+        self.refuse(HEAD + floor('type = "bump", height = 0.5, space = "world", material = { type = "mirror" }'), "scene", "space")
+
     def test_light_on_a_slope(self):
         lamp = '[[light]]\ntype = "directional"\ndirection = [0.6, -0.8, 0]\nirradiance = 3\n'
         text = 'type = "normal_map", map = [0.2, 0.5, 0.9], material = { type = "matte", reflectance = 0.5 }'
         # n' = (-0.6, 0.8, 0) faces the light.
         self.near(self.value(HEAD + lamp + floor(text)), 3 * 0.5 / math.pi)
+
+
+class Glossy(Case):
+    BALL = '[[shape]]\ntype = "sphere"\nradius = 50\nmaterial = { type = "emissive" }\n'
+
+    def directions(self, text, scene=HEAD):
+        """Where the rays go that come of one from straight above."""
+        nodes = self.nodes(scene + floor(text) + self.BALL)
+        paths = [node["path"] for node in nodes if node["path"] not in ("", "T")]
+        self.assertEqual(paths, [f"R{number:02}" for number in range(len(paths))])
+        return np.array([node["p"] for node in nodes if node["path"].startswith("R")]) / 50, nodes
+
+    def test_directions(self):
+        # X and Y where n = r = y: the first turned from (0.8, -0.6, 0), across (0.48, 0.64, 0.6), by hand.
+        x, z = np.array([40, 0, 9]) / 41, np.array([9, 0, -40]) / 41
+        cosine = 0.75 ** (1 / 8)
+        sine = math.sqrt((1 - cosine**2) / 2)
+        expected = [sine * (a * x + b * z) + cosine * np.array([0, 1, 0]) for b in (-1, 1) for a in (-1, 1)]
+        found, nodes = self.directions('type = "glossy", exponent = 7, samples = 2, reflectance = [1, 0.5, 0]')
+        self.near(found, expected, rel=1e-5, atol=1e-5)
+        for node in nodes[1:]:
+            self.near(node["throughput"], [0.25, 0.125, 0])
+        # About another normal, and by their share.
+        text = 'type = "{}", {}material = {{ type = "glossy", exponent = 7, samples = 2 }}'
+        found, nodes = self.directions(text.format("mask", "opacity = 0.5, "))
+        self.near(found, expected, rel=1e-5, atol=1e-5)
+        self.near(nodes[1]["throughput"], [0.125] * 3)
+        found, _ = self.directions(text.format("normal_map", "map = [0.8, 0.5, 0.9], "))
+        self.near(found @ [0.96, 0.28, 0], [cosine] * 4, rel=1e-5)
+
+    def test_one_is_a_mirror(self):
+        nodes = self.nodes(OBLIQUE + floor('type = "glossy", samples = 1, reflectance = 0.5') + self.BALL)
+        mirrored = self.nodes(OBLIQUE + floor('type = "mirror", reflectance = 0.5') + self.BALL)
+        self.assertEqual([node["path"] for node in nodes], ["", "R"])
+        self.near(nodes[1]["p"], mirrored[1]["p"], rel=1e-5, atol=1e-5)
+        self.near(nodes[1]["throughput"], [0.5] * 3)
+
+    def test_what_goes_into_the_surface_is_lost(self):
+        """From 45 degrees, with a lobe so broad that the outermost direction goes down."""
+        scene = OBLIQUE + '[integrator]\ntype = "whitted"\nmax_depth = 2\n' + SKY + floor('type = "glossy", samples = 8, exponent = 0.5')
+        there = len(self.nodes(scene)) - 1
+        self.assertTrue(40 < there < 64, there)
+        self.near(self.value(scene), np.array([1, 2, 4]) * there / 64)
+
+    def test_beside_a_mirror(self):
+        """All lanes together give what each tree alone adds up to."""
+        look = '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 2, 6], target = [0, 0.5, 0] }\n[integrator]\ntype = "whitted"\nmax_depth = 2\n'
+        ball = '[[shape]]\ntype = "sphere"\nradius = 1\nmaterial = { type = "mirror", reflectance = 0.9 }\n'
+        glossy = '{ type = "glossy", samples = 2, reflectance = [0.3, 0.4, 0.5] }'
+        table = floor(f'type = "mix", a = {{ type = "matte" }}, b = {glossy}')
+        scene = film(6, 6) + look + SKY + POINT + table + ball
+        channels, _ = self.render(scene)
+        for x, y in ((3, 3), (2, 4), (3, 5), (0, 4)):
+            nodes = self.nodes(scene, x, y)
+            self.assertGreater(len(nodes), 1)
+            sum_ = np.sum([np.multiply(node["throughput"], node["local"]) for node in nodes], axis=0)
+            self.near([channels[name][y, x] for name in "RGB"], sum_, rel=1e-5)
+
+    def test_sides_of_their_own(self):
+        text = 'type = "two_sided", front = {{ type = "{}" }}, back = {{ type = "{}" }}'
+        found, _ = self.directions(text.format("glossy", "mirror"))
+        self.assertEqual(len(found), 16)
+        found, nodes = self.directions(text.format("mirror", "glossy"))
+        self.assertEqual(len(found), 1)
+        self.near(nodes[1]["throughput"], [1] * 3)
+
+    def test_bad_numbers(self):
+        self.refuse(HEAD + floor('type = "glossy", exponent = 0'), "scene", "exponent")
+        self.refuse(HEAD + floor('type = "glossy", samples = 9'), "scene", "samples")
+        self.refuse(HEAD + floor('type = "mix", a = { type = "glossy" }, b = { type = "mirror" }'), "scene", "glossy")
+        rules = '[integrator]\ntype = "whitted"\nmax_depth = {}\n'
+        self.refuse(HEAD + rules.format(7) + floor('type = "glossy"'), "scene", "16^7")
+        self.value(HEAD + rules.format("9\nmin_contribution = 1e-7") + SKY + floor('type = "glossy"'))
 
 
 class FilteredShadows(Case):

@@ -33,6 +33,13 @@ class Integrator:
     # Whether what is transparent lets light through to the lights.
     filtered: bool = False
 
+    def bounces(self, directions: int) -> int:
+        """How often a ray goes on at most that does so each time in so many directions, with equal shares."""
+        found, share = 0, 1 / directions
+        while found < self.max_depth and share >= self.min_contribution and share > 0:
+            found, share = found + 1, share / directions
+        return found
+
 
 @dataclass(frozen=True)
 class Document:
@@ -147,6 +154,15 @@ def _only_triangles(tables: Any, camera: Optional[cameras.Camera], errors: List[
         errors.append(f"integrator: a rasterizer needs a camera with straight lines and no lens, found {camera.kind}")
 
 
+def _ending(integrator: Integrator, all_materials: List[materials.Material], shape_list: List[shapes.Shape], errors: List[str]) -> None:
+    """That glossy reflections in glossy surfaces are not too many."""
+    for number in sorted({shape.material for shape in shape_list}):
+        spread = all_materials[number].spread if number < len(all_materials) else 1
+        bounces = integrator.bounces(spread) if spread > 1 else 0
+        if spread**bounces > 2**24:
+            errors.append(f"material: a camera ray may become {spread}^{bounces} rays by what is glossy, more than 2^24")
+
+
 def _shared(value: Any, name: str, errors: List[str]) -> dict:
     if isinstance(value, dict):
         return value
@@ -179,6 +195,8 @@ def parse(text: str, base: str) -> Document:
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
     groups = _shared(root.get("group", {}), "group", errors)
     shape_list = shapes.read(root, groups, material_reader, texture_reader, folder, errors, unsupported)
+    if integrator is not None:
+        _ending(integrator, material_reader.all, shape_list, errors)
     # A document can be wrong and unsupported at once: what it gets wrong comes first.
     if errors:
         raise SceneError("\n".join(errors))

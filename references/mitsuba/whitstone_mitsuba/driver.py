@@ -1,8 +1,8 @@
 """The Whitted driver: model §6 breadth first, on Mitsuba's intersections, BSDFs and emitters, without any random number.
 
 All rays of one depth are traced together (a *level*), forward until no ray is left. Then radiance is gathered backward, from the
-deepest level to the camera, exactly as the model's recursion adds it: each node takes its reflected child first, then its
-transmitted one. No two lanes ever write to the same place, so the bytes do not depend on threads or on how the pixels were cut
+deepest level to the camera, exactly as the model's recursion adds it: each node takes its reflected child first (of a glossy surface all of
+them in their order), then its transmitted one. No two lanes ever write to the same place, so the bytes do not depend on threads or on how the pixels were cut
 into chunks. (Embree's result for a ray does not depend on the rays next to it: measured, lane for lane.)
 
 Every number that can change from request to request enters as an evaluated array, never as a literal: literals become part
@@ -38,6 +38,11 @@ REHIT_UNITS = 64.0
 BEFORE_LAMP = 1 - 4 * ULP
 
 _BRANCH_NUMBERS = {"R": 1, "T": 2}
+
+
+def way_name(letter: str, spread: int, number: int) -> str:
+    """As in the paths of `tree`: where a reflection is spread over directions, with two digits."""
+    return f"{letter}{number:02}" if letter == "R" and spread > 1 else letter
 
 
 def mix(h: Any) -> Any:
@@ -193,6 +198,9 @@ class Tracer:
         self.native_surface = False
         self.counts = Counts()
         self.levels: List[Level] = []
+        # How many branches there are in place of a reflected one, at most, and how many lanes become no more than LANES by them.
+        self.spread = max((material.spread for material in self.document.materials), default=1)
+        self.lanes = LANES // self.spread
         # Whether some surface lets light through to the lights.
         integrator = self.document.integrator
         used = {shape.material for shape in self.document.shapes}
@@ -251,7 +259,7 @@ class Tracer:
 
     def _sums(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: Samples, start: Optional[np.ndarray] = None) -> Sums:
         """The sums over these samples of each pixel, added to `start` if there is one, and their extremes."""
-        step = max(1, LANES // len(samples))
+        step = max(1, self.lanes // len(samples))
         total = np.zeros((len(x), 3)) if start is None else start.copy()
         least, most = np.zeros((len(x), 3), dtype=np.float32), np.zeros((len(x), 3), dtype=np.float32)
         first = 0
@@ -326,11 +334,11 @@ class Tracer:
             if children is None:
                 break
             depth += 1
-            if children.real > LANES:
+            if children.real > self.lanes:
                 # Each part is followed to its end before the next one starts, which bounds the memory.
                 pieces = [
-                    self.trace(children.gather(np.arange(first, min(first + LANES, children.real))), depth)
-                    for first in range(0, children.real, LANES)
+                    self.trace(children.gather(np.arange(first, min(first + self.lanes, children.real))), depth)
+                    for first in range(0, children.real, self.lanes)
                 ]
                 radiance = mi.Color3f(*[dr.concat([piece[channel] for piece in pieces]) for channel in range(3)])
                 dr.eval(radiance)
@@ -569,31 +577,35 @@ class Tracer:
         if last and not integrator.limit_background:
             return None
         parts: List[Rays] = []
-        found: Dict[str, List[Tuple[np.ndarray, np.ndarray, Any]]] = {"R": [], "T": []}
+        weights: List[Any] = []
+        # Parents, and places in all parts together, by way.
+        found: Dict[str, List[Tuple[np.ndarray, np.ndarray]]] = {}
         offset = 0
-        for letter in "RT":
+        # Reflections before transmissions, those of a glossy surface in their order.
+        for letter, which in [("R", which) for which in range(self.spread)] + [("T", 0)]:
             for number, lanes in groups.items():
-                if letter not in self.document.materials[number].branches:
+                material = self.document.materials[number]
+                if letter not in material.branches or which >= (material.spread if letter == "R" else 1):
                     continue
-                rays, weight, keep = self._branch(level, number, letter, pad(lanes))
+                rays, weight, keep = self._branch(level, number, letter, which, pad(lanes))
                 kept = np.flatnonzero(keep.numpy()[: len(lanes)])
                 if len(kept) == 0:
                     continue
                 parts.append(rays)
-                found[letter].append((lanes[kept], kept + offset, weight))
+                weights.append(weight)
+                name = way_name(letter, material.spread, which)
+                found.setdefault(name, []).append((lanes[kept], kept + offset))
                 offset += dr.width(keep)
         if not parts:
             return None
         everything = Rays.concatenate(parts)
-        weights = _join_colors([weight for letter in "RT" for _, _, weight in found[letter]])
+        all_weights = _join_colors(weights)
         first = 0
         chosen: List[np.ndarray] = []
-        for letter in "RT":
-            if not found[letter]:
-                continue
+        for letter in sorted(found):
             parents = np.concatenate([entry[0] for entry in found[letter]])
             places = np.concatenate([entry[1] for entry in found[letter]])
-            weight = dr.gather(mi.Color3f, weights, pad(places))
+            weight = dr.gather(mi.Color3f, all_weights, pad(places))
             limit, children = None, None
             if last:
                 medium = dr.gather(mi.Color3f, everything.medium, pad(places))
@@ -608,15 +620,15 @@ class Tracer:
             first += len(places)
         return None if last else everything.gather(np.concatenate(chosen))
 
-    def _branch(self, level: Level, number: int, letter: str, lanes: Any) -> Tuple[Rays, Any, Any]:
-        """One branch of one material at its lanes: (rays, weight, which of them to follow)."""
+    def _branch(self, level: Level, number: int, letter: str, which: int, lanes: Any) -> Tuple[Rays, Any, Any]:
+        """One branch of one material at its lanes, of several reflections number `which`: (rays, weight, which lanes to follow)."""
         hits, rays = level.hits, level.rays
         si = self._interaction(level, lanes)
         n_g = mi.Vector3f(si.n)
         side = -dr.dot(n_g, dr.gather(mi.Vector3f, rays.d, lanes))
         inside = dr.gather(mi.UInt64, rays.inside, lanes)
         if self.document.materials[number].priority is None:
-            way = self.built.shaders[number].branch(letter, si)
+            way = self.built.shaders[number].branch(letter, si, which)
         else:
             face = self.built.bodies.face(dr.gather(mi.UInt32, hits.shape, lanes), inside, side > 0)
             way = face.branch(letter, si)
@@ -635,7 +647,7 @@ class Tracer:
             medium = dr.select(way.straight, medium, entered)
         setting = dr.gather(mi.UInt32, rays.setting, lanes)
         key = dr.gather(mi.UInt32, rays.key, lanes)
-        path = mix(dr.gather(mi.UInt32, rays.path, lanes) * 4 + _BRANCH_NUMBERS[letter])
+        path = mix(dr.gather(mi.UInt32, rays.path, lanes) * 4 + dr.opaque(mi.UInt32, _BRANCH_NUMBERS[letter] + 4 * which))
         o, unit = self._leave(si.p, n_g, direction, setting)
         o, direction = self._perturb(o, direction, key, path, setting)
         spawned = Rays(

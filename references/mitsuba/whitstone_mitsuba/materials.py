@@ -108,13 +108,17 @@ class Material:
     refracts: bool = False
     # Whether it is shaded by other normals than those of the shape.
     detailed: bool = False
-    # Of a normal map: its tangent, or what the tangent goes around.
+    # Of a normal map, and of bumps by vectors: the tangent, or what the tangent goes around.
     direction: Vector = (1.0, 0.0, 0.0)
     around: bool = False
+    # Whether bumps by vectors are along that tangent, instead of along the axes of the world.
+    tangent: bool = False
     # Of a conductor, as colours.
     index: Tuple[Vector, Vector] = (BLACK, BLACK)
     # Of a body that may overlap others.
     priority: Optional[int] = None
+    # How many directions its reflected branch is spread over at most.
+    spread: int = 1
 
     def hosted(self) -> Optional[Tuple[str, str]]:
         """(plugin type, reason) where the twin is not Mitsuba's own."""
@@ -122,6 +126,8 @@ class Material:
             return self.type, "its reflection formula is a Python BSDF; Mitsuba has none like it"
         if self.type in COMPOSITES:
             return self.type, "the driver adds it to what Mitsuba answers for its parts"
+        if self.type == "glossy":
+            return self.type, "the driver spreads what Mitsuba's mirror answers; Mitsuba's rough metals choose directions at random"
         if self.priority is not None:
             return "priority", "the driver knows which bodies a ray is in, and asks Mitsuba for Fresnel's equations only"
         return None
@@ -130,7 +136,7 @@ class Material:
         built = {name: texture.build() for name, texture in self.textures.items()}
         if self.type == "matte":
             return mi.load_dict({"type": "twosided", "inner": {"type": "diffuse", "reflectance": built["reflectance"]}})
-        if self.type == "mirror":
+        if self.type in ("mirror", "glossy"):
             inner = {"type": "conductor", "material": "none", "specular_reflectance": built["reflectance"]}
             return mi.load_dict({"type": "twosided", "inner": inner})
         if self.type == "conductor":
@@ -213,6 +219,14 @@ def _mirror(fields: Fields, textures: Textures) -> Material:
     return Material("mirror", None, (REFLECT,), textures={"reflectance": textures.value(fields, "reflectance", 1.0, 0.0, 1.0)})
 
 
+def _glossy(fields: Fields, textures: Textures) -> Material:
+    reflectance = textures.value(fields, "reflectance", 1.0, 0.0, 1.0)
+    exponent = fields.number("exponent", 100.0, lambda value: value > 0, "an exponent > 0")
+    n = fields.integer("samples", 4, 1, 8)
+    numbers = {"exponent": exponent, "samples": n}
+    return Material("glossy", None, (REFLECT,), textures={"reflectance": reflectance}, numbers=numbers, spread=n * n)
+
+
 def _dielectric(fields: Fields, textures: Textures) -> Material:
     ior, interior, exterior = _media(fields)
     priority = fields.integer("priority", None, 0, 65535) if fields.has("priority") else None
@@ -262,7 +276,7 @@ def _made_of(kind: str, parts: Sequence[Material], **more: Any) -> Material:
     """A material that can do what any of its parts can."""
     branches = tuple(letter for letter in (REFLECT, TRANSMIT) if any(letter in part.branches for part in parts))
     return Material(kind, None, branches, any(part.smooth for part in parts), refracts=any(part.refracts for part in parts),
-        detailed=any(part.detailed for part in parts), **more)
+        detailed=any(part.detailed for part in parts), spread=max([part.spread for part in parts], default=1), **more)
 
 
 def _emissive(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
@@ -283,6 +297,8 @@ def _mix(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
         fields.error("b", "both materials let rays through, and one of them refracts")
     if all(REFLECT in part.branches for part in parts) and any(part.detailed for part in parts):
         fields.error("b", "both materials reflect, by different normals")
+    if all(REFLECT in part.branches for part in parts) and any(part.spread > 1 for part in parts):
+        fields.error("b", "both materials reflect, and one of them is glossy")
     return _made_of("mix", parts, textures={"weight": textures.value(fields, "weight", 0.5, 0.0, 1.0)})
 
 
@@ -290,8 +306,8 @@ def _two_sided(fields: Fields, textures: Textures, parts: List[Material]) -> Mat
     return _made_of("two_sided", parts)
 
 
-def _normal_map(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
-    map_ = textures.value(fields, "map", REQUIRED, 0.0, math.inf)
+def _tangent(fields: Fields) -> Tuple[Vector, bool]:
+    """A unit vector, and whether the tangent goes around it."""
     around = fields.has("axis")
     if around and fields.has("tangent"):
         fields.error("axis", "either the tangent or the axis that it goes around")
@@ -301,12 +317,29 @@ def _normal_map(fields: Fields, textures: Textures, parts: List[Material]) -> Ma
     if not length > 0:
         fields.error("axis" if around else "tangent", "must have a direction (its length is zero)")
         length = 1.0
-    direction = tuple(component / length for component in direction)
+    return tuple(component / length for component in direction), around
+
+
+def _normal_map(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    map_ = textures.value(fields, "map", REQUIRED, 0.0, math.inf)
+    direction, around = _tangent(fields)
     made = _made_of("normal_map", parts, textures={"map": map_})
     return replace(made, detailed=True, direction=direction, around=around)
 
 
+def _bump_vectors(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    vectors = textures.value(fields, "vectors", REQUIRED, 0.0, math.inf)
+    scale = fields.number("scale", 1.0)
+    made = _made_of("bump", parts, textures={"vectors": vectors}, numbers={"scale": scale})
+    if fields.choice("space", "world", ("world", "tangent")) == "world":
+        return replace(made, detailed=True)
+    direction, around = _tangent(fields)
+    return replace(made, detailed=True, direction=direction, around=around, tangent=True)
+
+
 def _bump(fields: Fields, textures: Textures, parts: List[Material]) -> Material:
+    if fields.has("vectors"):
+        return _bump_vectors(fields, textures, parts)
     height = textures.value(fields, "height", REQUIRED, 0.0, math.inf)
     if hasattr(height, "mapping") and height.mapping.projection == "uv":
         fields.error("height", "must lie by the place in the world, not by (u, v)")
@@ -334,6 +367,7 @@ READERS = {
     "blinn_phong": lambda fields, textures: _phong(fields, textures, "blinn_phong"),
     "whitted": _whitted,
     "mirror": _mirror,
+    "glossy": _glossy,
     "dielectric": _dielectric,
 }
 

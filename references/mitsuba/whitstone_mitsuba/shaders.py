@@ -11,6 +11,7 @@ from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
+from .cameras import Lens
 from .runtime import dr, mi
 
 FLAGS = {
@@ -57,8 +58,8 @@ class Shader:
         """The factor of the irradiance from `wo`."""
         return _black()
 
-    def branch(self, letter: str, si: Any) -> Optional[Way]:
-        """The delta branch of a kind; None where there is none at all."""
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+        """The delta branch of a kind, of several reflections that of a number; None where there is none at all."""
         return None
 
     def shadow(self, si: Any, filtered: bool) -> Way:
@@ -91,8 +92,8 @@ class Leaf(Shader):
     def local(self, si: Any, wo: Any) -> Any:
         return self.bsdf.eval(mi.BSDFContext(), si, wo)
 
-    def branch(self, letter: str, si: Any) -> Optional[Way]:
-        if letter not in self.material.branches:
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+        if letter not in self.material.branches or number > 0:
             return None
         context = mi.BSDFContext()
         context.type_mask = FLAGS[letter]
@@ -118,6 +119,51 @@ class Leaf(Shader):
         return filtered and "T" in self.material.branches
 
 
+# What turns with the normal and the mirror direction: an axis and a vector across it.
+AXIS, ACROSS = (0.48, 0.64, 0.6), (0.8, -0.6, 0.0)
+
+
+def lobe(n: int, exponent: float) -> np.ndarray:
+    """(n², 3): directions about +z through the middles of parts of equal share of the lobe cos^exponent."""
+    points = Lens(1.0, 1.0, n).points()
+    squared = np.sum(points**2, axis=1)
+    # The logarithm of the cosine; the sine by `expm1`, for lobes so narrow that the cosine is 1.
+    log = np.log1p(-squared) / (exponent + 1)
+    sine = np.sqrt(-np.expm1(2 * log))
+    around = points / np.sqrt(np.where(squared > 0, squared, 1))[:, None]
+    return np.column_stack([sine[:, None] * around, np.exp(log)])
+
+
+def carried(q: Any, a: Any, b: Any) -> Any:
+    """The model's C: `q`, a vector across `a`, as it is across `b`."""
+    m = a + b
+    length = dr.dot(m, m)
+    return dr.select(length > 0, q - m * (2 * dr.dot(q, m) / length), q)
+
+
+class Glossy(Leaf):
+    """A mirror whose branch is spread over directions."""
+
+    def __init__(self, material: Any, bsdf: Any) -> None:
+        Leaf.__init__(self, material, bsdf)
+        self.lobe = lobe(int(material.numbers["samples"]), material.numbers["exponent"])
+
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+        mirrored = Leaf.branch(self, letter, si)
+        if mirrored is None or number >= len(self.lobe):
+            return None
+        n = mi.Vector3f(si.sh_frame.n)
+        n = dr.select(si.wi.z < 0, -n, n)
+        r = mi.Vector3f(si.to_world(mirrored.wo))
+        axis, across = (mi.Vector3f(opaque_color(vector)) for vector in (AXIS, ACROSS))
+        x = carried(carried(across, axis, n), n, r)
+        # Across already, but for rounding next to the pole.
+        x = dr.normalize(x - dr.dot(x, r) * r)
+        y = dr.cross(r, x)
+        a, b, c = opaque_color(self.lobe[number])
+        return Way(mirrored.weight * dr.opaque(mi.Float, 1 / len(self.lobe)), si.to_local(a * x + b * y + c * r))
+
+
 class Emissive(Shader):
     """Radiance over another material."""
 
@@ -133,8 +179,8 @@ class Emissive(Shader):
     def local(self, si: Any, wo: Any) -> Any:
         return self.under.local(si, wo)
 
-    def branch(self, letter: str, si: Any) -> Optional[Way]:
-        return self.under.branch(letter, si)
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+        return self.under.branch(letter, si, number)
 
     def shadow(self, si: Any, filtered: bool) -> Way:
         return self.under.shadow(si, filtered)
@@ -165,8 +211,8 @@ class Mask(Shader):
     def local(self, si: Any, wo: Any) -> Any:
         return self._opacity(si) * self.inner.local(si, wo)
 
-    def branch(self, letter: str, si: Any) -> Optional[Way]:
-        opacity, way = self._opacity(si), self.inner.branch(letter, si)
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+        opacity, way = self._opacity(si), self.inner.branch(letter, si, number)
         if letter == "R":
             return None if way is None else Way(opacity * way.weight, way.wo)
         behind = 1 - opacity
@@ -209,8 +255,8 @@ class Mix(Shader):
         weight = self._sum(si, [_black() if way is None else way.weight for way in ways])
         return Way(weight, chosen.wo, chosen.straight, chosen.inside, chosen.outside)
 
-    def branch(self, letter: str, si: Any) -> Optional[Way]:
-        return self._ways(si, [part.branch(letter, si) for part in self.parts])
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+        return self._ways(si, [part.branch(letter, si, number) for part in self.parts])
 
     def shadow(self, si: Any, filtered: bool) -> Way:
         # Of an opaque part, what lies behind counts for nothing.
@@ -257,8 +303,8 @@ class TwoSided(Shader):
         media = [both(lambda way, side=side: getattr(way, side), _black()) for side in ("inside", "outside")]
         return Way(both(lambda way: way.weight, _black()), wo, straight, *media)
 
-    def branch(self, letter: str, si: Any) -> Optional[Way]:
-        return self._ways(si, [part.branch(letter, si) for part in self.parts])
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
+        return self._ways(si, [part.branch(letter, si, number) for part in self.parts])
 
     def shadow(self, si: Any, filtered: bool) -> Way:
         return self._ways(si, [part.shadow(si, filtered) for part in self.parts]) or Way(_black())
@@ -298,9 +344,9 @@ class Detailed(Shader):
         turned = self._turned(si)
         return self.inner.local(turned, turned.to_local(si.to_world(wo)))
 
-    def branch(self, letter: str, si: Any) -> Optional[Way]:
+    def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
         turned = self._turned(si)
-        way = self.inner.branch(letter, turned)
+        way = self.inner.branch(letter, turned, number)
         if way is None:
             return None
         return replace(way, wo=si.to_local(turned.to_world(way.wo)))
@@ -325,6 +371,20 @@ class NormalMap(Detailed):
         t = dr.normalize(dr.cross(x, n) if self.around else x - dr.dot(x, n) * n)
         m = 2 * mi.Color3f(self.map.eval(si)) - 1
         return m.x * t + m.y * dr.cross(n, t) + m.z * n
+
+
+class BumpVectors(NormalMap):
+    """Vectors as colours, added to the normal: along the axes of the world, or as those of a normal map."""
+
+    def __init__(self, material: Any, inner: Shader) -> None:
+        NormalMap.__init__(self, material.textures["vectors"], material.direction, material.around, inner)
+        self.tangent = material.tangent
+        self.scale = dr.opaque(mi.Float, float(material.numbers["scale"]))
+
+    def normal(self, si: Any, n: Any) -> Any:
+        if self.tangent:
+            return n + self.scale * NormalMap.normal(self, si, n)
+        return n + self.scale * mi.Vector3f(2 * mi.Color3f(self.map.eval(si)) - 1)
 
 
 @dataclass
@@ -378,8 +438,12 @@ def build(materials: Sequence[Any], bsdfs: Sequence[Any]) -> Tuple[Shader, ...]:
             built.append(TwoSided(*parts))
         elif material.type == "normal_map":
             built.append(NormalMap(material.textures["map"], material.direction, material.around, parts[0]))
+        elif material.type == "bump" and "vectors" in material.textures:
+            built.append(BumpVectors(material, parts[0]))
         elif material.type == "bump":
             built.append(Bump(material.textures["height"], material.numbers["scale"], material.numbers["step"], parts[0]))
+        elif material.type == "glossy":
+            built.append(Glossy(material, bsdf))
         else:
             built.append(Leaf(material, bsdf))
     return tuple(built)

@@ -171,7 +171,7 @@ impl Camera {
 }
 
 /// Points of a disk, by the concentric map of Shirley and Chiu 1997.
-fn lens(aperture: f64, n: u32) -> Vec<[f64; 2]> {
+pub(super) fn lens(aperture: f64, n: u32) -> Vec<[f64; 2]> {
     let at = |k: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
     let point = |index: u32| {
         let (p, q) = (at(index % n), at(index / n));

@@ -3,12 +3,13 @@
 pub(super) mod bodies;
 mod read;
 
+use super::camera::lens;
 use super::texture::{Place, Texture};
 use bodies::{Face, Substance};
 use read::Source;
 use std::f64::consts::PI;
 use whitstone_core::config::Color;
-use whitstone_core::{DVec3, Rgb, SceneErrors};
+use whitstone_core::{DVec2, DVec3, Rgb, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
 
 /// What a ray travels in.
@@ -96,6 +97,8 @@ enum Kind {
         branches: Option<Box<([Texture; 2], Interface)>>,
     },
     Mirror(Texture),
+    /// With directions about +z, in equal shares.
+    Glossy(Texture, Vec<DVec3>),
     Dielectric(Interface),
     /// Index inside over that outside, and the tint.
     Pane(f64, Texture),
@@ -120,6 +123,8 @@ enum Kind {
         step: f64,
         inner: Box<Kind>,
     },
+    /// Vectors that are added; along the axes of the world where there is no tangent.
+    BumpVectors(Texture, f64, Option<Tangent>, Box<Kind>),
 }
 
 /// Where the x of a normal map points.
@@ -128,6 +133,17 @@ enum Tangent {
     Along(DVec3),
     /// Around this.
     Around(DVec3),
+}
+
+impl Tangent {
+    /// Of unit length, if it has any.
+    fn at(&self, n_s: DVec3) -> Option<DVec3> {
+        let t = match self {
+            Self::Along(x) => *x - x.dot(n_s) * n_s,
+            Self::Around(axis) => axis.cross(n_s),
+        };
+        t.try_normalize()
+    }
 }
 
 /// A material on a shape.
@@ -175,7 +191,9 @@ impl Kind {
         match self {
             Self::Mask(..) => true,
             Self::Emissive(_, inner) => inner.as_ref().is_some_and(|inner| inner.has_masks()),
-            Self::NormalMap(_, _, inner) | Self::Bump { inner, .. } => inner.has_masks(),
+            Self::NormalMap(_, _, inner) | Self::Bump { inner, .. } | Self::BumpVectors(.., inner) => {
+                inner.has_masks()
+            }
             Self::Mix(_, two) | Self::Sides(two) => two.iter().any(|one| one.has_masks()),
             _ => false,
         }
@@ -215,13 +233,17 @@ impl At<'_> {
         let n_s = self.n_s;
         let (inner, bent) = match self.kind {
             Kind::NormalMap(map, tangent, inner) => {
-                let t = match tangent {
-                    Tangent::Along(x) => *x - x.dot(n_s) * n_s,
-                    Tangent::Around(axis) => axis.cross(n_s),
-                };
                 let [r, g, b] = map.at(&self.spot).to_array().map(|c| 2.0 * c - 1.0);
-                let bent = t.try_normalize().map(|t| r * t + g * n_s.cross(t) + b * n_s);
-                (inner, bent)
+                let t = tangent.at(n_s);
+                (inner, t.map(|t| r * t + g * n_s.cross(t) + b * n_s))
+            }
+            Kind::BumpVectors(vectors, scale, tangent, inner) => {
+                let [r, g, b] = vectors.at(&self.spot).to_array().map(|c| 2.0 * c - 1.0);
+                let w = match tangent {
+                    None => Some(DVec3::new(r, g, b)),
+                    Some(tangent) => tangent.at(n_s).map(|t| r * t + g * n_s.cross(t) + b * n_s),
+                };
+                (inner, w.map(|w| n_s + *scale * w))
             }
             Kind::Bump {
                 height,
@@ -347,6 +369,16 @@ impl At<'_> {
         match self.kind {
             Kind::Matte(_) | Kind::Gloss { branches: None, .. } | Kind::Emissive(_, None) => Vec::new(),
             Kind::Mirror(reflectance) => vec![reflected(reflectance.at(&self.spot))],
+            Kind::Glossy(reflectance, lobe) => {
+                let weight = reflectance.at(&self.spot) * (1.0 / lobe.len() as f64);
+                let r = reflected(weight);
+                let [x, y] = self.across(r.direction);
+                let about = |q: &DVec3| Branch {
+                    direction: q.x * x + q.y * y + q.z * r.direction,
+                    ..r
+                };
+                lobe.iter().map(about).collect()
+            }
             Kind::Metal { eta, k, tint } => {
                 let c = self.n.dot(self.viewer);
                 let [eta, k] = [eta.to_array(), k.to_array()];
@@ -362,7 +394,7 @@ impl At<'_> {
             }
             Kind::Emissive(_, Some(inner)) => self.with(inner).branches(medium),
             Kind::Sides(sides) => self.side(sides).branches(medium),
-            Kind::NormalMap(..) | Kind::Bump { .. } => {
+            Kind::NormalMap(..) | Kind::Bump { .. } | Kind::BumpVectors(..) => {
                 self.bent().map_or_else(Vec::new, |bent| bent.branches(medium))
             }
             Kind::Mask(opacity, inner) => {
@@ -375,9 +407,11 @@ impl At<'_> {
                 let w = weight.at(&self.spot);
                 let mut all: Vec<Branch> =
                     scaled(self.with(a).branches(medium), w.map(|w| 1.0 - w)).collect();
+                let of_a = all.len();
                 for branch in scaled(self.with(b).branches(medium), w) {
-                    // Those in one direction are one, also for the least contribution.
-                    let same = all.iter_mut().find(|one| one.transmitted == branch.transmitted);
+                    // Those in one direction are one, also for the least contribution; of one that is glossy there are several.
+                    let mut of_a = all[..of_a].iter_mut();
+                    let same = of_a.find(|one| one.transmitted == branch.transmitted);
                     match same {
                         Some(one) => one.weight += branch.weight,
                         None => all.push(branch),
@@ -439,7 +473,7 @@ impl At<'_> {
                 );
                 (w.map(|w| 1.0 - w) * a.0 + w * b.0, a.1.or(b.1))
             }
-            Kind::NormalMap(..) | Kind::Bump { .. } => {
+            Kind::NormalMap(..) | Kind::Bump { .. } | Kind::BumpVectors(..) => {
                 self.bent().map_or(nothing, |bent| bent.filter(filtered, medium))
             }
             Kind::Dielectric(interface) if filtered => (self.passes(interface), behind(interface)),
@@ -470,6 +504,17 @@ impl At<'_> {
             }
             _ => nothing,
         }
+    }
+
+    /// The axes of a lobe about r: the model's frame is turned along the shortest ways, to n and then to r.
+    fn across(&self, r: DVec3) -> [DVec3; 2] {
+        let turned = |q: DVec3, a: DVec3, b: DVec3| {
+            let m = (a + b).try_normalize();
+            m.map_or(q, |m| q - 2.0 * q.dot(m) * m)
+        };
+        let (x, z) = (DVec3::new(0.8, -0.6, 0.0), DVec3::new(0.48, 0.64, 0.6));
+        let x = turned(turned(x, z, self.n), self.n, r);
+        [x, r.cross(x)]
     }
 
     /// What is not reflected of light that goes straight on.
@@ -529,6 +574,17 @@ impl At<'_> {
         let direction = (eta * cos_i - cos_t) * self.n - eta * self.viewer;
         Some((branch(direction), reflectance(cos_i, n_t / n_i), eta))
     }
+}
+
+/// Directions through n x n parts of the lobe cos^exponent about +z.
+fn lobe(n: u32, exponent: f64) -> Vec<DVec3> {
+    let about = |[x, y]: [f64; 2]| {
+        let disk = DVec2::new(x, y);
+        let cosine = (1.0 - disk.length_squared()).powf(1.0 / (exponent + 1.0));
+        let flat = disk.normalize_or_zero() * (1.0 - cosine * cosine).sqrt();
+        flat.extend(cosine)
+    };
+    lens(1.0, n).into_iter().map(about).collect()
 }
 
 /// Of unpolarised light, by the index behind over that in front; 1 at total reflection.

@@ -136,6 +136,12 @@ fn materials(pipeline: &Pipeline) -> usize {
     places.len()
 }
 
+/// How many reflected rays there are in the place of one, at most.
+fn reflections(pipeline: &Pipeline) -> u32 {
+    let all = pipeline.world.materials.iter();
+    all.map(|material| material.reflections()).max().unwrap_or(1)
+}
+
 /// What it keeps while it renders, as far as it is told.
 fn bytes(costs: &[Cost]) -> u64 {
     costs.iter().filter_map(|cost| cost.bytes).sum()
@@ -222,6 +228,11 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         "materials",
         &format!("{} for the {shapes} shapes", materials(pipeline)),
     );
+    let reflections = reflections(pipeline);
+    if reflections > 1 {
+        let text = format!("up to {reflections} in the place of one; rays are followed one by one");
+        row("reflections", &text);
+    }
     row("needs", &or_none(needs(pipeline)));
     let costs = pipeline.costs();
     println!("costs: bytes, and the work to be expected");
@@ -282,6 +293,7 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         "copies": pipeline.world.geometry.paths() - 1,
         "lights": names.lights,
         "materials": materials(pipeline),
+        "reflections": reflections(pipeline),
         "needs": needs(pipeline),
         "bytes": { "meshes": bytes_of(&costs, "meshes"), "film": bytes_of(&costs, "film") },
         "build_s": pipeline.build_seconds,

@@ -147,7 +147,10 @@ impl PixelTree {
         match &self.theirs {
             Ok(theirs) => self.print_beside(theirs, names),
             Err(why) => {
-                println!("rays of sample {} (R reflected, T transmitted):", self.sample);
+                println!(
+                    "rays of sample {} (R reflected, with a number where in several directions; T transmitted):",
+                    self.sample
+                );
                 for node in in_order(&self.nodes).into_iter().take(self.most) {
                     print_node(pipeline, node, names);
                 }
@@ -169,7 +172,7 @@ impl PixelTree {
         let parted = pairs.iter().position(|pair| pair.difference.is_some());
         let shown = parted.map_or(pairs.len(), |place| place + 1);
         println!(
-            "rays of sample {} by depth (R reflected, T transmitted), numbers in single precision:",
+            "rays of sample {} by depth (R reflected, with a number where in several directions; T transmitted), numbers in single precision:",
             self.sample
         );
         println!("{:13}{:COLUMN$}  {}", "", "ours", theirs.name);
@@ -297,11 +300,15 @@ fn placed_by(pipeline: &Pipeline, copy: u32) -> Vec<u32> {
 
 fn print_node(pipeline: &Pipeline, node: &TreeNode, names: &Names) {
     // Beyond some depth, more indentation would only fill the lines.
-    let indent = "  ".repeat(1 + node.path.len().min(20));
-    let name = match node.path.len() {
+    let depth = tree::depth(&node.path);
+    let indent = "  ".repeat(1 + depth.min(20));
+    let name = match depth {
         0 => "camera ray".to_owned(),
         1..=20 => node.path.clone(),
-        depth => format!("depth {depth} {}", &node.path[depth - 1..]),
+        depth => {
+            let last = node.path.rfind(char::is_alphabetic).unwrap_or_default();
+            format!("depth {depth} {}", &node.path[last..])
+        }
     };
     if node.shape < 0 {
         let what = if node.limit {

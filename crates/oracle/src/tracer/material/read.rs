@@ -1,7 +1,7 @@
 //! The tables of materials.
 
 use super::bodies::Substance;
-use super::{Highlight, Interface, Kind, Tangent};
+use super::{Highlight, Interface, Kind, Tangent, lobe};
 use crate::tracer::texture::{Texture, table};
 use crate::tracer::unknown;
 use serde::Deserialize;
@@ -13,6 +13,14 @@ use whitstone_scene::{Description, ShapeTable};
 #[serde(deny_unknown_fields)]
 struct Matte {
     reflectance: Option<TextureRef>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Glossy {
+    reflectance: Option<TextureRef>,
+    exponent: Option<f64>,
+    samples: Option<u32>,
 }
 
 #[derive(Deserialize)]
@@ -108,10 +116,23 @@ struct NormalMap {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Bump {
-    height: TextureRef,
+    height: Option<TextureRef>,
+    vectors: Option<TextureRef>,
+    space: Option<String>,
+    tangent: Option<[f64; 3]>,
+    axis: Option<[f64; 3]>,
     scale: Option<f64>,
     step: Option<f64>,
     material: MaterialRef,
+}
+
+impl Tangent {
+    fn new(along: Option<[f64; 3]>, axis: Option<[f64; 3]>) -> Self {
+        match axis {
+            Some(axis) => Self::Around(DVec3::from_array(axis).normalize()),
+            None => Self::Along(along.map_or(DVec3::X, DVec3::from_array).normalize()),
+        }
+    }
 }
 
 /// Metals by their names: eta and k.
@@ -166,6 +187,11 @@ impl Source<'_, '_> {
         let plugin = plugin.ok_or_else(|| SceneError::anywhere("no such material"))?;
         Ok(match &*plugin.name {
             "matte" => Kind::Matte(self.texture(decode::<Matte>(&plugin.table)?.reflectance, 0.5)?),
+            "glossy" => {
+                let glossy: Glossy = decode(&plugin.table)?;
+                let lobe = lobe(glossy.samples.unwrap_or(4), glossy.exponent.unwrap_or(100.0));
+                Kind::Glossy(self.texture(glossy.reflectance, 1.0)?, lobe)
+            }
             "mirror" => Kind::Mirror(self.texture(decode::<Matte>(&plugin.table)?.reflectance, 1.0)?),
             "dielectric" => {
                 let glass: Glass = decode(&plugin.table)?;
@@ -216,20 +242,26 @@ impl Source<'_, '_> {
             }
             "normal_map" => {
                 let config: NormalMap = decode(&plugin.table)?;
-                let tangent = match (config.tangent, config.axis) {
-                    (_, Some(axis)) => Tangent::Around(DVec3::from_array(axis).normalize()),
-                    (along, None) => Tangent::Along(along.map_or(DVec3::X, DVec3::from_array).normalize()),
-                };
+                let tangent = Tangent::new(config.tangent, config.axis);
                 let map = self.texture(Some(config.map), 0.0)?;
                 Kind::NormalMap(map, tangent, self.boxed(&config.material)?)
             }
             "bump" => {
                 let bump: Bump = decode(&plugin.table)?;
-                Kind::Bump {
-                    height: self.texture(Some(bump.height), 0.0)?,
-                    scale: bump.scale.unwrap_or(1.0),
-                    step: bump.step.unwrap_or(1e-3),
-                    inner: self.boxed(&bump.material)?,
+                let scale = bump.scale.unwrap_or(1.0);
+                let inner = self.boxed(&bump.material)?;
+                match bump.vectors {
+                    Some(vectors) => {
+                        let own = bump.space.as_deref() == Some("tangent");
+                        let tangent = own.then(|| Tangent::new(bump.tangent, bump.axis));
+                        Kind::BumpVectors(self.texture(Some(vectors), 0.0)?, scale, tangent, inner)
+                    }
+                    None => Kind::Bump {
+                        height: self.texture(bump.height, 0.0)?,
+                        scale,
+                        step: bump.step.unwrap_or(1e-3),
+                        inner,
+                    },
                 }
             }
             "phong" | "blinn_phong" | "whitted" => {

@@ -1,0 +1,71 @@
+//! What the materials of all shapes together may not be.
+
+use crate::Plan;
+use std::sync::Arc;
+use whitstone_core::{Bodies, Integrator, Material, SceneError, SceneErrors, SourceSpan};
+
+/// So many rays may come of one by reflections that are spread over directions.
+const MOST_REFLECTIONS: f64 = (1 << 24) as f64;
+
+/// Bodies that may overlap: not too many, and none that could be copied. The materials are those of all shapes.
+pub(crate) fn overlapping(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], errors: &mut SceneErrors) {
+    let alone = plan.description.shapes.len();
+    let all = plan.shapes().into_iter().zip(materials).enumerate();
+    let bodies =
+        all.filter(|(_, (shape, material))| shape.group.is_none() && material.overlapping().is_some());
+    for (count, (number, (shape, _))) in bodies.enumerate() {
+        let place = shape.material.as_ref().map(|(span, _)| span.clone());
+        let message = if number >= alone {
+            "a shape in a group must not have a priority: all of its copies would be one body".to_owned()
+        } else if count == Bodies::MOST {
+            format!(
+                "expected at most {} shapes with a priority, found more",
+                Bodies::MOST
+            )
+        } else {
+            continue;
+        };
+        errors.0.push(SceneError {
+            span: place,
+            ..SceneError::anywhere(message)
+        });
+    }
+}
+
+/// That the reflections of reflections in what is glossy have an end in sight. The materials are those of all shapes, if there are no errors.
+pub(crate) fn ending(
+    plan: &Plan<'_, '_>,
+    materials: &[Arc<dyn Material>],
+    integrator: &dyn Integrator,
+    errors: &mut SceneErrors,
+) {
+    if !errors.0.is_empty() {
+        return;
+    }
+    let mut told: Vec<SourceSpan> = Vec::new();
+    for (shape, material) in plan.shapes().into_iter().zip(materials) {
+        let Some((place, _)) = shape.material.as_ref().filter(|_| material.reflections() > 1) else {
+            continue;
+        };
+        let directions = material.reflections();
+        let bounces = integrator.bounces(directions);
+        let rays = |bounces: u32| f64::from(directions).powf(f64::from(bounces));
+        if rays(bounces) <= MOST_REFLECTIONS || told.contains(place) {
+            continue;
+        }
+        told.push(place.clone());
+        let message =
+            format!("a camera ray may become {directions}^{bounces} rays by this material, more than 2^24");
+        let most = (1..bounces)
+            .take_while(|bounces| rays(*bounces) <= MOST_REFLECTIONS)
+            .count() as u32;
+        // The least power of ten by which one bounce more is left out.
+        let power = rays(most + 1).log10().floor();
+        let help = format!(
+            "let `max_depth` of the integrator be at most {most}, its `min_contribution` at least 1e-{power}, or `samples` be less"
+        );
+        errors
+            .0
+            .push(SceneError::at(place.clone(), message).with_help(help));
+    }
+}

@@ -1,0 +1,301 @@
+use super::*;
+use whitstone_core::Distribution;
+
+struct Made {
+    lobes: Lobes,
+    needs: Needs,
+    local: fn(&SurfacePoint, DVec3, &Illumination<'_>) -> f64,
+    branches: fn(&SurfacePoint, DVec3) -> Vec<Branch>,
+    lobe: &'static [DVec3],
+    reflections: u32,
+}
+
+impl Material for Made {
+    fn lobes(&self) -> Lobes {
+        self.lobes
+    }
+    fn needs(&self) -> Needs {
+        self.needs
+    }
+    fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
+        Rgb::splat((self.local)(point, view, light))
+    }
+    fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
+        for branch in (self.branches)(point, view) {
+            out.push(branch);
+        }
+    }
+    fn reflections(&self) -> u32 {
+        self.reflections
+    }
+    fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
+        let n = point.n_towards(view);
+        (!self.lobe.is_empty()).then_some(Distribution { n, lobe: self.lobe })
+    }
+}
+
+fn lambert(point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> f64 {
+    let n = point.n_towards(view);
+    let term = |light: &Incoming| light.irradiance.g * n.dot(light.direction).max(0.0);
+    light.ambient.g + light.lights.iter().map(term).sum::<f64>()
+}
+
+fn mirrored(point: &SurfacePoint, view: DVec3) -> Branch {
+    let n = point.n_towards(view);
+    Branch {
+        direction: (2.0 * n.dot(view) * n - view).normalize(),
+        weight: Rgb::splat(0.5),
+        kind: BranchKind::Reflection,
+    }
+}
+
+fn straight(view: DVec3) -> Branch {
+    Branch {
+        direction: -view,
+        weight: Rgb::splat(0.5),
+        kind: BranchKind::Transmission {
+            absorption: Rgb::BLACK,
+        },
+    }
+}
+
+const RIGHT: Made = Made {
+    lobes: Lobes::LOCAL,
+    needs: Needs::SHADING_NORMAL,
+    local: lambert,
+    branches: |_, _| Vec::new(),
+    lobe: &[],
+    reflections: 1,
+};
+
+/// Two directions, at a cosine of 0.8 to that of the mirror.
+const SPREAD: Made = Made {
+    branches: |point, view| vec![mirrored(point, view)],
+    lobe: &[DVec3::new(0.6, 0.0, 0.8), DVec3::new(-0.6, 0.0, 0.8)],
+    reflections: 2,
+    ..RIGHT
+};
+
+fn all() -> Lobes {
+    Lobes::LOCAL | Lobes::REFLECTION | Lobes::TRANSMISSION
+}
+
+#[test]
+fn a_right_material_passes() {
+    material_laws(&Made {
+        lobes: all(),
+        branches: |point, view| vec![mirrored(point, view), straight(view)],
+        ..RIGHT
+    });
+}
+
+#[test]
+fn what_spreads_its_reflections_passes() {
+    material_laws(&Made {
+        lobes: all(),
+        ..SPREAD
+    });
+}
+
+#[test]
+#[should_panic(expected = "says over how many")]
+fn hidden_directions_are_found() {
+    material_laws(&Made {
+        lobes: all(),
+        reflections: 1,
+        ..SPREAD
+    });
+}
+
+#[test]
+#[should_panic(expected = "unit directions")]
+fn a_long_direction_is_found() {
+    material_laws(&Made {
+        lobes: all(),
+        lobe: const { &[DVec3::new(0.6, 0.0, 0.81)] },
+        ..SPREAD
+    });
+}
+
+#[test]
+fn what_is_divided_by_pi_keeps_energy_and_is_reciprocal() {
+    let right = Made {
+        local: |point, view, light| std::f64::consts::FRAC_1_PI * lambert(point, view, light),
+        ..RIGHT
+    };
+    energy_laws(&right);
+    reciprocity_laws(&right);
+}
+
+#[test]
+#[should_panic(expected = "no more light leaves")]
+fn a_missing_pi_is_found() {
+    energy_laws(&RIGHT);
+}
+
+#[test]
+#[should_panic(expected = "both ways alike")]
+fn a_highlight_that_forgets_the_viewer_is_found() {
+    reciprocity_laws(&Made {
+        local: |point, view, light| lambert(point, view, light) * (2.0 + point.n_towards(view).dot(view)),
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "finite and not negative")]
+fn an_unclamped_cosine_is_found() {
+    material_laws(&Made {
+        local: |point, view, light| {
+            let n = point.n_towards(view);
+            light
+                .lights
+                .iter()
+                .map(|light| (n.dot(light.direction) - 0.5) / n.dot(view))
+                .sum()
+        },
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "both sides look the same")]
+fn a_dark_inside_is_found() {
+    material_laws(&Made {
+        local: |point, view, light| {
+            if point.n_g.dot(view) > 0.0 {
+                lambert(point, view, light)
+            } else {
+                0.0
+            }
+        },
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "says that it needs it")]
+fn a_hidden_shading_normal_is_found() {
+    material_laws(&Made {
+        needs: Needs::NOTHING,
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "without light there is none")]
+fn a_glow_is_found() {
+    material_laws(&Made {
+        local: |_, _, _| 1.0,
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "in proportion")]
+fn a_response_that_is_not_linear_is_found() {
+    material_laws(&Made {
+        local: |p, v, l| lambert(p, v, l).sqrt(),
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "lobes name every kind")]
+fn a_hidden_branch_is_found() {
+    material_laws(&Made {
+        branches: |point, view| vec![mirrored(point, view)],
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "lobes name a local")]
+fn a_hidden_local_response_is_found() {
+    material_laws(&Made {
+        lobes: Lobes::REFLECTION,
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "unit directions")]
+fn a_long_branch_is_found() {
+    let branches = |point: &SurfacePoint, view| {
+        let branch = mirrored(point, view);
+        vec![Branch {
+            direction: branch.direction * 1.001,
+            ..branch
+        }]
+    };
+    material_laws(&Made {
+        lobes: all(),
+        branches,
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "stays on the viewer's side")]
+fn a_reflection_into_the_surface_is_found() {
+    let branches = |point: &SurfacePoint, view| {
+        let branch = mirrored(point, view);
+        vec![Branch {
+            direction: -branch.direction,
+            ..branch
+        }]
+    };
+    material_laws(&Made {
+        lobes: all(),
+        branches,
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "no more radiance leaves")]
+fn a_surface_that_adds_energy_is_found() {
+    let branches = |point: &SurfacePoint, view| vec![mirrored(point, view)];
+    furnace_laws(&Made {
+        lobes: all(),
+        branches,
+        ..RIGHT
+    });
+}
+
+#[test]
+#[should_panic(expected = "the law of refraction")]
+fn glass_that_does_not_bend_is_found() {
+    let branches = |point: &SurfacePoint, view| {
+        let entering = point.n_g.dot(view) > 0.0;
+        let weight = Rgb::splat(if entering { 1.0 / 2.25 } else { 2.25 });
+        vec![Branch {
+            weight,
+            ..straight(view)
+        }]
+    };
+    dielectric_laws(
+        &Made {
+            lobes: all(),
+            branches,
+            ..RIGHT
+        },
+        1.5,
+        1.0,
+    );
+}
+
+#[test]
+#[should_panic(expected = "nothing is lost")]
+fn glass_that_loses_light_is_found() {
+    let branches = |point: &SurfacePoint, view| vec![mirrored(point, view)];
+    dielectric_laws(
+        &Made {
+            lobes: all(),
+            branches,
+            ..RIGHT
+        },
+        1.5,
+        1.0,
+    );
+}
