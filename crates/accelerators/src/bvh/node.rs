@@ -1,7 +1,7 @@
 //! The nodes, and the test of a ray against the eight boxes of one.
 
 use crate::leaves::child::WIDTH;
-use crate::leaves::frame::LocalRay;
+use crate::leaves::frame::{LocalRay, Planes};
 use whitstone_simd::Lanes;
 
 /// An inner node: the boxes of its children in own coordinates, and what is in them.
@@ -28,15 +28,25 @@ impl Node {
     pub(super) fn enter<L: Lanes<WIDTH>>(&self, l: L, ray: &LocalRay, limit: f32) -> (u32, L::Floats) {
         // Functions of the axis instead of a loop: the three planes are independent, and two maxima wait for one another, not three.
         let enter = |axis: usize| {
-            let plane = l.load(&self.planes[axis][ray.side[axis] & 1]);
+            let plane = self.load(l, ray.planes[0][axis]);
             l.mul_add(plane, l.splat(ray.reciprocal[axis]), l.splat(ray.near[axis]))
         };
         let leave = |axis: usize| {
-            let plane = l.load(&self.planes[axis][ray.side[axis] & 1 ^ 1]);
+            let plane = self.load(l, ray.planes[1][axis]);
             l.mul_add(plane, l.splat(ray.reciprocal[axis]), l.splat(ray.far[axis]))
         };
         let near = l.max(l.max(enter(0), enter(1)), l.max(enter(2), l.splat(ray.min)));
         let far = l.min(l.min(leave(0), leave(1)), l.min(leave(2), l.splat(limit)));
         (l.at_most(near, far), near)
+    }
+
+    /// Eight planes; they are always there.
+    #[inline(always)]
+    fn load<L: Lanes<WIDTH>>(&self, l: L, planes: Planes) -> L::Floats {
+        let all = self.planes.as_flattened().as_flattened();
+        match all[planes as usize..].first_chunk() {
+            Some(planes) => l.load(planes),
+            None => l.splat(f32::NAN),
+        }
     }
 }

@@ -10,7 +10,7 @@ use super::node::Node;
 use super::search::Stack;
 use crate::leaves::child::{Child, Kind, WIDTH};
 use crate::leaves::filter::{Beam, NUMBERS, filter};
-use crate::leaves::frame::{Alone, LocalLane, LocalRays};
+use crate::leaves::frame::{Alone, Axis, LocalLane, LocalRays};
 use crate::leaves::state::{State, Streamed, Sure};
 use whitstone_core::stream::GROUP;
 use whitstone_simd::{Lanes, Machine};
@@ -31,7 +31,7 @@ pub(super) struct Packet<'a, 's> {
     pub(super) limits: [f32; GROUP],
     pub(super) octant: [usize; 3],
     /// See [`LocalRay`], if they are the same for all.
-    pub(super) axes: Option<[usize; 3]>,
+    pub(super) axes: Option<[Axis; 3]>,
 }
 
 /// Some rays that want something.

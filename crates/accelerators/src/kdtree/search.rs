@@ -141,7 +141,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
         let (mut near, mut far) = (local.min, limit);
         let sides = [self.tree.cell.min, self.tree.cell.max];
         for axis in 0..3 {
-            let side = local.side[axis] & 1;
+            let side = local.side(axis);
             near = near.max(sides[side][axis] * local.reciprocal[axis] + local.near[axis]);
             far = far.min(sides[side ^ 1][axis] * local.reciprocal[axis] + local.far[axis]);
         }
@@ -219,7 +219,7 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
                 let t = node.plane * local.reciprocal[axis];
                 // t* of the notes, which is two for a wide ray; the first is never the larger one.
                 let (arrives, leaves) = (t + local.near[axis], t + local.far[axis]);
-                let before = node.children() + local.side[axis] as u32;
+                let before = node.children() + local.side(axis) as u32;
                 let beyond = before ^ 1;
                 // Which way first is a jump, so that the processor need not wait for the numbers to go on where the ray
                 // often does the same; whether both ways is none, as that can be foreseen least.

@@ -6,7 +6,7 @@
 //! a packet.
 
 use super::child::WIDTH;
-use super::frame::{LocalRay, LocalRays, ROUNDING};
+use super::frame::{Axis, LocalRay, LocalRays, ROUNDING};
 use whitstone_core::stream::GROUP;
 use whitstone_simd::Lanes;
 
@@ -145,7 +145,8 @@ pub(crate) struct Leaf<'a> {
 impl<L: Lanes<WIDTH>> Pairs<WIDTH, L> for Leaf<'_> {
     #[inline(always)]
     fn coordinate(&self, l: L, corner: usize, i: usize) -> L::Floats {
-        let start = (3 * corner + self.ray.axes[i].min(2)) * self.count.min(WIDTH);
+        let count = self.count.min(WIDTH);
+        let start = self.ray.axes[i] as usize * count + 3 * corner * count;
         // The last of 9 rows begins at 8 times the count at most.
         match self.numbers[start..].first_chunk::<WIDTH>() {
             Some(row) => l.sub(l.load(row), l.splat(self.ray.origin[i])),
@@ -181,7 +182,7 @@ impl<L: Lanes<WIDTH>> Pairs<WIDTH, L> for Leaf<'_> {
 /// One triangle and rays of the same axes. `numbers` holds its coordinates, each `stride` from the one before.
 pub(crate) struct Beam<'a> {
     pub(crate) rays: &'a LocalRays,
-    pub(crate) axes: [usize; 3],
+    pub(crate) axes: [Axis; 3],
     pub(crate) numbers: &'a [f32],
     pub(crate) stride: usize,
     pub(crate) limits: &'a [f32; GROUP],
@@ -190,7 +191,7 @@ pub(crate) struct Beam<'a> {
 impl<L: Lanes<GROUP>> Pairs<GROUP, L> for Beam<'_> {
     #[inline(always)]
     fn coordinate(&self, l: L, corner: usize, i: usize) -> L::Floats {
-        let number = self.numbers[(3 * corner + self.axes[i]) * self.stride];
+        let number = self.numbers[(3 * corner + self.axes[i] as usize) * self.stride];
         l.sub(l.splat(number), l.load(&self.rays.origin[i]))
     }
     #[inline(always)]

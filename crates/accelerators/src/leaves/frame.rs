@@ -81,8 +81,8 @@ impl Frame {
             let lane = start + k;
             let (ray, interval) = (rays.ray(lane), rays.interval(lane));
             let mut sound = false;
-            if let Some(ray) = LocalRay::new::<true>(self, &ray, &interval, &mut sound) {
-                local.set(k, &ray, sound);
+            if let Some(local_ray) = LocalRay::new::<true>(self, &ray, &interval, &mut sound) {
+                local.set(k, &local_ray, ray.direction, sound);
             }
         }
     }
@@ -92,7 +92,57 @@ impl Frame {
 pub(crate) const ROUNDING: f32 = f32::EPSILON / 2.0;
 
 /// By axis: those that follow it, and it.
-const AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
+static AXES: [[Axis; 3]; 3] = {
+    use Axis::*;
+    [[Y, Z, X], [Z, X, Y], [X, Y, Z]]
+};
+
+/// An axis; an enumeration, so that it is known to be in range where it is used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum Axis {
+    #[default]
+    X,
+    Y,
+    Z,
+}
+
+/// Where the planes of eight boxes begin that are across an axis, on one side of them: by axis, by side (0 smallest, 1 largest coordinate),
+/// by box.
+///
+/// An enumeration, so that it is known to be in range where it is used: that is done six times for every node.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(u8)]
+pub(crate) enum Planes {
+    #[default]
+    SmallestX = 0,
+    LargestX = 8,
+    SmallestY = 16,
+    LargestY = 24,
+    SmallestZ = 32,
+    LargestZ = 40,
+}
+
+/// By axis, and by whether it is the other side of a box that is nearer.
+type Sides = [[Planes; 3]; 2];
+
+/// By the signs of a direction, x the lowest bit.
+static SIDES: [Sides; 8] = {
+    use Planes::*;
+    let all = [
+        [SmallestX, LargestX],
+        [SmallestY, LargestY],
+        [SmallestZ, LargestZ],
+    ];
+    let mut found = [[[SmallestX; 3]; 2]; 8];
+    let mut i = 0;
+    while i < 8 * 2 * 3 {
+        let (signs, far, axis) = (i / 6, i / 3 % 2, i % 3);
+        found[signs][far][axis] = all[axis][(signs >> axis & 1) ^ far];
+        i += 1;
+    }
+    found
+};
 
 /// A ray in own coordinates, for the tests in single precision. Its parameter is scaled so that the
 /// largest component of the direction is 1 or -1, and counted from `shift`.
@@ -104,10 +154,10 @@ pub(crate) struct LocalRay {
     pub(crate) near: [f32; 3],
     /// What to add to a far plane times `reciprocal` to get an upper bound.
     pub(crate) far: [f32; 3],
-    /// Whether the near plane of an axis is that of the smallest (0) or largest (1) coordinates.
-    pub(crate) side: [usize; 3],
+    /// The near planes of boxes by axis, and the far ones.
+    pub(crate) planes: Sides,
     /// The axes; along the last the direction is largest.
-    pub(crate) axes: [usize; 3],
+    pub(crate) axes: [Axis; 3],
     /// The origin along `axes`.
     pub(crate) origin: [f32; 3],
     /// The direction along the first two of `axes`, divided by the last component.
@@ -128,6 +178,12 @@ pub(crate) struct LocalRay {
 }
 
 impl LocalRay {
+    /// Whether the near plane of an axis is that of the smallest (0) or largest (1) coordinates.
+    #[inline(always)]
+    pub(crate) fn side(&self, axis: usize) -> usize {
+        self.planes[0][axis] as usize >> 3 & 1
+    }
+
     /// With `STRAIGHT` without jumps, for loops over many rays: always something, and `sound` says whether it means anything.
     #[inline(always)]
     fn new<const STRAIGHT: bool>(
@@ -157,7 +213,7 @@ impl LocalRay {
                     pick(v[0], v[1], v[2]),
                 ]
             } else {
-                AXES[axis as usize].map(|i| v[i])
+                AXES[axis as usize].map(|i| v[i as usize])
             }
         };
         let [dx, dy, dz] = turned(d);
@@ -206,7 +262,7 @@ impl LocalRay {
             reciprocal,
             near: [shifted(0, pad), shifted(1, pad), shifted(2, pad)],
             far: [shifted(0, -pad), shifted(1, -pad), shifted(2, -pad)],
-            side: d.map(side),
+            planes: sides(d.map(side)),
             axes: AXES[axis as usize],
             origin: [
                 turned_origin[0] as f32,
@@ -270,6 +326,12 @@ impl Reach for LocalLane<'_> {
     }
 }
 
+/// Near and far planes by the sides of the near ones.
+#[inline(always)]
+fn sides([x, y, z]: [usize; 3]) -> Sides {
+    SIDES[(x | y << 1 | z << 2) & 7]
+}
+
 #[inline(always)]
 fn side(d: f64) -> usize {
     (d.to_bits() >> 63) as usize
@@ -328,13 +390,14 @@ pub(crate) struct LocalRays {
 
 impl LocalRays {
     #[inline(always)]
-    fn set(&mut self, lane: usize, ray: &LocalRay, sound: bool) {
+    fn set(&mut self, lane: usize, ray: &LocalRay, direction: DVec3, sound: bool) {
+        let d = direction.to_array();
         for axis in 0..3 {
             self.reciprocal[axis][lane] = ray.reciprocal[axis];
             self.near[axis][lane] = ray.near[axis];
             self.far[axis][lane] = ray.far[axis];
             self.origin[axis][lane] = ray.origin[axis];
-            self.sides[axis][lane] = ray.side[axis] as u32;
+            self.sides[axis][lane] = side(d[axis]) as u32;
         }
         for i in 0..2 {
             self.shear[i][lane] = ray.shear[i];
@@ -361,7 +424,7 @@ impl LocalRays {
             reciprocal: three(&self.reciprocal),
             near: three(&self.near),
             far: three(&self.far),
-            side: [0, 1, 2].map(|axis| self.sides[axis][lane] as usize),
+            planes: sides([0, 1, 2].map(|axis| self.sides[axis][lane] as usize)),
             axes: AXES[self.axis[lane] as usize % 3],
             origin: three(&self.origin),
             shear: two(&self.shear),
@@ -380,7 +443,7 @@ impl LocalRays {
 
     /// The axes of all rays, if they are the same.
     #[inline(always)]
-    pub(crate) fn axes(&self) -> Option<[usize; 3]> {
+    pub(crate) fn axes(&self) -> Option<[Axis; 3]> {
         let mut same = true;
         for k in 0..GROUP {
             same &= self.axis[k] == self.axis[0];
