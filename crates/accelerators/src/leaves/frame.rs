@@ -193,16 +193,7 @@ impl LocalRay {
         sound: &mut bool,
     ) -> Option<Self> {
         let d = ray.direction.to_array();
-        let a = d.map(f64::abs);
-        let axis = if STRAIGHT {
-            select(a[0] > a[1], select(a[0] > a[2], 0, 2), select(a[1] > a[2], 1, 2))
-        } else {
-            match (a[0] > a[1], a[0] > a[2], a[1] > a[2]) {
-                (true, true, _) => 0,
-                (false, _, true) => 1,
-                _ => 2,
-            }
-        };
+        let axis = largest::<STRAIGHT>(d);
         // The axes from the one after the largest.
         let turned = |v: [f64; 3]| {
             if STRAIGHT {
@@ -326,6 +317,21 @@ impl Reach for LocalLane<'_> {
     }
 }
 
+/// The axis along which a direction is largest.
+#[inline(always)]
+fn largest<const STRAIGHT: bool>(d: [f64; 3]) -> u32 {
+    let a = d.map(f64::abs);
+    if STRAIGHT {
+        select(a[0] > a[1], select(a[0] > a[2], 0, 2), select(a[1] > a[2], 1, 2))
+    } else {
+        match (a[0] > a[1], a[0] > a[2], a[1] > a[2]) {
+            (true, true, _) => 0,
+            (false, _, true) => 1,
+            _ => 2,
+        }
+    }
+}
+
 /// Near and far planes by the sides of the near ones.
 #[inline(always)]
 fn sides([x, y, z]: [usize; 3]) -> Sides {
@@ -408,7 +414,7 @@ impl LocalRays {
         self.conversion[lane] = ray.conversion;
         self.min[lane] = ray.min;
         self.max[lane] = ray.max;
-        self.axis[lane] = ray.axes[2] as u32;
+        self.axis[lane] = largest::<true>(d);
         self.scale[lane] = ray.clock.scale;
         self.shift[lane] = ray.clock.shift;
         self.sound[lane] = sound;
