@@ -193,7 +193,16 @@ impl LocalRay {
         sound: &mut bool,
     ) -> Option<Self> {
         let d = ray.direction.to_array();
-        let axis = largest::<STRAIGHT>(d);
+        let axis = if STRAIGHT {
+            largest(d)
+        } else {
+            let a = d.map(f64::abs);
+            match (a[0] > a[1], a[0] > a[2], a[1] > a[2]) {
+                (true, true, _) => 0,
+                (false, _, true) => 1,
+                _ => 2,
+            }
+        };
         // The axes from the one after the largest.
         let turned = |v: [f64; 3]| {
             if STRAIGHT {
@@ -317,19 +326,11 @@ impl Reach for LocalLane<'_> {
     }
 }
 
-/// The axis along which a direction is largest.
+/// The axis along which a direction is largest, without jumps.
 #[inline(always)]
-fn largest<const STRAIGHT: bool>(d: [f64; 3]) -> u32 {
+fn largest(d: [f64; 3]) -> u32 {
     let a = d.map(f64::abs);
-    if STRAIGHT {
-        select(a[0] > a[1], select(a[0] > a[2], 0, 2), select(a[1] > a[2], 1, 2))
-    } else {
-        match (a[0] > a[1], a[0] > a[2], a[1] > a[2]) {
-            (true, true, _) => 0,
-            (false, _, true) => 1,
-            _ => 2,
-        }
-    }
+    select(a[0] > a[1], select(a[0] > a[2], 0, 2), select(a[1] > a[2], 1, 2))
 }
 
 /// Near and far planes by the sides of the near ones.
@@ -414,7 +415,7 @@ impl LocalRays {
         self.conversion[lane] = ray.conversion;
         self.min[lane] = ray.min;
         self.max[lane] = ray.max;
-        self.axis[lane] = largest::<true>(d);
+        self.axis[lane] = largest(d);
         self.scale[lane] = ray.clock.scale;
         self.shift[lane] = ray.clock.shift;
         self.sound[lane] = sound;
