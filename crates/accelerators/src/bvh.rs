@@ -105,6 +105,7 @@ impl Bvh {
                 let binned = Binned {
                     max_leaf: 3,
                     bins: 32,
+                    items_a_bin: 16,
                 };
                 of_tree(binned.build(bounded()))
             }

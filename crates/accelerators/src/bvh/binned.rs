@@ -22,6 +22,8 @@ pub(super) struct Binned {
     pub(super) max_leaf: usize,
     /// Most bins along an axis, at most 32.
     pub(super) bins: usize,
+    /// For so many items there is a bin more.
+    pub(super) items_a_bin: usize,
 }
 
 /// The best split that was found: items in bins below `bin` go to the first side.
@@ -61,8 +63,14 @@ impl Binned {
         Parts::inner(aabb, n, first, second)
     }
 
-    /// Appends the subtree over a few items.
-    fn node(self, items: &mut [Item], nodes: &mut Vec<Binary>, (aabb, centers): (Box4, Box4), depth: usize) {
+    /// Appends the subtree over a few items with these bounds; gives their order.
+    pub(super) fn node(
+        self,
+        items: &mut [Item],
+        nodes: &mut Vec<Binary>,
+        (aabb, centers): (Box4, Box4),
+        depth: usize,
+    ) {
         let n = items.len();
         let index = nodes.len();
         nodes.push(Binary::leaf(aabb, n));
@@ -82,18 +90,11 @@ impl Binned {
         // Halving leads to single items in as many steps as there are bits in n: from where that is all
         // that there is room for, halve.
         let must_halve = depth + (usize::BITS - n.leading_zeros()) as usize >= MAX_DEPTH;
-        let bins = Bins::new(centers, self.bins.min(4 + n / 16));
+        let bins = Bins::new(centers, self.bins.min(4 + n / self.items_a_bin));
         let best = if must_halve { None } else { bins.best(items) };
         match best {
             Some(split) => partition(items, |item| bins.side(item, &split)),
-            None => {
-                let middle = halve(items, centers);
-                let (left, right) = items.split_at(middle);
-                Sides {
-                    middle,
-                    bounds: [bounds(left), bounds(right)],
-                }
-            }
+            None => halve(items, centers),
         }
     }
 }
@@ -101,7 +102,7 @@ impl Binned {
 /// Items in two parts: where the second begins, and the bounds of both.
 pub(super) struct Sides {
     pub(super) middle: usize,
-    bounds: [(Box4, Box4); 2],
+    pub(super) bounds: [(Box4, Box4); 2],
 }
 
 /// The box around the items and that around their (doubled) centers.
@@ -125,14 +126,18 @@ fn both(a: (Box4, Box4), b: (Box4, Box4)) -> (Box4, Box4) {
 }
 
 /// Brings the items whose centers come first along the longest axis to the front: half of them.
-pub(super) fn halve(items: &mut [Item], centers: &Box4) -> usize {
+pub(super) fn halve(items: &mut [Item], centers: &Box4) -> Sides {
     let axis = centers.longest_axis();
     let middle = items.len() / 2;
     items.select_nth_unstable_by(middle, |a, b| {
         let by_center = a.center()[axis].total_cmp(&b.center()[axis]);
         by_center.then(a.number().cmp(&b.number()))
     });
-    middle
+    let (left, right) = items.split_at(middle);
+    Sides {
+        middle,
+        bounds: [bounds(left), bounds(right)],
+    }
 }
 
 /// Brings what `goes_first` to the front. The order depends on the old one only.

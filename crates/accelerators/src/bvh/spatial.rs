@@ -6,7 +6,7 @@
 //! *reference unsplitting*. A hit on an element that is there twice is the same hit, so nothing changes.
 
 use super::MAX_DEPTH;
-use super::binned::{Bins, MOST_BINS, Split, bounds, partition};
+use super::binned::{Binned, Bins, MOST_BINS, Sides, Split, bounds, halve, partition};
 use super::tree::{Binary, Tree};
 use crate::leaves::items::{Box4, Corners, Item};
 
@@ -25,6 +25,13 @@ const SMALL: usize = 12;
 /// As many more items than elements there may be, as a part of these.
 const SPARE: f32 = 0.3;
 
+/// The build where items are not cut.
+const OBJECTS: Binned = Binned {
+    max_leaf: 1,
+    bins: MOST_BINS,
+    items_a_bin: 4,
+};
+
 /// A build with spatial splits.
 pub(super) struct Spatial<'a> {
     pub(super) corners: &'a Corners,
@@ -41,8 +48,8 @@ struct Part {
 }
 
 impl Part {
-    fn new(items: Vec<Item>, spare: usize, depth: usize) -> Self {
-        let (aabb, centers) = bounds(&items);
+    /// Items within these bounds.
+    fn new(items: Vec<Item>, (aabb, centers): (Box4, Box4), spare: usize, depth: usize) -> Self {
         Self {
             items,
             aabb,
@@ -65,20 +72,24 @@ impl Spatial<'_> {
         let mut tree = Tree::default();
         if !items.is_empty() {
             let spare = (SPARE * items.len() as f32) as usize;
-            self.node(&mut tree, Part::new(items, spare, 0));
+            let bounds = bounds(&items);
+            self.node(&mut tree, Part::new(items, bounds, spare, 0));
         }
         tree
     }
 
     /// Appends a subtree.
-    fn node(&self, tree: &mut Tree, part: Part) {
-        let (index, first) = (tree.nodes.len(), tree.items.len());
-        let aabb = part.aabb;
-        tree.nodes.push(Binary::leaf(aabb, 1));
-        if part.items.len() == 1 {
+    fn node(&self, tree: &mut Tree, mut part: Part) {
+        if part.items.len() <= SMALL {
+            // Most nodes are here, and need no lists of their own.
+            let bounds = (part.aabb, part.centers);
+            OBJECTS.node(&mut part.items, &mut tree.nodes, bounds, part.depth);
             tree.items.extend(part.items);
             return;
         }
+        let (index, first) = (tree.nodes.len(), tree.items.len());
+        let aabb = part.aabb;
+        tree.nodes.push(Binary::leaf(aabb, 1));
         let parallel = part.items.len() >= PARALLEL;
         let (left, right) = self.divide(part);
         let second;
@@ -109,7 +120,6 @@ impl Spatial<'_> {
         let object = if must_halve { None } else { bins.best(&part.items) };
         let cost = object.map_or(f32::INFINITY, |split| split.cost);
         if !must_halve
-            && n > SMALL
             && part.spare > 0
             && self.sides_overlap(&part, &bins, object)
             && let Some(cut) = self.best_cut(&part, cost)
@@ -117,12 +127,12 @@ impl Spatial<'_> {
         {
             return sides;
         }
-        let middle = match object {
-            Some(split) => partition(&mut part.items, |item| bins.side(item, &split)).middle,
-            None => super::binned::halve(&mut part.items, &part.centers),
+        let Sides { middle, bounds } = match object {
+            Some(split) => partition(&mut part.items, |item| bins.side(item, &split)),
+            None => halve(&mut part.items, &part.centers),
         };
         let right = part.items.split_off(middle);
-        sides(part.items, right, part.spare, part.depth)
+        sides([part.items, right], bounds, part.spare, part.depth)
     }
 
     fn sides_overlap(&self, part: &Part, bins: &Bins, object: Option<Split>) -> bool {
@@ -162,19 +172,13 @@ impl Spatial<'_> {
                     boxes[first] = boxes[first].union(aabb);
                     continue;
                 }
-                for (bin, whole) in boxes.iter_mut().enumerate().take(last + 1).skip(first) {
-                    let low = if bin == first {
-                        f32::NEG_INFINITY
-                    } else {
-                        plane(bin)
-                    };
-                    let high = if bin == last {
-                        f32::INFINITY
-                    } else {
-                        plane(bin + 1)
-                    };
-                    *whole = whole.union(self.corners.between(item, axis, low, high));
-                }
+                let mut bins = boxes[first..=last].iter_mut();
+                self.corners
+                    .slices(item, axis, (first + 1..=last).map(plane), |slice| {
+                        if let Some(bin) = bins.next() {
+                            *bin = bin.union(slice);
+                        }
+                    });
             }
             let mut after = [(0f32, 0usize); BINS];
             let (mut right, mut count) = (Box4::EMPTY, 0);
@@ -253,15 +257,21 @@ impl Spatial<'_> {
         if left.is_empty() || right.is_empty() || left.len().max(right.len()) == part.items.len() {
             return None;
         }
-        Some(sides(left, right, part.spare - doubled, part.depth))
+        let of_both = [bounds(&left), bounds(&right)];
+        Some(sides([left, right], of_both, part.spare - doubled, part.depth))
     }
 }
 
-/// Two parts; what is spare is divided by their sizes.
-fn sides(left: Vec<Item>, right: Vec<Item>, spare: usize, depth: usize) -> (Part, Part) {
+/// Two parts within these bounds; what is spare is divided by their sizes.
+fn sides(
+    [left, right]: [Vec<Item>; 2],
+    [left_bounds, right_bounds]: [(Box4, Box4); 2],
+    spare: usize,
+    depth: usize,
+) -> (Part, Part) {
     let of_left = spare * left.len() / (left.len() + right.len());
     (
-        Part::new(left, of_left, depth + 1),
-        Part::new(right, spare - of_left, depth + 1),
+        Part::new(left, left_bounds, of_left, depth + 1),
+        Part::new(right, right_bounds, spare - of_left, depth + 1),
     )
 }

@@ -359,30 +359,80 @@ impl Corners {
     /// The box of what of an item lies between two planes.
     pub(crate) fn between(&self, item: &Item, axis: usize, low: f32, high: f32) -> Box4 {
         let corners = &self.0[item.number() as usize];
-        let mut slab = item.aabb();
-        slab.min[axis] = slab.min[axis].max(low);
-        slab.max[axis] = slab.max[axis].min(high);
-        if corners[0].x.is_nan() {
-            return slab;
-        }
-        let mut found = Box4::EMPTY;
-        for i in 0..3 {
-            let (a, b) = (corners[i], corners[(i + 1) % 3]);
-            if a[axis] >= low && a[axis] <= high {
-                found = found.including(a);
-            }
-            for plane in [low, high] {
-                if (a[axis] < plane) != (b[axis] < plane) && plane.is_finite() {
-                    let along = (plane - a[axis]) / (b[axis] - a[axis]);
-                    found = found.including(a + along.clamp(0.0, 1.0) * (b - a));
-                }
-            }
-        }
-        if found.is_empty() {
-            return Box4::EMPTY;
-        }
-        found.padded(Self::ROUNDING).intersection(slab)
+        let heights = corners.map(|corner| corner[axis]);
+        let borders = crossed(corners, heights, low).union(crossed(corners, heights, high));
+        part(item, corners, (axis, heights), [low, high], borders)
     }
+
+    /// The boxes of what of an item lies below the first of rising planes, between each and the next, and above the last.
+    #[inline(always)]
+    pub(crate) fn slices(
+        &self,
+        item: &Item,
+        axis: usize,
+        planes: impl Iterator<Item = f32>,
+        mut take: impl FnMut(Box4),
+    ) {
+        let corners = &self.0[item.number() as usize];
+        let heights = corners.map(|corner| corner[axis]);
+        let (mut low, mut below) = (f32::NEG_INFINITY, Box4::EMPTY);
+        for high in planes {
+            let above = crossed(corners, heights, high);
+            take(part(
+                item,
+                corners,
+                (axis, heights),
+                [low, high],
+                below.union(above),
+            ));
+            (low, below) = (high, above);
+        }
+        take(part(item, corners, (axis, heights), [low, f32::INFINITY], below));
+    }
+}
+
+/// Where the edges of a triangle go through a plane; `heights` are its corners along the axis that the plane is across.
+#[inline(always)]
+fn crossed(corners: &[Vec4; 3], heights: [f32; 3], plane: f32) -> Box4 {
+    let mut found = Box4::EMPTY;
+    for i in 0..3 {
+        let j = (i + 1) % 3;
+        if (heights[i] < plane) != (heights[j] < plane) {
+            let along = (plane - heights[i]) / (heights[j] - heights[i]);
+            found = found.including(corners[i] + along.clamp(0.0, 1.0) * (corners[j] - corners[i]));
+        }
+    }
+    found
+}
+
+/// The box of what of an item lies between two planes, by that of where it goes through them.
+#[inline(always)]
+fn part(
+    item: &Item,
+    corners: &[Vec4; 3],
+    (axis, heights): (usize, [f32; 3]),
+    [low, high]: [f32; 2],
+    borders: Box4,
+) -> Box4 {
+    let aabb = item.aabb();
+    let across = Vec4::AXES[axis].cmpeq(Vec4::ONE);
+    let slab = Box4 {
+        min: Vec4::select(across, aabb.min.max(Vec4::splat(low)), aabb.min),
+        max: Vec4::select(across, aabb.max.min(Vec4::splat(high)), aabb.max),
+    };
+    if heights[0].is_nan() {
+        return slab;
+    }
+    let mut found = borders;
+    for (corner, height) in corners.iter().zip(heights) {
+        if height >= low && height <= high {
+            found = found.including(*corner);
+        }
+    }
+    if found.is_empty() {
+        return Box4::EMPTY;
+    }
+    found.padded(Corners::ROUNDING).intersection(slab)
 }
 
 /// Where elements are.
