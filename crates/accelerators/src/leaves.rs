@@ -62,12 +62,12 @@ impl Leaves {
         })
     }
 
-    /// The corners of a triangle of a leaf where these are exact, with their coordinates along these axes.
+    /// The corners of a triangle of a leaf where these are exact.
     #[inline(always)]
-    fn exact_corners(&self, first: usize, count: usize, lane: usize, axes: [usize; 3]) -> [DVec3; 3] {
+    fn exact_corners(&self, first: usize, count: usize, lane: usize) -> [DVec3; 3] {
         let numbers = &self.numbers[NUMBERS * first..][..NUMBERS * count];
         let number = |i: usize| f64::from(numbers[i * count + lane]) * self.exact;
-        let corner = |i: usize| DVec3::from_array(axes.map(|axis| number(3 * i + axis)));
+        let corner = |i: usize| DVec3::new(number(3 * i), number(3 * i + 1), number(3 * i + 2));
         [corner(0), corner(1), corner(2)]
     }
 
@@ -76,9 +76,7 @@ impl Leaves {
     pub(crate) fn triangle(&self, leaf: Child, lane: usize) -> (Slot, [DVec3; 3]) {
         let slot = self.slots[leaf.index() + lane];
         let corners = match leaf.kind() {
-            Kind::Triangles(first, count) if self.exact != 0.0 => {
-                self.exact_corners(first, count, lane, [0, 1, 2])
-            }
+            Kind::Triangles(first, count) if self.exact != 0.0 => self.exact_corners(first, count, lane),
             _ => match &self.geometry.shapes()[slot.shape as usize] {
                 Shape::Triangles(mesh) => mesh.corners(slot.triangle),
                 _ => [DVec3::ZERO; 3],

@@ -17,9 +17,7 @@ use glam::DVec3;
 /// What the watertight test needs of a ray, computed once a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct ShearedRay {
-    /// Along `axes`.
     origin: DVec3,
-    /// Those that become x, y and z.
     axes: [usize; 3],
     shear: DVec3,
 }
@@ -38,7 +36,6 @@ pub struct TriangleHit {
 impl ShearedRay {
     /// Section 3.2 of the paper: the axis in which the direction is largest becomes z; the other two
     /// keep their handedness.
-    #[inline]
     pub fn new(ray: &Ray) -> Self {
         let d = ray.direction;
         let a = d.abs();
@@ -49,51 +46,31 @@ impl ShearedRay {
         } else {
             2
         };
-        // By their signs: 0 counts as positive, and so does what is no number.
-        let exchanged = usize::from(d.to_array()[z] < 0.0);
-        let axes = AXES[z][exchanged];
-        let d = along(axes, d);
-        Self {
-            origin: along(axes, ray.origin),
-            axes,
-            shear: DVec3::new(d.x / d.z, d.y / d.z, 1.0 / d.z),
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        if d[z] < 0.0 {
+            std::mem::swap(&mut x, &mut y);
         }
-    }
-
-    /// The axes of the world that become x, y and z.
-    #[inline]
-    pub fn axes(&self) -> [usize; 3] {
-        self.axes
+        Self {
+            origin: ray.origin,
+            axes: [x, y, z],
+            shear: DVec3::new(d[x] / d[z], d[y] / d[z], 1.0 / d[z]),
+        }
     }
 
     /// A point as the test sees it: beside the ray in x and y, along it in z. What else is cut out by edges is
     /// watertight beside triangles if it uses the same coordinates.
     #[inline]
     pub fn beside(&self, p: DVec3) -> DVec3 {
-        self.sheared(along(self.axes, p))
-    }
-
-    /// The same of a point with its coordinates along [`ShearedRay::axes`].
-    #[inline(always)]
-    fn sheared(&self, p: DVec3) -> DVec3 {
+        let [x, y, z] = self.axes;
         let p = p - self.origin;
-        DVec3::new(p.x - self.shear.x * p.z, p.y - self.shear.y * p.z, p.z)
+        DVec3::new(p[x] - self.shear.x * p[z], p[y] - self.shear.y * p[z], p[z])
     }
 
     /// The hit with the plane of the triangle if it lies inside or on the border; either side counts.
     /// `None` for a degenerate triangle and for one seen edge-on.
     #[inline]
     pub fn intersect(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<TriangleHit> {
-        self.intersect_along([a, b, c].map(|p| along(self.axes, p)))
-    }
-
-    /// The same for corners (a, b, c) with their coordinates along [`ShearedRay::axes`].
-    #[inline(always)]
-    pub fn intersect_along(&self, corners: [DVec3; 3]) -> Option<TriangleHit> {
-        let [a, b, c] = corners.map(
-            #[inline(always)]
-            |p| self.sheared(p),
-        );
+        let (a, b, c) = (self.beside(a), self.beside(b), self.beside(c));
         // Scaled barycentric coordinates: edge functions opposite a, b and c.
         let weight_a = c.x * b.y - c.y * b.x;
         let weight_b = a.x * c.y - a.y * c.x;
@@ -115,23 +92,6 @@ impl ShearedRay {
             v: place.y,
         })
     }
-}
-
-/// By the last one, and by whether the other two are exchanged.
-static AXES: [[[usize; 3]; 2]; 3] = [
-    [[1, 2, 0], [2, 1, 0]],
-    [[2, 0, 1], [0, 2, 1]],
-    [[0, 1, 2], [1, 0, 2]],
-];
-
-/// The coordinates of a point or direction along these axes. No jump depends on them: which they are is different from ray to ray.
-#[inline(always)]
-fn along(axes: [usize; 3], p: DVec3) -> DVec3 {
-    let p = [p.x, p.y, p.z, 0.0];
-    DVec3::from_array(axes.map(
-        #[inline(always)]
-        |axis| p[axis % 4],
-    ))
 }
 
 /// Where a line runs through a triangle (a, b, c), and whether it comes from the side that the corners run counter-clockwise on.
@@ -207,24 +167,13 @@ fn place([a, b, c]: [DVec3; 3], weights: [f64; 3], determinant: f64) -> DVec3 {
     let u = (f.y * beside_x - f.x * beside_y) * reciprocal;
     let v = (e.x * beside_y - e.y * beside_x) * reciprocal;
     let depth = (wa * a.z + wb * b.z + wc * c.z) + (u * e.z + v * f.z);
-    let (least, greatest) = (less(less(a.z, b.z), c.z), greater(greater(a.z, b.z), c.z));
+    let (least, greatest) = (a.z.min(b.z).min(c.z), a.z.max(b.z).max(c.z));
+    let within = |x: f64, low: f64, high: f64| x.max(low).min(high);
     DVec3::new(
-        less(greater(wb + u, 0.0), 1.0),
-        less(greater(wc + v, 0.0), 1.0),
-        less(greater(depth, least), greatest),
+        within(wb + u, 0.0, 1.0),
+        within(wc + v, 0.0, 1.0),
+        within(depth, least, greatest),
     )
-}
-
-/// One instruction, unlike `f64::min`, which asks whether the first is a number at all: the second, then.
-#[inline(always)]
-fn less(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
-}
-
-/// The other of the two.
-#[inline(always)]
-fn greater(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
 }
 
 /// [`ShearedRay`] for every ray of a stream.
