@@ -1,8 +1,12 @@
 //! Validation where the reference is missing, or the driver is broken: told, and never a pass.
 
+use serde_json::json;
 use std::fs;
 use std::time::{Duration, Instant};
-use whitstone_tests::{program, root};
+use whitstone::validate::driver::{Driver, DriverError};
+use whitstone::validate::environment::Environment;
+use whitstone::validate::{Renderer, flatten};
+use whitstone_tests::{program, root, scenes};
 
 const SCENE: &str = "scenes/showcase/classic.toml";
 
@@ -166,6 +170,28 @@ fn a_missing_povray_is_told() {
         text.contains("left out") && !text.contains(" 0 scenes left out"),
         "{text}"
     );
+}
+
+/// It is left out with a reason, or the driver understands all of it: a key that a driver does not know would be an error in the midst of a run.
+#[test]
+fn every_scene_has_a_twin_in_povray_or_a_reason() {
+    let environment = Environment::of_povray(&root().join("references")).unwrap();
+    let mut driver = Driver::start(&environment, Duration::from_secs(120)).unwrap();
+    let (mut twins, mut wrong) = (0, Vec::new());
+    for path in scenes() {
+        let flattened = flatten(&path, &[]).unwrap();
+        let changes: Vec<_> = Renderer::PovRay.adaptations(&flattened.text);
+        let changes: Vec<_> = changes.into_iter().map(|adaptation| adaptation.change).collect();
+        let flattened = flatten(&path, &changes).unwrap();
+        let request = json!({ "op": "write", "scene": flattened.text, "base": flattened.base });
+        match driver.request(&request) {
+            Ok(_) => twins += 1,
+            Err(DriverError::Unsupported(reasons)) => assert!(!reasons.is_empty(), "{}", path.display()),
+            Err(error) => wrong.push(format!("{}: {error}", path.display())),
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(twins > 50, "{twins}");
 }
 
 #[test]

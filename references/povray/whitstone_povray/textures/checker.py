@@ -8,7 +8,9 @@ from . import Fields, Surface, Texture
 
 
 def twin(fields: Fields) -> Texture:
-    """`a`, `b`, `scale`, `offset`."""
+    """`a`, `b`, `scale`, `offset`; by texture coordinates, not by another mapping."""
+    if fields.take("mapping") is not None:
+        fields.unsupported("POV-Ray's twin is a function of texture coordinates only", "mapping")
     a, b = fields.color("a", 0.8), fields.color("b", 0.2)
     size = fields.take("scale", [1.0, 1.0])
     size = [float(size)] * 2 if is_number(size) else fields.vector("scale", [1.0, 1.0], 2)
