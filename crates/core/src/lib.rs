@@ -43,7 +43,7 @@ pub use distribution::Distribution;
 pub use error::{DuplicateType, SceneError, SceneErrors, SourceSpan, nearest};
 pub use footprint::{Footprint, Spread};
 pub use geometry::{Element, Geometry, TriangleMesh};
-pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3};
+pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};
 pub use instance::{Group, Instance};
 pub use integrator::{Counters, Integrator, LightMemory, Scratch, TreeNode, World};
 pub use light::{Light, LightGives, LightSample};

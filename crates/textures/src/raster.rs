@@ -5,13 +5,13 @@
 //! bytes.
 
 use crate::mapping::Pattern;
-use crate::pyramid::{Ellipse, Grid, Pyramid, Weights, elliptical};
+use crate::pyramid::{Ellipse, Grid, Pyramid, elliptical};
 use crate::wrap::Wrap;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
 use whitstone_core::config::IntegerIn;
-use whitstone_core::{Context, DVec2, DVec3, Rgb, SceneError, SceneErrors, TextureBytes};
+use whitstone_core::{Context, DVec2, DVec3, Rgb, SceneError, SceneErrors, TextureBytes, Vec4};
 use whitstone_image::texels::{Encoding, Texels};
 use whitstone_image::tone::srgb_to_linear;
 
@@ -74,7 +74,6 @@ enum Coarse {
     Trilinear(Pyramid),
     Ewa {
         pyramid: Pyramid,
-        weights: Box<Weights>,
         max_anisotropy: f64,
     },
 }
@@ -181,7 +180,6 @@ impl Raster {
             Filter::Trilinear => Coarse::Trilinear(pyramid()?),
             Filter::Ewa => Coarse::Ewa {
                 pyramid: pyramid()?,
-                weights: Box::new(Weights::new()),
                 max_anisotropy: f64::from(max_anisotropy.map_or(USUAL_ANISOTROPY, |n| n.get_ref().get())),
             },
         };
@@ -212,7 +210,7 @@ impl Raster {
         let Some(level) = level.checked_sub(1).map(|above| &pyramid.0[above]) else {
             return self.bilinear(place);
         };
-        let texel = |at: usize| linear(level.texels[at]);
+        let texel = |at: usize| linear(level.texel(at));
         bilinear([level.width, level.height], self.lookup.wrap, place, texel)
     }
 
@@ -221,7 +219,7 @@ impl Raster {
         let last = pyramid.0.len();
         if level.is_nan() || level >= last as f64 {
             return match pyramid.0.last() {
-                Some(level) => linear(level.texels[0]),
+                Some(level) => linear(level.texel(0)),
                 // The picture is a single texel.
                 None => self.store.texel(0),
             };
@@ -248,14 +246,9 @@ impl Raster {
         })
     }
 
-    fn ewa(
-        &self,
-        (pyramid, weights, most): (&Pyramid, &Weights, f64),
-        place: DVec2,
-        steps: [DVec2; 2],
-    ) -> Rgb {
+    fn ewa(&self, (pyramid, most): (&Pyramid, f64), place: DVec2, steps: [DVec2; 2]) -> Rgb {
         let size = DVec2::new(self.width as f64, self.height as f64);
-        let ellipse = Ellipse::new(steps, size, most, weights);
+        let ellipse = Ellipse::new(steps, size, most);
         // Where it is small beside a texel there is nothing to filter.
         if ellipse.long <= 1.0 {
             return self.bilinear(place);
@@ -276,16 +269,20 @@ impl Raster {
                 };
                 match &self.store {
                     Store::Eight(codes, linear) => {
-                        let value = |code: u8| linear[usize::from(code)] as f32;
-                        let texel = |at: usize| {
+                        let (codes, linear) = (&codes[..], &linear[..]);
+                        let value = move |code: u8| linear[usize::from(code)] as f32;
+                        let texel = move |at: usize| {
                             let [r, g, b] = codes[at];
-                            [value(r), value(g), value(b)]
+                            Vec4::new(value(r), value(g), value(b), 0.0)
                         };
-                        elliptical(grid, texel, place, &ellipse, weights)
+                        elliptical(grid, texel, place, &ellipse)
                     }
                     store => {
-                        let texel = |at| store.texel(at).to_array().map(|value| value as f32);
-                        elliptical(grid, texel, place, &ellipse, weights)
+                        let texel = |at| {
+                            let [r, g, b] = store.texel(at).to_array().map(|value| value as f32);
+                            Vec4::new(r, g, b, 0.0)
+                        };
+                        elliptical(grid, texel, place, &ellipse)
                     }
                 }
             }
@@ -296,7 +293,7 @@ impl Raster {
                     height: level.height,
                     wrap,
                 };
-                elliptical(grid, |at| level.texels[at], place, &ellipse, weights)
+                elliptical(grid, level.four(), place, &ellipse)
             }
         });
         // No jump where it begins.
@@ -360,9 +357,8 @@ impl Pattern for Raster {
             Coarse::Trilinear(pyramid) => self.trilinear(pyramid, place, steps),
             Coarse::Ewa {
                 pyramid,
-                weights,
                 max_anisotropy,
-            } => self.ewa((pyramid, weights, *max_anisotropy), place, steps),
+            } => self.ewa((pyramid, *max_anisotropy), place, steps),
         }
     }
 
