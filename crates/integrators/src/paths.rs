@@ -144,7 +144,6 @@ struct Later {
     origin: DVec3,
     direction: DVec3,
     throughput: Rgb,
-    absorption: Rgb,
     leaves: [u32; 3],
     depth: u32,
     /// The one of the same camera ray that was put off before.
@@ -159,6 +158,8 @@ pub(crate) struct Waiting {
     rows: Vec<Later>,
     /// How far apart the rays of the rows are, where textures ask for it; else empty.
     spreads: Vec<Spread>,
+    /// What the media that the rays of the rows are in absorb; empty while none of them absorbs anything.
+    absorptions: Vec<Rgb>,
     free: Vec<u32>,
     tops: Lanes<u32>,
     /// On all stacks together.
@@ -172,6 +173,7 @@ impl Default for Waiting {
         Self {
             rows: Vec::new(),
             spreads: Vec::new(),
+            absorptions: Vec::new(),
             free: Vec::new(),
             tops: [BOTTOM; LANES],
             count: 0,
@@ -190,6 +192,9 @@ impl Waiting {
         media: Option<&Colors>,
         lanes: &[u16],
     ) {
+        if self.count == 0 {
+            self.absorptions.clear();
+        }
         self.count += lanes.len();
         for &lane in lanes {
             let lane = lane as usize % LANES;
@@ -198,7 +203,6 @@ impl Waiting {
                 origin: branch.rays.origin.get(lane),
                 direction: branch.rays.direction.get(lane),
                 throughput: branch.throughput.get(lane),
-                absorption: media.map_or(Rgb::BLACK, |media| media.get(lane)),
                 leaves: [leaves.instance[lane], leaves.shape[lane], leaves.primitive[lane]],
                 depth: group.depth.0[lane] + 1,
                 below: *top,
@@ -216,6 +220,10 @@ impl Waiting {
             if let Some(spread) = branch.rays.spread(lane) {
                 self.spreads.resize(self.rows.len(), Spread::default());
                 self.spreads[*top as usize] = spread;
+            }
+            if media.is_some() || !self.absorptions.is_empty() {
+                self.absorptions.resize(self.rows.len(), Rgb::BLACK);
+                self.absorptions[*top as usize] = media.map_or(Rgb::BLACK, |media| media.get(lane));
             }
         }
     }
@@ -239,28 +247,49 @@ impl Waiting {
                 let spread = &self.spreads[*top as usize];
                 next.rays.spread.turn_on().set(next.rays.len % LANES, spread);
             }
+            let to = next.rays.len % LANES;
+            if let Some(absorption) = self.absorptions.get(*top as usize) {
+                next.absorbing |= !absorption.is_black();
+                next.absorption.set(to, *absorption);
+            }
             self.free.push(*top);
             *top = row.below;
-            next.absorbing |= !row.absorption.is_black();
-            let to = next.rays.len % LANES;
             next.rays.len += 1;
             next.rays.origin.set(to, row.origin);
             next.rays.direction.set(to, row.direction);
             let skip = &mut next.rays.skip;
             [skip.instance[to], skip.shape[to], skip.primitive[to]] = row.leaves;
             next.throughput.set(to, row.throughput);
-            next.absorption.set(to, row.absorption);
             next.depth.0[to] = row.depth;
             next.slot.0[to] = slot;
         }
     }
 }
 
+/// Parts of a wave that are counted side by side: one count waits for its last change, four do not.
+const PARTS: usize = 4;
+
+/// All of so many lanes, those of one part in order.
+#[inline(always)]
+fn side_by_side(len: usize, mut each: impl FnMut(usize, usize)) {
+    let length = len / PARTS;
+    for k in 0..length {
+        for part in 0..PARTS {
+            each(part, part * length + k);
+        }
+    }
+    for lane in PARTS * length..len {
+        each(PARTS - 1, lane);
+    }
+}
+
 /// The lanes of a wave by the shape that they hit.
 #[derive(Default)]
 pub(crate) struct ByShape {
-    /// By shape: how many lanes hit it, and then where the next of them goes in `order`. Zero between two waves.
-    counts: Vec<u16>,
+    /// By shape and part of the wave: how many lanes hit it, and then where the next of them goes in `order`. Zero between two waves.
+    counts: Vec<[u16; PARTS]>,
+    /// Whether a shape is in `hit`.
+    is_hit: Vec<bool>,
     /// The shapes that were hit.
     hit: Vec<u32>,
     order: Values<u16>,
@@ -270,24 +299,31 @@ impl ByShape {
     /// Sorts lanes; anything that is not a number below `shapes` is a miss.
     pub(crate) fn sort(&mut self, hits: &[u32], shapes: usize) {
         self.hit.clear();
-        self.counts.resize(shapes + 1, 0);
-        for &shape in hits {
-            let count = &mut self.counts[(shape as usize).min(shapes)];
-            if *count == 0 {
-                self.hit.push(shape);
+        self.counts.resize(shapes + 1, [0; PARTS]);
+        self.is_hit.resize(shapes + 1, false);
+        // As long as they are: so nothing is checked below.
+        let (counts, is_hit) = (&mut self.counts[..=shapes], &mut self.is_hit[..=shapes]);
+        let (hit, order) = (&mut self.hit, &mut self.order);
+        let index = |shape: u32| (shape as usize).min(shapes);
+        side_by_side(hits.len(), |part, lane| {
+            let shape = hits[lane];
+            counts[index(shape)][part] += 1;
+            if !is_hit[index(shape)] {
+                is_hit[index(shape)] = true;
+                hit.push(shape);
             }
-            *count += 1;
-        }
+        });
         let mut start = 0;
-        for &shape in &self.hit {
-            let count = &mut self.counts[(shape as usize).min(shapes)];
-            start += std::mem::replace(count, start);
+        for &shape in hit.iter() {
+            for count in &mut counts[index(shape)] {
+                start += std::mem::replace(count, start);
+            }
         }
-        for (lane, &shape) in hits.iter().enumerate() {
-            let place = &mut self.counts[(shape as usize).min(shapes)];
-            self.order.0[*place as usize % LANES] = lane as u16;
+        side_by_side(hits.len(), |part, lane| {
+            let place = &mut counts[index(hits[lane])][part];
+            order.0[*place as usize % LANES] = lane as u16;
             *place += 1;
-        }
+        });
     }
 
     /// The only shape that was hit, if there is only one.
@@ -312,8 +348,10 @@ impl ByShape {
         }
     }
 
+    /// Where the lanes of a shape end in `order`.
     fn forget(&mut self, shape: u32) -> u16 {
-        let last = self.counts.len() - 1;
-        std::mem::take(&mut self.counts[(shape as usize).min(last)])
+        let index = (shape as usize).min(self.counts.len() - 1);
+        self.is_hit[index] = false;
+        std::mem::take(&mut self.counts[index])[PARTS - 1]
     }
 }

@@ -4,10 +4,12 @@
 //! reflection before transmission, so that sums have the same bits and memory stays bounded: what waits is
 //! one ray a level and pixel.
 
-use crate::paths::{ByShape, Followed, List, Paths, Waiting};
+use crate::paths::{ByShape, Followed, List, Paths, Values, Waiting};
 use crate::rules::{Beyond, Limits, Rules};
 use std::mem::swap;
-use whitstone_core::stream::{Colors, GROUP, HitStream, LANES, NO_SHAPE, PointStream, RayStream, Vectors};
+use whitstone_core::stream::{
+    Colors, GROUP, HitStream, LANES, NO_SHAPE, PointStream, RayStream, Vectors, groups,
+};
 use whitstone_core::{
     BranchStream, BranchStreams, Counters, Inside, LightMemory, Lobes, Material, PathLetter, Rgb, Scratch,
     World, simd,
@@ -347,7 +349,8 @@ impl Memory {
         }
         let leaves = &group_hits.id;
         let outside = group.absorbing.then_some(&group.absorption);
-        let inside = absorbs(&branches.absorption, [&*other, &*both]).then_some(&branches.absorption);
+        let inside = absorbs(&branches.absorption, &transmitted.alive, group.rays.len);
+        let inside = inside.then_some(&branches.absorption);
         next.append(group, leaves, reflected, outside, first.lanes());
         next.append(group, leaves, transmitted, inside, other.lanes());
         waiting.push(group, leaves, transmitted, inside, both.lanes());
@@ -357,9 +360,20 @@ impl Memory {
 }
 
 /// Whether any of these lanes is in a medium that absorbs.
-fn absorbs(absorption: &Colors, lists: [&List; 2]) -> bool {
-    let mut lanes = lists.iter().flat_map(|list| list.lanes());
-    lanes.any(|lane| !absorption.get(usize::from(*lane)).is_black())
+fn absorbs(absorption: &Colors, of: &Values<bool>, len: usize) -> bool {
+    simd::dispatch(
+        #[inline(always)]
+        || {
+            let mut any = false;
+            for start in groups(len) {
+                for lane in start..start + GROUP {
+                    let Rgb { r, g, b } = absorption.get(lane);
+                    any |= ((r != 0.0) | (g != 0.0) | (b != 0.0)) & of.0[lane] & (lane < len);
+                }
+            }
+            any
+        },
+    )
 }
 
 /// Weakens the rays by the media they came through. One of which nothing is left has hit nothing.

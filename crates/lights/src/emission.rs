@@ -49,10 +49,12 @@ pub(crate) fn sample_stream(
     out: &mut SampleStreams,
 ) {
     let out = out.add();
-    let mut usual = true;
-    simd::dispatch(
+    let usual = simd::dispatch(
         #[inline(always)]
         || {
+            // In registers: what is captured could be what is written to.
+            let (position, intensity) = (position, intensity);
+            let mut usual = true;
             for start in groups(len) {
                 for lane in start..start + GROUP {
                     let v = position - points.get(lane);
@@ -60,6 +62,7 @@ pub(crate) fn sample_stream(
                     out.set(lane, &usual_sample(v, intensity, falloff));
                 }
             }
+            usual
         },
     );
     if !usual {
@@ -74,8 +77,10 @@ pub(crate) fn sample_stream(
 
 /// Whether the squares of the components neither over- nor underflow.
 #[inline(always)]
+#[expect(clippy::manual_range_contains, reason = "both are tested without a jump")]
 fn is_usual(v: DVec3) -> bool {
-    (1e-140..1e140).contains(&v.abs().max_element())
+    let largest = v.abs().max_element();
+    (largest >= 1e-140) & (largest < 1e140)
 }
 
 /// The light of a source at `position` that arrives at `point`; none at the source itself.
@@ -103,14 +108,12 @@ pub(crate) fn sample(position: DVec3, point: DVec3, intensity: Rgb, falloff: Fal
 fn usual_sample(to_light: DVec3, intensity: Rgb, falloff: Falloff) -> LightSample {
     let squared = to_light.length_squared();
     let distance = squared.sqrt();
-    let irradiance = match falloff {
-        Falloff::InverseSquare => intensity.map(|i| (i / squared).min(f64::MAX)),
-        Falloff::None => intensity,
-    };
+    // No jump, which would keep a stream out of vector registers.
+    let per = simd::select(falloff == Falloff::InverseSquare, squared, 1.0);
     LightSample {
         direction: to_light / distance,
         distance,
-        irradiance,
+        irradiance: intensity.map(|i| (i / per).min(f64::MAX)),
     }
 }
 
