@@ -612,6 +612,52 @@ fn output_that_cannot_be_written_leaves_nothing() {
 }
 
 /// A picture that takes some tenths of a second to make is made once; what is kept is not trusted, and belongs to the sample.
+/// No result takes the place of another, of the scene, or of what the scene reads.
+#[test]
+fn outputs_are_files_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let texture = "reflectance = { type = \"image\", file = \"tex.png\" }";
+    let scene = format!(
+        "film = {{ width = 4, height = 4 }}\n[camera]\ntype = \"perspective\"\n\
+         look_at = {{ origin = [0, 0, 5], target = [0, 0, 0] }}\n[[shape]]\ntype = \"sphere\"\n\
+         material = {{ type = \"matte\", {texture} }}\n"
+    );
+    fs::write(path("s.toml"), &scene).unwrap();
+    fs::copy(root().join("scenes/assets/checker.png"), path("tex.png")).unwrap();
+    let before = fs::read(path("tex.png")).unwrap();
+    for (arguments, told) in [
+        (["-o", "a.exr", "--json", "a.exr"], "two results"),
+        (["-o", "a.exr", "--json", "s.toml"], "the scene reads this file"),
+        (["-o", "tex.png", "--json", "a.json"], "the scene reads this file"),
+    ] {
+        let places = [arguments[1], arguments[3]].map(path);
+        let scene = path("s.toml");
+        let output = run(&[
+            "render",
+            &scene,
+            arguments[0],
+            &places[0],
+            arguments[2],
+            &places[1],
+        ]);
+        assert_eq!(code(&output), Some(2), "{arguments:?}");
+        assert!(stderr(&output).contains(told), "{}", stderr(&output));
+    }
+    assert_eq!(fs::read_to_string(path("s.toml")).unwrap(), scene);
+    assert_eq!(fs::read(path("tex.png")).unwrap(), before);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    let output = run(&[
+        "render",
+        &path("s.toml"),
+        "-o",
+        &path("a.exr"),
+        "--json",
+        &path("a.json"),
+    ]);
+    assert_eq!(code(&output), Some(0), "{}", stderr(&output));
+}
+
 #[test]
 fn what_took_long_to_make_is_kept_between_runs() {
     let folder = tempfile::tempdir().unwrap();

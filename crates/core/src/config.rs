@@ -52,12 +52,10 @@ pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> 
             Err(error) => error,
         };
         let mut message = error.message().trim().to_owned();
-        // A key that was taken out, or another one that would do in its place.
+        // A key that was taken out, or another one that would do in its place, is no news.
         let missing = message.strip_prefix("missing field ").unwrap_or_default();
         let mut missing = missing.split('`').skip(1).step_by(2);
-        if missing.any(|key| removed.iter().any(|removed| removed == key)) {
-            return Err(errors);
-        }
+        let news = !missing.any(|key| removed.iter().any(|removed| removed == key));
         let mut span = error.span().unwrap_or_else(|| table.span());
         if let Some((index, fault)) = split_element(&message)
             && let Some(element) = rest
@@ -67,23 +65,52 @@ pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> 
         {
             (span, message) = (element, fault.to_owned());
         }
-        let whole = span == table.span();
-        let at_fault = rest.get_ref().iter().find_map(|(key, value)| {
-            let covers = |outer: SourceSpan| !whole && outer.start <= span.start && span.end <= outer.end;
-            (covers(key.span()) || covers(value.span())).then(|| key.get_ref().to_string())
-        });
-        errors.0.push(explain(message, span));
-        match at_fault {
-            _ if errors.0.len() >= MOST_ERRORS => return Err(errors),
-            // A fault of the table as a whole, such as a missing key, hides no other fault that could
-            // be found without a value for it.
-            None => return Err(errors),
-            Some(key) => {
-                rest.get_mut().remove(key.as_str());
-                removed.push(key);
-            }
+        let path = match span == table.span() {
+            true => Vec::new(),
+            false => path_to(rest.get_ref(), &span),
+        };
+        if news {
+            errors.0.push(explain(message, span));
         }
+        // A fault of the table as a whole, such as a missing key, hides no other fault that could
+        // be found without a value for it.
+        if path.is_empty() || errors.0.len() >= MOST_ERRORS {
+            return Err(errors);
+        }
+        // What lacks a key that was taken out goes as a whole.
+        let depth = if news { path.len() } else { 1 };
+        removed.push(take_out(rest.get_mut(), &path[..depth]));
     }
+}
+
+/// The keys that lead to what lies at `span`, from table to table.
+fn path_to(table: &DeTable<'_>, span: &SourceSpan) -> Vec<String> {
+    let covers = |outer: SourceSpan| outer.start <= span.start && span.end <= outer.end;
+    let mut entries = table.iter();
+    let Some((key, value)) = entries.find(|(key, value)| covers(key.span()) || covers(value.span())) else {
+        return Vec::new();
+    };
+    let mut path = vec![key.get_ref().to_string()];
+    if let DeValue::Table(inner) = value.get_ref() {
+        path.extend(path_to(inner, span));
+    }
+    path
+}
+
+/// Takes out what a path leads to, or what is around it and holds nothing else. Gives its key.
+fn take_out(table: &mut DeTable<'_>, path: &[String]) -> String {
+    let [key, inner @ ..] = path else {
+        return String::new();
+    };
+    if !inner.is_empty()
+        && let Some(value) = table.get_mut(key.as_str())
+        && let DeValue::Table(table) = value.get_mut()
+        && table.len() > 1
+    {
+        return take_out(table, inner);
+    }
+    table.remove(key.as_str());
+    key.clone()
 }
 
 /// Splits what [`ArrayVisitor`] says about one element into its index and the fault.
@@ -105,6 +132,11 @@ fn element_span(value: &Spanned<DeValue<'_>>, span: &SourceSpan, index: usize) -
 
 /// Serde's message with our advice: the nearest key for an unknown one.
 fn explain(message: String, span: SourceSpan) -> SceneError {
+    // Names of the program mean nothing to its users.
+    let message = match message.split_once("expected struct ") {
+        Some((before, _)) => format!("{before}expected a table"),
+        None => message.replace(" as i128", ""),
+    };
     let mut error = SceneError::at(span, message);
     if let Some(rest) = error.message.strip_prefix("unknown field `")
         && let Some((wrong, known)) = rest.split_once('`')

@@ -206,12 +206,10 @@ impl<'s> Description<'s> {
 
     /// As [`Self::parse`], with what could be read in spite of the errors.
     pub(crate) fn parse_partly(sources: &'s Sources) -> (Option<Self>, SceneErrors) {
-        let mut merged = match document::merge(sources) {
+        let (mut merged, mut errors) = match document::merge(sources) {
             Ok(merged) => merged,
-            // A document that is not TOML has too many consequences to go on.
             Err(errors) => return (None, errors),
         };
-        let mut errors = SceneErrors::default();
         let (flattened, not_flat) = Flattened::new(&merged, sources);
         let mut inline = Vec::new();
         let mut faulty = Faulty::default();

@@ -28,6 +28,9 @@ pub(crate) const TOP_LEVEL: [&str; 12] = [
 /// Those of them that are lists.
 const LISTS: [&str; 2] = ["shape", "light"];
 
+/// Those that are one table each.
+const SINGLE: [&str; 6] = ["film", "camera", "sampler", "integrator", "accelerator", "expect"];
+
 /// Most keys in the path of an override: tables nest no deeper in a file either, as far as the parser goes.
 const MAX_PATH: usize = 64;
 
@@ -86,16 +89,28 @@ fn two_brackets(name: &str) -> String {
 ///
 /// A file comes after what it includes: its `[[shape]]`s and `[[light]]`s are added behind, its shared
 /// materials, textures and groups replace those of the same id, its other tables replace whole tables.
-pub(crate) fn merge(sources: &Sources) -> Result<DeTable<'_>, SceneErrors> {
+///
+/// With all that is wrong at the top level.
+///
+/// # Errors
+///
+/// If a file is not TOML, which has too many consequences to go on.
+pub(crate) fn merge(sources: &Sources) -> Result<(DeTable<'_>, SceneErrors), SceneErrors> {
     let mut merged = DeTable::new();
     let mut errors = SceneErrors::default();
+    let mut is_toml = true;
+    let mut meant = Vec::new();
     for padded in sources.padded_files() {
         let (table, syntax) = parse(padded);
+        is_toml &= syntax.0.is_empty();
         errors.0.extend(syntax.0);
         for (key, value) in table {
             match key.get_ref().as_ref() {
                 "include" => {}
-                name if !TOP_LEVEL.contains(&name) => errors.0.push(unknown_top_level(&key)),
+                name if !TOP_LEVEL.contains(&name) => {
+                    errors.0.push(unknown_top_level(&key));
+                    meant.extend(nearest_top_level(name).map(|name| (key.span(), name, value)));
+                }
                 name if LISTS.contains(&name) => append(&mut merged, key, value, &mut errors),
                 "material" | "texture" | "group" => insert_all(&mut merged, key, value, &mut errors),
                 _ => {
@@ -109,7 +124,17 @@ pub(crate) fn merge(sources: &Sources) -> Result<DeTable<'_>, SceneErrors> {
             errors.0.push(error);
         }
     }
-    errors.into_result(merged)
+    // What is in a table with a wrong name is looked at too, and the right one is not missed.
+    for (span, name, value) in meant {
+        if SINGLE.contains(&name) && !merged.contains_key(name) {
+            merged.insert(Spanned::new(span, Cow::Borrowed(name)), value);
+        }
+    }
+    if is_toml {
+        Ok((merged, errors))
+    } else {
+        Err(errors)
+    }
 }
 
 fn unknown_top_level(key: &Spanned<Cow<'_, str>>) -> SceneError {
@@ -208,7 +233,11 @@ fn apply<'s>(
         ));
     }
     let (first_span, first) = keys[0].clone();
-    if !TOP_LEVEL.contains(&first) || first == "include" {
+    if first == "include" {
+        let error = SceneError::at(first_span, "files are included by scene files, not by overrides");
+        return Err(error);
+    }
+    if !TOP_LEVEL.contains(&first) {
         return Err(unknown_top_level(&Spanned::new(first_span, Cow::Borrowed(first))));
     }
     set_in_table(merged, &keys, value)
@@ -299,6 +328,8 @@ pub struct Flattened {
     /// Of everything that the image depends on: the document without `accelerator` and `expect`, and the
     /// bytes of every file that it names.
     pub hash: String,
+    /// These files, from the working folder.
+    pub files: Vec<PathBuf>,
 }
 
 impl Flattened {
@@ -321,12 +352,21 @@ impl Flattened {
         }
         let mut hasher = blake3::Hasher::new();
         hasher.update(to_text(&table).as_bytes());
+        let files: Vec<_> = files.iter().map(|path| sources.base().join(path)).collect();
         for path in &files {
-            hasher.update(&content_hash(&sources.base().join(path)));
+            hasher.update(&content_hash(path));
         }
         let hash = hasher.finalize().to_hex()[..32].to_owned();
         let base = std::path::absolute(sources.base()).unwrap_or_else(|_| sources.base().to_owned());
-        (Self { text, base, hash }, errors)
+        (
+            Self {
+                text,
+                base,
+                hash,
+                files,
+            },
+            errors,
+        )
     }
 }
 

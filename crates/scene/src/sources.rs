@@ -129,6 +129,14 @@ impl Sources {
             .find(|source| source.kind == SourceKind::File)
     }
 
+    /// The scene files that were read.
+    pub fn scene_files(&self) -> impl Iterator<Item = &Path> {
+        let files = self.files.iter();
+        files
+            .filter(|source| source.kind == SourceKind::File)
+            .map(|source| Path::new(&source.name))
+    }
+
     /// The files, each after what it includes, as the parser wants them.
     pub(crate) fn padded_files(&self) -> impl Iterator<Item = &str> {
         self.files

@@ -173,6 +173,9 @@ impl Ellipse {
     }
 }
 
+/// A factor of all weights, a power of two, so that no sum of texels exceeds all numbers: an ellipse holds fewer texels.
+const SMALL: f32 = 1.0 / 65536.0;
+
 /// A level as it is looked up.
 #[derive(Clone, Copy)]
 pub(crate) struct Grid {
@@ -318,7 +321,7 @@ impl Quadratic {
             let mut i = (start_p + slope * q - half).ceil() as i32;
             for _ in 0..runs {
                 let p = i as f32 - start_p + Vec4::new(0.0, 1.0, 2.0, 3.0);
-                let weights = weight((a * p + bq) * p + cqq);
+                let weights = SMALL * weight((a * p + bq) * p + cqq);
                 total += weights;
                 let at = match along_p.straight(i, i + 3) {
                     Some(first) => std::array::from_fn(|lane| line + (first + lane) * apart_p),
@@ -455,5 +458,17 @@ mod tests {
                 assert!((sum - 1.0).abs() < 1e-5, "{wrap:?}: {sum}");
             }
         }
+    }
+
+    #[test]
+    fn means_of_the_largest_texels_are_numbers() {
+        let grid = Grid {
+            width: 64,
+            height: 64,
+            wrap: [Wrap::Repeat; 2],
+        };
+        let ellipse = Ellipse::new([[0.9, 0.3].into(), [-0.3, 0.9].into()], DVec2::splat(64.0), 64.0);
+        let mean = elliptical(grid, |_| Vec4::splat(f32::MAX), DVec2::splat(0.3), &ellipse);
+        assert!((mean.r / f64::from(f32::MAX) - 1.0).abs() < 1e-5, "{mean:?}");
     }
 }

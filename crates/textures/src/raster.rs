@@ -172,7 +172,7 @@ impl Raster {
         }
         let mut pyramid = || {
             context.reserve(Pyramid::bytes(width, height))?;
-            let texel = |at| store.texel(at).to_array().map(|value| value as f32);
+            let texel = |at| store.texel(at).to_array().map(single);
             Ok::<_, SceneErrors>(Pyramid::new(width, height, texel))
         };
         let coarse = match lookup.filter {
@@ -279,7 +279,7 @@ impl Raster {
                     }
                     store => {
                         let texel = |at| {
-                            let [r, g, b] = store.texel(at).to_array().map(|value| value as f32);
+                            let [r, g, b] = store.texel(at).to_array().map(single);
                             Vec4::new(r, g, b, 0.0)
                         };
                         elliptical(grid, texel, place, &ellipse)
@@ -304,6 +304,12 @@ impl Raster {
             found
         }
     }
+}
+
+/// The nearest finite number.
+#[inline(always)]
+fn single(value: f64) -> f32 {
+    (value as f32).min(f32::MAX)
 }
 
 #[inline(always)]

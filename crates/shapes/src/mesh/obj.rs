@@ -24,6 +24,8 @@ struct File {
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
     let mut file = File::default();
+    // A byte order mark is no part of the text.
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut lines = bytes.split(|&byte| byte == b'\n').zip(1..);
     while let Some((line, number)) = lines.next() {
         let mut line = Cow::Borrowed(line.trim_ascii());
@@ -200,6 +202,12 @@ mod tests {
         assert_eq!(object.normals[5], DVec3::NEG_Z);
         assert_eq!(object.uvs[4], DVec2::new(0.5, 0.0));
         assert_eq!(object.positions[5], DVec3::new(1.0, 1.0, 0.0));
+    }
+
+    #[test]
+    fn a_byte_order_mark_hides_no_vertex() {
+        let text = "\u{feff}v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+        assert_eq!(parse(text.as_bytes()).unwrap().positions.len(), 3);
     }
 
     #[test]

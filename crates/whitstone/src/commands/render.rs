@@ -1,14 +1,14 @@
 //! `render`: a scene to an image file.
 
-use super::{SceneArguments, build};
+use super::{SceneArguments, build_with};
 use crate::slim;
 use crate::terminal::{Exit, Failure, progress};
 use clap::Args;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use whitstone_core::Registry;
 use whitstone_image::{Raster, ToneMap, atomic, exr_io};
-use whitstone_scene::RenderOptions;
+use whitstone_scene::{Plan, RenderOptions};
 
 /// Render a scene to OpenEXR (float32) and, with --png or a .png name, to a picture
 #[derive(Args, Debug)]
@@ -51,7 +51,21 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
             )));
         }
     };
-    let mut pipeline = build(&arguments.scene, registry)?;
+    let picture = (as_png || arguments.png).then(|| output.with_extension("png"));
+    let exr = (!as_png).then_some(&output);
+    let outputs: Vec<&Path> = [exr, picture.as_ref(), arguments.json.as_ref()]
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path)
+        .collect();
+    let read = |plan: &Plan<'_, '_>| {
+        let scenes = plan.description.sources.scene_files().map(Path::to_owned);
+        scenes
+            .chain(plan.description.flattened.files.clone())
+            .collect::<Vec<_>>()
+    };
+    let (mut pipeline, inputs) = build_with(&arguments.scene, registry, read)?;
+    check_apart(&outputs, &inputs)?;
     if arguments.one_size_fits_all {
         pipeline.world = pipeline.world.one_size_fits_all();
     }
@@ -63,17 +77,15 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     });
     bar.finish_and_clear();
     let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
-    if !as_png {
-        exr_io::write(&output, &image).map_err(Failure::environment)?;
+    if let Some(output) = exr {
+        exr_io::write(output, &image).map_err(Failure::environment)?;
     }
-    if as_png || arguments.png {
+    if let Some(picture) = &picture {
         let tone = ToneMap {
             exposure: arguments.exposure,
         };
         let raster = Raster::preview(&image, tone).map_err(Failure::usage)?;
-        raster
-            .write_png(output.with_extension("png"))
-            .map_err(Failure::environment)?;
+        raster.write_png(picture).map_err(Failure::environment)?;
     }
     let rays = film.counters.total();
     let mrays = rays as f64 / film.render_seconds / 1e6;
@@ -88,4 +100,21 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         atomic::write_bytes(path, format!("{report:#}\n").as_bytes()).map_err(Failure::environment)?;
     }
     Ok(Exit::Pass)
+}
+
+/// No file is written that another output or the scene is in.
+fn check_apart(outputs: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
+    let identity = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).ok();
+    for (k, output) in outputs.iter().enumerate() {
+        let same = |other: &&Path| identity(other) == identity(output);
+        if outputs[..k].iter().any(same) {
+            let problem = "two results would be written to this file; name another one";
+            return Err(Failure::usage(format!("{}: {problem}", output.display())));
+        }
+        if inputs.iter().map(PathBuf::as_path).any(|input| same(&input)) {
+            let problem = "the scene reads this file; name another one to write to";
+            return Err(Failure::usage(format!("{}: {problem}", output.display())));
+        }
+    }
+    Ok(())
 }
