@@ -9,6 +9,7 @@
 //! **When a search may end.** Cells come roughly nearest first. A hit that was found in one may lie beyond it,
 //! so it ends nothing; a cell is left out only if the ray enters it strictly behind the best hit.
 
+use crate::vast::vast;
 use std::sync::Arc;
 use std::time::Instant;
 use whitstone_core::triangle::ShearedRay;
@@ -99,7 +100,7 @@ pub(crate) struct Elements {
     pub(crate) items: Vec<Item>,
     /// Largest absolute coordinate of any box.
     pub(crate) reach: f64,
-    /// Elements without a box of reasonable size.
+    /// Elements without a box of reasonable size, and those of vast shapes.
     unbounded: Vec<Element>,
     /// Triangles with two corners in one place, which nothing can hit.
     degenerate: usize,
@@ -113,6 +114,7 @@ impl Elements {
             unbounded: Vec::new(),
             degenerate: 0,
         };
+        let vast = vast(&boxes(geometry));
         for (element, number) in geometry.elements().zip(0..) {
             if corners(geometry, element).is_some_and(|[a, b, c]| a == b || b == c || c == a) {
                 found.degenerate += 1;
@@ -120,7 +122,8 @@ impl Elements {
             }
             let aabb = geometry.bounds(element);
             let far = aabb.min.abs().max(aabb.max.abs()).max_element();
-            if aabb.is_empty() || far.is_nan() || far > FARTHEST {
+            let vast = vast.binary_search(&element.shape()).is_ok();
+            if vast || aabb.is_empty() || far.is_nan() || far > FARTHEST {
                 found.unbounded.push(element);
                 continue;
             }
@@ -140,6 +143,21 @@ impl Elements {
         }
         found
     }
+}
+
+/// The box of each shape, as far as it has one of reasonable size, and its number of elements.
+fn boxes(geometry: &Geometry) -> Vec<(Aabb, usize)> {
+    let mut boxes = vec![(Aabb::EMPTY, 0); geometry.shapes().len()];
+    for element in geometry.elements() {
+        let (aabb, count) = &mut boxes[element.shape() as usize];
+        let found = geometry.bounds(element);
+        // Written so that NaN does not pass.
+        if found.min.abs().max(found.max.abs()).max_element() <= FARTHEST {
+            *aabb = aabb.union(found);
+        }
+        *count += 1;
+    }
+    boxes
 }
 
 fn corners(geometry: &Geometry, element: Element) -> Option<[DVec3; 3]> {

@@ -40,6 +40,7 @@ mod principal;
 #[cfg(feature = "slab_bvh")]
 pub mod slab_bvh;
 mod split;
+mod vast;
 
 /// Adds every accelerator whose feature is on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {

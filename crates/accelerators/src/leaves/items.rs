@@ -3,6 +3,7 @@
 use super::Slot;
 use super::filter::{NUMBERS, WINDOW};
 use super::frame::{Frame, ROUNDING};
+use crate::vast::vast;
 use glam::{Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape, TriangleMesh};
@@ -124,8 +125,10 @@ pub(crate) struct Items<'a> {
     pub(crate) frame: Frame,
     /// Twice the centers of the boxes, in the world, lie in here.
     centers: Aabb,
-    /// Elements without a box of reasonable size.
+    /// Elements without a box of reasonable size, and those of vast shapes.
     pub(crate) unbounded: Vec<Element>,
+    /// See [`vast`](crate::vast).
+    vast: Vec<u32>,
     /// The number of the first element of each shape, and behind them the number of all.
     starts: Vec<u32>,
 }
@@ -150,7 +153,7 @@ impl<'a> Items<'a> {
     /// All elements of a geometry, of which there are fewer than 2^28.
     pub(crate) fn new(geometry: &'a Geometry) -> Self {
         let mut starts = vec![0];
-        let mut extent = Extent::default();
+        let mut parts = Vec::new();
         for (part, shape) in geometry.shapes().iter().zip(0..) {
             let (count, part) = match part {
                 Shape::Triangles(mesh) => (mesh.triangles.len() as u32, Extent::of_mesh(mesh)),
@@ -160,7 +163,21 @@ impl<'a> Items<'a> {
                 }
             };
             starts.push(starts[starts.len() - 1] + count);
-            extent = extent.union(part);
+            parts.push((part, count));
+        }
+        let boxes: Vec<_> = parts
+            .iter()
+            .map(|(part, count)| (part.whole, *count as usize))
+            .collect();
+        let vast = vast(&boxes);
+        let mut extent = Extent {
+            unbounded: !vast.is_empty(),
+            ..Extent::default()
+        };
+        for ((part, _), shape) in parts.into_iter().zip(0..) {
+            if vast.binary_search(&shape).is_err() {
+                extent = extent.union(part);
+            }
         }
         let whole = if extent.whole.is_empty() {
             Aabb::around([DVec3::ZERO])
@@ -173,13 +190,12 @@ impl<'a> Items<'a> {
             frame: unmoved.unwrap_or_else(|| Frame::around(&whole)),
             centers: extent.centers,
             unbounded: Vec::new(),
+            vast,
             starts,
         };
         if extent.unbounded {
             let all = geometry.elements();
-            items.unbounded = all
-                .filter(|&element| !bounded(&geometry.bounds(element)))
-                .collect();
+            items.unbounded = all.filter(|&element| !items.is_bounded(element)).collect();
         }
         items
     }
@@ -192,8 +208,13 @@ impl<'a> Items<'a> {
         if self.unbounded.is_empty() {
             return all.map(of).collect();
         }
-        let is_bounded = |number: &u32| bounded(&self.geometry.bounds(self.element(*number)));
+        let is_bounded = |number: &u32| self.is_bounded(self.element(*number));
         all.filter(is_bounded).map(of).collect()
+    }
+
+    /// Whether an element is part of the structure.
+    fn is_bounded(&self, element: Element) -> bool {
+        self.vast.binary_search(&element.shape()).is_err() && bounded(&self.geometry.bounds(element))
     }
 
     /// The element of a number.

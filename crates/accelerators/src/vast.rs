@@ -1,0 +1,67 @@
+//! Shapes beside which all others are specks.
+//!
+//! The precision of a structure is that of its largest coordinate: around a ground of a million kilometres, single precision boxes of a
+//! bunny are all of its size. Such shapes are few, and are tried for every ray, as endless ones are.
+
+use whitstone_core::Aabb;
+
+/// So many times larger than all others together. Boxes in single precision still tell apart what is a thousandth of these.
+const VAST: f64 = 16384.0;
+
+/// Most elements that are tried for every ray.
+const MOST: usize = 64;
+
+/// The numbers of the vast shapes, ascending, by the boxes and the numbers of elements of all shapes. Empty boxes count as not there.
+pub(crate) fn vast(shapes: &[(Aabb, usize)]) -> Vec<u32> {
+    let size = |aabb: &Aabb| (aabb.max - aabb.min).max_element();
+    let mut vast: Vec<u32> = Vec::new();
+    let mut left = MOST;
+    loop {
+        let others = || {
+            let all = (0..).zip(shapes);
+            all.filter(|(number, (aabb, _))| !aabb.is_empty() && !vast.contains(number))
+        };
+        let largest = others().max_by(|(_, (a, _)), (_, (b, _))| size(a).total_cmp(&size(b)));
+        let Some((number, (aabb, count))) = largest else {
+            break;
+        };
+        let rest = others().filter(|(other, _)| *other != number);
+        let rest = rest.fold(Aabb::EMPTY, |rest, (_, (aabb, _))| rest.union(*aabb));
+        if rest.is_empty() || *count > left || size(aabb) <= VAST * size(&rest) {
+            break;
+        }
+        left -= count;
+        vast.push(number);
+    }
+    vast.sort_unstable();
+    vast
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whitstone_core::DVec3;
+
+    fn cube(center: f64, half: f64) -> Aabb {
+        Aabb::around([DVec3::splat(center - half), DVec3::splat(center + half)])
+    }
+
+    #[test]
+    fn what_is_vast_beside_the_rest_is_found() {
+        let scene = |half: f64| [(cube(0.0, half), 2), (cube(3.0, 1.0), 100), (cube(-2.0, 0.5), 1)];
+        assert!(vast(&scene(1e4)).is_empty());
+        assert_eq!(vast(&scene(1e6)), [0]);
+        // One inside another inside another.
+        let nested = [
+            (cube(0.0, 1e5), 1),
+            (cube(0.0, 1.0), 1),
+            (Aabb::EMPTY, 0),
+            (cube(0.0, 1e12), 1),
+        ];
+        assert_eq!(vast(&nested), [0, 3]);
+        // Not if it is a mesh of many, or alone.
+        assert!(vast(&[(cube(0.0, 1e9), 65), (cube(0.0, 1.0), 1)]).is_empty());
+        assert!(vast(&[(cube(0.0, 1e9), 1)]).is_empty());
+        assert!(vast(&[]).is_empty());
+    }
+}
