@@ -13,7 +13,7 @@ use std::time::Instant;
 use toml::Spanned;
 use toml::de::DeTable;
 use whitstone_core::config::{
-    FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue,
+    FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue, inline_plugins,
 };
 use whitstone_core::{
     Accelerator, Accelerators, Camera, Cameras, ClosedMesh, ColorSource, Context, Element, FamilyName,
@@ -118,6 +118,7 @@ impl Pipeline {
             open: Vec::new(),
             groups: BTreeMap::new(),
             operands: Operands::default(),
+            faulty_operands: BTreeSet::new(),
             used: BTreeSet::new(),
             memory: Memory::new(options.max_memory),
             options,
@@ -256,6 +257,8 @@ struct Builder<'d, 's, 'o> {
     /// What instances place, by id, as far as it is built.
     groups: BTreeMap<&'d str, BuiltGroup>,
     operands: Operands,
+    /// Inline shapes whose errors are told.
+    faulty_operands: BTreeSet<usize>,
     used: BTreeSet<(FamilyName, &'static str)>,
     memory: Memory,
     options: BuildOptions<'o>,
@@ -289,7 +292,36 @@ impl<'d, 's> Builder<'d, 's, '_> {
             SceneErrors::from(error)
         })?;
         self.used.insert((F::NAME, entry.name));
-        registry.build::<F>(&plugin.name, &plugin.table, input, self)
+        let built = registry.build::<F>(&plugin.name, &plugin.table, input, self);
+        built.map_err(|errors| self.and_those_of_parts(errors, plugin))
+    }
+
+    /// What is wrong with a plugin hides nothing of what is wrong with those inside it.
+    fn and_those_of_parts(&mut self, mut errors: SceneErrors, plugin: &PluginTable<'s>) -> SceneErrors {
+        let description = self.description;
+        for index in inline_plugins(&plugin.table) {
+            let Some(part) = description.inline.get(index) else {
+                continue;
+            };
+            let (span, key) = (part.table.span(), Key::Inline(index));
+            let is = |family| self.registry.get(family, &part.name).is_ok();
+            let found = if is(FamilyName::Texture) {
+                self.shared_texture(key, &span).err()
+            } else if is(FamilyName::Material) {
+                self.shared_material(&PluginRef::Inline(index), &span).err()
+            } else if is(FamilyName::Shape) {
+                let shape = PluginRef::Inline(index);
+                self.solid(&SolidRef { span, shape }, &Transform::IDENTITY).err()
+            } else {
+                None
+            };
+            for error in found.into_iter().flat_map(|found| found.0) {
+                if !errors.0.contains(&error) {
+                    errors.0.push(error);
+                }
+            }
+        }
+        errors
     }
 
     /// A plugin of a table that is there once; no error where the table is known to be faulty.
@@ -604,15 +636,22 @@ impl Context for Builder<'_, '_, '_> {
     fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Primitive>, SceneErrors> {
         let description = self.description;
         let table = match &operand.shape {
-            PluginRef::Inline(index) => description.inline.get(*index),
+            PluginRef::Inline(index) => (index, description.inline.get(*index)),
             PluginRef::Shared(_) => return Err(operands::no_id(operand).into()),
         };
         // What could not be read has been told.
-        let table = table.ok_or_else(SceneErrors::default)?;
+        let (index, Some(table)) = table else {
+            return Err(SceneErrors::default());
+        };
+        if self.faulty_operands.contains(index) {
+            return Err(SceneErrors::default());
+        }
         let (plugin, transform) = self.operands.enter(table, operand, around)?;
         let built = self.plugin::<Shapes>(&plugin, transform);
         self.operands.leave();
-        let shape = built?;
+        let shape = built.inspect_err(|_| {
+            self.faulty_operands.insert(*index);
+        })?;
         if let Shape::Triangles(mesh) = &shape {
             self.memory.take(ClosedMesh::bytes(mesh))?;
         }
