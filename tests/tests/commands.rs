@@ -6,7 +6,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
 use whitstone::image::{Image, exr_io};
-use whitstone_tests::{entries, program, root, scenes};
+use whitstone_tests::{program, root, scenes};
 
 fn run(arguments: &[&str]) -> Output {
     program!().current_dir(root()).args(arguments).output().unwrap()
@@ -536,128 +536,7 @@ fn a_full_disk_behind_standard_output_is_told() {
     assert!(stderr(&output).contains("standard output"), "{}", stderr(&output));
 }
 
-/// Whether the file system keeps this user from writing into a folder without permission; it does not keep root.
-#[cfg(unix)]
-fn permissions_count(folder: &Path) -> bool {
-    fs::write(folder.join("probe"), "").is_err()
-}
-
-#[test]
-fn output_that_cannot_be_written_leaves_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let place = |name: &str| folder.path().join(name);
-    fs::create_dir(place("folder.exr")).unwrap();
-    fs::create_dir(place("folder.json")).unwrap();
-    fs::write(place("file"), "").unwrap();
-    let mut cases: Vec<(PathBuf, i32)> = vec![
-        (place("folder.exr"), 3),
-        (place("none/image.exr"), 3),
-        (place("file/image.exr"), 3),
-        (place("image.bmp"), 2),
-        (place("image"), 2),
-    ];
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt as _;
-        fs::create_dir(place("locked")).unwrap();
-        fs::set_permissions(place("locked"), fs::Permissions::from_mode(0o555)).unwrap();
-        if permissions_count(&place("locked")) {
-            cases.push((place("locked/image.exr"), 3));
-        } else {
-            println!("skipped: a folder without permission (this user may write anywhere)");
-            fs::remove_file(place("locked/probe")).unwrap();
-        }
-    }
-    let before = entries(folder.path());
-    for (path, expected) in cases {
-        let output = program!()
-            .current_dir(root())
-            .args([
-                "render",
-                "scenes/showcase/classic.toml",
-                "--set",
-                "film={width=8,height=8}",
-                "-o",
-            ])
-            .arg(&path)
-            .output()
-            .unwrap();
-        assert_eq!(
-            output.status.code(),
-            Some(expected),
-            "{}: {}",
-            path.display(),
-            stderr(&output)
-        );
-        let named = path.file_name().unwrap().to_string_lossy().into_owned();
-        assert!(
-            stderr(&output).contains(&named),
-            "{}: {}",
-            path.display(),
-            stderr(&output)
-        );
-        assert_eq!(entries(folder.path()), before, "{}", path.display());
-        assert!(entries(&place("folder.exr")).is_empty());
-        // The file that is written first is no one's business.
-        assert!(!stderr(&output).contains("temporary"), "{}", stderr(&output));
-    }
-    let output = program!()
-        .current_dir(root())
-        .args(["explain", "scenes/showcase/classic.toml", "--json"])
-        .arg(place("folder.json"))
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
-    assert_eq!(entries(folder.path()), before);
-}
-
 /// A picture that takes some tenths of a second to make is made once; what is kept is not trusted, and belongs to the sample.
-/// No result takes the place of another, of the scene, or of what the scene reads.
-#[test]
-fn outputs_are_files_of_their_own() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).display().to_string();
-    let texture = "reflectance = { type = \"image\", file = \"tex.png\" }";
-    let scene = format!(
-        "film = {{ width = 4, height = 4 }}\n[camera]\ntype = \"perspective\"\n\
-         look_at = {{ origin = [0, 0, 5], target = [0, 0, 0] }}\n[[shape]]\ntype = \"sphere\"\n\
-         material = {{ type = \"matte\", {texture} }}\n"
-    );
-    fs::write(path("s.toml"), &scene).unwrap();
-    fs::copy(root().join("scenes/assets/checker.png"), path("tex.png")).unwrap();
-    let before = fs::read(path("tex.png")).unwrap();
-    for (arguments, told) in [
-        (["-o", "a.exr", "--json", "a.exr"], "two results"),
-        (["-o", "a.exr", "--json", "s.toml"], "the scene reads this file"),
-        (["-o", "tex.png", "--json", "a.json"], "the scene reads this file"),
-    ] {
-        let places = [arguments[1], arguments[3]].map(path);
-        let scene = path("s.toml");
-        let output = run(&[
-            "render",
-            &scene,
-            arguments[0],
-            &places[0],
-            arguments[2],
-            &places[1],
-        ]);
-        assert_eq!(code(&output), Some(2), "{arguments:?}");
-        assert!(stderr(&output).contains(told), "{}", stderr(&output));
-    }
-    assert_eq!(fs::read_to_string(path("s.toml")).unwrap(), scene);
-    assert_eq!(fs::read(path("tex.png")).unwrap(), before);
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
-    let output = run(&[
-        "render",
-        &path("s.toml"),
-        "-o",
-        &path("a.exr"),
-        "--json",
-        &path("a.json"),
-    ]);
-    assert_eq!(code(&output), Some(0), "{}", stderr(&output));
-}
-
 #[test]
 fn what_took_long_to_make_is_kept_between_runs() {
     let folder = tempfile::tempdir().unwrap();
