@@ -114,7 +114,11 @@ impl Elements {
             unbounded: Vec::new(),
             degenerate: 0,
         };
-        let vast = vast(&boxes(geometry));
+        // Beside nothing, nothing is vast.
+        let vast = match geometry.shapes().len() {
+            0 | 1 => Vec::new(),
+            _ => vast(&boxes(geometry)),
+        };
         for (element, number) in geometry.elements().zip(0..) {
             if corners(geometry, element).is_some_and(|[a, b, c]| a == b || b == c || c == a) {
                 found.degenerate += 1;
