@@ -119,13 +119,22 @@ fn shrunk(from: (usize, usize), (width, height): (usize, usize), texel: &dyn Fn(
 /// 1/12. Along an axis, over a disk of radius 1, they have (1 - 5q) / (4 (1 - 3q)), q = e^-2.
 const RADIUS: f64 = 0.782_549_4;
 
+/// A factor of all weights, a power of two, so that no sum of texels exceeds all numbers: an ellipse holds fewer texels.
+const SMALL: f32 = 1.0 / 65536.0;
+
 /// The weight of a texel by the square of its distance from the middle of the ellipse, as a part of that of its edge: a Gaussian that is cut where it
-/// is e^-2, lowered so that it ends at zero there, 1 in the middle. As a polynomial, which loops are made of more easily than of exponentials: the
-/// nearest one of this degree, off by 2.6e-4 at most. Of four texels.
+/// is e^-2, lowered so that it ends at zero there, [`SMALL`] in the middle. As a polynomial, which loops are made of more easily than of
+/// exponentials: the nearest one of this degree, off by 2.6e-4 at most. Of four texels.
 #[inline(always)]
 fn weight(square: Vec4) -> Vec4 {
+    const BY: [f32; 4] = [
+        SMALL * 0.305_360_4,
+        SMALL * 0.382_570_4,
+        SMALL * 0.018_251_8,
+        SMALL * 0.293_558_3,
+    ];
     let x = (Vec4::ONE - square).max(Vec4::ZERO);
-    x * (0.305_360_4 + x * (0.382_570_4 + x * (0.018_251_8 + x * 0.293_558_3)))
+    x * (BY[0] + x * (BY[1] + x * (BY[2] + x * BY[3])))
 }
 
 /// The ellipse that a sample covers, in units of the picture.
@@ -172,9 +181,6 @@ impl Ellipse {
         }
     }
 }
-
-/// A factor of all weights, a power of two, so that no sum of texels exceeds all numbers: an ellipse holds fewer texels.
-const SMALL: f32 = 1.0 / 65536.0;
 
 /// A level as it is looked up.
 #[derive(Clone, Copy)]
@@ -321,7 +327,7 @@ impl Quadratic {
             let mut i = (start_p + slope * q - half).ceil() as i32;
             for _ in 0..runs {
                 let p = i as f32 - start_p + Vec4::new(0.0, 1.0, 2.0, 3.0);
-                let weights = SMALL * weight((a * p + bq) * p + cqq);
+                let weights = weight((a * p + bq) * p + cqq);
                 total += weights;
                 let at = match along_p.straight(i, i + 3) {
                     Some(first) => std::array::from_fn(|lane| line + (first + lane) * apart_p),
@@ -389,7 +395,7 @@ mod tests {
         for k in 0..=1000 {
             let square = f64::from(k) / 1000.0;
             let gaussian = ((-2.0 * square).exp() - edge) / (1.0 - edge);
-            let found = f64::from(weight(Vec4::splat(square as f32)).x);
+            let found = f64::from(weight(Vec4::splat(square as f32)).x / SMALL);
             assert!(
                 (found - gaussian).abs() < 2.7e-4,
                 "{square}: {found} for {gaussian}"

@@ -72,10 +72,14 @@ enum Coarse {
     /// Nothing.
     None,
     Trilinear(Pyramid),
-    Ewa {
-        pyramid: Pyramid,
-        max_anisotropy: f64,
-    },
+    Ewa(Ewa),
+}
+
+struct Ewa {
+    pyramid: Pyramid,
+    max_anisotropy: f64,
+    /// The linear values of 8-bit codes.
+    linear: Option<Box<[f32; 256]>>,
 }
 
 /// Texels row by row, the top row first.
@@ -101,11 +105,11 @@ impl Store {
         // Rounding gives back the code, of which the value is the nearest f32.
         match texels.encoding {
             Encoding::Srgb8 => {
-                let code = |value: f32| (f64::from(value) * 255.0).round() as u8;
+                let code = |value: f32| (f64::from(value) * 255.0 + 0.5) as u8;
                 Self::eight(texels.data.iter().map(|texel| texel.map(code)).collect(), encoded)
             }
             Encoding::Srgb16 => {
-                let code = |value: f32| (f64::from(value) * 65535.0).round() as u16;
+                let code = |value: f32| (f64::from(value) * 65535.0 + 0.5) as u16;
                 Self::Sixteen(
                     texels.data.iter().map(|texel| texel.map(code)).collect(),
                     table(65535, encoded),
@@ -178,10 +182,16 @@ impl Raster {
         let coarse = match lookup.filter {
             Filter::Bilinear | Filter::Nearest => Coarse::None,
             Filter::Trilinear => Coarse::Trilinear(pyramid()?),
-            Filter::Ewa => Coarse::Ewa {
+            Filter::Ewa => Coarse::Ewa(Ewa {
                 pyramid: pyramid()?,
                 max_anisotropy: f64::from(max_anisotropy.map_or(USUAL_ANISOTROPY, |n| n.get_ref().get())),
-            },
+                linear: match &store {
+                    Store::Eight(_, linear) => {
+                        Some(Box::new(std::array::from_fn(|code| single(linear[code]))))
+                    }
+                    _ => None,
+                },
+            }),
         };
         Ok(Self {
             width,
@@ -246,9 +256,14 @@ impl Raster {
         })
     }
 
-    fn ewa(&self, (pyramid, most): (&Pyramid, f64), place: DVec2, steps: [DVec2; 2]) -> Rgb {
+    fn ewa(&self, ewa: &Ewa, place: DVec2, steps: [DVec2; 2]) -> Rgb {
+        let Ewa {
+            pyramid,
+            max_anisotropy,
+            linear,
+        } = ewa;
         let size = DVec2::new(self.width as f64, self.height as f64);
-        let ellipse = Ellipse::new(steps, size, most);
+        let ellipse = Ellipse::new(steps, size, *max_anisotropy);
         // Where it is small beside a texel there is nothing to filter.
         if ellipse.long <= 1.0 {
             return self.bilinear(place);
@@ -267,17 +282,17 @@ impl Raster {
                     height: self.height,
                     wrap,
                 };
-                match &self.store {
-                    Store::Eight(codes, linear) => {
-                        let (codes, linear) = (&codes[..], &linear[..]);
-                        let value = move |code: u8| linear[usize::from(code)] as f32;
+                match (&self.store, linear) {
+                    (Store::Eight(codes, _), Some(linear)) => {
+                        let (codes, linear) = (&codes[..], &**linear);
+                        let value = move |code: u8| linear[usize::from(code)];
                         let texel = move |at: usize| {
                             let [r, g, b] = codes[at];
                             Vec4::new(value(r), value(g), value(b), 0.0)
                         };
                         elliptical(grid, texel, place, &ellipse)
                     }
-                    store => {
+                    (store, _) => {
                         let texel = |at| {
                             let [r, g, b] = store.texel(at).to_array().map(single);
                             Vec4::new(r, g, b, 0.0)
@@ -361,17 +376,14 @@ impl Pattern for Raster {
         match &self.coarse {
             Coarse::None => self.at(q),
             Coarse::Trilinear(pyramid) => self.trilinear(pyramid, place, steps),
-            Coarse::Ewa {
-                pyramid,
-                max_anisotropy,
-            } => self.ewa((pyramid, *max_anisotropy), place, steps),
+            Coarse::Ewa(ewa) => self.ewa(ewa, place, steps),
         }
     }
 
     fn bytes(&self) -> TextureBytes {
         let levels = match self.coarse {
             Coarse::None => 0,
-            Coarse::Trilinear(_) | Coarse::Ewa { .. } => Pyramid::bytes(self.width, self.height),
+            Coarse::Trilinear(_) | Coarse::Ewa(_) => Pyramid::bytes(self.width, self.height),
         };
         TextureBytes {
             texels: self.store.bytes(),
