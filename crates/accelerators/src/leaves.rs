@@ -14,6 +14,7 @@ use child::{Child, Kind, WIDTH};
 use filter::NUMBERS;
 use frame::Frame;
 use std::sync::Arc;
+use whitstone_core::triangle::Axis;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape};
 
 /// All leaves of a structure.
@@ -65,10 +66,18 @@ impl Leaves {
     /// The corners of a triangle of a leaf where these are exact.
     #[inline(always)]
     fn exact_corners(&self, first: usize, count: usize, lane: usize) -> [DVec3; 3] {
+        self.exact_along([Axis::X, Axis::Y, Axis::Z], first, count, lane)
+            .map(DVec3::from_array)
+    }
+
+    /// The same by coordinates along these axes.
+    #[inline(always)]
+    fn exact_along(&self, axes: [Axis; 3], first: usize, count: usize, lane: usize) -> [[f64; 3]; 3] {
         let numbers = &self.numbers[NUMBERS * first..][..NUMBERS * count];
-        let number = |i: usize| f64::from(numbers[i * count + lane]) * self.exact;
-        let corner = |i: usize| DVec3::new(number(3 * i), number(3 * i + 1), number(3 * i + 2));
-        [corner(0), corner(1), corner(2)]
+        let [x, y, z] = axes.map(|axis| axis as usize * count + lane);
+        let number = |i: usize| f64::from(numbers[i]) * self.exact;
+        let corner = |by: usize| [number(x + by), number(y + by), number(z + by)];
+        [corner(0), corner(3 * count), corner(6 * count)]
     }
 
     /// What is in a place of a leaf of triangles, and its corners in the world.

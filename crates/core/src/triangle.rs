@@ -17,10 +17,33 @@ use glam::DVec3;
 /// What the watertight test needs of a ray, computed once a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct ShearedRay {
-    origin: DVec3,
-    axes: [usize; 3],
+    axes: [Axis; 3],
+    /// Along the axes.
+    origin: [f64; 3],
     shear: DVec3,
 }
+
+/// An axis; an enumeration, so that it is known to be in range where it is used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Axis {
+    /// The first.
+    #[default]
+    X,
+    /// The second.
+    Y,
+    /// The third.
+    Z,
+}
+
+/// By whether the direction falls along z, and by what becomes z.
+static AXES: [[[Axis; 3]; 3]; 2] = {
+    use Axis::*;
+    [
+        [[Y, Z, X], [Z, X, Y], [X, Y, Z]],
+        [[Z, Y, X], [X, Z, Y], [Y, X, Z]],
+    ]
+};
 
 /// Where a ray meets a triangle (a, b, c).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,53 +59,69 @@ pub struct TriangleHit {
 impl ShearedRay {
     /// Section 3.2 of the paper: the axis in which the direction is largest becomes z; the other two
     /// keep their handedness.
+    #[inline]
     pub fn new(ray: &Ray) -> Self {
-        let d = ray.direction;
-        let a = d.abs();
-        let z = if a.x > a.y {
-            if a.x > a.z { 0 } else { 2 }
-        } else if a.y > a.z {
-            1
-        } else {
-            2
-        };
-        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
-        if d[z] < 0.0 {
-            std::mem::swap(&mut x, &mut y);
-        }
+        // Without jumps: directions of scattered rays cannot be foreseen.
+        let (o, d) = (ray.origin.to_array(), ray.direction.to_array());
+        let a = ray.direction.abs();
+        let z = select(a.x > a.y, select(a.x > a.z, 0, 2), select(a.y > a.z, 1, 2));
+        let axes = AXES[usize::from(d[z] < 0.0)][z];
+        let [x, y, z] = axes.map(|axis| d[axis as usize]);
         Self {
-            origin: ray.origin,
-            axes: [x, y, z],
-            shear: DVec3::new(d[x] / d[z], d[y] / d[z], 1.0 / d[z]),
+            axes,
+            origin: axes.map(|axis| o[axis as usize]),
+            shear: DVec3::new(x / z, y / z, 1.0 / z),
         }
+    }
+
+    /// The axes of the world that become x, y and z.
+    #[inline]
+    pub fn axes(&self) -> [Axis; 3] {
+        self.axes
+    }
+
+    /// The coordinates of a point along [`Self::axes`].
+    #[inline]
+    fn turned(&self, p: DVec3) -> [f64; 3] {
+        let p = p.to_array();
+        self.axes.map(|axis| p[axis as usize])
     }
 
     /// A point as the test sees it: beside the ray in x and y, along it in z. What else is cut out by edges is
     /// watertight beside triangles if it uses the same coordinates.
     #[inline]
     pub fn beside(&self, p: DVec3) -> DVec3 {
-        let [x, y, z] = self.axes;
-        let p = p - self.origin;
-        DVec3::new(p[x] - self.shear.x * p[z], p[y] - self.shear.y * p[z], p[z])
+        self.beside_turned(self.turned(p))
+    }
+
+    /// The same for coordinates along [`Self::axes`].
+    #[inline]
+    fn beside_turned(&self, [x, y, z]: [f64; 3]) -> DVec3 {
+        let [x, y, z] = [x - self.origin[0], y - self.origin[1], z - self.origin[2]];
+        DVec3::new(x - self.shear.x * z, y - self.shear.y * z, z)
     }
 
     /// The hit with the plane of the triangle if it lies inside or on the border; either side counts.
     /// `None` for a degenerate triangle and for one seen edge-on.
     #[inline]
     pub fn intersect(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<TriangleHit> {
-        let (a, b, c) = (self.beside(a), self.beside(b), self.beside(c));
+        self.intersect_turned([a, b, c].map(|p| self.turned(p)))
+    }
+
+    /// The same for corners by their coordinates along [`Self::axes`].
+    #[inline(always)]
+    pub fn intersect_turned(&self, corners: [[f64; 3]; 3]) -> Option<TriangleHit> {
+        let [a, b, c] = corners.map(|p| self.beside_turned(p));
         // Scaled barycentric coordinates: edge functions opposite a, b and c.
         let weight_a = c.x * b.y - c.y * b.x;
         let weight_b = a.x * c.y - a.y * c.x;
         let weight_c = b.x * a.y - b.y * a.x;
-        let any_negative = weight_a < 0.0 || weight_b < 0.0 || weight_c < 0.0;
-        let any_positive = weight_a > 0.0 || weight_b > 0.0 || weight_c > 0.0;
-        if any_negative && any_positive {
-            return None;
-        }
+        let lowest = less(less(weight_a, weight_b), weight_c);
+        let highest = greater(greater(weight_a, weight_b), weight_c);
         let determinant = weight_a + weight_b + weight_c;
         // Written so that a NaN (from infinite coordinates) is no hit either.
-        if !(determinant != 0.0 && determinant.is_finite()) {
+        let one_side = !((lowest < 0.0) & (highest > 0.0));
+        if !(one_side & (determinant != 0.0) & (determinant.abs() < f64::INFINITY)) {
             return None;
         }
         let place = place([a, b, c], [weight_a, weight_b, weight_c], determinant);
@@ -92,6 +131,18 @@ impl ShearedRay {
             v: place.y,
         })
     }
+}
+
+/// The smaller one; one instruction, and no doubt about the sign of zero. If it cannot be said, the second.
+#[inline(always)]
+fn less(x: f64, y: f64) -> f64 {
+    select(x < y, x, y)
+}
+
+/// The larger one; as [`less`].
+#[inline(always)]
+fn greater(x: f64, y: f64) -> f64 {
+    select(x > y, x, y)
 }
 
 /// Where a line runs through a triangle (a, b, c), and whether it comes from the side that the corners run counter-clockwise on.
@@ -167,12 +218,12 @@ fn place([a, b, c]: [DVec3; 3], weights: [f64; 3], determinant: f64) -> DVec3 {
     let u = (f.y * beside_x - f.x * beside_y) * reciprocal;
     let v = (e.x * beside_y - e.y * beside_x) * reciprocal;
     let depth = (wa * a.z + wb * b.z + wc * c.z) + (u * e.z + v * f.z);
-    let (least, greatest) = (a.z.min(b.z).min(c.z), a.z.max(b.z).max(c.z));
-    let within = |x: f64, low: f64, high: f64| x.max(low).min(high);
+    let (least, most) = (less(less(a.z, b.z), c.z), greater(greater(a.z, b.z), c.z));
+    let within = |x: f64, low: f64, high: f64| less(greater(x, low), high);
     DVec3::new(
         within(wb + u, 0.0, 1.0),
         within(wc + v, 0.0, 1.0),
-        within(depth, least, greatest),
+        within(depth, least, most),
     )
 }
 

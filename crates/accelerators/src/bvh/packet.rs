@@ -10,9 +10,10 @@ use super::node::Node;
 use super::search::Stack;
 use crate::leaves::child::{Child, Kind, WIDTH};
 use crate::leaves::filter::{Beam, NUMBERS, filter};
-use crate::leaves::frame::{Alone, Axis, LocalLane, LocalRays};
+use crate::leaves::frame::{Alone, LocalLane, LocalRays};
 use crate::leaves::state::{State, Streamed, Sure};
 use whitstone_core::stream::GROUP;
+use whitstone_core::triangle::Axis;
 use whitstone_simd::{Lanes, Machine};
 
 /// So many rays or fewer go alone.

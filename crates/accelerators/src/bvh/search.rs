@@ -121,14 +121,19 @@ impl Bvh {
                     let stack = &mut stack.top;
                     let (second, rest) = next();
                     if rest == 0 {
-                        let (nearer, farther) = if second.0 < first.0 {
-                            (second, first)
+                        // A jump (which the black boxes keep), and no choice of numbers: so the processor can fetch the node that it takes to be nearer
+                        // before the distances are known.
+                        if second.0 < first.0 {
+                            std::hint::black_box(());
+                            stack[height % Stack::ROOM] = first;
+                            height += 1;
+                            child = second.1;
                         } else {
-                            (first, second)
-                        };
-                        stack[height % Stack::ROOM] = farther;
-                        height += 1;
-                        child = nearer.1;
+                            std::hint::black_box(());
+                            stack[height % Stack::ROOM] = second;
+                            height += 1;
+                            child = first.1;
+                        }
                         continue;
                     }
                     // Three or more: sorted on the stack, the nearest on top.

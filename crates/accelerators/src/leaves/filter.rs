@@ -6,8 +6,9 @@
 //! a packet.
 
 use super::child::WIDTH;
-use super::frame::{Axis, LocalRay, LocalRays, ROUNDING};
+use super::frame::{LocalRay, LocalRays, ROUNDING};
 use whitstone_core::stream::GROUP;
+use whitstone_core::triangle::Axis;
 use whitstone_simd::Lanes;
 
 /// Numbers of a triangle: three corners of three coordinates.

@@ -1,6 +1,7 @@
 //! The structure's own coordinates, and rays in them.
 
 use whitstone_core::stream::{GROUP, RayStream};
+use whitstone_core::triangle::Axis;
 use whitstone_core::{Aabb, DVec3, Interval, Ray};
 use whitstone_simd::select;
 
@@ -96,16 +97,6 @@ static AXES: [[Axis; 3]; 3] = {
     use Axis::*;
     [[Y, Z, X], [Z, X, Y], [X, Y, Z]]
 };
-
-/// An axis; an enumeration, so that it is known to be in range where it is used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(u8)]
-pub(crate) enum Axis {
-    #[default]
-    X,
-    Y,
-    Z,
-}
 
 /// Where the planes of eight boxes begin that are across an axis, on one side of them: by axis, by side (0 smallest, 1 largest coordinate),
 /// by box.

@@ -168,12 +168,11 @@ impl<'a, Q: Asked> State<'a, Q> {
     }
 
     /// The same for a triangle that is not skipped and whose corners are exact in the leaf.
-    #[inline(never)]
+    #[inline(always)]
     fn resolve_exact(&mut self, first: usize, count: usize, lane: usize) {
         let (ray, interval) = (self.query.ray(), self.query.interval());
-        let sheared = self.sheared.get_or_insert_with(|| ShearedRay::new(&ray));
-        let [a, b, c] = self.leaves.exact_corners(first, count, lane);
-        let hit = sheared.intersect(a, b, c);
+        let sheared = ShearedRay::new(&ray);
+        let hit = sheared.intersect_turned(self.leaves.exact_along(sheared.axes(), first, count, lane));
         if let Some(TriangleHit { t, u, v }) = hit
             && t > interval.min
             && t < self.end
