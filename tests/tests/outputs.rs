@@ -133,3 +133,28 @@ fn outputs_are_files_of_their_own() {
     ]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
 }
+
+#[test]
+fn an_image_that_cannot_hold_its_radiance_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("bright.toml");
+    let report = folder.path().join("report.json");
+    let render = |radiance: &str| {
+        let text = format!(
+            "film = {{ width = 8, height = 4 }}\ncamera = {{ type = \"environment\", look_at = {{ origin = [0, 0, 0], target = [0, 0, 1] }} }}\n\
+             light = [{{ type = \"background\", radiance = {radiance} }}]\n\
+             shape = [{{ type = \"sphere\", center = [0, 0, 3], material = {{ type = \"mirror\" }} }}]\n"
+        );
+        fs::write(&scene, text).unwrap();
+        let [scene, report] = [&scene, &report].map(|path| path.to_str().unwrap());
+        let output = folder.path().join("image.exr");
+        let output = run(&["render", scene, "-o", output.to_str().unwrap(), "--json", report]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let report: serde_json::Value = serde_json::from_slice(&fs::read(report).unwrap()).unwrap();
+        (stderr(&output), report["not_finite"].as_u64().unwrap())
+    };
+    let (told, unfit) = render("1e39");
+    assert!(told.contains("warning: 32 of 32 pixels are not finite"), "{told}");
+    assert_eq!(unfit, 32);
+    assert_eq!(render("1e38"), (String::new(), 0));
+}

@@ -11,7 +11,7 @@ pub(crate) mod items;
 pub(crate) mod state;
 
 use child::{Child, Kind, WIDTH};
-use filter::NUMBERS;
+use filter::{NUMBERS, WINDOW};
 use frame::Frame;
 use std::sync::Arc;
 use whitstone_core::triangle::Axis;
@@ -66,18 +66,23 @@ impl Leaves {
     /// The corners of a triangle of a leaf where these are exact.
     #[inline(always)]
     fn exact_corners(&self, first: usize, count: usize, lane: usize) -> [DVec3; 3] {
-        self.exact_along([Axis::X, Axis::Y, Axis::Z], first, count, lane)
+        self.exact_along(&[Axis::X, Axis::Y, Axis::Z], first, count, lane)
             .map(DVec3::from_array)
     }
 
     /// The same by coordinates along these axes.
     #[inline(always)]
-    fn exact_along(&self, axes: [Axis; 3], first: usize, count: usize, lane: usize) -> [[f64; 3]; 3] {
-        let numbers = &self.numbers[NUMBERS * first..][..NUMBERS * count];
-        let [x, y, z] = axes.map(|axis| axis as usize * count + lane);
+    fn exact_along(&self, axes: &[Axis; 3], first: usize, count: usize, lane: usize) -> [[f64; 3]; 3] {
+        let Some(numbers) = self.numbers[NUMBERS * first..].first_chunk::<WINDOW>() else {
+            return [[0.0; 3]; 3];
+        };
+        // Both are so; said, so that no index is checked.
+        let (count, lane) = (count.min(WIDTH), lane % WIDTH);
+        let along = |i: usize| 3 * axes[i] as usize * count + lane;
+        let [x, y, z] = [along(0), along(1), along(2)];
         let number = |i: usize| f64::from(numbers[i]) * self.exact;
         let corner = |by: usize| [number(x + by), number(y + by), number(z + by)];
-        [corner(0), corner(3 * count), corner(6 * count)]
+        [corner(0), corner(count), corner(2 * count)]
     }
 
     /// What is in a place of a leaf of triangles, and its corners in the world.
@@ -95,14 +100,15 @@ impl Leaves {
     }
 }
 
-/// From triangle after triangle to coordinate after coordinate.
+/// From triangle after triangle to rows of one number of every triangle: axis by axis, corner by corner.
 pub(crate) fn by_coordinate(numbers: &mut [f32], count: usize) {
     let mut old = [0.0; NUMBERS * WIDTH];
     let old = &mut old[..numbers.len()];
     old.copy_from_slice(numbers);
     for (i, triangle) in old.as_chunks::<NUMBERS>().0.iter().enumerate() {
         for (k, &number) in triangle.iter().enumerate() {
-            numbers[k * count + i] = number;
+            let (corner, axis) = (k / 3, k % 3);
+            numbers[(3 * axis + corner) * count + i] = number;
         }
     }
 }

@@ -17,7 +17,7 @@ use glam::DVec3;
 /// What the watertight test needs of a ray, computed once a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct ShearedRay {
-    axes: [Axis; 3],
+    axes: &'static [Axis; 3],
     /// Along the axes.
     origin: [f64; 3],
     shear: DVec3,
@@ -34,6 +34,20 @@ pub enum Axis {
     Y,
     /// The third.
     Z,
+}
+
+impl Axis {
+    /// The one along which a vector is longest, the last of those that are equal. Without jumps: directions of scattered rays cannot be
+    /// foreseen.
+    #[inline]
+    pub fn longest(v: DVec3) -> Self {
+        let a = v.abs();
+        let [x_or_z, y_or_z] = [
+            select(a.x > a.z, Self::X, Self::Z),
+            select(a.y > a.z, Self::Y, Self::Z),
+        ];
+        select(a.x > a.y, x_or_z, y_or_z)
+    }
 }
 
 /// By whether the direction falls along z, and by what becomes z.
@@ -61,37 +75,33 @@ impl ShearedRay {
     /// keep their handedness.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
-        // Without jumps: directions of scattered rays cannot be foreseen.
+        Self::along(ray, Axis::longest(ray.direction))
+    }
+
+    /// The same if the axis is known.
+    #[inline]
+    pub fn along(ray: &Ray, z: Axis) -> Self {
         let (o, d) = (ray.origin.to_array(), ray.direction.to_array());
-        let a = ray.direction.abs();
-        let z = select(a.x > a.y, select(a.x > a.z, 0, 2), select(a.y > a.z, 1, 2));
-        let axes = AXES[usize::from(d[z] < 0.0)][z];
-        let [x, y, z] = axes.map(|axis| d[axis as usize]);
+        let axes = &AXES[usize::from(d[z as usize] < 0.0)][z as usize];
+        let [x, y, z] = along(axes, d);
         Self {
             axes,
-            origin: axes.map(|axis| o[axis as usize]),
+            origin: along(axes, o),
             shear: DVec3::new(x / z, y / z, 1.0 / z),
         }
     }
 
     /// The axes of the world that become x, y and z.
     #[inline]
-    pub fn axes(&self) -> [Axis; 3] {
+    pub fn axes(&self) -> &'static [Axis; 3] {
         self.axes
-    }
-
-    /// The coordinates of a point along [`Self::axes`].
-    #[inline]
-    fn turned(&self, p: DVec3) -> [f64; 3] {
-        let p = p.to_array();
-        self.axes.map(|axis| p[axis as usize])
     }
 
     /// A point as the test sees it: beside the ray in x and y, along it in z. What else is cut out by edges is
     /// watertight beside triangles if it uses the same coordinates.
     #[inline]
     pub fn beside(&self, p: DVec3) -> DVec3 {
-        self.beside_turned(self.turned(p))
+        self.beside_turned(along(self.axes, p.to_array()))
     }
 
     /// The same for coordinates along [`Self::axes`].
@@ -105,7 +115,7 @@ impl ShearedRay {
     /// `None` for a degenerate triangle and for one seen edge-on.
     #[inline]
     pub fn intersect(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<TriangleHit> {
-        self.intersect_turned([a, b, c].map(|p| self.turned(p)))
+        self.intersect_turned([a, b, c].map(|p| along(self.axes, p.to_array())))
     }
 
     /// The same for corners by their coordinates along [`Self::axes`].
@@ -119,9 +129,9 @@ impl ShearedRay {
         let lowest = less(less(weight_a, weight_b), weight_c);
         let highest = greater(greater(weight_a, weight_b), weight_c);
         let determinant = weight_a + weight_b + weight_c;
-        // Written so that a NaN (from infinite coordinates) is no hit either.
-        let one_side = !((lowest < 0.0) & (highest > 0.0));
-        if !(one_side & (determinant != 0.0) & (determinant.abs() < f64::INFINITY)) {
+        // Of one sign and not all zero; written so that a NaN (from infinite coordinates) is no hit either.
+        let one_side = (lowest < 0.0) != (highest > 0.0);
+        if !(one_side & (determinant.abs() < f64::INFINITY)) {
             return None;
         }
         let place = place([a, b, c], [weight_a, weight_b, weight_c], determinant);
@@ -131,6 +141,12 @@ impl ShearedRay {
             v: place.y,
         })
     }
+}
+
+/// Coordinates along these axes, which are not copied, so that each is known to be in range.
+#[inline(always)]
+fn along(axes: &[Axis; 3], v: [f64; 3]) -> [f64; 3] {
+    [v[axes[0] as usize], v[axes[1] as usize], v[axes[2] as usize]]
 }
 
 /// The smaller one; one instruction, and no doubt about the sign of zero. If it cannot be said, the second.

@@ -89,14 +89,9 @@ impl Pipeline {
     fn film_cost(&self) -> Cost {
         let size = self.film.size;
         let pixels = u64::from(size.width) * u64::from(size.height);
-        let layers: usize = self.film.aovs.iter().map(|aov| aov.channels().len()).sum();
         let samples = u64::from(self.samples());
         let work = format!("{} rays from the camera, {samples} a pixel", pixels * samples);
-        cost(
-            "film",
-            Some(pixels * (3 + layers as u64) * size_of::<f32>() as u64),
-            work,
-        )
+        cost("film", Some(self.film.bytes()), work)
     }
 
     /// Of all triangle meshes, those of groups counted once.

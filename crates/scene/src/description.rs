@@ -133,6 +133,17 @@ pub struct FilmTable {
     pub size: FilmSize,
     /// Layers to write beside the radiance, in the order asked for.
     pub aovs: Vec<Aov>,
+    /// Where it is written, if it is.
+    pub span: Option<SourceSpan>,
+}
+
+impl FilmTable {
+    /// What all pixels take.
+    pub(crate) fn bytes(&self) -> u64 {
+        let pixels = u64::from(self.size.width) * u64::from(self.size.height);
+        let layers: usize = self.aovs.iter().map(|aov| aov.channels().len()).sum();
+        pixels * (3 + layers as u64) * size_of::<f32>() as u64
+    }
 }
 
 impl Default for FilmTable {
@@ -143,6 +154,7 @@ impl Default for FilmTable {
                 height: DEFAULT_SIDE,
             },
             aovs: Vec::new(),
+            span: None,
         }
     }
 }
@@ -300,13 +312,11 @@ impl<'s> Reader<'_, 's> {
     }
 
     fn film(&mut self, value: Option<Value<'s>>) -> Option<FilmTable> {
-        let raw = match value {
-            None => RawFilm::default(),
-            Some(value) => {
-                let table = self.table(value, "film")?;
-                self.errors.take(decode::<RawFilm>(&table))?
-            }
+        let Some(value) = value else {
+            return Some(FilmTable::default());
         };
+        let table = self.table(value, "film")?;
+        let raw = self.errors.take(decode::<RawFilm>(&table))?;
         let pixels =
             |side: &Option<Spanned<Side>>| side.as_ref().map_or(DEFAULT_SIDE, |side| side.get_ref().get());
         let (width, height) = (pixels(&raw.width), pixels(&raw.height));
@@ -330,6 +340,7 @@ impl<'s> Reader<'_, 's> {
         Some(FilmTable {
             size: FilmSize { width, height },
             aovs,
+            span: Some(table.span()),
         })
     }
 

@@ -399,6 +399,12 @@ impl Pipeline {
 }
 
 impl Film {
+    /// Pixels whose radiance the image cannot hold: more than `f32` has room for, or not a number.
+    pub fn not_finite(&self) -> usize {
+        let unfit = |rgb: &&[f32; 3]| !rgb.iter().all(|value| value.is_finite());
+        self.rgb.iter().filter(unfit).count()
+    }
+
     /// As an image with all layers and the attributes that say where it comes from.
     pub fn to_image(&self, scene_hash: &str) -> Result<Image, ImageError> {
         let mut image = Image::from_rgb(self.width as usize, self.height as usize, &self.rgb)?;

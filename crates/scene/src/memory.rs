@@ -1,7 +1,8 @@
 //! How much memory a scene will take, before it does.
 
+use crate::FilmTable;
 use std::fs;
-use whitstone_core::SceneError;
+use whitstone_core::{SceneError, SceneErrors};
 
 /// What a structure takes while it is built, in bytes an element: measured for `bvh` (`docs/accelerators.md`), about
 /// right for the others.
@@ -34,6 +35,15 @@ impl Memory {
         self.fits(bytes)?;
         self.taken = self.taken.saturating_add(bytes);
         Ok(())
+    }
+
+    /// Takes what the image needs.
+    pub(crate) fn take_film(&mut self, film: &FilmTable) -> Result<(), SceneErrors> {
+        let room = self.take(film.bytes());
+        room.map_err(|error| match &film.span {
+            Some(span) => SceneErrors::from(error).or_at(span),
+            None => error.into(),
+        })
     }
 
     /// Takes what an accelerator over so many elements needs.

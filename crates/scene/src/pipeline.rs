@@ -125,6 +125,7 @@ impl Pipeline {
             warnings: Vec::new(),
         };
         let size = description.film.size;
+        errors.take(builder.memory.take_film(&description.film));
         let camera = errors.take(builder.one::<Cameras>(&description.camera, size));
         let sampler = errors.take(builder.one::<Samplers>(&description.sampler, ()));
         let integrator = errors.take(builder.one::<Integrators>(&description.integrator, ()));

@@ -100,12 +100,24 @@ fn render(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     });
     let image = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
     exr_io::write(&arguments.output, &image).map_err(Failure::environment)?;
-    println!("{}", summary(&arguments.output, &pipeline, &film));
+    tell(&arguments.output, &pipeline, &film);
     Ok(Exit::Pass)
 }
 
-/// What was rendered and how fast, in a line.
-pub(crate) fn summary(output: &Path, pipeline: &Pipeline, film: &Film) -> String {
+/// Prints what was rendered and how fast, in a line, and a warning if the image is not sound.
+pub(crate) fn tell(output: &Path, pipeline: &Pipeline, film: &Film) {
+    println!("{}", summary(output, pipeline, film));
+    let (unfit, all) = (film.not_finite(), film.rgb.len());
+    if unfit > 0 {
+        eprintln!(
+            "warning: {unfit} of {all} pixels are not finite: radiance in this scene exceeds {:.1e}, which is all that 32 bits hold, \
+             or is no number",
+            f32::MAX
+        );
+    }
+}
+
+fn summary(output: &Path, pipeline: &Pipeline, film: &Film) -> String {
     let rays = film.counters.total();
     format!(
         "{}: {} x {}, {} samples a pixel, {rays} rays in {:.3} s ({:.2} Mrays/s), built in {:.3} s",

@@ -51,6 +51,25 @@ impl Stack {
         if self.below.is_empty() { 0 } else { self.refill() }
     }
 
+    /// What is to be done next, if there is anything that is entered before the limit.
+    #[inline(always)]
+    fn pop(&mut self, height: &mut usize, limit: f32) -> Option<Child> {
+        loop {
+            if *height == 0 {
+                *height = self.take_back();
+                if *height == 0 {
+                    return None;
+                }
+            }
+            *height -= 1;
+            let (near, child) = self.top[*height % Self::ROOM];
+            // At equal distance an element of lower number may be in there.
+            if near <= limit {
+                return Some(child);
+            }
+        }
+    }
+
     #[cold]
     #[inline(never)]
     fn refill(&mut self) -> usize {
@@ -100,86 +119,80 @@ impl Bvh {
         stack.below.clear();
         let mut height = 0;
         loop {
-            if child.is_inner()
+            // A loop of its own: what it needs stays in registers.
+            while child.is_inner()
                 && let Kind::Inner(node) = child.kind()
             {
                 let node = &self.nodes[node];
                 let (mut mask, near) = node.enter(l, local, limit);
-                if mask != 0 {
-                    let near = l.store(near);
-                    let mut next = || {
-                        let i = mask.trailing_zeros() as usize % WIDTH;
-                        mask &= mask - 1;
-                        ((near[i], Child(node.children[i])), mask)
-                    };
-                    let (first, rest) = next();
-                    if rest == 0 {
-                        child = first.1;
-                        continue;
+                if mask == 0 {
+                    match stack.pop(&mut height, limit) {
+                        Some(next) => child = next,
+                        None => return limit,
                     }
-                    height = stack.make_room(height);
-                    let stack = &mut stack.top;
-                    let (second, rest) = next();
-                    if rest == 0 {
-                        // A jump (which the black boxes keep), and no choice of numbers: so the processor can fetch the node that it takes to be nearer
-                        // before the distances are known.
-                        if second.0 < first.0 {
-                            std::hint::black_box(());
-                            stack[height % Stack::ROOM] = first;
-                            height += 1;
-                            child = second.1;
-                        } else {
-                            std::hint::black_box(());
-                            stack[height % Stack::ROOM] = second;
-                            height += 1;
-                            child = first.1;
-                        }
-                        continue;
-                    }
-                    // Three or more: sorted on the stack, the nearest on top.
-                    let bottom = height;
-                    let mut insert = |entry: (f32, Child)| {
-                        let mut place = height;
-                        while !ANY && place > bottom && stack[(place - 1) % Stack::ROOM].0 < entry.0 {
-                            stack[place % Stack::ROOM] = stack[(place - 1) % Stack::ROOM];
-                            place -= 1;
-                        }
-                        stack[place % Stack::ROOM] = entry;
-                        height += 1;
-                    };
-                    insert(first);
-                    insert(second);
-                    loop {
-                        let (entry, rest) = next();
-                        insert(entry);
-                        if rest == 0 {
-                            break;
-                        }
-                    }
-                    height -= 1;
-                    child = stack[height % Stack::ROOM].1;
                     continue;
                 }
-            } else {
-                match state.leaf::<ANY, L>(l, local, child, limit) {
-                    Some(nearer) => limit = nearer,
-                    None => return limit,
+                let near = l.store(near);
+                let mut next = || {
+                    let i = mask.trailing_zeros() as usize % WIDTH;
+                    mask &= mask - 1;
+                    ((near[i], Child(node.children[i])), mask)
+                };
+                let (first, rest) = next();
+                if rest == 0 {
+                    child = first.1;
+                    continue;
                 }
-            }
-            child = loop {
-                if height == 0 {
-                    height = stack.take_back();
-                    if height == 0 {
-                        return limit;
+                height = stack.make_room(height);
+                let stack = &mut stack.top;
+                let (second, rest) = next();
+                if rest == 0 {
+                    // A jump (which the black boxes keep), and no choice of numbers: so the processor can fetch the node that it
+                    // takes to be nearer before the distances are known.
+                    if second.0 < first.0 {
+                        std::hint::black_box(());
+                        stack[height % Stack::ROOM] = first;
+                        height += 1;
+                        child = second.1;
+                    } else {
+                        std::hint::black_box(());
+                        stack[height % Stack::ROOM] = second;
+                        height += 1;
+                        child = first.1;
+                    }
+                    continue;
+                }
+                // Three or more: sorted on the stack, the nearest on top.
+                let bottom = height;
+                let mut insert = |entry: (f32, Child)| {
+                    let mut place = height;
+                    while !ANY && place > bottom && stack[(place - 1) % Stack::ROOM].0 < entry.0 {
+                        stack[place % Stack::ROOM] = stack[(place - 1) % Stack::ROOM];
+                        place -= 1;
+                    }
+                    stack[place % Stack::ROOM] = entry;
+                    height += 1;
+                };
+                insert(first);
+                insert(second);
+                loop {
+                    let (entry, rest) = next();
+                    insert(entry);
+                    if rest == 0 {
+                        break;
                     }
                 }
                 height -= 1;
-                let (near, child) = stack.top[height % Stack::ROOM];
-                // At equal distance an element of lower number may be in there.
-                if near <= limit {
-                    break child;
-                }
-            };
+                child = stack[height % Stack::ROOM].1;
+            }
+            match state.leaf::<ANY, L>(l, local, child, limit) {
+                Some(nearer) => limit = nearer,
+                None => return limit,
+            }
+            match stack.pop(&mut height, limit) {
+                Some(next) => child = next,
+                None => return limit,
+            }
         }
     }
 }

@@ -134,7 +134,7 @@ fn size<const N: usize, L: Lanes<N>>(l: L, p: [L::Floats; 3]) -> L::Floats {
     l.max(l.abs(p[0]), l.abs(p[1]))
 }
 
-/// One ray and the triangles of a leaf: `numbers` holds, for each coordinate of each corner, that of all `count`
+/// One ray and the triangles of a leaf: `numbers` holds, axis by axis and corner by corner, a coordinate of all `count`
 /// triangles, and then something else.
 pub(crate) struct Leaf<'a> {
     pub(crate) ray: &'a LocalRay,
@@ -147,9 +147,9 @@ impl<L: Lanes<WIDTH>> Pairs<WIDTH, L> for Leaf<'_> {
     #[inline(always)]
     fn coordinate(&self, l: L, corner: usize, i: usize) -> L::Floats {
         let count = self.count.min(WIDTH);
-        let start = self.ray.axes[i] as usize * count + 3 * corner * count;
+        let along = &self.numbers[3 * self.ray.axes[i] as usize * count..];
         // The last of 9 rows begins at 8 times the count at most.
-        match self.numbers[start..].first_chunk::<WIDTH>() {
+        match along[corner * count..].first_chunk::<WIDTH>() {
             Some(row) => l.sub(l.load(row), l.splat(self.ray.origin[i])),
             None => l.splat(0.0),
         }
@@ -192,7 +192,7 @@ pub(crate) struct Beam<'a> {
 impl<L: Lanes<GROUP>> Pairs<GROUP, L> for Beam<'_> {
     #[inline(always)]
     fn coordinate(&self, l: L, corner: usize, i: usize) -> L::Floats {
-        let number = self.numbers[(3 * corner + self.axes[i] as usize) * self.stride];
+        let number = self.numbers[(3 * self.axes[i] as usize + corner) * self.stride];
         l.sub(l.splat(number), l.load(&self.rays.origin[i]))
     }
     #[inline(always)]

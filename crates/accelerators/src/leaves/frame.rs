@@ -231,16 +231,12 @@ impl LocalRay {
         }
         // 8 roundings of numbers up to `reach + 1`.
         let pad = 8.0 * f64::from(ROUNDING) * (reach + 1.0) + far;
-        // Slower than this along an axis the ray does not leave the pad within the structure.
-        let slowest = largest * 2f64.powi(-30);
-        let invert = |d: f64| (largest / d.abs().max(slowest).copysign(d)) as f32;
-        let reciprocal = [invert(d[0]), invert(d[1]), invert(d[2])];
+        // More than 2^30, and the ray does not leave the pad within the structure.
+        let sizes = d.map(|d| less((largest / d).abs(), 2f64.powi(30)));
+        let inverse = [0, 1, 2].map(|i| sizes[i].copysign(d[i]));
         let per_z = 1.0 / dz;
         let o = origin.to_array();
-        let shifted = |i: usize, by: f64| {
-            let r = f64::from(reciprocal[i]);
-            (-(o[i] * r) - by * r.abs()) as f32
-        };
+        let shifted = |i: usize, by: f64| (-(o[i] * inverse[i]) - by * sizes[i]) as f32;
         let clock = Clock { scale, shift };
         let inside_max = if interval.max < f64::INFINITY {
             clock.below(interval.max)
@@ -250,7 +246,7 @@ impl LocalRay {
         let turned_origin = turned(o);
         // As one literal: what is written in pieces and then copied stalls the processor.
         Some(Self {
-            reciprocal,
+            reciprocal: inverse.map(|r| r as f32),
             near: [shifted(0, pad), shifted(1, pad), shifted(2, pad)],
             far: [shifted(0, -pad), shifted(1, -pad), shifted(2, -pad)],
             planes: sides(d.map(side)),
@@ -278,6 +274,8 @@ pub(crate) trait Reach {
     fn inside(&self) -> [f32; 2];
     /// A number that is certainly above the own parameter of `t`.
     fn above(&self, t: f64) -> f32;
+    /// The axis along which the direction is longest.
+    fn longest(&self) -> Axis;
 }
 
 impl Reach for LocalRay {
@@ -292,6 +290,10 @@ impl Reach for LocalRay {
     #[inline(always)]
     fn above(&self, t: f64) -> f32 {
         self.clock.above(t)
+    }
+    #[inline(always)]
+    fn longest(&self) -> Axis {
+        self.axes[2]
     }
 }
 
@@ -315,6 +317,16 @@ impl Reach for LocalLane<'_> {
         };
         clock.above(t)
     }
+    #[inline(always)]
+    fn longest(&self) -> Axis {
+        AXES[self.0.axis[self.1] as usize % 3][2]
+    }
+}
+
+/// The smaller one, the second if it cannot be said.
+#[inline(always)]
+fn less(x: f64, y: f64) -> f64 {
+    select(x < y, x, y)
 }
 
 /// The axis along which a direction is largest, without jumps.

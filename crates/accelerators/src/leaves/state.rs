@@ -5,7 +5,7 @@ use super::filter::{self, Filtered, Leaf, NUMBERS};
 use super::frame::{LocalRay, Reach};
 use super::{Leaves, Slot};
 use whitstone_core::stream::RayStream;
-use whitstone_core::triangle::{ShearedRay, TriangleHit};
+use whitstone_core::triangle::{Axis, ShearedRay, TriangleHit};
 use whitstone_core::{DVec2, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Skip};
 use whitstone_simd::{Kernel, Lanes, Machine};
 
@@ -117,8 +117,6 @@ pub(crate) struct State<'a, Q> {
     leaves: &'a Leaves,
     query: Q,
     sheared: Option<ShearedRay>,
-    /// Before this hits still count.
-    end: f64,
     pub(crate) best: Option<RawHit>,
     /// Sure hits that are not yet known in double precision: lower bound, leaf, place in it.
     pending: [(f32, Child, u32); 8],
@@ -132,7 +130,6 @@ impl<'a, Q: Asked> State<'a, Q> {
     pub(crate) fn new(leaves: &'a Leaves, query: Q) -> Self {
         Self {
             leaves,
-            end: query.interval().max,
             query,
             sheared: None,
             best: None,
@@ -160,7 +157,8 @@ impl<'a, Q: Asked> State<'a, Q> {
         let geometry = &self.leaves.geometry;
         let open = Interval {
             min: interval.min,
-            max: self.end,
+            // Hits at the same distance still count: they may be lower in number.
+            max: self.best.map_or(interval.max, |best| best.t.next_up()),
         };
         if let Some(hit) = geometry.intersect(element, &ray, sheared, open, skip) {
             self.offer(&hit);
@@ -169,13 +167,13 @@ impl<'a, Q: Asked> State<'a, Q> {
 
     /// The same for a triangle that is not skipped and whose corners are exact in the leaf.
     #[inline(always)]
-    fn resolve_exact(&mut self, first: usize, count: usize, lane: usize) {
+    fn resolve_exact(&mut self, along: Axis, first: usize, count: usize, lane: usize) {
         let (ray, interval) = (self.query.ray(), self.query.interval());
-        let sheared = ShearedRay::new(&ray);
+        let sheared = ShearedRay::along(&ray, along);
         let hit = sheared.intersect_turned(self.leaves.exact_along(sheared.axes(), first, count, lane));
         if let Some(TriangleHit { t, u, v }) = hit
             && t > interval.min
-            && t < self.end
+            && t < interval.max
         {
             let Slot { shape, triangle } = self.leaves.slots[first + lane];
             let hit = PrimitiveHit {
@@ -192,8 +190,6 @@ impl<'a, Q: Asked> State<'a, Q> {
     fn offer(&mut self, hit: &RawHit) {
         if self.best.is_none_or(|best| hit.beats(&best)) {
             self.best = Some(*hit);
-            // Hits at the same distance still count: they may be lower in number.
-            self.end = hit.t.next_up();
         }
     }
 
@@ -202,7 +198,7 @@ impl<'a, Q: Asked> State<'a, Q> {
     fn resolve_in(&mut self, leaf: Child, lane: usize, local: &impl Reach, limit: f32) -> f32 {
         match leaf.kind() {
             Kind::Triangles(first, count) if self.leaves.exact != 0.0 => {
-                self.resolve_exact(first, count, lane)
+                self.resolve_exact(local.longest(), first, count, lane)
             }
             Kind::Triangles(first, _) | Kind::Mixed(first, _) => {
                 self.resolve(self.leaves.slots[first + lane].element());
@@ -261,7 +257,6 @@ impl State<'_, Streamed<'_>> {
     pub(crate) fn restart(&mut self, lane: usize) {
         self.query.lane = lane;
         self.sheared = None;
-        self.end = self.query.interval().max;
         self.best = None;
         self.count = 0;
         self.lowest = 0.0;

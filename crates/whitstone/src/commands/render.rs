@@ -89,12 +89,12 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     }
     let rays = film.counters.total();
     let mrays = rays as f64 / film.render_seconds / 1e6;
-    println!("{}", slim::summary(&output, &pipeline, &film));
+    slim::tell(&output, &pipeline, &film);
     if let Some(path) = &arguments.json {
         let report = json!({
             "output": output, "width": film.width, "height": film.height, "samples": film.samples,
             "scene_hash": pipeline.scene_hash, "build_s": pipeline.build_seconds,
-            "render_s": film.render_seconds, "mrays_per_s": mrays,
+            "render_s": film.render_seconds, "mrays_per_s": mrays, "not_finite": film.not_finite(),
             "rays": { "closest": film.counters.closest, "shadow": film.counters.shadow },
         });
         atomic::write_bytes(path, format!("{report:#}\n").as_bytes()).map_err(Failure::environment)?;
