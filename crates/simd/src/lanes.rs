@@ -88,6 +88,12 @@ pub fn with_lanes<K: Kernel>(limit: Level, kernel: K) -> K::Output {
         // SAFETY: as above.
         Level::Avx512 => return unsafe { x86::avx512(kernel) },
     }
+    portable(kernel)
+}
+
+/// Not part of the caller, which would make room for it even where it is not called.
+#[inline(never)]
+fn portable<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Portable)
 }
 

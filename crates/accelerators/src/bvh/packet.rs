@@ -7,7 +7,7 @@
 
 use super::Bvh;
 use super::node::Node;
-use super::search::Stack;
+use super::search::{One, Stack};
 use crate::leaves::child::{Child, Kind, WIDTH};
 use crate::leaves::filter::{Beam, NUMBERS, filter};
 use crate::leaves::frame::{Alone, LocalLane, LocalRays};
@@ -82,10 +82,15 @@ impl Packet<'_, '_> {
                     #[inline(always)]
                     |packet, lane| {
                         let (state, local) = (&mut packet.states[lane], packet.alone.get(packet.rays, lane));
-                        let limit =
-                            packet
-                                .bvh
-                                .traverse::<ANY, M>(m, state, local, child, stack, packet.limits[lane]);
+                        let one = One::<ANY> {
+                            bvh: packet.bvh,
+                            state,
+                            local,
+                            child,
+                            stack,
+                            limit: packet.limits[lane],
+                        };
+                        let limit = one.go();
                         packet.limits[lane] = if ANY && state.best.is_some() {
                             f32::NEG_INFINITY
                         } else {

@@ -4,8 +4,8 @@ use super::Bvh;
 use crate::leaves::Leaves;
 use crate::leaves::child::{Child, Kind, WIDTH};
 use crate::leaves::frame::LocalRay;
-use crate::leaves::state::{Asked, State, Walk};
-use whitstone_simd::Lanes;
+use crate::leaves::state::{Asked, State, Streamed, Walk};
+use whitstone_simd::{Kernel, Lanes, Level, Machine, with_lanes};
 
 /// What a search has put off, the latest on top. A ray seldom puts off more than a few, and room that it does not use must be
 /// cleared all the same: a tenth of its time for the room that the deepest hierarchy may need. So the rest is put away.
@@ -104,7 +104,7 @@ impl Walk for Bvh {
 impl Bvh {
     /// Goes through what is below a child; what is pending then may be nearest up to the limit that is returned.
     #[inline(always)]
-    pub(super) fn traverse<const ANY: bool, L: Lanes<WIDTH>>(
+    fn traverse<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
         l: L,
         state: &mut State<'_, impl Asked>,
@@ -194,6 +194,42 @@ impl Bvh {
                 None => return limit,
             }
         }
+    }
+}
+
+/// The way of one ray of many, from a child on. A kernel of its own, so that it is compiled apart: among what is done for many rays
+/// its numbers would not stay in registers.
+pub(super) struct One<'a, 's, const ANY: bool> {
+    pub(super) bvh: &'a Bvh,
+    pub(super) state: &'s mut State<'a, Streamed<'a>>,
+    pub(super) local: &'s LocalRay,
+    pub(super) child: Child,
+    pub(super) stack: &'s mut Stack,
+    pub(super) limit: f32,
+}
+
+impl<const ANY: bool> One<'_, '_, ANY> {
+    /// The limit up to which what is pending may be nearest.
+    #[inline(always)]
+    pub(super) fn go(self) -> f32 {
+        with_lanes(Level::Avx2, self)
+    }
+}
+
+impl<const ANY: bool> Kernel for One<'_, '_, ANY> {
+    type Output = f32;
+
+    #[inline(always)]
+    fn run<M: Machine>(self, m: M) -> f32 {
+        let Self {
+            bvh,
+            state,
+            local,
+            child,
+            stack,
+            limit,
+        } = self;
+        bvh.traverse::<ANY, M>(m, state, local, child, stack, limit)
     }
 }
 

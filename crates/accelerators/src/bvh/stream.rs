@@ -3,7 +3,7 @@
 
 use super::Bvh;
 use super::packet::{Packet, Wanted, WantedStack};
-use super::search::Stack;
+use super::search::{One, Stack};
 use crate::leaves::Slot;
 use crate::leaves::child::Child;
 use crate::leaves::frame::{Alone, LocalLane, LocalRays};
@@ -133,14 +133,15 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
             } else {
                 for k in 0..len {
                     if limits[k] > f32::NEG_INFINITY {
-                        limits[k] = bvh.traverse::<ANY, M>(
-                            m,
-                            &mut states[k],
-                            alone.get(&local, k),
-                            root,
-                            &mut stack,
-                            limits[k],
-                        );
+                        let one = One::<ANY> {
+                            bvh,
+                            state: &mut states[k],
+                            local: alone.get(&local, k),
+                            child: root,
+                            stack: &mut stack,
+                            limit: limits[k],
+                        };
+                        limits[k] = one.go();
                     }
                 }
             }
