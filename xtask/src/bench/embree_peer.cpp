@@ -64,9 +64,9 @@ int main(int argc, char **argv) {
     RTCDevice device = rtcNewDevice("threads=1");
     rtcSetDeviceMemoryMonitorFunction(device, count, nullptr);
     auto q = quality == "LOW" ? RTC_BUILD_QUALITY_LOW : quality == "MEDIUM" ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_HIGH;
-    double build = INFINITY;
+    double build = INFINITY, together = 0;
     RTCScene scene = nullptr;
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 3 || together < 0.25; i++) {
         if (scene) rtcReleaseScene(scene);
         bytes = 0;
         scene = rtcNewScene(device);
@@ -80,7 +80,9 @@ int main(int argc, char **argv) {
         rtcReleaseGeometry(geometry);
         double start = seconds();
         rtcCommitScene(scene);
-        build = fmin(build, seconds() - start);
+        double took = seconds() - start;
+        build = fmin(build, took);
+        together += took;
     }
     printf("ready %s %.6f %lld\n", RTC_VERSION_STRING, build, bytes);
     fflush(stdout);
