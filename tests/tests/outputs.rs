@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
+use whitstone::image::{Limits, exr_io};
 use whitstone_tests::{entries, program, root};
 
 fn run(arguments: &[&str]) -> Output {
@@ -157,4 +158,61 @@ fn an_image_that_cannot_hold_its_radiance_is_told() {
     assert!(told.contains("warning: 32 of 32 pixels are not finite"), "{told}");
     assert_eq!(unfit, 32);
     assert_eq!(render("1e38"), (String::new(), 0));
+}
+
+/// The scene in README is the first that a stranger writes: it shows something.
+#[test]
+fn the_scene_in_the_readme_is_a_picture() {
+    let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    let (_, behind) = readme.split_once("```toml\n").unwrap();
+    let (scene, _) = behind.split_once("```").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name);
+    fs::write(place("scene.toml"), scene).unwrap();
+    let output = program!()
+        .args([
+            "render",
+            "--set",
+            "film.width=48",
+            "--set",
+            "film.height=48",
+            "-o",
+        ])
+        .args([place("image.exr"), place("scene.toml")])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let image = exr_io::read(place("image.exr"), Limits::IMAGE).unwrap();
+    let green = image.channel("G").unwrap();
+    let lit = green.iter().filter(|&&value| value > 0.01).count();
+    assert!(
+        4 * lit > 3 * green.len(),
+        "{lit} of {} pixels are lit",
+        green.len()
+    );
+}
+
+#[test]
+fn render_asks_before_the_work_whether_the_picture_can_be_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let missing = folder.path().join("none");
+    // It would take hours.
+    let output = program!()
+        .current_dir(root())
+        .args([
+            "render",
+            "scenes/showcase/classic.toml",
+            "--set",
+            "sampler={type='grid',n=32}",
+        ])
+        .args(["--set", "film={width=8192,height=8192}", "-o"])
+        .arg(missing.join("image.exr"))
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(3));
+    let told = stderr(&output);
+    assert!(
+        told.contains(&format!("there is no folder {}", missing.display())),
+        "{told}"
+    );
 }

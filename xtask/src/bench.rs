@@ -20,6 +20,7 @@ mod shapes_mitsuba;
 
 use clap::{Args, Subcommand};
 use whitstone::core::Registry;
+use whitstone::core::simd::Level;
 use whitstone::{Exit, Failure};
 
 /// Time scenes with Whitstone and with Mitsuba, interleaved, and print medians and ratios
@@ -45,6 +46,7 @@ enum What {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    Level::wanted().map_err(Failure::usage)?;
     match &arguments.what {
         None => picture::run(&arguments.picture, registry),
         Some(What::Accelerators(arguments)) => accelerators::run(arguments, registry),

@@ -81,7 +81,13 @@ fn twin(family: FamilyName, name: &str) -> (PathBuf, bool) {
         .map(|entry| entry.path())
         .filter(|path| path.extension().is_some_and(|e| e == "py"));
     let named = |path: &PathBuf| fs::read_to_string(path).is_ok_and(|text| text.contains(&quoted));
-    let own = driver.join(plural).with_extension("py");
+    // The driver reads it with the document.
+    let file = if family == FamilyName::Integrator {
+        "document"
+    } else {
+        plural
+    };
+    let own = driver.join(file).with_extension("py");
     let povray = Path::new("references/povray/whitstone_povray")
         .join(plural)
         .join(name)

@@ -181,7 +181,7 @@ fn table(cases: &[CaseResult]) -> String {
     let pixels: usize = cases.iter().map(|case| case.width * case.height).sum();
     let _ = writeln!(
         text,
-        "\nOver all {} scenes ({passed} pass): of {pixels} pixels {explained} differ by more than the tolerance and are explained by the reference's own variation, {unexplained} are unexplained.",
+        "\nOver all {} scenes that Mitsuba can show ({passed} pass; the others are compared with POV-Ray only): of {pixels} pixels {explained} differ by more than the tolerance and are explained by the reference's own variation, {unexplained} are unexplained.",
         cases.len()
     );
     let opinions = || cases.iter().filter_map(|case| case.opinion.as_ref());
@@ -190,7 +190,7 @@ fn table(cases: &[CaseResult]) -> String {
     let (ours, theirs) = (sum(|opinion| opinion.ours), sum(|opinion| opinion.reference));
     let _ = writeln!(
         text,
-        "\nAbout {asked} of these an oracle with as many digits as it takes was asked (`validate --oracle`): in {ours} Whitstone is right and Mitsuba is not, in {theirs} it is the other way round, in {} there is no telling or both or neither are.",
+        "\nAn oracle, which computes with as many digits as it takes (`validate --oracle`), was asked who is right in {asked} of these {explained} pixels; it does not know displaced meshes or priorities. Whitstone is in {ours}, Mitsuba in {theirs}, and of {} there is no telling, or both or neither are.",
         asked - ours - theirs
     );
     text

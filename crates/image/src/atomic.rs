@@ -72,10 +72,7 @@ pub fn write(
     };
 
     let target = resolve(path).map_err(failed(Step::Inspect))?;
-    let folder = match target.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
+    let folder = folder_of(&target);
     let mut temporary = create_in(folder).map_err(failed(Step::Create))?;
     fill(temporary.as_file_mut()).map_err(failed(Step::Fill))?;
     temporary.as_file().sync_all().map_err(failed(Step::Sync))?;
@@ -83,6 +80,31 @@ pub fn write(
         .persist(&target)
         .map_err(|error| failed(Step::Rename)(error.error))?;
     sync_folder(folder).map_err(failed(Step::SyncFolder))
+}
+
+/// Whether [`write()`] could begin: to be asked before long work of which a file is the result. Leaves nothing behind.
+///
+/// # Errors
+/// As [`write()`].
+pub fn check(path: impl AsRef<Path>) -> Result<(), WriteError> {
+    let path = path.as_ref();
+    let failed = |step, source| WriteError {
+        path: path.to_owned(),
+        step,
+        source,
+    };
+    let target = resolve(path).map_err(|source| failed(Step::Inspect, source))?;
+    let temporary = create_in(folder_of(&target)).map_err(|source| failed(Step::Create, source))?;
+    drop(temporary);
+    Ok(())
+}
+
+/// The folder that a file is in.
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
 }
 
 /// As [`write()`], with the contents at hand.
@@ -115,6 +137,10 @@ fn resolve(path: &Path) -> io::Result<PathBuf> {
 }
 
 fn create_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
+    if !folder.is_dir() {
+        let problem = format!("there is no folder {}", folder.display());
+        return Err(io::Error::new(io::ErrorKind::NotFound, problem));
+    }
     let mut builder = tempfile::Builder::new();
     builder.prefix(".whitstone-").suffix(".tmp");
     #[cfg(unix)]

@@ -65,7 +65,7 @@ impl std::fmt::Display for Side {
 #[non_exhaustive]
 pub enum CompareError {
     /// The images differ in size. They are never resampled.
-    #[error("sizes differ: ours is {} x {} pixels, the reference {} x {}", ours.0, ours.1, reference.0, reference.1)]
+    #[error("sizes differ: ours is {} x {} pixels, the reference {} x {}; render both at one size, nothing is resampled", ours.0, ours.1, reference.0, reference.1)]
     Size {
         /// Columns and rows of our image.
         ours: (usize, usize),

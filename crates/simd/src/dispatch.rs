@@ -32,13 +32,24 @@ impl Level {
     pub fn current() -> Self {
         static LEVEL: OnceLock<Level> = OnceLock::new();
         *LEVEL.get_or_init(|| {
-            let wanted = match std::env::var("WHITSTONE_SIMD").as_deref() {
-                Ok("baseline") => Self::Baseline,
-                Ok("avx2") => Self::Avx2,
-                _ => Self::Avx512,
-            };
+            let wanted = Self::wanted().unwrap_or(Self::Avx512);
             Self::detected().min(wanted)
         })
+    }
+
+    /// What the environment variable allows: everything if it is not there, [`Self::current`] takes a word that it does not know for that too.
+    ///
+    /// # Errors
+    /// A word that is none of the three.
+    pub fn wanted() -> Result<Self, String> {
+        match std::env::var("WHITSTONE_SIMD").as_deref() {
+            Ok("baseline") => Ok(Self::Baseline),
+            Ok("avx2") => Ok(Self::Avx2),
+            Ok("avx512" | "") | Err(_) => Ok(Self::Avx512),
+            Ok(other) => Err(format!(
+                "WHITSTONE_SIMD: expected baseline, avx2 or avx512, found \"{other}\""
+            )),
+        }
     }
 
     #[cfg(target_arch = "x86_64")]

@@ -395,10 +395,12 @@ impl<'a> Validator<'a> {
             }
             Err(error @ (StoredError::Missing { .. } | StoredError::Stale { .. })) => {
                 let accept = self.command("reference --accept", path);
-                let told = format!("{error}; render a new one by: {accept}");
+                let new = format!("{error}; render a new one by: {accept}");
+                let other = self.other_reference(path);
+                let other = other.map(|other| format!("{error}; {other} has one"));
                 Err(match error {
-                    StoredError::Missing { .. } => NoReference::NoTwin(told, Vec::new()),
-                    _ => NoReference::Problem(told),
+                    StoredError::Missing { .. } => NoReference::NoTwin(other.unwrap_or(new), Vec::new()),
+                    _ => NoReference::Problem(new),
                 })
             }
             Err(error) => Err(NoReference::Problem(error.to_string())),

@@ -71,6 +71,14 @@ impl Failure {
     }
 }
 
+/// Makes a folder for results, if it is not there.
+#[cfg(feature = "cli")]
+pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|error| {
+        Failure::environment(format!("cannot make the folder {}: {error}", folder.display()))
+    })
+}
+
 /// Prints a failure and gives the exit code.
 pub fn finish(result: Result<Exit, Failure>) -> ExitCode {
     let flushed = std::io::stdout().lock().flush();

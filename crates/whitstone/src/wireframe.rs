@@ -28,7 +28,7 @@ pub fn picture(pipeline: &Pipeline, deepest: usize) -> Result<Raster, Failure> {
     let kind = &pipeline.accelerator.0;
     let outlines = pipeline.world.accelerator.outlines(deepest).ok_or_else(|| {
         Failure::usage(format!(
-            "\"{kind}\" has no boxes to draw; choose another accelerator, such as with `--set accelerator={{type=\"bvh2\"}}`"
+            "\"{kind}\" has no boxes to draw; choose another accelerator, such as with `--set accelerator.type=bvh2`"
         ))
     })?;
     let projection = pipeline

@@ -15,7 +15,7 @@ const SCENE: &str = "scenes/scale/landscapes.toml";
 /// What the lecture notes report of a frame with as many quads and 80 million rays, in hours (Christensen et al. 2006).
 const HOURS_THEN: f64 = 8.0;
 
-/// Build and render a scene of 240 million quads (15 copies of 16 million) with 80 million rays
+/// Build and render a scene of 240 million quads (15 copies of 16 million), 94 million rays
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
     /// A landscape of a million quads and a sixteenth of the pixels: some seconds

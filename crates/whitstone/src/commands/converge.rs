@@ -1,7 +1,7 @@
 //! `converge`: error against run time.
 
 use super::page::{self, Marks};
-use crate::terminal::{Exit, Failure, progress, write_json};
+use crate::terminal::{Exit, Failure, make_folder, progress, write_json};
 use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -143,7 +143,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
 fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
     let stored = || -> Result<Vec<PathBuf>, Failure> {
         let folder = std::fs::read_dir(STUDIES);
-        let folder = folder.map_err(|error| Failure::usage(format!("{STUDIES}: {error}")))?;
+        let folder = folder.map_err(|error| Failure::usage(format!("{STUDIES}: {error}; name a study or a scene, or call it in the folder of Whitstone's repository")))?;
         let files = folder.filter_map(|entry| Some(entry.ok()?.path()));
         let mut files: Vec<PathBuf> = files
             .filter(|path| path.extension().is_some_and(|e| e == "toml"))
@@ -249,7 +249,8 @@ fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<(Result<Driver, S
     let environment = Environment::ensure(&arguments.target, &arguments.references, &|what| {
         eprintln!("{what}")
     });
-    let environment = environment.map_err(Failure::environment)?;
+    let environment = environment
+        .map_err(|error| Failure::environment(format!("{error}; without Mitsuba: --no-mitsuba")))?;
     let hash = hash_sources(&environment);
     let limit = Duration::from_secs(arguments.time_limit);
     let mut driver = Driver::start(&environment, limit).map_err(Failure::environment)?;
@@ -275,7 +276,7 @@ fn write(arguments: &Arguments, reports: &[StudyReport]) -> Result<(), Failure> 
         atomic::write_bytes(path, csv(reports).as_bytes()).map_err(Failure::environment)?;
     }
     if let Some(folder) = &arguments.plots {
-        std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+        make_folder(folder)?;
         for report in reports {
             let name = Path::new(&report.study)
                 .file_stem()

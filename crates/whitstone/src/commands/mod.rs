@@ -27,6 +27,7 @@ use crate::terminal::{self, Exit, Failure};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use whitstone_core::simd::Level;
 use whitstone_core::{DuplicateType, Registry};
 use whitstone_scene::{BuildOptions, Cache, Description, Pipeline, Plan, Sources, all_errors_with};
 
@@ -70,6 +71,7 @@ pub enum Command {
 impl Command {
     /// Runs the command. `program` is how messages call it.
     pub fn run(&self, registry: &Registry, program: &str) -> Result<Exit, Failure> {
+        Level::wanted().map_err(Failure::usage)?;
         match self {
             Self::Render(arguments) => render::run(arguments, registry),
             Self::Validate(arguments) => validate::run(arguments, registry, program),
@@ -172,7 +174,7 @@ fn finite(text: &str) -> Result<f64, String> {
 pub struct SceneArguments {
     /// The scene file (TOML)
     pub scene: PathBuf,
-    /// Change a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`, `film={width=64,height=64}`
+    /// Change a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`, `'film={width=64,height=64}'`
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
     /// Refuse a scene whose meshes and accelerators need more memory, in GiB; by default what the machine has left

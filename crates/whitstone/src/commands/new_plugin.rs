@@ -1,7 +1,7 @@
 //! `new-plugin`: a package with a plugin that works, to be changed.
 
 use super::list::family;
-use crate::terminal::{Exit, Failure};
+use crate::terminal::{Exit, Failure, make_folder};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use whitstone_core::{FamilyName, Registry};
@@ -146,7 +146,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         let path = into.join(file);
         let text = text.replace("../../crates", &crates.display().to_string());
         let folder = path.parent().unwrap_or(Path::new("."));
-        std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+        make_folder(folder)?;
         atomic::write_bytes(&path, text.as_bytes()).map_err(Failure::environment)?;
     }
     println!("{}: written", into.display());

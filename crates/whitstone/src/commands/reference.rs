@@ -1,6 +1,6 @@
 //! `reference`: stored references, rendered, shown, and accepted.
 
-use crate::terminal::{Exit, Failure, progress};
+use crate::terminal::{Exit, Failure, make_folder, progress};
 use clap::Args;
 use std::path::PathBuf;
 use whitstone_core::Registry;
@@ -17,13 +17,12 @@ const MAX_PIXELS: u64 = 192 * 192;
 /// Render references to be stored with a live Mitsuba or POV-Ray, show them, and with --accept keep them
 ///
 /// For each scene whose stored reference is missing or of another version of the scene, a picture of
-/// ours, the reference and the error is written. Nothing is stored without --accept.
+/// ours, the reference and the error is written. Nothing is stored without --accept, nor of films of more
+/// than 192 x 192 pixels.
 #[derive(Args, Debug)]
-// The arguments of `validate` are a group of the same name, and a command has it once only.
-#[group(skip)]
 pub struct Arguments {
     #[command(flatten)]
-    scenes: super::validate::Arguments,
+    scenes: super::validate::Scenes,
     /// Store the references
     #[arg(long)]
     accept: bool,
@@ -36,11 +35,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     let mut options = arguments.scenes.options(program);
     let renderer = options.renderer;
-    if options.mode == Mode::Stored {
-        return Err(Failure::usage(format!(
-            "references can only be rendered by a live {renderer}"
-        )));
-    }
+    // Also where the stored ones are meant: these are rendered here.
     options.mode = Mode::Live;
     let scenes = arguments.scenes.find()?;
     let mut validator = Validator::new(registry, options.clone(), &|text| eprintln!("{text}"))
@@ -66,7 +61,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         let size = pipeline.film.size;
         if u64::from(size.width) * u64::from(size.height) > MAX_PIXELS {
             return Err(Failure::usage(format!(
-                "{}: {} x {} is more than {MAX_PIXELS} pixels, the most that is stored",
+                "{}: {} x {} is more than {MAX_PIXELS} pixels (192 x 192), the most that is stored; make its film smaller",
                 path.display(),
                 size.width,
                 size.height
@@ -119,7 +114,7 @@ fn show(
     stored: &Stored,
 ) -> Result<PathBuf, Failure> {
     let folder = target.join("reference").join(key);
-    std::fs::create_dir_all(&folder).map_err(Failure::environment)?;
+    make_folder(&folder)?;
     let raster =
         trio(ours, &stored.image, ToneMap::default(), ErrorView::default()).map_err(Failure::usage)?;
     let picture = folder.join("trio.png");

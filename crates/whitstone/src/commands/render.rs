@@ -66,6 +66,9 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     };
     let (mut pipeline, inputs) = build_with(&arguments.scene, registry, read)?;
     check_apart(&outputs, &inputs)?;
+    for output in &outputs {
+        atomic::check(output).map_err(Failure::environment)?;
+    }
     if arguments.one_size_fits_all {
         pipeline.world = pipeline.world.one_size_fits_all();
     }

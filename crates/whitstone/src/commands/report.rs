@@ -1,6 +1,6 @@
 //! `report`: the page of the last validation, with what is there beside it.
 
-use crate::terminal::{Exit, Failure};
+use crate::terminal::{Exit, Failure, make_folder};
 use clap::Args;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -62,10 +62,23 @@ fn folder(target: &Path) -> PathBuf {
     target.join("validate")
 }
 
+/// Whether the results could be written, before hours went into them.
+pub(super) fn check(target: &Path, json: Option<&Path>) -> Result<(), Failure> {
+    let folder = folder(target);
+    make_folder(&folder)?;
+    for path in [Some(folder.join("results.json").as_path()), json]
+        .into_iter()
+        .flatten()
+    {
+        atomic::check(path).map_err(Failure::environment)?;
+    }
+    Ok(())
+}
+
 /// Writes the results of a validation: `results.json`, pictures that a later `report` needs, and the page.
 pub(super) fn write(results: &Results, target: &Path, json: Option<&Path>) -> Result<(), Failure> {
     let folder = folder(target);
-    std::fs::create_dir_all(&folder).map_err(Failure::environment)?;
+    make_folder(&folder)?;
     let text = serde_json::to_string_pretty(results).map_err(Failure::environment)? + "\n";
     for path in [Some(folder.join("results.json").as_path()), json]
         .into_iter()
@@ -95,7 +108,7 @@ fn write_page(results: &Results, target: &Path, changes: Option<Changes>) -> Res
     let files = pages(results, &extras);
     for (path, page) in &files {
         let path = folder.join(path);
-        std::fs::create_dir_all(path.parent().unwrap_or(&folder)).map_err(Failure::environment)?;
+        make_folder(path.parent().unwrap_or(&folder))?;
         atomic::write_bytes(&path, page.as_bytes()).map_err(Failure::environment)?;
     }
     // The first is that of all scenes.
@@ -126,7 +139,7 @@ fn kept<T: serde::de::DeserializeOwned + Default>(path: &Path) -> T {
 fn keep<T: serde::Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(Failure::environment)? + "\n";
     if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+        make_folder(folder)?;
     }
     atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)
 }

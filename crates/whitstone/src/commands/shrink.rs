@@ -15,14 +15,14 @@ use whitstone_validate::shrink::shrink;
 /// Shapes, lights and keys go one after another as long as the comparison with the live reference fails. What is left is written as a scene of its own,
 /// and is what to look at, or to tell others of.
 #[derive(Args, Debug)]
-#[group(id = "shrink")]
 #[command(
     mut_arg("reference", |argument| argument.default_value("live")),
+    mut_arg("paths", |argument| argument.value_name("SCENE").help("A scene file").default_value(None::<&str>).required(true).num_args(1)),
     after_help = "Example, with a fault put in:\n  whitstone shrink scenes/showcase/classic.toml --ours camera.fov=50.1 -o small.toml"
 )]
 pub struct Arguments {
     #[command(flatten)]
-    validate: validate::Arguments,
+    validate: validate::Scenes,
     /// Change a value on our side only, to see a fault found: PATH=VALUE
     #[arg(long, value_name = "PATH=VALUE")]
     ours: Vec<String>,

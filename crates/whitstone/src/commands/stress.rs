@@ -4,7 +4,7 @@ mod unfinished;
 
 use super::page::{self, Marks};
 use super::report;
-use crate::terminal::{Exit, Failure, progress, write_json};
+use crate::terminal::{Exit, Failure, make_folder, progress, write_json};
 use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -130,7 +130,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         write_json(path, &json!({ "families": reports }))?;
     }
     if let Some(folder) = &arguments.plots {
-        std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+        make_folder(folder)?;
         for report in &reports {
             let path = folder.join(format!("{}.svg", report.family));
             atomic::write_bytes(&path, plot::svg(report).as_bytes()).map_err(Failure::environment)?;
@@ -210,7 +210,8 @@ fn mitsuba(arguments: &Arguments) -> Result<Driver, Failure> {
     let environment = Environment::ensure(&arguments.target, &arguments.references, &|what| {
         eprintln!("{what}")
     });
-    let environment = environment.map_err(Failure::environment)?;
+    let environment = environment
+        .map_err(|error| Failure::environment(format!("{error}; without Mitsuba: --no-mitsuba")))?;
     Driver::start(&environment, Duration::from_secs(arguments.time_limit)).map_err(Failure::environment)
 }
 

@@ -28,6 +28,28 @@ const TIME_LIMIT: u64 = 300;
 /// where the other one has a stored reference of them.
 #[derive(Args, Debug)]
 pub struct Arguments {
+    #[command(flatten)]
+    scenes: Scenes,
+    /// Also try the settings that users sweep: accelerators and threads beside the scene's own picture, depths and texture
+    /// filters beside a live reference; what a scene does not need is left out and told
+    #[arg(long)]
+    matrix: bool,
+    /// Ask the oracle, a tracer with as many digits as it takes, who is right about each pixel that differs
+    #[arg(long)]
+    oracle: bool,
+    /// Write the results to this file too
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the verdicts to this file as JUnit XML, which most CI systems show
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+}
+
+/// Which scenes are compared, and with what.
+#[derive(Args, Debug)]
+// A group of no name: it is part of several commands.
+#[group(skip)]
+pub struct Scenes {
     /// Scene files, or folders of them
     #[arg(default_value = SCENES)]
     pub paths: Vec<PathBuf>,
@@ -52,19 +74,6 @@ pub struct Arguments {
     /// How long the driver may take for one answer, in seconds
     #[arg(long, default_value_t = TIME_LIMIT, value_name = "SECONDS")]
     pub time_limit: u64,
-    /// Also try the settings that users sweep: accelerators and threads beside the scene's own picture, depths and texture
-    /// filters beside a live reference; what a scene does not need is left out and told
-    #[arg(long)]
-    pub matrix: bool,
-    /// Ask the oracle, a tracer with as many digits as it takes, who is right about each pixel that differs
-    #[arg(long)]
-    pub oracle: bool,
-    /// Write the results to this file too
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Write the verdicts to this file as JUnit XML, which most CI systems show
-    #[arg(long, value_name = "FILE")]
-    pub junit: Option<PathBuf>,
 }
 
 /// See [`Mode`] and [`Renderer`].
@@ -104,7 +113,7 @@ impl ReferenceMode {
     }
 }
 
-impl Arguments {
+impl Scenes {
     /// As the library has them. `program` is how messages call this command line.
     pub fn options(&self, program: &str) -> Options {
         let (renderer, mode) = self.reference.parts();
@@ -168,14 +177,17 @@ impl Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     let start = Instant::now();
-    let scenes = arguments.find()?;
-    let mut validator = Validator::new(registry, arguments.options(program), &|text| eprintln!("{text}"))
-        .map_err(Failure::environment)?;
+    let scenes = arguments.scenes.find()?;
+    report::check(&arguments.scenes.target, arguments.json.as_deref())?;
+    let mut validator = Validator::new(registry, arguments.scenes.options(program), &|text| {
+        eprintln!("{text}")
+    })
+    .map_err(Failure::environment)?;
     if arguments.oracle {
         validator.ask_oracle();
     }
     if let Some(why) = validator.not_live() {
-        let (renderer, _) = arguments.reference.parts();
+        let (renderer, _) = arguments.scenes.reference.parts();
         eprintln!("warning: no live {renderer}: {why}\nwarning: comparing with the stored references");
     }
     let bar = progress(scenes.len() as u64, "validating");
@@ -234,7 +246,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         },
         provenance: Provenance {
             whitstone: env!("CARGO_PKG_VERSION").to_owned(),
-            threads: match arguments.threads {
+            threads: match arguments.scenes.threads {
                 0 => std::thread::available_parallelism().map_or(1, usize::from),
                 threads => threads,
             },
@@ -245,14 +257,14 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         left_out,
         matrix,
     };
-    let folder = arguments.target.join("validate");
-    report::write(&results, &arguments.target, arguments.json.as_deref())?;
+    let folder = arguments.scenes.target.join("validate");
+    report::write(&results, &arguments.scenes.target, arguments.json.as_deref())?;
     if let Some(path) = &arguments.junit {
         junit::write(path, "whitstone validate", &junit_cases(&results))?;
     }
     print_summary(&results.summary, &folder);
     if let Some(problem) = validator.broken() {
-        let (renderer, mode) = arguments.reference.parts();
+        let (renderer, mode) = arguments.scenes.reference.parts();
         if mode == Mode::Live {
             return Err(Failure::environment(problem));
         }

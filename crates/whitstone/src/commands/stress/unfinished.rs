@@ -1,6 +1,6 @@
 //! What a run that was broken off had measured already.
 
-use crate::terminal::Failure;
+use crate::terminal::{Failure, make_folder};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -52,7 +52,7 @@ impl Unfinished {
         self.kept.families.push(report);
         let text = serde_json::to_string(&self.kept).map_err(Failure::environment)?;
         if let Some(folder) = self.path.parent() {
-            std::fs::create_dir_all(folder).map_err(Failure::environment)?;
+            make_folder(folder)?;
         }
         atomic::write_bytes(&self.path, text.as_bytes()).map_err(Failure::environment)
     }
