@@ -190,7 +190,7 @@ fn table(cases: &[CaseResult]) -> String {
     let (ours, theirs) = (sum(|opinion| opinion.ours), sum(|opinion| opinion.reference));
     let _ = writeln!(
         text,
-        "\nAn oracle, which computes with as many digits as it takes (`validate --oracle`), was asked who is right in {asked} of these {explained} pixels; it does not know displaced meshes or priorities. Whitstone is in {ours}, Mitsuba in {theirs}, and of {} there is no telling, or both or neither are.",
+        "\nAn oracle, which computes with as many digits as it takes (`validate --oracle`), was asked who is right in {asked} of these {explained} pixels; it does not know displaced meshes or priorities. Whitstone alone is in {ours}, Mitsuba alone in {theirs}, both, neither or nobody knows who in {}.",
         asked - ours - theirs
     );
     text

@@ -17,7 +17,7 @@ use whitstone_validate::shrink::shrink;
 #[derive(Args, Debug)]
 #[command(
     mut_arg("reference", |argument| argument.default_value("live")),
-    mut_arg("paths", |argument| argument.value_name("SCENE").help("A scene file").default_value(None::<&str>).required(true).num_args(1)),
+    mut_arg("paths", |argument| argument.value_name("SCENE").help("A scene file").default_value(None::<&str>).required(true).num_args(1).action(clap::ArgAction::Set)),
     after_help = "Example, with a fault put in:\n  whitstone shrink scenes/showcase/classic.toml --ours camera.fov=50.1 -o small.toml"
 )]
 pub struct Arguments {
