@@ -1,3 +1,4 @@
+use crate::shadow::shadow_ray;
 use crate::simd;
 use crate::simd::select;
 use crate::stream::{
@@ -307,9 +308,7 @@ impl World {
             }
             let mut irradiance = sample.irradiance;
             if shadows != Shadowing::None {
-                let start = point.leave(sample.direction);
-                let ray = Ray::new(start, sample.direction);
-                let free = distance_to_light(point, start, sample);
+                let (ray, free) = shadow_ray(point, sample);
                 if through {
                     let counters = &mut scratch.counters;
                     irradiance *= self.light_through(ray, free, skip, medium, shadows, counters);
@@ -396,10 +395,10 @@ impl World {
                                 & point.same_side(view, sample.direction)
                                 & !sample.irradiance.is_black();
                             faces[lane] = lit;
-                            let start = point.leave(sample.direction);
-                            all.origin.set(lane, start);
-                            all.direction.set(lane, sample.direction);
-                            all.limit[lane] = distance_to_light(&point, start, &sample);
+                            let (ray, free) = shadow_ray(&point, &sample);
+                            all.origin.set(lane, ray.origin);
+                            all.direction.set(lane, ray.direction);
+                            all.limit[lane] = free;
                             let reaching = if lit { sample.irradiance } else { Rgb::BLACK };
                             samples.irradiance.set(lane, reaching);
                         }
@@ -447,21 +446,6 @@ impl World {
                 samples.irradiance.set(lane, Rgb::new(r, g, b));
             }
         }
-    }
-}
-
-/// How far a shadow ray from `start` must be free. The way that the start was moved along the ray is taken
-/// off, and some roundings of the coordinates: a surface that holds the light does not hide it, as the
-/// model demands of anything that is not strictly between.
-#[inline(always)]
-fn distance_to_light(point: &SurfacePoint, start: DVec3, sample: &LightSample) -> f64 {
-    let moved = (start - point.position).dot(sample.direction);
-    let coordinates = point.position.abs().max_element() + sample.distance;
-    let free = sample.distance - moved - 8.0 * f64::EPSILON * coordinates;
-    if sample.distance == f64::INFINITY {
-        f64::INFINITY
-    } else {
-        free
     }
 }
 

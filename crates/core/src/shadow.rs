@@ -1,6 +1,7 @@
 //! Shadow rays: what hides a light, and what lets a part of it through.
 
-use crate::{Counters, Interval, Lobes, Medium, Ray, Rgb, Skip, World};
+use crate::{Counters, Interval, LightSample, Lobes, Medium, Ray, Rgb, Skip, SurfacePoint, World};
+use glam::DVec3;
 
 /// Light of which less than this is left in every channel counts as none: the cut of the lecture notes.
 const CUT: f64 = 0.002;
@@ -27,6 +28,35 @@ impl Shadowing {
             Self::Opaque => Lobes::HOLES,
             Self::Filtered => Lobes::HOLES | Lobes::FILTERS,
         }
+    }
+}
+
+/// The ray from a point to a light, and how far it must be free: some roundings of the coordinates less than to the light. So a surface that
+/// holds the light does not hide it, as the model demands of anything that is not strictly between.
+#[inline(always)]
+pub(crate) fn shadow_ray(point: &SurfacePoint, sample: &LightSample) -> (Ray, f64) {
+    let coordinates = point.position.abs().max_element() + sample.distance;
+    let free = if sample.distance == f64::INFINITY {
+        f64::INFINITY
+    } else {
+        sample.distance - 8.0 * f64::EPSILON * coordinates
+    };
+    let ray = Ray::new(point.position, sample.direction);
+    aim(&ray, free, point.leave(sample.direction))
+}
+
+/// The ray from `start` to where another one, that begins nearly there, is after `free` metres, and its length. In the direction of the
+/// other one it would cross a plane through that place earlier, by the way between the two over the slope.
+#[inline(always)]
+fn aim(ray: &Ray, free: f64, start: DVec3) -> (Ray, f64) {
+    let moved = start - ray.origin;
+    let way = ray.direction * free - moved;
+    let length = way.length();
+    // Neither without end nor behind the start; written so that NaN does not pass.
+    if (way.dot(ray.direction) > 0.0) & (length < f64::INFINITY) {
+        (Ray::new(start, way / length), length)
+    } else {
+        (Ray::new(start, ray.direction), free - moved.dot(ray.direction))
     }
 }
 
@@ -79,9 +109,7 @@ impl World {
                 return Rgb::BLACK;
             }
             medium = filter.medium.unwrap_or(medium);
-            let start = point.leave(ray.direction);
-            free -= (start - ray.origin).dot(ray.direction);
-            ray = Ray::new(start, ray.direction);
+            (ray, free) = aim(&ray, free, point.leave(ray.direction));
             skip = Skip::leaving(&hit);
         }
         Rgb::BLACK
