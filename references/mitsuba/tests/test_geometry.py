@@ -474,6 +474,13 @@ class Meshes(Case):
         self.refuse(head.replace("EXT", "ply"), "scene", "malformed", base=self.base)
         self.refuse(head.replace("EXT", "stl"), "scene", ".obj or .ply", base=self.base)
 
+    def test_ply_lists_of_vertices_are_skipped(self):
+        header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty list uchar int extra\n"
+        header += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        found = meshes.load(self.write("l.ply", header + "0 1 2 4 5 6\n2 3 1 7 8\n4 5 0 9\n3 0 1 2\n"))
+        np.testing.assert_array_equal(found.positions, [[0, 1, 6], [2, 3, 8], [4, 5, 9]])
+        np.testing.assert_array_equal(found.faces, [[0, 1, 2]])
+
     def test_ply_headers(self):
         head = looking([0, 0, 3]) + '[[shape]]\ntype = "mesh"\nfile = "x.ply"\n'
         good = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"

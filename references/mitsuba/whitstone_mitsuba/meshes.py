@@ -193,14 +193,19 @@ def _ply(data: bytes) -> Triangles:
                     triangles = rows["corners"].astype(np.int64)
                     position += kind.itemsize * count
                     continue
-        for _ in range(count):
+        read = {entry[-1]: np.empty(count) for entry in properties if entry[0] != "list"}
+        for row in range(count):
             for entry in properties:
                 length = 1
                 if entry[0] == "list":
                     (length,), position = _ply_values(data, words, position, order, entry[1], 1)
                 values, position = _ply_values(data, words, position, order, entry[-2], int(length))
-                if name == "face" and entry[-1] in ("vertex_indices", "vertex_index"):
+                if entry[0] != "list":
+                    read[entry[-1]][row] = values[0]
+                elif name == "face" and entry[-1] in ("vertex_indices", "vertex_index"):
                     faces.append([int(value) for value in values])
+        if name == "vertex":
+            columns = read
     if triangles is None:
         if any(len(ring) < 3 for ring in faces):
             raise ValueError("a face has fewer than three corners")
