@@ -50,7 +50,7 @@ class PhongFamily(mi.BSDF):
             lobe = half.z * side
         else:
             lobe = dr.dot(mi.Vector3f(-wo.x, -wo.y, wo.z), v)
-        highlight = dr.select(lobe > 0, dr.power(dr.maximum(lobe, 0), self.exponent), 0)
+        highlight = dr.select(lobe > 0, dr.power(dr.clip(lobe, 0, 1), self.exponent), 0)
         value = self.k_d.eval(si, active) * dr.maximum(cosine, 0) + self.k_s.eval(si, active) * highlight
         return dr.select(active & (cosine > 0), value, 0)
 

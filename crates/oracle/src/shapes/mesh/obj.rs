@@ -6,12 +6,15 @@ use super::{Corner, Mesh};
 pub(super) fn read(text: &str) -> Option<Mesh> {
     let (mut places, mut normals, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
     let mut mesh = Mesh::default();
+    // A line that ends with a backslash goes on in the next.
+    let text = text.replace("\\\r\n", " ").replace("\\\n", " ");
     for line in text.lines() {
         let mut words = line.split_whitespace();
         match words.next() {
             Some("v") => places.push(numbers::<3>(words)?),
             Some("vn") => normals.push(numbers::<3>(words)?),
-            Some("vt") => uvs.push(numbers::<2>(words)?),
+            // The second may be left out: 0.
+            Some("vt") => uvs.push(numbers::<2>(words.chain(["0"]))?),
             Some("f") => {
                 let corner = |word: &str| {
                     let mut parts = word.split('/');
