@@ -167,20 +167,17 @@ fn the_scene_in_the_readme_is_a_picture() {
     let (_, behind) = readme.split_once("```toml\n").unwrap();
     let (scene, _) = behind.split_once("```").unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let place = |name: &str| folder.path().join(name);
+    let place = |name: &str| folder.path().join(name).display().to_string();
     fs::write(place("scene.toml"), scene).unwrap();
-    let output = program!()
-        .args([
-            "render",
-            "--set",
-            "film.width=48",
-            "--set",
-            "film.height=48",
-            "-o",
-        ])
-        .args([place("image.exr"), place("scene.toml")])
-        .output()
-        .unwrap();
+    let size = "film={width=48,height=48}";
+    let output = run(&[
+        "render",
+        &place("scene.toml"),
+        "--set",
+        size,
+        "-o",
+        &place("image.exr"),
+    ]);
     assert!(output.status.success(), "{}", stderr(&output));
     let image = exr_io::read(place("image.exr"), Limits::IMAGE).unwrap();
     let green = image.channel("G").unwrap();
@@ -195,24 +192,12 @@ fn the_scene_in_the_readme_is_a_picture() {
 #[test]
 fn render_asks_before_the_work_whether_the_picture_can_be_written() {
     let folder = tempfile::tempdir().unwrap();
-    let missing = folder.path().join("none");
+    let missing = folder.path().join("none").display().to_string();
     // It would take hours.
-    let output = program!()
-        .current_dir(root())
-        .args([
-            "render",
-            "scenes/showcase/classic.toml",
-            "--set",
-            "sampler={type='grid',n=32}",
-        ])
-        .args(["--set", "film={width=8192,height=8192}", "-o"])
-        .arg(missing.join("image.exr"))
-        .output()
-        .unwrap();
+    let long = ["film={width=8192,height=8192}", "sampler={type='grid',n=32}"];
+    let (scene, output) = ("scenes/showcase/classic.toml", format!("{missing}/image.exr"));
+    let output = run(&["render", scene, "--set", long[0], "--set", long[1], "-o", &output]);
     assert_eq!(output.status.code(), Some(3));
     let told = stderr(&output);
-    assert!(
-        told.contains(&format!("there is no folder {}", missing.display())),
-        "{told}"
-    );
+    assert!(told.contains(&format!("there is no folder {missing}")), "{told}");
 }

@@ -16,6 +16,16 @@ pub struct WriteError {
     pub source: io::Error,
 }
 
+impl WriteError {
+    fn new(path: &Path, step: Step, source: io::Error) -> Self {
+        Self {
+            path: path.to_owned(),
+            step,
+            source,
+        }
+    }
+}
+
 /// The steps of writing a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
@@ -63,23 +73,14 @@ pub fn write(
     fill: impl FnOnce(&mut File) -> io::Result<()>,
 ) -> Result<(), WriteError> {
     let path = path.as_ref();
-    let failed = |step| {
-        move |source| WriteError {
-            path: path.to_owned(),
-            step,
-            source,
-        }
-    };
-
-    let target = resolve(path).map_err(failed(Step::Inspect))?;
-    let folder = folder_of(&target);
-    let mut temporary = create_in(folder).map_err(failed(Step::Create))?;
+    let (target, mut temporary) = begin(path)?;
+    let failed = |step| move |source| WriteError::new(path, step, source);
     fill(temporary.as_file_mut()).map_err(failed(Step::Fill))?;
     temporary.as_file().sync_all().map_err(failed(Step::Sync))?;
     temporary
         .persist(&target)
         .map_err(|error| failed(Step::Rename)(error.error))?;
-    sync_folder(folder).map_err(failed(Step::SyncFolder))
+    sync_folder(folder_of(&target)).map_err(failed(Step::SyncFolder))
 }
 
 /// Whether [`write()`] could begin: to be asked before long work of which a file is the result. Leaves nothing behind.
@@ -87,16 +88,17 @@ pub fn write(
 /// # Errors
 /// As [`write()`].
 pub fn check(path: impl AsRef<Path>) -> Result<(), WriteError> {
-    let path = path.as_ref();
-    let failed = |step, source| WriteError {
-        path: path.to_owned(),
-        step,
-        source,
-    };
-    let target = resolve(path).map_err(|source| failed(Step::Inspect, source))?;
-    let temporary = create_in(folder_of(&target)).map_err(|source| failed(Step::Create, source))?;
-    drop(temporary);
-    Ok(())
+    begin(path.as_ref()).map(drop)
+}
+
+/// The place that a file goes to, and a temporary one beside it.
+fn begin(path: &Path) -> Result<(PathBuf, tempfile::NamedTempFile), WriteError> {
+    let target = resolve(path).map_err(|source| WriteError::new(path, Step::Inspect, source))?;
+    let temporary = create_in(folder_of(&target));
+    Ok((
+        target,
+        temporary.map_err(|source| WriteError::new(path, Step::Create, source))?,
+    ))
 }
 
 /// The folder that a file is in.

@@ -63,16 +63,12 @@ fn folder(target: &Path) -> PathBuf {
 }
 
 /// Whether the results could be written, before hours went into them.
-pub(super) fn check(target: &Path, json: Option<&Path>) -> Result<(), Failure> {
+pub(super) fn check<'a>(target: &Path, others: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Failure> {
     let folder = folder(target);
     make_folder(&folder)?;
-    for path in [Some(folder.join("results.json").as_path()), json]
-        .into_iter()
-        .flatten()
-    {
-        atomic::check(path).map_err(Failure::environment)?;
-    }
-    Ok(())
+    atomic::check(folder.join("results.json")).map_err(Failure::environment)?;
+    let mut others = others.into_iter();
+    others.try_for_each(|path| atomic::check(path).map_err(Failure::environment))
 }
 
 /// Writes the results of a validation: `results.json`, pictures that a later `report` needs, and the page.

@@ -178,7 +178,10 @@ impl Scenes {
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     let start = Instant::now();
     let scenes = arguments.scenes.find()?;
-    report::check(&arguments.scenes.target, arguments.json.as_deref())?;
+    report::check(
+        &arguments.scenes.target,
+        arguments.json.iter().chain(&arguments.junit),
+    )?;
     let mut validator = Validator::new(registry, arguments.scenes.options(program), &|text| {
         eprintln!("{text}")
     })
