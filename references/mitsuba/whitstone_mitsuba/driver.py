@@ -18,7 +18,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import gouraud, shadows
+from . import gouraud, shadows, spawn
 from .runtime import ULP, dr, mi
 from .samplers import Samples
 from .scene import NOTHING, Built, geometry
@@ -30,9 +30,6 @@ LANES = 1 << 19
 # Lanes over all levels that wait for the way back, at most; about 70 bytes each. Where rays live for thousands of levels (between
 # facing mirrors), fewer pixels are traced together instead.
 RECORDS = 1 << 24
-
-# A spawned ray that comes back to its own primitive within this many times K units counts as a re-hit (PROTOCOL.md).
-REHIT_UNITS = 64.0
 
 # Shadow rays end this much (relative) before a lamp: rounding must not put a surface at the lamp in front of it.
 BEFORE_LAMP = 1 - 4 * ULP
@@ -74,10 +71,11 @@ class Rays:
     key: Any
     path: Any
     setting: Any
-    # What the ray left (shape and primitive) and the distance below which to meet it again is a re-hit.
+    # The facet that the ray left: see `spawn.Spawned`.
     left_shape: Any
-    left_primitive: Any
+    left_facet: Any
     left_within: Any
+    left_push: Any
     # The bodies that it is in, of those that may overlap: a bit for each.
     inside: Any
     real: int = 0
@@ -85,7 +83,7 @@ class Rays:
     def arrays(self) -> List[Any]:
         return [
             self.o, self.d, self.throughput, self.medium, self.key, self.path, self.setting,
-            self.left_shape, self.left_primitive, self.left_within, self.inside,
+            self.left_shape, self.left_facet, self.left_within, self.left_push, self.inside,
         ]  # fmt: skip
 
     def gather(self, indices: np.ndarray) -> "Rays":
@@ -126,6 +124,8 @@ class Hits:
     uv: Any
     shape: Any
     primitive: Any
+    # The part of the surface that a ray cannot meet again right after it left it: a flat face, or a whole sphere.
+    facet: Any
     material: Any
     # Transmittance of the segment travelled, and the throughput with it.
     transmittance: Any
@@ -177,23 +177,23 @@ class TooDeep(Exception):
 
 @dataclass
 class Counts:
-    """Rays traced and re-hits seen."""
+    """Rays traced; those that were spawned anew, farther from the surface that they met again; and those that still met it."""
 
     closest: int = 0
     shadow: int = 0
+    respawned: int = 0
     rehits: int = 0
 
 
 class Tracer:
     """Traces rays through one built scene under one or several settings (which may differ in all but the geometry)."""
 
-    def __init__(self, built: Built, settings: Sequence[Setting], record: bool = False, rehits: bool = False) -> None:
+    def __init__(self, built: Built, settings: Sequence[Setting], record: bool = False) -> None:
         assert all(geometry(setting) == built.geometry for setting in settings)
         self.built = built
         self.document = built.document
         self.settings = list(settings)
         self.record = record
-        self.count_rehits = rehits
         # Mitsuba's own points and uv instead of the model's: for the check against its integrators.
         self.native_surface = False
         self.counts = Counts()
@@ -304,8 +304,7 @@ class Tracer:
         key = mix(mi.UInt32(pixel.astype(np.uint32)) + mix(mi.UInt32(number.astype(np.uint32))))
         rays = Rays(
             o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),
-            mi.UInt32(which.astype(np.uint32)), dr.full(mi.UInt32, NOTHING, width), dr.full(mi.UInt32, NOTHING, width),
-            dr.zeros(mi.Float, width), dr.zeros(mi.UInt64, width), real=count,
+            mi.UInt32(which.astype(np.uint32)), *spawn.nowhere(width), dr.zeros(mi.UInt64, width), real=count,
         )  # fmt: skip
         # Every lane its own memory: arrays of one value repeated would be another kind of kernel input.
         for array in rays.arrays():
@@ -366,8 +365,6 @@ class Tracer:
         """Intersects and shades one level; gives the rays of the next one, or None."""
         hits = self.intersect(rays)
         self.counts.closest += rays.real
-        if self.count_rehits:
-            self._count("rehits", hits.rehit, rays.real)
         level = Level(rays, hits, hits.local, hits.transmittance)
         # Lanes by material: a stable sort of their numbers.
         numbers = hits.material.numpy()[: max(rays.real, 1)]
@@ -384,7 +381,29 @@ class Tracer:
         return level, children
 
     def intersect(self, rays: Rays) -> Hits:
-        """The nearest surfaces, with the model's normals, uv and numbers."""
+        """The nearest surfaces, with the model's normals, uv and numbers.
+
+        A ray that meets the facet it has just left starts again from farther away; no other ray is moved.
+        """
+        hits = self._nearest(rays)
+        lanes = np.flatnonzero(hits.rehit.numpy()[: rays.real])
+        self.counts.respawned += len(lanes)
+        for attempt in range(1, spawn.ATTEMPTS + 1):
+            if len(lanes) == 0:
+                break
+            again = rays.gather(lanes)
+            again.o = spawn.farther(again.o, again.left_push, attempt)
+            dr.eval(again.o)
+            found, here = self._nearest(again), pad(lanes)
+            for name in found.__dataclass_fields__:
+                dr.scatter(getattr(hits, name), getattr(found, name), here)
+            dr.eval([getattr(hits, name) for name in hits.__dataclass_fields__])
+            lanes = lanes[found.rehit.numpy()[: len(lanes)]]
+        self.counts.rehits += len(lanes)
+        return hits
+
+    def _nearest(self, rays: Rays) -> Hits:
+        """`intersect` of rays as they are."""
         b = self.built
         si = b.scene.ray_intersect(mi.Ray3f(rays.o, rays.d))
         valid = si.is_valid()
@@ -396,20 +415,22 @@ class Tracer:
         n_s = dr.select(dr.dot(rays.d, n_raw) * dr.dot(rays.d, n_g) < 0, -n_raw, n_raw)
         rule = dr.gather(mi.UInt32, b.primitive_rule, shape, valid)
         primitive = dr.select(rule == 0, 0, si.prim_index // dr.maximum(rule, 1))
-        uv, p = mi.Point2f(si.uv), mi.Point3f(si.p)
+        facet = spawn.facet(rule, si.prim_index)
+        uv, p, t = mi.Point2f(si.uv), mi.Point3f(si.p), mi.Float(si.t)
         if not self.native_surface:
             flat = [dr.gather(mi.Float, b.flats, shape * 4 + entry, valid) for entry in range(4)]
             normal = mi.Vector3f(*flat[:3])
             p = mi.Point3f(p - normal * (dr.dot(normal, p) - flat[3]))
+            t, p, n_g, n_s, n_raw = b.balls.refine(rays.o, rays.d, shape, valid, t, p, n_g, n_s, n_raw)
             rule = dr.gather(mi.UInt32, b.uv_rule, shape, valid)
             uv.y = dr.select(rule == 1, 1 - uv.y, uv.y)
             row = [dr.gather(mi.Float, b.plane_rows, shape * 8 + entry, valid & (rule == 2)) for entry in range(8)]
             x = row[0] * p.x + row[1] * p.y + row[2] * p.z + row[3]
             y = row[4] * p.x + row[5] * p.y + row[6] * p.z + row[7]
             uv = dr.select(rule == 2, mi.Point2f(x, y), uv)
-        t = dr.select(valid, si.t, dr.inf)
+        t = dr.select(valid, t, dr.inf)
         endless = dr.select(rays.medium == 0, mi.Color3f(1), mi.Color3f(0))
-        transmittance = dr.select(valid, dr.exp(-rays.medium * si.t), endless)
+        transmittance = dr.select(valid, dr.exp(-rays.medium * t), endless)
         background = b.behind(rays.d)
         hits = Hits(
             valid=valid,
@@ -421,11 +442,12 @@ class Tracer:
             uv=uv,
             shape=shape,
             primitive=primitive,
+            facet=facet,
             material=dr.select(valid, dr.gather(mi.UInt32, b.material_of_shape, shape, valid), NOTHING),
             transmittance=transmittance,
             throughput=rays.throughput * transmittance,
             local=dr.select(valid, mi.Color3f(0), background),
-            rehit=valid & (shape == rays.left_shape) & (primitive == rays.left_primitive) & (t < rays.left_within),
+            rehit=valid & (shape == rays.left_shape) & (facet == rays.left_facet) & (t < rays.left_within),
         )
         dr.eval([getattr(hits, name) for name in hits.__dataclass_fields__])
         return hits
@@ -534,39 +556,47 @@ class Tracer:
         setting = dr.gather(mi.UInt32, rays.setting, lanes)
         key, path = dr.gather(mi.UInt32, rays.key, lanes), dr.gather(mi.UInt32, rays.path, lanes)
         path = mix(path + dr.opaque(mi.UInt32, 0x80000000 + number))
-        o, unit = self._leave(p, n_g, l, setting)
-        d, reach = l, dr.full(mi.Float, dr.largest(mi.Float), dr.width(lanes))
-        if goal is not None:
-            towards = goal - o
-            reach = dr.norm(towards)
-            d = towards / reach
-            reach = reach * BEFORE_LAMP
-        o, d = self._perturb(o, d, key, path, setting)
-        ray = mi.Ray3f(o, d, reach, mi.Float(0), [])
-        shadowed = self.built.scene.ray_test(ray, active)
-        if self.count_rehits:
-            within = unit * REHIT_UNITS
-            dr.eval(ray, shadowed, active, within)
-            blocked = np.flatnonzero((shadowed & active).numpy())
-            if len(blocked):
-                self._shadow_rehits(level, ray, within, lanes, blocked)
+        shape, facet = dr.gather(mi.UInt32, level.hits.shape, lanes), dr.gather(mi.UInt32, level.hits.facet, lanes)
+        left = self.leave(p, n_g, l, shape, facet, setting)
+
+        def ray(o: Any, l: Any, goal: Any, key: Any, path: Any, setting: Any) -> Any:  # noqa: E741
+            d, reach = l, dr.full(mi.Float, dr.largest(mi.Float), dr.width(o))
+            if goal is not None:
+                towards = goal - o
+                reach = dr.norm(towards)
+                d = towards / reach
+                reach = reach * BEFORE_LAMP
+            o, d = self._perturb(o, d, key, path, setting)
+            return mi.Ray3f(o, d, reach, mi.Float(0), [])
+
+        shadowed = self.built.scene.ray_test(ray(left.o, l, goal, key, path, setting), active)
+        dr.eval(shadowed, active, left.arrays())
+        # What is blocked by the very facet that it left starts again from farther away.
+        blocked = np.flatnonzero((shadowed & active).numpy()[: len(lanes)])
+        for attempt in range(spawn.ATTEMPTS + 1):
+            if len(blocked) == 0:
+                break
+            some = pad(blocked)
+            state = [None if array is None else dr.gather(type(array), array, some) for array in (l, goal, key, path, setting)]
+            here = left.gather(some)
+            found = self._preliminary(ray(spawn.farther(here.o, here.push, attempt), *state))
+            again = found.valid & (found.shape == here.shape) & (found.facet == here.facet) & (found.t < here.within)
+            dr.scatter(shadowed, found.valid, some)
+            dr.eval(shadowed, again)
+            blocked = blocked[again.numpy()[: len(blocked)]]
+            if attempt == 0:
+                self.counts.respawned += len(blocked)
+        self.counts.rehits += len(blocked)
         return shadowed
 
-    def _shadow_rehits(self, level: Level, ray: Any, within: Any, lanes: Any, blocked: np.ndarray) -> None:
-        """Counts shadow rays that were blocked by the very primitive they left."""
-        some = pad(blocked)
-        again = mi.Ray3f(
-            dr.gather(mi.Point3f, ray.o, some), dr.gather(mi.Vector3f, ray.d, some), dr.gather(mi.Float, ray.maxt, some), mi.Float(0), []
-        )
-        pi = self.built.scene.ray_intersect_preliminary(again)
+    def _preliminary(self, ray: Any) -> spawn.Met:
+        """What a ray meets first, without its surface."""
+        b = self.built
+        pi = b.scene.ray_intersect_preliminary(ray)
         valid = pi.is_valid()
-        shape = dr.gather(mi.UInt32, self.built.shape_of_registry, dr.reinterpret_array(mi.UInt32, pi.shape), valid)
-        rule = dr.gather(mi.UInt32, self.built.primitive_rule, shape, valid)
-        primitive = dr.select(rule == 1, pi.prim_index, dr.select(rule == 2, pi.prim_index >> 1, 0))
-        lane = dr.gather(mi.UInt32, lanes, some)
-        same = (shape == dr.gather(mi.UInt32, level.hits.shape, lane)) & (primitive == dr.gather(mi.UInt32, level.hits.primitive, lane))
-        rehit = (valid & same & (pi.t < dr.gather(mi.Float, within, some))).numpy()
-        self.counts.rehits += int(rehit[: len(blocked)].sum())
+        shape = dr.gather(mi.UInt32, b.shape_of_registry, dr.reinterpret_array(mi.UInt32, pi.shape), valid)
+        facet = spawn.facet(dr.gather(mi.UInt32, b.primitive_rule, shape, valid), pi.prim_index)
+        return spawn.Met(valid, pi.t, shape, facet)
 
     # ---- branches ------------------------------------------------------------------------------------------------
 
@@ -648,21 +678,18 @@ class Tracer:
         setting = dr.gather(mi.UInt32, rays.setting, lanes)
         key = dr.gather(mi.UInt32, rays.key, lanes)
         path = mix(dr.gather(mi.UInt32, rays.path, lanes) * 4 + dr.opaque(mi.UInt32, _BRANCH_NUMBERS[letter] + 4 * which))
-        o, unit = self._leave(si.p, n_g, direction, setting)
-        o, direction = self._perturb(o, direction, key, path, setting)
-        spawned = Rays(
-            o, direction, throughput, medium, key, path, setting,
-            dr.gather(mi.UInt32, hits.shape, lanes), dr.gather(mi.UInt32, hits.primitive, lanes), unit * REHIT_UNITS, inside,
-        )  # fmt: skip
+        shape, facet = dr.gather(mi.UInt32, hits.shape, lanes), dr.gather(mi.UInt32, hits.facet, lanes)
+        left = self.leave(si.p, n_g, direction, shape, facet, setting)
+        o, direction = self._perturb(left.o, direction, key, path, setting)
+        spawned = Rays(o, direction, throughput, medium, key, path, setting, left.shape, left.facet, left.within, left.push, inside)
         dr.eval(spawned.arrays(), weight, keep)
         return spawned, weight, keep
 
     # ---- numbers -------------------------------------------------------------------------------------------------
 
-    def _leave(self, p: Any, n_g: Any, direction: Any, setting: Any) -> Tuple[Any, Any]:
-        """(origin, step): the point moved K units along n_g to the side that `direction` leaves to (never `si.spawn_ray`)."""
-        step = (1 + dr.max(dr.abs(p))) * dr.gather(mi.Float, self._k, setting)
-        return mi.Point3f(p + n_g * (step * dr.sign(dr.dot(n_g, direction)))), step
+    def leave(self, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, setting: Any) -> spawn.Spawned:
+        """Where a ray in this direction starts: `spawn.leave` with the setting's K."""
+        return spawn.leave(self.built, p, n_g, direction, shape, facet, dr.gather(mi.Float, self._k, setting))
 
     def _perturb(self, o: Any, d: Any, key: Any, path: Any, setting: Any) -> Tuple[Any, Any]:
         """Origin and direction with each component times 1 + ulps * 2^-24 * r, r a hash in [-1, 1]; ulps = 0 is exact."""

@@ -92,7 +92,7 @@ def render(request: Request) -> Answer:
     loaded = time.perf_counter()
     doc = built.document
     x, y = _all_pixels(built)
-    tracer = Tracer(built, [setting], rehits=True)
+    tracer = Tracer(built, [setting])
     values = tracer.pixels(x, y, np.zeros(len(x), dtype=np.int64))
     traced = time.perf_counter()
     processor = time.process_time() - processor
@@ -113,6 +113,7 @@ def render(request: Request) -> Answer:
         "samples": len(doc.samples),
         "twin": doc.twin(),
         "hosted": doc.hosted(),
+        "respawned": tracer.counts.respawned,
         "rehits": tracer.counts.rehits,
         "setting": setting.to_json(),
     }

@@ -6,7 +6,7 @@ from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import bodies, lights, rounding, shaders
+from . import bodies, lights, rounding, shaders, spawn
 from . import shapes as shape_module
 from .document import Document
 from .runtime import dr, mi
@@ -112,6 +112,11 @@ class Built:
         self.plane_rows = _floats(planes)
         flats = [np.zeros(4) if rule.project is None else rule.project for rule in rules]
         self.flats = _floats(flats)
+        # Of each shape the largest coordinate, at most 1 m; of what has no end, 1 m.
+        boxes = [shape.bbox() for shape in self._shapes]
+        reach = [np.abs(np.array([box.min, box.max], dtype=np.float64)).max(initial=0.0) for box in boxes]
+        self.sizes = _floats([min(size, 1.0) for size in reach] + [1.0, 1.0])
+        self.balls = spawn.Balls(np.array([np.zeros(4) if rule.ball is None else rule.ball for rule in rules]))
         self.material_of_shape = _integers([shape.material for shape in shapes] + [0, 0])
         self.ambient_light = mi.Color3f(*[dr.opaque(mi.Float, float(value)) for value in self.document.lights.ambient])
         dr.eval(self.ambient_light)

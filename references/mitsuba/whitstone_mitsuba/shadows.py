@@ -29,18 +29,20 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
     path = mix(dr.gather(mi.UInt32, rays.path, lanes) + dr.opaque(mi.UInt32, 0x80000000 + number))
     medium = dr.gather(mi.Color3f, rays.medium, lanes) if filtered else dr.zeros(mi.Color3f, width)
     inside = dr.gather(mi.UInt64, rays.inside, lanes)
+    shape, facet = dr.gather(mi.UInt32, level.hits.shape, lanes), dr.gather(mi.UInt32, level.hits.facet, lanes)
     left = mi.Color3f(dr.full(mi.Float, 1, width))
     # Which lanes these are of `share`.
     home = np.flatnonzero(counts.numpy()[:width])
     real = home
-    state = [p, n_g, l, goal if goal is not None else p, setting, key, path, medium, left, inside]
+    state = [p, n_g, shape, facet, l, goal if goal is not None else p, setting, key, path, medium, left, inside]
     for crossing in range(MOST_CROSSINGS):
         if len(real) == 0:
             break
         chosen = pad(real)
         state = [dr.gather(type(array), array, chosen) for array in state]
-        p, n_g, l, target, setting, key, path, medium, left, inside = state  # noqa: E741
-        o, _ = tracer._leave(p, n_g, l, setting)
+        p, n_g, shape, facet, l, target, setting, key, path, medium, left, inside = state  # noqa: E741
+        start = tracer.leave(p, n_g, l, shape, facet, setting)
+        o = start.o
         d, reach = l, dr.full(mi.Float, dr.inf, dr.width(l))
         if goal is not None:
             towards = target - o
@@ -49,9 +51,10 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
             reach = reach * BEFORE_LAMP
         path = mix(path + dr.opaque(mi.UInt32, crossing))
         o, d = tracer._perturb(o, d, key, path, setting)
-        nothing = dr.zeros(mi.Float, dr.width(o))
-        never = dr.full(mi.UInt32, 0xFFFFFFFF, dr.width(o))
-        ray = Rays(o, d, mi.Color3f(left), mi.Color3f(medium), key, path, setting, never, never, nothing, mi.UInt64(inside), real=len(real))
+        ray = Rays(
+            o, d, mi.Color3f(left), mi.Color3f(medium), key, path, setting,
+            start.shape, start.facet, start.within, start.push, mi.UInt64(inside), real=len(real),
+        )  # fmt: skip
         for array in ray.arrays():
             dr.make_opaque(array)
         tracer.counts.shadow += len(real)
@@ -104,6 +107,6 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
             dr.eval(kept, behind, entered)
         alive = np.flatnonzero((dr.max(kept) > 0).numpy()[: len(real)])
         home = home[alive]
-        state = [hits.p, hits.n_g, d if goal is None else l, target, setting, key, path, behind, kept, entered]
+        state = [hits.p, hits.n_g, hits.shape, hits.facet, d if goal is None else l, target, setting, key, path, behind, kept, entered]
         real = alive
     return share

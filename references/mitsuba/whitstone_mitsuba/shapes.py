@@ -38,6 +38,8 @@ class Rules:
     # World (n, c) of the flat surface n . p = c onto which hit points are moved. Mitsuba leaves a disk's hit at ray(t), off the
     # surface by the rounding of t, which grows with the distance: shadow rays then start below the surface and hit it again.
     project: Optional[np.ndarray] = None
+    # Of a sphere, its centre and radius in the world.
+    ball: Optional[np.ndarray] = None
     # For UV_PLANE: 2x4, object x and y from world coordinates.
     plane: Optional[np.ndarray] = None
 
@@ -151,7 +153,8 @@ def _sphere(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     placed = matrix.copy()
     placed[:3, 3] = (matrix @ [*centre, 1.0])[:3]
     placed[:3, :3] *= radius
-    return Rules(flip=transforms.mirrors(matrix), uv=UV_SPHERE), _native("sphere", placed)
+    ball = np.array([*placed[:3, 3], radius * abs(np.linalg.det(matrix[:3, :3])) ** (1 / 3)])
+    return Rules(flip=transforms.mirrors(matrix), uv=UV_SPHERE, ball=ball), _native("sphere", placed)
 
 
 def _flat(matrix: np.ndarray) -> np.ndarray:
