@@ -270,10 +270,7 @@ mod tests {
         assert_eq!(of(0.6, 1.0, &variants), Explanation::Between(shift));
         // A later trial that takes the value itself explains it.
         variants[4][0] = [0.6; 3];
-        assert_eq!(
-            of(0.6, 1.0, &variants),
-            Explanation::Value(trials()[4].reason)
-        );
+        assert_eq!(of(0.6, 1.0, &variants), Explanation::Value(trials()[4].reason));
     }
 
     #[test]

@@ -25,8 +25,8 @@ mod variants;
 mod verdict;
 
 pub use key::{find_scenes, quoted, scene_key};
-pub use opinion::{Ask, OraclePolicy};
 pub use live::{Live, LiveError, hash_sources};
+pub use opinion::{Ask, OraclePolicy};
 pub use pixels::Pictures;
 pub use renderer::Renderer;
 pub use result::{

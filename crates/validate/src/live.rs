@@ -40,9 +40,6 @@ pub enum LiveError {
     /// The driver's image.
     #[error("the driver's image: {0}")]
     Image(String),
-    /// Rays of the driver met again the surface that they had just left: its image is no reference.
-    #[error("{0} rays of the reference met again the surface that they had just left")]
-    Rehits(u64),
     /// The environment has another Mitsuba than the one that is pinned.
     #[error("Mitsuba {found} is installed, {pinned} is pinned; remove {} and run again", environment.display())]
     Version {
@@ -223,6 +220,7 @@ impl Live {
                 samples: rendered.samples,
                 seconds: rendered.seconds.trace,
                 rays: [rendered.rays.closest, rendered.rays.shadow],
+                rehits: rendered.rehits,
             },
         };
         stored.write(&folder, self.renderer())?;
@@ -240,9 +238,6 @@ impl Live {
         // The driver runs in this folder's parent too, but may be started elsewhere.
         let out = std::path::absolute(folder.path().join("image.exr")).map_err(DriverError::Io)?;
         let rendered = self.ask(|driver| driver.render(scene, &out, setting, 0))?;
-        if rendered.rehits > 0 {
-            return Err(LiveError::Rehits(rendered.rehits));
-        }
         let image = exr_io::read(&out, Limits::IMAGE).map_err(|e| LiveError::Image(e.to_string()))?;
         Ok((image, rendered))
     }

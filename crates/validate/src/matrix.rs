@@ -315,7 +315,10 @@ fn judged(case: &CaseResult) -> (Outcome, String) {
             format!("interior error {error:.1e}, limit {:.1e}", case.limit),
         )
     } else {
-        (Outcome::Fail, format!("{}: {}", case.verdict, case.problems.join("; ")))
+        (
+            Outcome::Fail,
+            format!("{}: {}", case.verdict, case.problems.join("; ")),
+        )
     }
 }
 

@@ -1,5 +1,6 @@
 //! The third opinion: in pixels where the two renderers differ, which of them the oracle agrees with.
 
+use crate::explain::agree;
 use crate::judge::{allowed, color_at};
 use crate::validator::Validator;
 use serde::{Deserialize, Serialize};
@@ -56,9 +57,9 @@ pub enum Verdict {
     Both,
     /// None is.
     Neither,
-    /// Ours is, but the oracle's value is uncertain by more than the tolerance: tiny changes of the numbers change the pixel.
+    /// Tiny changes of the numbers change the pixel by more than the tolerance, and ours is one of the values that it takes.
     IllPosed,
-    /// The oracle has no value.
+    /// The oracle has no value, or an uncertain one that does not decide.
     Unknown,
 }
 
@@ -146,21 +147,29 @@ impl fmt::Display for Opinion {
     }
 }
 
-/// The value of a pixel and its uncertainty by channel; `None` where it is not known.
-pub(crate) type Value = Option<[[f64; 3]; 2]>;
+/// The oracle's value of a pixel, its uncertainty by channel and all values that it saw; `None` where it is not known.
+pub(crate) type Value = Option<([[f64; 3]; 2], Vec<[f64; 3]>)>;
 
-/// Who is right, with the tolerance of each channel.
-pub(crate) fn verdict(value: Value, ours: [f64; 3], reference: [f64; 3], tolerance: [f64; 3]) -> Verdict {
-    let Some([rgb, uncertainty]) = value else {
+/// Who is right, with the tolerance of each channel. Where the oracle's value is uncertain, ours must equal one of those
+/// that it saw.
+pub(crate) fn verdict(value: &Value, ours: [f64; 3], reference: [f64; 3], tolerance: [f64; 3]) -> Verdict {
+    let Some(([rgb, uncertainty], seen)) = value else {
         return Verdict::Unknown;
     };
     if (0..3).any(|c| !rgb[c].is_finite() || uncertainty[c].is_nan()) {
         return Verdict::Unknown;
     }
-    let right = |side: [f64; 3]| (0..3).all(|c| (side[c] - rgb[c]).abs() <= tolerance[c] + uncertainty[c]);
-    let uncertain = (0..3).any(|c| uncertainty[c] > tolerance[c]);
-    match (right(ours), right(reference)) {
-        (true, _) if uncertain => Verdict::IllPosed,
+    let near = |side: [f64; 3]| (0..3).all(|c| (side[c] - rgb[c]).abs() <= tolerance[c] + uncertainty[c]);
+    if (0..3).any(|c| uncertainty[c] > tolerance[c]) {
+        let taken = |side: [f64; 3]| seen.iter().any(|value| agree(*value, side, tolerance));
+        return match (taken(ours), near(ours)) {
+            (true, _) => Verdict::IllPosed,
+            (false, true) => Verdict::Unknown,
+            (false, false) if near(reference) => Verdict::Reference,
+            (false, false) => Verdict::Neither,
+        };
+    }
+    match (near(ours), near(reference)) {
         (true, true) => Verdict::Both,
         (true, false) => Verdict::Ours,
         (false, true) => Verdict::Reference,
@@ -186,7 +195,8 @@ impl Hearing {
         reference: &'a Image,
     ) -> impl Iterator<Item = ([usize; 2], Verdict)> + 'a {
         let mean = metrics::mean_reference(reference).unwrap_or(0.0);
-        self.values.iter().map(move |&(pixel, value)| {
+        self.values.iter().map(move |(pixel, value)| {
+            let pixel = *pixel;
             let theirs = color_at(reference, pixel);
             (
                 pixel,
@@ -215,8 +225,8 @@ fn tracer(
     validator: &Validator<'_>,
     path: &Path,
     overrides: &[String],
-) -> Result<impl Fn([u32; 2], Instant) -> Value + Sync + use<>, String> {
-    use whitstone_oracle::tracer::{Tracer, Value};
+) -> Result<impl Fn([u32; 2], bool, Instant) -> Value + Sync + use<>, String> {
+    use whitstone_oracle::tracer::{Care, Tracer, Value};
     use whitstone_scene::{Description, Plan, Sources};
 
     let sources =
@@ -227,14 +237,21 @@ fn tracer(
         let first = errors.0.first().map(|error| error.message.clone());
         first.unwrap_or_default()
     })?;
-    Ok(move |pixel, deadline| match tracer.pixel_before(pixel, deadline) {
-        Value::Known { rgb, uncertainty } => Some([rgb, uncertainty]),
-        Value::Unknown(_) => None,
+    Ok(move |pixel, carefully, deadline| {
+        let care = if carefully { Care::GREAT } else { Care::USUAL };
+        match tracer.pixel_before(pixel, care, deadline) {
+            Value::Known {
+                rgb,
+                uncertainty,
+                seen,
+            } => Some(([rgb, uncertainty], seen)),
+            Value::Unknown(_) => None,
+        }
     })
 }
 
 #[cfg(not(feature = "oracle"))]
-fn tracer(_: &Validator<'_>, _: &Path, _: &[String]) -> Result<fn([u32; 2], Instant) -> Value, String> {
+fn tracer(_: &Validator<'_>, _: &Path, _: &[String]) -> Result<fn([u32; 2], bool, Instant) -> Value, String> {
     Err("this program was built without the oracle, which comes with the feature `stress`".to_owned())
 }
 
@@ -252,8 +269,21 @@ impl Validator<'_> {
         self.oracle = policy;
     }
 
-    /// Asks the oracle for the values of pixels, on all threads, until its time is up.
-    pub(crate) fn hear(&self, path: &Path, pixels: &[[usize; 2]]) -> Hearing {
+    /// Asks the oracle for the values of pixels, on all threads, until its time is up. What contradicts ours it looks at again
+    /// with more care: the pixel may touch an edge.
+    pub(crate) fn hear(
+        &self,
+        path: &Path,
+        pixels: &[[usize; 2]],
+        ours: &Image,
+        reference: &Image,
+    ) -> Hearing {
+        let mean = metrics::mean_reference(reference).unwrap_or(0.0);
+        let contradicts = |pixel: [usize; 2], value: &Value| {
+            let theirs = color_at(reference, pixel);
+            let verdict = verdict(value, color_at(ours, pixel), theirs, allowed(theirs, mean));
+            matches!(verdict, Verdict::Reference | Verdict::Neither | Verdict::Unknown)
+        };
         let mut hearing = Hearing::default();
         if pixels.is_empty() {
             return hearing;
@@ -286,7 +316,11 @@ impl Validator<'_> {
                         if index >= pixels.len() || Instant::now() >= deadline {
                             return;
                         }
-                        let value = tracer(pixels[index].map(|p| p as u32), deadline);
+                        let pixel = pixels[index].map(|p| p as u32);
+                        let mut value = tracer(pixel, false, deadline);
+                        if value.is_some() && contradicts(pixels[index], &value) {
+                            value = tracer(pixel, true, deadline);
+                        }
                         // A pixel that ran out of time was not answered.
                         if value.is_some() || Instant::now() < deadline {
                             let mut found = found.lock().unwrap_or_else(|poison| poison.into_inner());
@@ -314,21 +348,27 @@ mod tests {
 
     #[test]
     fn who_is_right() {
-        let known = |rgb: f64, uncertainty: f64| Some([[rgb; 3], [uncertainty; 3]]);
+        let known = |rgb: f64, uncertainty: f64| {
+            let seen = vec![[rgb; 3], [rgb - uncertainty / 4.0; 3]];
+            Some(([[rgb; 3], [uncertainty; 3]], seen))
+        };
         let judge =
-            |value: Value, ours: f64, reference: f64| verdict(value, [ours; 3], [reference; 3], [0.01; 3]);
-        let certain = known(1.0, 1e-12);
+            |value: &Value, ours: f64, reference: f64| verdict(value, [ours; 3], [reference; 3], [0.01; 3]);
+        let certain = &known(1.0, 1e-12);
         assert_eq!(judge(certain, 1.001, 1.5), Verdict::Ours);
         assert_eq!(judge(certain, 1.5, 0.995), Verdict::Reference);
         assert_eq!(judge(certain, 1.009, 0.992), Verdict::Both);
         assert_eq!(judge(certain, 1.5, 0.5), Verdict::Neither);
         assert_eq!(judge(certain, f64::NAN, 1.0), Verdict::Reference);
-        assert_eq!(judge(known(1.0, 0.02), 1.0, 1.5), Verdict::IllPosed);
-        // However uncertain the value, ours must lie within its uncertainty.
-        assert_eq!(judge(known(1.0, 0.02), 1.1, 1.5), Verdict::Neither);
-        assert_eq!(judge(known(1.0, 0.02), 1.1, 1.0), Verdict::Reference);
-        assert_eq!(judge(known(f64::NAN, 0.0), 1.0, 1.5), Verdict::Unknown);
-        assert_eq!(judge(None, 1.0, 1.0), Verdict::Unknown);
+        // Of an edge between 1 and 0.5, ours may be on either side, but not in between.
+        let edge = &known(1.0, 2.0);
+        assert_eq!(judge(edge, 1.0, 0.5), Verdict::IllPosed);
+        assert_eq!(judge(edge, 0.5, 1.0), Verdict::IllPosed);
+        assert_eq!(judge(edge, 0.75, 1.0), Verdict::Unknown);
+        assert_eq!(judge(edge, 4.0, 1.0), Verdict::Reference);
+        assert_eq!(judge(edge, 4.0, 5.0), Verdict::Neither);
+        assert_eq!(judge(&known(f64::NAN, 0.0), 1.0, 1.5), Verdict::Unknown);
+        assert_eq!(judge(&None, 1.0, 1.0), Verdict::Unknown);
     }
 
     #[test]

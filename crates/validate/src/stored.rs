@@ -48,6 +48,17 @@ pub struct Meta {
     pub seconds: f64,
     /// Rays traced: nearest hit and shadow.
     pub rays: [u64; 2],
+    /// Of these, the number that met again the surface that they had just left: such an image alone shows nothing.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub rehits: u64,
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde calls it with a reference"
+)]
+fn is_zero(number: &u64) -> bool {
+    *number == 0
 }
 
 /// A stored reference.
@@ -133,11 +144,16 @@ impl Stored {
         let path = folder.join(renderer.variants_file());
         let variants = if path.is_file() {
             let file = exr_io::read(&path, Limits::IMAGE).map_err(|error| broken(&path, error))?;
-            Variants::from_image(&file).ok_or_else(|| broken(&path, "it lacks one of the channels R, G, B, X and Y"))?
+            Variants::from_image(&file)
+                .ok_or_else(|| broken(&path, "it lacks one of the channels R, G, B, X and Y"))?
         } else {
             Variants::default()
         };
-        Ok(Self { image, variants, meta })
+        Ok(Self {
+            image,
+            variants,
+            meta,
+        })
     }
 
     /// Writes it to a folder.

@@ -91,8 +91,6 @@ enum NoReference {
     Problem(String),
     /// This renderer has no twin of something in the scene, or none is stored: the report, and what is lacking.
     NoTwin(String, Vec<String>),
-    /// This many rays of the live reference met again the surface that they had just left.
-    Rehits(u64),
 }
 
 /// A reference with its provenance.
@@ -182,21 +180,18 @@ impl<'a> Validator<'a> {
                 match self.reference(path, &ours.flattened, &mut case) {
                     Err(NoReference::Problem(problem)) => {
                         case.problems.push(problem);
-                        case.settle(Status::Undecided, "there is no reference to compare with".to_owned());
+                        case.settle(
+                            Status::Undecided,
+                            "there is no reference to compare with".to_owned(),
+                        );
                     }
                     Err(NoReference::NoTwin(problem, lacks)) => {
                         case.other_reference = self.other_reference(path);
                         case.problems.push(problem);
                         case.no_twin = lacks;
-                        case.settle(Status::Undecided, "the reference cannot render this scene".to_owned());
-                    }
-                    Err(NoReference::Rehits(count)) => {
-                        case.problems.push(format!(
-                            "the reference is not used: {count} of its rays met again the surface that they had just left"
-                        ));
                         case.settle(
                             Status::Undecided,
-                            "the reference cannot render this scene without self-intersections".to_owned(),
+                            "the reference cannot render this scene".to_owned(),
                         );
                     }
                     Ok(against) => match self.judge(&mut case, &ours, &against) {
@@ -205,7 +200,7 @@ impl<'a> Validator<'a> {
                             case.settle(Status::Fail, "the images cannot be compared".to_owned());
                         }
                         Ok(judged) => {
-                            self.decide(path, &mut case, &ours.image, &against.stored.image, &judged);
+                            self.decide(path, &mut case, &ours, &against, &judged);
                         }
                     },
                 }
@@ -236,8 +231,12 @@ impl<'a> Validator<'a> {
     fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, String> {
         let overrides = self.overrides(path, &mut case.adapted)?;
         let flattened = flatten(path, &overrides)?;
-        let all_overrides =
-            [&overrides[..], &self.options.shared_overrides, &self.options.ours_overrides].concat();
+        let all_overrides = [
+            &overrides[..],
+            &self.options.shared_overrides,
+            &self.options.ours_overrides,
+        ]
+        .concat();
         let sources = Sources::load(path, &all_overrides)
             .map_err(|error| error.sources.report(&error.errors, false))?;
         let report = |_: SceneErrors| sources.report(&all_errors(&sources, self.registry), false);
@@ -367,7 +366,6 @@ impl<'a> Validator<'a> {
                     let lacks = problems.lines().map(|line| place::told(line).1.to_owned());
                     return Err(NoReference::NoTwin(report, lacks.collect()));
                 }
-                Err(LiveError::Rehits(count)) => return Err(NoReference::Rehits(count)),
                 Err(error) => {
                     self.broken.get_or_insert_with(|| error.to_string());
                     if self.options.mode == Mode::Live {

@@ -32,12 +32,30 @@ use whitstone_core::config::decode;
 use whitstone_core::{DVec3, Ray, Rgb, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
-/// How often each pixel is traced with other roundings.
-const REPEATS: u64 = 4;
 /// The uncertainty is so many times the largest deviation that was seen.
 const SAFETY: f64 = 4.0;
-/// By how many units in the last place points and directions are moved.
-const ULPS: f64 = 2.0;
+
+/// How carefully a pixel is looked at.
+#[derive(Clone, Copy, Debug)]
+pub struct Care {
+    /// How often it is traced with other roundings.
+    pub repeats: u64,
+    /// By how many units in the last place points and directions are moved then.
+    pub ulps: f64,
+}
+
+impl Care {
+    /// Enough to see that a pixel is ill-posed.
+    pub const USUAL: Self = Self {
+        repeats: 4,
+        ulps: 2.0,
+    };
+    /// Enough to see the values that it can take then: for pixels that touch an edge, or of which somebody else's value differs.
+    pub const GREAT: Self = Self {
+        repeats: 32,
+        ulps: 8.0,
+    };
+}
 
 /// A pixel according to the oracle.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,6 +66,9 @@ pub enum Value {
         rgb: [f64; 3],
         /// How far the truth may be from it, by channel.
         uncertainty: [f64; 3],
+        /// All values that were seen, those of moved rays included. Where one yes-or-no test is undecided, the truth is one of
+        /// them and nothing in between.
+        seen: Vec<[f64; 3]>,
     },
     /// The oracle does not know, and why.
     Unknown(String),
@@ -158,11 +179,14 @@ pub(crate) fn unknown_part(plugin: &PluginTable<'_>, what: &str) -> SceneErrors 
 }
 
 /// Pseudo-random signs and sizes, of splitmix64 (Steele, Lea and Flood 2014); none in the first run.
-struct Jitter(Option<u64>);
+struct Jitter {
+    state: Option<u64>,
+    ulps: f64,
+}
 
 impl Jitter {
     fn next(&mut self) -> f64 {
-        let Some(state) = &mut self.0 else {
+        let Some(state) = &mut self.state else {
             return 0.0;
         };
         *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -173,9 +197,9 @@ impl Jitter {
         (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 
-    /// Each coordinate moved by up to [`ULPS`] of the largest one.
+    /// Each coordinate moved by up to so many units in the last place of the largest one.
     fn point(&mut self, p: DVec3) -> DVec3 {
-        let size = p.abs().max_element() * f64::EPSILON * ULPS;
+        let size = p.abs().max_element() * f64::EPSILON * self.ulps;
         p + DVec3::new(self.next(), self.next(), self.next()) * size
     }
 
@@ -224,39 +248,56 @@ impl Tracer {
 
     /// The value of a pixel, column and row from the left top.
     pub fn pixel(&self, pixel: [u32; 2]) -> Value {
-        self.value(pixel, None)
+        self.value(pixel, Care::USUAL, None)
     }
 
-    /// The same, but unknown if it takes longer than until `deadline`.
-    pub fn pixel_before(&self, pixel: [u32; 2], deadline: Instant) -> Value {
-        self.value(pixel, Some(deadline))
+    /// The same with more or less care, and unknown if it takes longer than until `deadline`.
+    pub fn pixel_before(&self, pixel: [u32; 2], care: Care, deadline: Instant) -> Value {
+        self.value(pixel, care, Some(deadline))
     }
 
-    fn value(&self, pixel: [u32; 2], deadline: Option<Instant>) -> Value {
-        let value = match self.once(pixel, None, deadline) {
-            Ok(value) => value,
-            Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
+    fn value(&self, pixel: [u32; 2], care: Care, deadline: Option<Instant>) -> Value {
+        let ulps = care.ulps;
+        let exact = match self.once(pixel, Jitter { state: None, ulps }, deadline) {
+            Err(unsure) if unsure != Unsure::Touch => return Value::Unknown(unsure.told().to_owned()),
+            exact => exact,
         };
-        let mut uncertainty = [0.0_f64; 3];
-        for seed in 1..=REPEATS {
-            // A tree that is undecided after a tiny move shows that it is next to one.
-            let other = match self.once(pixel, Some(seed), deadline) {
-                Ok(other) => other,
+        let repeats = match exact {
+            // On an edge: which values can it take?
+            Err(_) => Care::GREAT.repeats.max(care.repeats),
+            Ok(_) => care.repeats,
+        };
+        let mut seen: Vec<[f64; 3]> = exact.iter().map(|value| value.to_array()).collect();
+        let mut touched = 0;
+        for seed in 1..=repeats {
+            let state = Some(seed);
+            match self.once(pixel, Jitter { state, ulps }, deadline) {
+                Ok(value) => seen.push(value.to_array()),
+                Err(Unsure::Touch) => touched += 1,
                 Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
-            };
-            for ((most, a), b) in uncertainty.iter_mut().zip(value.to_array()).zip(other.to_array()) {
-                *most = most.max(SAFETY * (a - b).abs());
+            }
+            // Surfaces that coincide, not an edge that is hit by chance.
+            if 2 * touched > repeats {
+                return Value::Unknown(Unsure::Touch.told().to_owned());
             }
         }
+        let Some(&rgb) = seen.first() else {
+            return Value::Unknown(Unsure::Touch.told().to_owned());
+        };
+        let uncertainty = std::array::from_fn(|c| {
+            let deviations = seen.iter().map(|other| (rgb[c] - other[c]).abs());
+            SAFETY * deviations.fold(0.0, f64::max)
+        });
         Value::Known {
-            rgb: value.to_array(),
+            rgb,
             uncertainty,
+            seen,
         }
     }
 
-    fn once(&self, pixel: [u32; 2], seed: Option<u64>, deadline: Option<Instant>) -> Result<Rgb, Unsure> {
+    fn once(&self, pixel: [u32; 2], jitter: Jitter, deadline: Option<Instant>) -> Result<Rgb, Unsure> {
         let mut walk = Walk {
-            jitter: Jitter(seed),
+            jitter,
             rays: 0,
             deadline,
         };

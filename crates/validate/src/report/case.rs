@@ -504,7 +504,9 @@ impl<'a> Pixel<'a> {
             times: Number::plain(largest.filter(|times| *times > 0.0))
                 .or("the mean of the reference is not known"),
             reason: pixel.reason.as_ref().map(in_words),
-            between: pixel.between.map(|_| "ours lies between values that the reference takes, and equals none of them".to_owned()),
+            between: pixel.between.map(|_| {
+                "ours lies between values that the reference takes, and equals none of them".to_owned()
+            }),
             tried: pixel.tried.map(|[min, max]| {
                 let color = |values: [f64; 3]| values.map(precise).join(", ");
                 format!("all tried: {} to {}", color(min), color(max))

@@ -98,7 +98,11 @@ const fn column(label: &'static str, numeric: bool, meaning: &'static str) -> Co
 
 /// In the order of the cells in `page.html`.
 const COLUMNS: [Column; 14] = [
-    column("Verdict", false, "pass: all limits are kept; confirmed: the reference is too weak, the oracle confirms ours; FAIL: ours is wrong; undecided: nobody can tell"),
+    column(
+        "Verdict",
+        false,
+        "pass: all limits are kept; confirmed: the reference is too weak, the oracle confirms ours; FAIL: ours is wrong; undecided: nobody can tell",
+    ),
     column("Scene", false, "path below scenes/"),
     column("Interior error", true, "rel_rmse_interior, at most its limit"),
     column(
@@ -256,7 +260,13 @@ fn verdict(results: &Results) -> Verdict {
         (n, 1) => format!("1 of {n} cases does not pass"),
         (n, failed) => format!("{failed} of {n} cases do not pass"),
     };
-    let of = |status| results.results.iter().filter(|case| case.status == Some(status)).count();
+    let of = |status| {
+        results
+            .results
+            .iter()
+            .filter(|case| case.status == Some(status))
+            .count()
+    };
     let kinds = [
         (of(Status::Fail), "wrong"),
         (of(Status::Undecided), "undecided"),

@@ -311,7 +311,13 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
 
 /// What was compared decides; only if all of that agrees, it matters that something could not be.
 fn verdict(cases: &[CaseResult], matrix: Tally, strict: bool) -> Result<Exit, Failure> {
-    let is_good = |status: Status| if strict { status == Status::Pass } else { status.is_right() };
+    let is_good = |status: Status| {
+        if strict {
+            status == Status::Pass
+        } else {
+            status.is_right()
+        }
+    };
     let mut failed = cases
         .iter()
         .filter(|case| !case.status.is_some_and(is_good))
@@ -461,7 +467,10 @@ fn print_row(row: &Row<'_>) {
         );
     }
     for (setting, told) in &row.failed {
-        println!("FAIL      {axis:<11} {setting}: {}", told.replace('\n', "\n      "));
+        println!(
+            "FAIL      {axis:<11} {setting}: {}",
+            told.replace('\n', "\n      ")
+        );
     }
     for (settings, why) in &row.skipped {
         println!(
