@@ -27,6 +27,7 @@ use material::{At, Branch, Medium};
 use sampler::Sampler;
 use scene::{Hit, Scene};
 use serde::Deserialize;
+use std::time::Instant;
 use whitstone_core::config::decode;
 use whitstone_core::{DVec3, Ray, Rgb, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
@@ -59,6 +60,8 @@ pub(crate) enum Unsure {
     Touch,
     /// The tree has too many rays.
     Long,
+    /// Its time is up.
+    Late,
 }
 
 /// Rays of a tree before it counts as too long.
@@ -190,6 +193,7 @@ const MOST_FILTERS: usize = 1000;
 struct Walk {
     jitter: Jitter,
     rays: u32,
+    deadline: Option<Instant>,
 }
 
 /// A ray on its way.
@@ -220,14 +224,23 @@ impl Tracer {
 
     /// The value of a pixel, column and row from the left top.
     pub fn pixel(&self, pixel: [u32; 2]) -> Value {
-        let value = match self.once(pixel, None) {
+        self.value(pixel, None)
+    }
+
+    /// The same, but unknown if it takes longer than until `deadline`.
+    pub fn pixel_before(&self, pixel: [u32; 2], deadline: Instant) -> Value {
+        self.value(pixel, Some(deadline))
+    }
+
+    fn value(&self, pixel: [u32; 2], deadline: Option<Instant>) -> Value {
+        let value = match self.once(pixel, None, deadline) {
             Ok(value) => value,
             Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
         };
         let mut uncertainty = [0.0_f64; 3];
         for seed in 1..=REPEATS {
             // A tree that is undecided after a tiny move shows that it is next to one.
-            let other = match self.once(pixel, Some(seed)) {
+            let other = match self.once(pixel, Some(seed), deadline) {
                 Ok(other) => other,
                 Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
             };
@@ -241,10 +254,11 @@ impl Tracer {
         }
     }
 
-    fn once(&self, pixel: [u32; 2], seed: Option<u64>) -> Result<Rgb, Unsure> {
+    fn once(&self, pixel: [u32; 2], seed: Option<u64>, deadline: Option<Instant>) -> Result<Rgb, Unsure> {
         let mut walk = Walk {
             jitter: Jitter(seed),
             rays: 0,
+            deadline,
         };
         let positions = self.sampler.positions(pixel);
         let mut values = Vec::new();
@@ -317,6 +331,7 @@ impl Tracer {
         if walk.rays > MOST_RAYS || arriving.depth > MOST_BOUNCES {
             return Err(Unsure::Long);
         }
+        in_time(walk.deadline)?;
         let Some(hit) = self.scene.nearest(&arriving.ray, arriving.from, f64::INFINITY)? else {
             return Ok(self.lights.background(arriving.ray.direction) * arriving.medium.endless());
         };
@@ -328,7 +343,11 @@ impl Tracer {
             return self.at_corners(&hit, &arriving.ray);
         }
         let material = self.scene.material(&hit, viewer);
-        let shadow = |l, distance| self.unhidden(&hit, point, l, distance, arriving.medium);
+        let deadline = walk.deadline;
+        let shadow = |l, distance| {
+            in_time(deadline)?;
+            self.unhidden(&hit, point, l, distance, arriving.medium)
+        };
         let mut sum = self.local(&material, hit.normal, point, viewer, &shadow)?;
         if self.rules.branches {
             for branch in material.branches(arriving.medium) {
@@ -470,6 +489,14 @@ impl Tracer {
     }
 }
 
+/// An error once a deadline has passed.
+fn in_time(deadline: Option<Instant>) -> Result<(), Unsure> {
+    match deadline {
+        Some(deadline) if Instant::now() >= deadline => Err(Unsure::Late),
+        _ => Ok(()),
+    }
+}
+
 /// The largest minus the smallest value, of the channel where that is largest.
 fn range(values: &[Rgb]) -> f64 {
     let of = |channel: usize| {
@@ -487,6 +514,7 @@ impl Unsure {
         match self {
             Self::Touch => "a ray touches a surface or an edge, or two surfaces are at one place",
             Self::Long => "the tree of rays is too long for it",
+            Self::Late => "its time is up",
         }
     }
 }

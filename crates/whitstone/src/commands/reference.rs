@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         };
         let live = validator.live().expect("the mode is live");
         let stored = live
-            .reference_with_ranges(text, &flattened.hash, &|done, all| {
+            .reference_with_variants(text, &flattened.hash, &|done, all| {
                 bar.set_length(all as u64);
                 bar.set_position(done as u64);
             })
