@@ -222,9 +222,14 @@ class Cut(Surface):
             flat = dot(gradient, gradient) == 0
             for axis, apex in enumerate(self.apex()):
                 n[axis] = np.where(flat, apex, gradient[axis])
-        for number, (normal, _) in enumerate(self.planes):
+        q = list(p)
+        for number, (normal, offset) in enumerate(self.planes):
+            # Exactly on the plane: textures may have an edge there.
+            away = dot(normal, p) - offset
             for axis in range(3):
                 n[axis] = np.where(code == number + 1, normal[axis], n[axis])
+                q[axis] = np.where(code == number + 1, p[axis] - normal[axis] * away, q[axis])
+        p = (q[0], q[1], q[2])
         u, v, primitive = self.coordinates(p, code, side)
         outward = self.outward((n[0], n[1], n[2]))
         return Points(outward, outward, u, v, primitive)
