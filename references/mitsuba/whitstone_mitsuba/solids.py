@@ -81,7 +81,7 @@ class Solid(Surface):
             name, at = np.where(better, code[:, number], name), np.where(better, here, at)
             if number + 1 < events:
                 with np.errstate(invalid="ignore"):
-                    end = ~(t[:, number + 1] - here <= SAME * np.abs(here))
+                    end = ~(t[:, number + 1] - here <= SAME * np.abs(here)) | np.isinf(here)
             else:
                 end = np.full(count, True)
             now = inside[:, number]
