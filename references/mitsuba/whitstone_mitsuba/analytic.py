@@ -64,7 +64,8 @@ def _ellipsoid(fields: Fields, place: Any, base: Folder) -> Surface:
     return surfaces.Ball(scaled(place.world, (0, 0, 0), radii))
 
 
-def _cylinder(fields: Fields, place: Any, base: Folder) -> Surface:
+def cylinder(fields: Fields, place: Any, base: Folder) -> surfaces.Round:
+    """The surface of a cylinder."""
     radius, z = fields.number("radius", 1.0, _positive, "a radius > 0"), _range(fields, (-1.0, 1.0))
     return surfaces.Round(place.world, (0.0, 0.0, radius * radius), z, _caps(fields))
 
@@ -216,7 +217,7 @@ def _polygon(fields: Fields, place: Any, base: Folder) -> Surface:
 
 READERS: Dict[str, Callable[[Fields, Any, Folder], Surface]] = {
     "ellipsoid": _ellipsoid,
-    "cylinder": _cylinder,
+    "cylinder": cylinder,
     "cone": _cone,
     "paraboloid": _paraboloid,
     "hyperboloid": _hyperboloid,

@@ -32,6 +32,8 @@ def _anchors() -> "mi.Scene":
 
 
 _ANCHORS: Optional["mi.Scene"] = None
+# Cylinders are rare: their code is part of kernels only once there was one.
+_CYLINDERS: Optional["mi.Scene"] = None
 
 
 def load_shapes(document: Document, bsdfs: Sequence["mi.BSDF"], setting: Setting, extra: Optional[dict] = None) -> Any:
@@ -39,9 +41,11 @@ def load_shapes(document: Document, bsdfs: Sequence["mi.BSDF"], setting: Setting
 
     `extra`: emitters or a sensor for the check against Mitsuba's integrators.
     """
-    global _ANCHORS
+    global _ANCHORS, _CYLINDERS
     if _ANCHORS is None:
         _ANCHORS = _anchors()
+    if _CYLINDERS is None and any(shape.rules.axis is not None for shape in document.shapes):
+        _CYLINDERS = mi.load_dict({"type": "scene", "a": {"type": "cylinder"}, "b": {"type": "cylinder"}}, parallel=False, optimize=False)
     rounded = rounding.of(setting.vertex_seed)
     built = [None if shape.build is None else shape.build(bsdfs[shape.material], rounded) for shape in document.shapes]
     content = {f"shape{number:08d}": shape for number, shape in enumerate(built) if shape is not None}
@@ -130,7 +134,9 @@ class Built:
         boxes = [None if shape is None else shape.bbox() for shape in self._shapes]
         reach = [0.0 if box is None else np.abs(np.array([box.min, box.max], dtype=np.float64)).max(initial=0.0) for box in boxes]
         self.sizes = _floats([min(size, 1.0) for size in reach] + [1.0, 1.0])
-        self.balls = spawn.Balls(np.array([np.zeros(4) if rule.ball is None else rule.ball for rule in rules]))
+        balls = [np.zeros(4) if rule.ball is None else rule.ball for rule in rules]
+        axes = [np.zeros(3) if rule.axis is None else rule.axis for rule in rules]
+        self.balls = spawn.Balls(np.array(balls), np.array(axes))
         self.material_of_shape = _integers([shape.material for shape in shapes] + [0, 0])
         self.ambient_light = mi.Color3f(*[dr.opaque(mi.Float, float(value)) for value in self.document.lights.ambient])
         dr.eval(self.ambient_light)

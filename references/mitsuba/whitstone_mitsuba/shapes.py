@@ -38,8 +38,10 @@ class Rules:
     # World (n, c) of the flat surface n . p = c onto which hit points are moved. Mitsuba leaves a disk's hit at ray(t), off the
     # surface by the rounding of t, which grows with the distance: shadow rays then start below the surface and hit it again.
     project: Optional[np.ndarray] = None
-    # Of a sphere, its centre and radius in the world.
+    # Of a sphere, its centre and radius in the world; of a cylinder, a point of its axis and the radius.
     ball: Optional[np.ndarray] = None
+    # Of a cylinder, the direction of its axis in the world.
+    axis: Optional[np.ndarray] = None
     # For UV_PLANE: 2x4, object x and y from world coordinates.
     plane: Optional[np.ndarray] = None
 
@@ -109,9 +111,9 @@ def make_mesh(
     return mesh
 
 
-def _native(plugin: str, matrix: np.ndarray) -> Builder:
+def _native(plugin: str, matrix: np.ndarray, **keys: Any) -> Builder:
     def build(bsdf: "mi.BSDF", _: rounding.Rounding) -> "mi.Shape":
-        return mi.load_dict({"type": plugin, "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf})
+        return mi.load_dict({"type": plugin, "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf, **keys})
 
     return build
 
@@ -198,6 +200,19 @@ def _disk(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
     if _sheared(place):
         return surfaces.Flat(matrix, "disk"), _SHEARED
     return Rules(project=_flat(matrix)), _native("disk", matrix)
+
+
+def _cylinder(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
+    """Mitsuba's cylinders are open, and not stretched."""
+    found = analytic.cylinder(fields, place, base)
+    scale = transforms.similarity_scale(place.world)
+    if found.closed or scale is None:
+        return found, "Mitsuba's cylinders have no caps" if found.closed else "Mitsuba's cylinders are round: this one is stretched"
+    radius, (low, high) = found.radii[0], found.z
+    matrix = place.world
+    ball = np.array([*matrix[:3, 3], radius * scale])
+    build = _native("cylinder", matrix, p0=[0.0, 0.0, low], p1=[0.0, 0.0, high], radius=radius)
+    return Rules(ball=ball, axis=matrix[:3, 2] / scale), build
 
 
 def box_triangles() -> meshes.Triangles:
@@ -335,6 +350,7 @@ def _hosted(reader: Callable[[Fields, Place, Folder], surfaces.Surface]) -> Call
 
 
 READERS.update({kind: _hosted(reader) for kind, reader in analytic.READERS.items()})
+READERS["cylinder"] = _cylinder
 READERS["csg"] = _hosted(analytic.Csg(_mesh_operand).read)
 
 
