@@ -89,7 +89,7 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     bare.document = replace(document, integrator=replace(document.integrator, follow=False))
     bare.ambient_light = mi.Color3f(dr.opaque(mi.Float, 0.0))
     tracer = Tracer(bare, [setting])
-    tracer.native_surface = True  # Mitsuba's integrators know nothing of the model's uv
+    tracer.native_uv = True  # Mitsuba's integrators know nothing of the model's uv
     x, y = _pixels(built)
     rays = tracer.camera_rays(x, y, np.zeros(len(x), dtype=np.int64), _CENTRE)
     level, _ = tracer.level(rays, 0)
@@ -127,7 +127,7 @@ def _path(built: Built, setting: Setting) -> Dict[str, Any]:
     # Mitsuba sees black beyond the last bounce, and has no threshold.
     bare.document = replace(document, integrator=replace(document.integrator, limit_background=False, min_contribution=0.0))
     tracer = Tracer(bare, [setting])
-    tracer.native_surface = True
+    tracer.native_uv = True
     x, y = _pixels(built)
     rays = tracer.camera_rays(x, y, np.zeros(len(x), dtype=np.int64), _CENTRE)
     ours = tracer.trace(rays, 0).numpy().T[: rays.real]

@@ -194,8 +194,8 @@ class Tracer:
         self.document = built.document
         self.settings = list(settings)
         self.record = record
-        # Mitsuba's own points and uv instead of the model's: for the check against its integrators.
-        self.native_surface = False
+        # Mitsuba's own uv instead of the model's: for the check against its integrators.
+        self.native_uv = False
         self.counts = Counts()
         self.levels: List[Level] = []
         # How many branches there are in place of a reflected one, at most, and how many lanes become no more than LANES by them.
@@ -417,11 +417,11 @@ class Tracer:
         primitive = dr.select(rule == 0, 0, si.prim_index // dr.maximum(rule, 1))
         facet = spawn.facet(rule, si.prim_index)
         uv, p, t = mi.Point2f(si.uv), mi.Point3f(si.p), mi.Float(si.t)
-        if not self.native_surface:
-            flat = [dr.gather(mi.Float, b.flats, shape * 4 + entry, valid) for entry in range(4)]
-            normal = mi.Vector3f(*flat[:3])
-            p = mi.Point3f(p - normal * (dr.dot(normal, p) - flat[3]))
-            t, p, n_g, n_s, n_raw = b.balls.refine(rays.o, rays.d, shape, valid, t, p, n_g, n_s, n_raw)
+        flat = [dr.gather(mi.Float, b.flats, shape * 4 + entry, valid) for entry in range(4)]
+        normal = mi.Vector3f(*flat[:3])
+        p = mi.Point3f(p - normal * (dr.dot(normal, p) - flat[3]))
+        t, p, n_g, n_s, n_raw = b.balls.refine(rays.o, rays.d, shape, valid, t, p, n_g, n_s, n_raw)
+        if not self.native_uv:
             rule = dr.gather(mi.UInt32, b.uv_rule, shape, valid)
             uv.y = dr.select(rule == 1, 1 - uv.y, uv.y)
             row = [dr.gather(mi.Float, b.plane_rows, shape * 8 + entry, valid & (rule == 2)) for entry in range(8)]
