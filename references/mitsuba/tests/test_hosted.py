@@ -84,7 +84,7 @@ class Quadrics(Case):
             # From within: the far side, and the cap from below.
             (cylinder, (0, 0, 1), (5, 0, 1), 2, (1, 0, 0), (0, 0.5), 0),
             (cylinder, (0, 1, 1), (0, 1, 5), 2, (0, 0, 1), (0.5, 0.25), 2),
-            (cylinder + "\ncaps = false", (-0.5, 0, 9), (1.5, 0, 1), None, (1, 0, 0), (0, None), 0),
+            (cylinder + "\ncaps = false", (-0.5, 0, 9), (1.5, 0, 2), None, (1, 0, 0), (0, 0.3125), 0),
             (cone, (5, 0, 1), (0, 0, 1), 4, (s, 0, s), (0, 0.5), 0),
             (cone, (0, 1, -5), (0, 1, 0), 5, (0, 0, -1), (0.5, 0.25), 1),
             ('type = "ellipsoid"\nradii = [1, 2, 3]', (0, 9, 0), (0, 0, 0), 7, (0, 1, 0), (0.25, 0.5), 0),
@@ -282,6 +282,24 @@ class Shading(Case):
         self.assertEqual((answer["twin"], [entry["type"] for entry in answer["hosted"]]), ("hosted", ["cylinder"]))
         _, answer = self.render(camera + shape('type = "sphere"'))
         self.assertEqual((answer["twin"], answer["hosted"]), ("native", []))
+
+    def test_open_cylinders_are_mitsubas(self):
+        """Unless an instance stretches them; their points are those of double precision, also far away and mirrored."""
+        placed = "transform = [{ scale = -0.5 }, { rotate = { axis = [1, 2, 0], degrees = 50 } }]"
+        tube = shape('type = "cylinder"\ncaps = false\nradius = 0.8\nz = [-1, 2]', placed)
+        scene = film(24, 24, ("normal", "uv", "depth"))
+        scene += '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 60, 80], target = [0, 0, 0] }\nfov = 1.2\n'
+        scene += LAMP.format([20, 60, 10])
+        found, answer = self.render(scene + tube)
+        self.assertEqual((answer["twin"], answer["hosted"], answer["rehits"]), ("native", [], 0))
+        copies = tube.replace("[[shape]]", "[[group.g.shape]]") + shape('type = "instance"\ngroup = "g"', "transform = { scale = [1, 1, {}] }")
+        expected, answer = self.render(scene + copies.replace("{}", "1.000000002"))
+        self.assertEqual([entry["type"] for entry in answer["hosted"]], ["cylinder"])
+        self.assertGreater((found["depth.Z"] > 0).sum(), 100)
+        for name, values in expected.items():
+            # At most two pixels at rims and edges of the shadow.
+            off = np.abs(found[name] - values) > 2e-6 * (1 + np.abs(values))
+            self.assertLessEqual(off.sum(), 2, name)
 
     def test_an_ellipsoid_of_equal_radii_is_a_sphere(self):
         """Glass with absorption, with a shadow: the same picture, up to the rounding of Mitsuba's sphere."""

@@ -428,6 +428,7 @@ class Tracer:
             x = row[0] * p.x + row[1] * p.y + row[2] * p.z + row[3]
             y = row[4] * p.x + row[5] * p.y + row[6] * p.z + row[7]
             uv = dr.select(rule == 2, mi.Point2f(x, y), uv)
+            uv = b.balls.wrapped(shape, valid, p, uv)
         if b.host is not None:
             valid, values = b.host.combine(rays, valid, [t, p, n_g, n_s, n_raw, uv, shape, primitive, facet])
             t, p, n_g, n_s, n_raw, uv, shape, primitive, facet = values

@@ -136,7 +136,8 @@ class Built:
         self.sizes = _floats([min(size, 1.0) for size in reach] + [1.0, 1.0])
         balls = [np.zeros(4) if rule.ball is None else rule.ball for rule in rules]
         axes = [np.zeros(3) if rule.axis is None else rule.axis for rule in rules]
-        self.balls = spawn.Balls(np.array(balls), np.array(axes))
+        wraps = [np.zeros((3, 4)) if rule.wrap is None else rule.wrap for rule in rules]
+        self.balls = spawn.Balls(np.array(balls), np.array(axes), np.array(wraps))
         self.material_of_shape = _integers([shape.material for shape in shapes] + [0, 0])
         self.ambient_light = mi.Color3f(*[dr.opaque(mi.Float, float(value)) for value in self.document.lights.ambient])
         dr.eval(self.ambient_light)

@@ -42,6 +42,8 @@ class Rules:
     ball: Optional[np.ndarray] = None
     # Of a cylinder, the direction of its axis in the world.
     axis: Optional[np.ndarray] = None
+    # Of a cylinder, 3x4: object x and y and the texture coordinate v from world coordinates.
+    wrap: Optional[np.ndarray] = None
     # For UV_PLANE: 2x4, object x and y from world coordinates.
     plane: Optional[np.ndarray] = None
 
@@ -212,7 +214,9 @@ def _cylinder(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
     matrix = place.world
     ball = np.array([*matrix[:3, 3], radius * scale])
     build = _native("cylinder", matrix, p0=[0.0, 0.0, low], p1=[0.0, 0.0, high], radius=radius)
-    return Rules(ball=ball, axis=matrix[:3, 2] / scale), build
+    wrap = np.linalg.inv(matrix)[:3]
+    wrap[2] = (wrap[2] - [0, 0, 0, low]) / (high - low)
+    return Rules(ball=ball, axis=matrix[:3, 2] / scale, wrap=wrap), build
 
 
 def box_triangles() -> meshes.Triangles:

@@ -83,12 +83,16 @@ def leave(built: Any, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, 
 class Balls:
     """The spheres and cylinders of a scene in float64: Mitsuba leaves their hits at ray(t), off the surface by the rounding of t."""
 
-    def __init__(self, balls: np.ndarray, axes: np.ndarray) -> None:
-        """`balls`: (n, 4), centre and radius of each shape, the radius 0 of what is neither; `axes`: (n, 3), 0 but for cylinders."""
+    def __init__(self, balls: np.ndarray, axes: np.ndarray, wraps: np.ndarray) -> None:
+        """`balls`: (n, 4), centre and radius of each shape, the radius 0 of what is neither.
+
+        `axes`, (n, 3), and `wraps`, (n, 3, 4), are those of cylinders (`shapes.Rules`), else 0.
+        """
         self._balls = mi.Float64(np.ascontiguousarray(np.ravel(balls), dtype=np.float64))
         self._any = bool((balls[:, 3] > 0).any())
         # Scenes without cylinders do not compute with axes.
         self._axes = mi.Float64(np.ascontiguousarray(np.ravel(axes), dtype=np.float64)) if axes.any() else None
+        self._wraps = mi.Float64(np.ascontiguousarray(np.ravel(wraps), dtype=np.float64))
 
     def _gather(self, shape: Any, valid: Any) -> Tuple[Any, Any]:
         entry = [dr.gather(mi.Float64, self._balls, shape * 4 + number, valid) for number in range(4)]
@@ -129,6 +133,21 @@ class Balls:
             dr.select(round_, turned, n_s),
             dr.select(round_, normal, n_raw),
         )
+
+    def wrapped(self, shape: Any, valid: Any, p: Any, uv: Any) -> Any:
+        """Texture coordinates with those of cylinders computed again, from the point as it is now."""
+        if self._axes is None:
+            return uv
+        place = mi.Point3d(p)
+        rows = []
+        for row in range(3):
+            entry = [dr.gather(mi.Float64, self._wraps, shape * 12 + row * 4 + number, valid) for number in range(4)]
+            rows.append(entry[0] * place.x + entry[1] * place.y + entry[2] * place.z + entry[3])
+        turn = dr.atan2(rows[1], rows[0]) * (0.5 / np.pi)
+        turn = dr.select(turn < 0, turn + 1, turn)
+        axis = [dr.gather(mi.Float64, self._axes, shape * 3 + number, valid) for number in range(3)]
+        tube = valid & ((axis[0] != 0) | (axis[1] != 0) | (axis[2] != 0))
+        return dr.select(tube, mi.Point2f(mi.Float(turn), mi.Float(rows[2])), uv)
 
     def chord(self, p: Any, direction: Any, shape: Any) -> Any:
         """Up to which distance the shape cannot be met again: half the chord of a round shape that the ray goes into, else infinite."""
