@@ -3,7 +3,7 @@
 //! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2, 5.2;
 //! heights count from the apex, where the squares of the radii do not cancel; arithmetic in `conic.rs`.
 //!
-//! - Twin: POV-Ray `cone` (native).
+//! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `cone` (native).
 //! - Example: `scenes/shapes/cone.toml`.
 
 use crate::revolution::{Heights, Revolution};

@@ -4,7 +4,7 @@
 //! of the line lie inside, and the operation joins these parts. There is no epsilon: where operands have an end at the same
 //! place, no part between is taken for real, and the first operand gives the normal.
 //!
-//! - Twin: POV-Ray `merge`, `intersection`, `difference` (native).
+//! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `merge`, `intersection`, `difference` (native).
 //! - Example: `scenes/shapes/csg.toml`.
 
 use schemars::JsonSchema;

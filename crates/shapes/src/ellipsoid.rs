@@ -3,7 +3,7 @@
 //! The transform scales a unit sphere, and rays are taken into its space: Haines, Günther, Akenine-Möller, *Precision
 //! improvements for ray/sphere intersection*, Ray Tracing Gems (2019), ch. 7, and `conic.rs`.
 //!
-//! - Twin: POV-Ray `sphere`, scaled (native).
+//! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `sphere`, scaled (native).
 //! - Example: `scenes/shapes/ellipsoid.toml`.
 
 use crate::conic::{Clipped, Conic, Mapping, angle};

@@ -3,7 +3,7 @@
 //! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2, 5.2;
 //! arithmetic in `conic.rs`.
 //!
-//! - Twin: POV-Ray `quadric`, cut (native).
+//! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/paraboloid.toml`.
 
 use crate::revolution::{Heights, Revolution};

@@ -7,7 +7,7 @@
 //! through the edge hits exactly one. Checks of the vertices use exact signs too: Shewchuk, *Adaptive Precision
 //! Floating-Point Arithmetic*, 1997.
 //!
-//! - Twin: POV-Ray `polygon` (native).
+//! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `polygon` (native).
 //! - Example: `scenes/shapes/polygon.toml`.
 
 use schemars::JsonSchema;

@@ -4,7 +4,7 @@
 //! about the center of the box; rays then go through `conic.rs`. Boxes and emptiness come from the range of the function on
 //! smaller and smaller boxes: its value in the middle, plus or minus what gradient and squares can add.
 //!
-//! - Twin: POV-Ray `quadric`, cut (native).
+//! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/quadric.toml`.
 
 use crate::conic::{Clipped, Conic, Mapping};

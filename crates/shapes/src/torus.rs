@@ -7,7 +7,7 @@
 //! from the surface: the quartic cancels where the tube is thin. Both searches begin where a formula says and keep
 //! their bracket all the same.
 //!
-//! - Twin: POV-Ray `torus` (native).
+//! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `torus` (native).
 //! - Example: `scenes/shapes/torus.toml`.
 
 use crate::near::{comes_near_ball, goes_on};

@@ -52,7 +52,7 @@ class Documents(Case):
 
     def test_unsupported(self):
         for text, word in (
-            ('[[shape]]\ntype = "torus"\n', "torus"),
+            ('[[shape]]\ntype = "isosurface"\n', "isosurface"),
             ('[[light]]\ntype = "laser"\n', "laser"),
             (FLOOR + 'material = { type = "velvet" }\n', "velvet"),
             (FLOOR + 'material = { type = "matte", reflectance = { type = "marble" } }\n', "marble"),

@@ -276,7 +276,11 @@ transform = [{ scale = [1, 1, -1] }, { translate = [10, 0, 0] }]
         self.refuse(looking([0, 0, 5]) + scene.replace('group = "b"', 'group = "a"'), "scene", "contains itself")
         self.refuse(looking([0, 0, 5]) + scene.replace('group = "b"', 'group = "c"'), "scene", "no group is called")
         stretched = scene.replace("scale = [1, 1, -1]", "scale = [1, 2, 1]")
-        self.refuse(looking([0, 0, 5]) + stretched, "unsupported", "sphere that an instance stretches")
+        node = self.nodes(looking([60, 1, 5], (60, 1, 0)) + stretched)[0]
+        self.assertEqual(node["shape"], 2)
+        z = math.sqrt(0.75)
+        self.near(node["t"], 5 - z)
+        self.near(node["n_g"], np.array([0, 0.25, z]) / math.hypot(0.25, z))
 
     def test_numbers_and_misses(self):
         ball = '[[shape]]\ntype = "sphere"\nradius = 0.1\ncenter = [{}, 0, 0]\n'

@@ -37,6 +37,11 @@ class NotApplicable(Exception):
     """An integrator that has nothing to say about a scene; the text says why."""
 
 
+def _native_only(built: Built) -> None:
+    if built.host is not None:
+        raise NotApplicable("Mitsuba's own scene lacks the shapes that the driver intersects by itself")
+
+
 def _compare(ours: np.ndarray, theirs: np.ndarray) -> Dict[str, Any]:
     """Largest difference over RGB, relative to |theirs| + a tenth of their mean: 1e-3 is the harness's pixel tolerance."""
     difference = np.abs(ours.astype(np.float64) - theirs)
@@ -68,6 +73,7 @@ def _sample(integrator: dict, scene: Any, rays: Rays) -> np.ndarray:
 
 def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     document = built.document
+    _native_only(built)
     used = document.used()
     if any(document.materials[number].parts or document.materials[number].type == "emissive" for number in used):
         raise NotApplicable("materials made of others, and those that glow, are the driver's alone")
@@ -102,6 +108,7 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
 
 def _path(built: Built, setting: Setting) -> Dict[str, Any]:
     document = built.document
+    _native_only(built)
     kinds = {document.materials[shape.material].type for shape in document.shapes}
     others: List[str] = sorted(kinds - {"mirror"})
     if others:

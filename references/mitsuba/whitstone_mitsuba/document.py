@@ -74,6 +74,9 @@ class Document:
         for entry in sources:
             if entry is not None:
                 found[entry[0]] = {"type": entry[0], "twin": "hosted", "reason": entry[1]}
+        for shape in self.shapes:
+            if shape.surface is not None:
+                found[shape.type] = {"type": shape.type, "twin": "hosted", "reason": shape.reason}
         textures = [texture for number in used for texture in (*self.materials[number].textures.values(), self.materials[number].ambient)]
         if any(getattr(texture, "quilted", False) for texture in textures):
             reason = "the picture is quilted in Python; Mitsuba looks it up"

@@ -428,6 +428,10 @@ class Tracer:
             x = row[0] * p.x + row[1] * p.y + row[2] * p.z + row[3]
             y = row[4] * p.x + row[5] * p.y + row[6] * p.z + row[7]
             uv = dr.select(rule == 2, mi.Point2f(x, y), uv)
+            uv = b.balls.wrapped(shape, valid, p, uv)
+        if b.host is not None:
+            valid, values = b.host.combine(rays, valid, [t, p, n_g, n_s, n_raw, uv, shape, primitive, facet])
+            t, p, n_g, n_s, n_raw, uv, shape, primitive, facet = values
         t = dr.select(valid, t, dr.inf)
         endless = dr.select(rays.medium == 0, mi.Color3f(1), mi.Color3f(0))
         transmittance = dr.select(valid, dr.exp(-rays.medium * t), endless)
@@ -589,6 +593,9 @@ class Tracer:
             if attempt == 0:
                 self.counts.respawned += len(blocked)
         self.counts.rehits += len(blocked)
+        if self.built.host is not None:
+            test = ray(left.o, l, goal, key, path, setting)
+            shadowed = shadowed | self.built.host.occluded(test.o, test.d, test.maxt, left)
         return shadowed
 
     def _preliminary(self, ray: Any) -> spawn.Met:
@@ -691,7 +698,10 @@ class Tracer:
 
     def leave(self, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, setting: Any) -> spawn.Spawned:
         """Where a ray in this direction starts: `spawn.leave` with the setting's K."""
-        return spawn.leave(self.built, p, n_g, direction, shape, facet, dr.gather(mi.Float, self._k, setting))
+        left = spawn.leave(self.built, p, n_g, direction, shape, facet, dr.gather(mi.Float, self._k, setting))
+        if self.built.host is not None:
+            self.built.host.leave(left, p, n_g, direction)
+        return left
 
     def _perturb(self, o: Any, d: Any, key: Any, path: Any, setting: Any) -> Tuple[Any, Any]:
         """Origin and direction with each component times 1 + ulps * 2^-24 * r, r a hash in [-1, 1]; ulps = 0 is exact."""

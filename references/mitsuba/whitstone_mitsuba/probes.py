@@ -37,6 +37,8 @@ TIMED = 1 << 18
 def closest(built: Built, rows: Any) -> Tuple[List[float], float]:
     """Ray parameters of the nearest hits, infinite for a miss, and nanoseconds a ray of a second, warm query of many copies of them."""
 
+    built.native_only("closest")
+
     def ask(rays: "mi.Ray3f") -> np.ndarray:
         found = built.scene.ray_intersect(rays)
         return np.asarray(dr.select(found.is_valid(), found.t, dr.inf), dtype=np.float32)
@@ -51,6 +53,7 @@ def closest(built: Built, rows: Any) -> Tuple[List[float], float]:
 
 def occluded(built: Built, rows: Any, target: Any) -> List[Optional[bool]]:
     """Whether the segment from the first hit of each ray to a point is blocked; `None` for a ray without a hit."""
+    built.native_only("occluded")
     found = built.scene.ray_intersect(_rays(rows))
     end = mi.Point3f(*_columns([target], 3, "target"))
     blocked = built.scene.ray_test(found.spawn_ray_to(end))
@@ -63,6 +66,7 @@ def walk(built: Built, rows: Any, mode: str, limit: int) -> List[int]:
     as mirrors send it ("reflect")."""
     if mode not in ("through", "reflect"):
         raise DriverError(f'mode: expected "through" or "reflect", found {mode!r}')
+    built.native_only("walk")
     ray = _rays(rows)
     counts = np.zeros(dr.width(ray), dtype=np.int64)
     active = dr.full(mi.Bool, True, dr.width(ray))

@@ -18,6 +18,7 @@ def closest(text: str, folder: Union[str, os.PathLike], rays: bytes) -> bytes:
     `rays` holds six numbers each (float32): origin and direction.
     """
     built = scene.Built(document.parse(text, os.fspath(folder)), Setting())
+    built.native_only("closest")
     numbers = np.frombuffer(rays, dtype=np.float32).reshape(-1, 6).T
     origin, direction = (mi.Float(np.ascontiguousarray(row)) for row in numbers[:3]), (mi.Float(np.ascontiguousarray(row)) for row in numbers[3:])
     found = built.scene.ray_intersect(mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction)))

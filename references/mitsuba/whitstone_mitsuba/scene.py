@@ -7,6 +7,8 @@ from typing import Any, Optional, Sequence, Tuple
 import numpy as np
 
 from . import bodies, lights, rounding, shaders, spawn
+from .errors import Unsupported
+from .hosted import Host
 from . import shapes as shape_module
 from .document import Document
 from .runtime import dr, mi
@@ -30,16 +32,23 @@ def _anchors() -> "mi.Scene":
 
 
 _ANCHORS: Optional["mi.Scene"] = None
+# Cylinders are rare: their code is part of kernels only once there was one.
+_CYLINDERS: Optional["mi.Scene"] = None
 
 
 def load_shapes(document: Document, bsdfs: Sequence["mi.BSDF"], setting: Setting, extra: Optional[dict] = None) -> Any:
-    """(scene, shapes in the document's order, copies one by one). `extra`: emitters or a sensor for the check against Mitsuba's integrators."""
-    global _ANCHORS
+    """(scene, shapes in the document's order, copies one by one, None for hosted ones).
+
+    `extra`: emitters or a sensor for the check against Mitsuba's integrators.
+    """
+    global _ANCHORS, _CYLINDERS
     if _ANCHORS is None:
         _ANCHORS = _anchors()
+    if _CYLINDERS is None and any(shape.rules.axis is not None for shape in document.shapes):
+        _CYLINDERS = mi.load_dict({"type": "scene", "a": {"type": "cylinder"}, "b": {"type": "cylinder"}}, parallel=False, optimize=False)
     rounded = rounding.of(setting.vertex_seed)
-    built = [shape.build(bsdfs[shape.material], rounded) for shape in document.shapes]
-    content = {f"shape{number:08d}": shape for number, shape in enumerate(built)}
+    built = [None if shape.build is None else shape.build(bsdfs[shape.material], rounded) for shape in document.shapes]
+    content = {f"shape{number:08d}": shape for number, shape in enumerate(built) if shape is not None}
     # Never optimised: merging would change the numbers of shapes and primitives.
     scene = mi.load_dict(
         {"type": "scene", "embree_use_robust_intersections": setting.robust, **content, **(extra or {})},
@@ -76,7 +85,15 @@ class Built:
         self.environments = [texture.build() for texture in document.lights.environments]
         self.sensor = document.camera.build() if document.camera.native() else None
         self.scene, self._shapes = load_shapes(document, self.bsdfs, setting)
+        surfaces = [(place, shape.surface) for place, shape in enumerate(document.shapes) if shape.surface is not None]
+        # What the driver intersects by itself; None where Mitsuba has all shapes.
+        self.host = Host(surfaces, len(document.shapes)) if surfaces else None
         self._tables()
+
+    def native_only(self, what: str) -> None:
+        """Refuses what only Mitsuba's own scene can answer, where it lacks some of the shapes."""
+        if self.host is not None:
+            raise Unsupported(f"{what}: Mitsuba's own scene lacks the shapes that the driver intersects by itself")
 
     def behind(self, directions: Any) -> Any:
         """Radiance of what lies behind everything, in unit directions."""
@@ -100,9 +117,10 @@ class Built:
         # The model's numbers: all copies of a shape have the same.
         self.numbers = np.array([shape.number for shape in shapes] + [NOTHING], dtype=np.uint32)
         # Dr.Jit numbers all shapes of the process; this gives back the place in the document.
-        registry = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in self._shapes]
+        native = [place for place, shape in enumerate(self._shapes) if shape is not None]
+        registry = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(self._shapes[place]))[0]) for place in native]
         number_of = np.full(max(registry, default=0) + 2, NOTHING, dtype=np.uint32)
-        number_of[registry] = np.arange(len(shapes))
+        number_of[registry] = native
         self.shape_of_registry = _integers(number_of)
         self.flip = _floats([-1.0 if rule.flip else 1.0 for rule in rules])
         self.smooth_normals = _integers([int(rule.smooth) for rule in rules])
@@ -113,10 +131,13 @@ class Built:
         flats = [np.zeros(4) if rule.project is None else rule.project for rule in rules]
         self.flats = _floats(flats)
         # Of each shape the largest coordinate, at most 1 m; of what has no end, 1 m.
-        boxes = [shape.bbox() for shape in self._shapes]
-        reach = [np.abs(np.array([box.min, box.max], dtype=np.float64)).max(initial=0.0) for box in boxes]
+        boxes = [None if shape is None else shape.bbox() for shape in self._shapes]
+        reach = [0.0 if box is None else np.abs(np.array([box.min, box.max], dtype=np.float64)).max(initial=0.0) for box in boxes]
         self.sizes = _floats([min(size, 1.0) for size in reach] + [1.0, 1.0])
-        self.balls = spawn.Balls(np.array([np.zeros(4) if rule.ball is None else rule.ball for rule in rules]))
+        balls = [np.zeros(4) if rule.ball is None else rule.ball for rule in rules]
+        axes = [np.zeros(3) if rule.axis is None else rule.axis for rule in rules]
+        wraps = [np.zeros((3, 4)) if rule.wrap is None else rule.wrap for rule in rules]
+        self.balls = spawn.Balls(np.array(balls), np.array(axes), np.array(wraps))
         self.material_of_shape = _integers([shape.material for shape in shapes] + [0, 0])
         self.ambient_light = mi.Color3f(*[dr.opaque(mi.Float, float(value)) for value in self.document.lights.ambient])
         dr.eval(self.ambient_light)

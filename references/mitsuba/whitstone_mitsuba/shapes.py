@@ -1,4 +1,4 @@
-"""Shapes: sphere, plane, rectangle, disk, box, triangle, mesh, heightfield, patch, instance (model §9), on Mitsuba's geometry.
+"""Shapes of the model's §9: those on Mitsuba's geometry by their own readers, those that the driver intersects by `analytic`'s.
 
 Transforms are composed in float64 and handed over once. What Mitsuba's surface differs in from the model (normals of mirrored
 shapes, v of the sphere, uv of the plane, numbers of primitives) stands in each shape's `Rules`, which the driver applies.
@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from . import displacement, meshes, patches, rounding, subdivision, transforms
+from . import analytic, displacement, meshes, patches, rounding, subdivision, surfaces, transforms
 from .errors import SceneError
 from .fields import REQUIRED, Fields, nearest
 from .files import Folder
@@ -38,8 +38,12 @@ class Rules:
     # World (n, c) of the flat surface n . p = c onto which hit points are moved. Mitsuba leaves a disk's hit at ray(t), off the
     # surface by the rounding of t, which grows with the distance: shadow rays then start below the surface and hit it again.
     project: Optional[np.ndarray] = None
-    # Of a sphere, its centre and radius in the world.
+    # Of a sphere, its centre and radius in the world; of a cylinder, a point of its axis and the radius.
     ball: Optional[np.ndarray] = None
+    # Of a cylinder, the direction of its axis in the world.
+    axis: Optional[np.ndarray] = None
+    # Of a cylinder, 3x4: object x and y and the texture coordinate v from world coordinates.
+    wrap: Optional[np.ndarray] = None
     # For UV_PLANE: 2x4, object x and y from world coordinates.
     plane: Optional[np.ndarray] = None
 
@@ -79,7 +83,10 @@ class Shape:
     number: int
     material: int
     rules: Rules
-    build: Builder
+    # Makes the Mitsuba shape; None where the driver intersects `surface` by itself, for this reason.
+    build: Optional[Builder]
+    surface: Optional[surfaces.Surface] = None
+    reason: str = ""
 
 
 def make_mesh(
@@ -106,9 +113,9 @@ def make_mesh(
     return mesh
 
 
-def _native(plugin: str, matrix: np.ndarray) -> Builder:
+def _native(plugin: str, matrix: np.ndarray, **keys: Any) -> Builder:
     def build(bsdf: "mi.BSDF", _: rounding.Rounding) -> "mi.Shape":
-        return mi.load_dict({"type": plugin, "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf})
+        return mi.load_dict({"type": plugin, "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf, **keys})
 
     return build
 
@@ -143,13 +150,13 @@ def _similarity(fields: Fields, place: Place) -> float:
     return transforms.similarity_scale(place.world) or scale
 
 
-def _sphere(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+def _sphere(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
     matrix = place.world
     centre = fields.vector("center", (0.0, 0.0, 0.0))
     radius = fields.number("radius", 1.0, lambda metres: metres > 0, "a radius > 0")
     _similarity(fields, place)
     if place.stretched:
-        place.unsupported.append(f"{fields.where}: no twin for a sphere that an instance stretches: Mitsuba's are round")
+        return surfaces.Ball(analytic.scaled(matrix, centre, radius)), "Mitsuba's spheres are round: this one is stretched by an instance"
     placed = matrix.copy()
     placed[:3, 3] = (matrix @ [*centre, 1.0])[:3]
     placed[:3, :3] *= radius
@@ -164,17 +171,20 @@ def _flat(matrix: np.ndarray) -> np.ndarray:
     return np.array([*normal, normal @ matrix[:3, 3]])
 
 
-def _flat_only(fields: Fields, place: Place) -> None:
-    """Mitsuba's disks and rectangles may be stretched along their own axes, not sheared."""
+def _sheared(place: Place) -> bool:
+    """Mitsuba's disks may be stretched along their own axes, not sheared."""
     first, second = place.world[:3, 0], place.world[:3, 1]
-    if abs(first @ second) > 1e-9 * np.linalg.norm(first) * np.linalg.norm(second):
-        place.unsupported.append(f"{fields.where}: no twin for a {fields.take('type')} that an instance shears")
+    return bool(abs(first @ second) > 1e-9 * np.linalg.norm(first) * np.linalg.norm(second))
 
 
-def _plane(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+_SHEARED = "Mitsuba's disks cannot be sheared, as an instance shears this one"
+
+
+def _plane(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
     matrix = place.world
     scale = _similarity(fields, place)
-    _flat_only(fields, place)
+    if _sheared(place):
+        return surfaces.Flat(matrix, "plane"), _SHEARED
     placed = matrix.copy()
     placed[:3, :3] *= PLANE_RADIUS / scale
     return Rules(uv=UV_PLANE, project=_flat(matrix), plane=np.linalg.inv(matrix)[:2]), _native("disk", placed)
@@ -185,12 +195,28 @@ def _rectangle(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     return Rules(flip=transforms.mirrors(matrix)), _native("rectangle", matrix)
 
 
-def _disk(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+def _disk(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
     matrix = place.world
     if not transforms.alike(place.own[:3, :2]):
         fields.error("transform", "must scale x and y equally")
-    _flat_only(fields, place)
+    if _sheared(place):
+        return surfaces.Flat(matrix, "disk"), _SHEARED
     return Rules(project=_flat(matrix)), _native("disk", matrix)
+
+
+def _cylinder(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
+    """Mitsuba's cylinders are open, and not stretched."""
+    found = analytic.cylinder(fields, place, base)
+    scale = transforms.similarity_scale(place.world)
+    if found.closed or scale is None:
+        return found, "Mitsuba's cylinders have no caps" if found.closed else "Mitsuba's cylinders are round: this one is stretched"
+    radius, (low, high) = found.radii[0], found.z
+    matrix = place.world
+    ball = np.array([*matrix[:3, 3], radius * scale])
+    build = _native("cylinder", matrix, p0=[0.0, 0.0, low], p1=[0.0, 0.0, high], radius=radius)
+    wrap = np.linalg.inv(matrix)[:3]
+    wrap[2] = (wrap[2] - [0, 0, 0, low]) / (high - low)
+    return Rules(ball=ball, axis=matrix[:3, 2] / scale, wrap=wrap), build
 
 
 def box_triangles() -> meshes.Triangles:
@@ -226,7 +252,8 @@ def _triangle(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     return Rules(smooth=normals is not None), _triangles(triangle, place, True)
 
 
-def _mesh(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+def _mesh_triangles(fields: Fields, place: Place, base: Folder) -> Tuple[meshes.Triangles, bool]:
+    """The triangles of a mesh in object space, and whether its normals are interpolated."""
     name = fields.string("file", REQUIRED)
     shading = fields.choice("shading", "smooth", ("smooth", "flat"))
     triangles = box_triangles()
@@ -247,8 +274,34 @@ def _mesh(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
         place.unsupported.append(f"{fields.where}: no twin for more than {2 * MAX_QUADS} triangles")
     elif (levels > 0 or rise is not None) and not fields.errors:
         triangles = subdivision.loop(triangles, levels, rise)
-    smooth = shading == "smooth" and triangles.normals is not None
+    return triangles, shading == "smooth" and triangles.normals is not None
+
+
+def _mesh(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
+    triangles, smooth = _mesh_triangles(fields, place, base)
     return Rules(smooth=smooth, primitive=PRIMITIVE_NATIVE), _triangles(triangles, place, smooth)
+
+
+def _mesh_operand(fields: Fields, place: Place, base: Folder) -> Optional[Tuple[np.ndarray, np.ndarray, Optional[np.ndarray]]]:
+    """The corners of the triangles of an operand of csg: positions, texture coordinates, normals if they are interpolated."""
+    before = len(fields.errors)
+    triangles, smooth = _mesh_triangles(fields, place, base)
+    if len(fields.errors) > before:
+        return None
+    # The same number for vertices at the same place.
+    place_of = np.unique(triangles.positions, axis=0, return_inverse=True)[1].reshape(-1)
+    edges = [place_of[triangles.faces[:, [k, (k + 1) % 3]]] for k in range(3)]
+    there = np.concatenate(edges)
+    key = there.min(axis=1) * len(place_of) + there.max(axis=1)
+    way = np.where(there[:, 0] < there[:, 1], 1, np.where(there[:, 0] > there[:, 1], -1, 0))
+    if np.any(np.bincount(np.unique(key, return_inverse=True)[1].reshape(-1), weights=way) != 0):
+        fields.error("file", "the mesh is not closed: along an edge, triangles do not run as often in one direction as in the other")
+        return None
+    uvs = np.zeros((len(triangles.positions), 2)) if triangles.uvs is None else triangles.uvs
+    normals = triangles.normals[triangles.faces] if smooth and triangles.normals is not None else None
+    return triangles.positions[triangles.faces], uvs[triangles.faces], normals
+
+
 
 
 def _heightfield(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
@@ -280,7 +333,8 @@ def _patch(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     return Rules(smooth=True, primitive=2 * level * level), build
 
 
-READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Rules, Any]]] = {
+# (rules, builder) of what Mitsuba intersects, (surface, reason) of what the driver does.
+READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Any, Any]]] = {
     "sphere": _sphere,
     "plane": _plane,
     "rectangle": _rectangle,
@@ -291,6 +345,17 @@ READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Rules, Any]]] = {
     "heightfield": _heightfield,
     "patch": _patch,
 }
+
+_LACKING = "Mitsuba has no such shape: the driver intersects it in double precision"
+
+
+def _hosted(reader: Callable[[Fields, Place, Folder], surfaces.Surface]) -> Callable[[Fields, Place, Folder], Tuple[Any, Any]]:
+    return lambda fields, place, base: (reader(fields, place, base), _LACKING)
+
+
+READERS.update({kind: _hosted(reader) for kind, reader in analytic.READERS.items()})
+READERS["cylinder"] = _cylinder
+READERS["csg"] = _hosted(analytic.Csg(_mesh_operand).read)
 
 
 # More than this in one landscape is no work for this driver.
@@ -368,9 +433,12 @@ class _Reader:
             known = self.materials.all
             if where and material < len(known) and known[material].priority is not None:
                 fields.error("material", "a shape in a group must not have a priority: all copies would be one body")
-            rules, build = READERS[kind](fields, Place(own, around, self.unsupported, self.textures), self.base)
+            what, how = READERS[kind](fields, Place(own, around, self.unsupported, self.textures), self.base)
             fields.close()
-            self.shapes.append(Shape(kind, first + index, material, rules, build))
+            if isinstance(what, surfaces.Surface):
+                self.shapes.append(Shape(kind, first + index, material, Rules(), None, what, how))
+            else:
+                self.shapes.append(Shape(kind, first + index, material, what, how))
 
     def instance(self, fields: Fields, around: np.ndarray) -> None:
         """A copy of all shapes of a group."""

@@ -81,24 +81,38 @@ def leave(built: Any, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, 
 
 
 class Balls:
-    """The spheres of a scene in float64: Mitsuba leaves their hits at ray(t), off the surface by the rounding of t."""
+    """The spheres and cylinders of a scene in float64: Mitsuba leaves their hits at ray(t), off the surface by the rounding of t."""
 
-    def __init__(self, balls: np.ndarray) -> None:
-        """`balls`: (n, 4), centre and radius of each shape, the radius 0 of what is no sphere."""
+    def __init__(self, balls: np.ndarray, axes: np.ndarray, wraps: np.ndarray) -> None:
+        """`balls`: (n, 4), centre and radius of each shape, the radius 0 of what is neither.
+
+        `axes`, (n, 3), and `wraps`, (n, 3, 4), are those of cylinders (`shapes.Rules`), else 0.
+        """
         self._balls = mi.Float64(np.ascontiguousarray(np.ravel(balls), dtype=np.float64))
         self._any = bool((balls[:, 3] > 0).any())
+        # Scenes without cylinders do not compute with axes.
+        self._axes = mi.Float64(np.ascontiguousarray(np.ravel(axes), dtype=np.float64)) if axes.any() else None
+        self._wraps = mi.Float64(np.ascontiguousarray(np.ravel(wraps), dtype=np.float64))
 
     def _gather(self, shape: Any, valid: Any) -> Tuple[Any, Any]:
         entry = [dr.gather(mi.Float64, self._balls, shape * 4 + number, valid) for number in range(4)]
         return mi.Point3d(*entry[:3]), entry[3]
 
+    def _across(self, vector: Any, shape: Any, valid: Any) -> Any:
+        """The part of a vector that is across the axis of the shape."""
+        if self._axes is None:
+            return vector
+        axis = mi.Vector3d(*[dr.gather(mi.Float64, self._axes, shape * 3 + number, valid) for number in range(3)])
+        return vector - axis * dr.dot(axis, vector)
+
     def refine(self, o: Any, d: Any, shape: Any, valid: Any, t: Any, p: Any, n_g: Any, n_s: Any, n_raw: Any) -> Tuple[Any, ...]:
-        """(t, p, n_g, n_s, n_raw) with those of spheres computed again: of the two roots the one next to Mitsuba's t."""
+        """(t, p, n_g, n_s, n_raw) with those of round shapes computed again: of the two roots the one next to Mitsuba's t."""
         if not self._any:
             return t, p, n_g, n_s, n_raw
         centre, radius = self._gather(shape, valid)
         round_ = valid & (radius > 0)
-        start, way = mi.Vector3d(mi.Point3d(o) - centre), mi.Vector3d(d)
+        whole, direction = mi.Vector3d(mi.Point3d(o) - centre), mi.Vector3d(d)
+        start, way = self._across(whole, shape, valid), self._across(direction, shape, valid)
         middle = -dr.dot(start, way) / dr.squared_norm(way)
         foot = start + way * middle
         half = dr.sqrt(dr.maximum(radius * radius - dr.squared_norm(foot), 0) / dr.squared_norm(way))
@@ -106,22 +120,41 @@ class Balls:
         root = dr.select(dr.abs(near - told) <= dr.abs(far - told), near, far)
         n = dr.normalize(start + way * root)
         normal = mi.Vector3f(n)
+        place = centre + n * radius
+        if self._axes is not None:
+            # And along the axis.
+            place = place + (whole - start) + (direction - way) * root
         # n_s is n_g turned to the same side, if at all.
         turned = dr.select(dr.dot(n_s, n_g) < 0, -normal, normal)
         return (
             dr.select(round_, mi.Float(root), t),
-            dr.select(round_, mi.Point3f(centre + n * radius), p),
+            dr.select(round_, mi.Point3f(place), p),
             dr.select(round_, normal, n_g),
             dr.select(round_, turned, n_s),
             dr.select(round_, normal, n_raw),
         )
 
+    def wrapped(self, shape: Any, valid: Any, p: Any, uv: Any) -> Any:
+        """Texture coordinates with those of cylinders computed again, from the point as it is now."""
+        if self._axes is None:
+            return uv
+        place = mi.Point3d(p)
+        rows = []
+        for row in range(3):
+            entry = [dr.gather(mi.Float64, self._wraps, shape * 12 + row * 4 + number, valid) for number in range(4)]
+            rows.append(entry[0] * place.x + entry[1] * place.y + entry[2] * place.z + entry[3])
+        turn = dr.atan2(rows[1], rows[0]) * (0.5 / np.pi)
+        turn = dr.select(turn < 0, turn + 1, turn)
+        axis = [dr.gather(mi.Float64, self._axes, shape * 3 + number, valid) for number in range(3)]
+        tube = valid & ((axis[0] != 0) | (axis[1] != 0) | (axis[2] != 0))
+        return dr.select(tube, mi.Point2f(mi.Float(turn), mi.Float(rows[2])), uv)
+
     def chord(self, p: Any, direction: Any, shape: Any) -> Any:
-        """Up to which distance the shape cannot be met again: half the chord of a sphere that the ray goes into, else infinite."""
+        """Up to which distance the shape cannot be met again: half the chord of a round shape that the ray goes into, else infinite."""
         endless = dr.full(mi.Float, dr.inf, dr.width(p))
         if not self._any:
             return endless
         centre, radius = self._gather(shape, True)
-        way = mi.Vector3d(direction)
+        way = self._across(mi.Vector3d(direction), shape, True)
         half = mi.Float(-dr.dot(mi.Vector3d(mi.Point3d(p) - centre), way) / dr.squared_norm(way))
         return dr.select((radius > 0) & (half > 0), half, endless)

@@ -28,6 +28,7 @@ def _median(repeats: int, run: Callable[[], Any]) -> float:
 
 def run(built: Built, setting: Setting, repeats: int, path_depth: Optional[int]) -> Dict[str, Any]:
     """The answer of op `time`."""
+    built.native_only("time")
     document = built.document
     y, x = np.divmod(np.arange(document.width * document.height), document.width)
     which = np.zeros(len(x), dtype=np.int64)
