@@ -13,7 +13,7 @@ use whitstone::core::{
     Aabb, Accelerator, Accelerators, Context, Geometry, Interval, Needs, Plugin, Primitive, PrimitiveHit,
     RawHit, Ray, Registry, SceneErrors, Shape, Shapes, Skip, Statistics, SurfacePoint, Transform,
 };
-use whitstone::image::{Image, Limits, Raster, texels};
+use whitstone::image::{Image, Limits, Raster, exr_io, texels};
 use whitstone::validate::environment::Environment;
 use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator};
 use whitstone_accelerators::brute_force::{self, BruteForce};
@@ -47,7 +47,15 @@ fn set(text: &str) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-const FAULTS: [Fault; 29] = [
+const FAULTS: [Fault; 30] = [
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "a mixture of both sides of an edge",
+        scene: CLASSIC,
+        overrides: none,
+        tamper: mix_an_edge,
+        found: |case| case.opinion.as_ref().is_some_and(|opinion| opinion.neither == 1),
+    },
     Fault {
         reference: Renderer::Mitsuba,
         name: "light 1% brighter",
@@ -331,6 +339,19 @@ fn wrong_picture() -> PathBuf {
     path
 }
 
+/// Sets the pixel in which the stored reference varies most to the middle of its range, which neither side of the edge has.
+fn mix_an_edge(image: &mut Image) {
+    let stored = Path::new("references/images/showcase/classic/mitsuba.exr");
+    let stored = exr_io::read(stored, Limits::IMAGE).expect("the stored reference");
+    let channel = |name: &str| stored.channel(name).expect("a range").to_vec();
+    let (low, high) = (channel("min.G"), channel("max.G"));
+    let width = |index: &usize| high[*index] - low[*index];
+    let index = (0..low.len())
+        .max_by(|a, b| width(a).total_cmp(&width(b)))
+        .expect("a pixel");
+    poke(image, index, 0.5 * (low[index] + high[index]));
+}
+
 /// A sphere whose outside is inside.
 struct FlippedSphere(Box<dyn Primitive>);
 
@@ -429,22 +450,80 @@ fn registry() -> Registry {
     registry
 }
 
-fn run(fault: &Fault, mode: Mode) -> Result<(), Failed> {
-    let registry = registry();
-    let options = |ours_overrides| Options {
+/// A fault in code that our tracer shares with the oracle, which then looks right to both.
+struct SharedFault {
+    name: &'static str,
+    scene: &'static str,
+    overrides: fn() -> Vec<String>,
+}
+
+const SHARED_FAULTS: [SharedFault; 4] = [
+    SharedFault {
+        name: "an image decoded with a wrong texel",
+        scene: "scenes/showcase/textured_mesh.toml",
+        overrides: || vec![format!("texture.picture.file='{}'", wrong_picture().display())],
+    },
+    SharedFault {
+        name: "an image decoded as linear",
+        scene: "scenes/showcase/textured_mesh.toml",
+        overrides: || set("texture.picture.color_space=linear"),
+    },
+    SharedFault {
+        name: "a rotation wrong by a hundredth of a degree",
+        scene: "scenes/showcase/textured_mesh.toml",
+        overrides: || {
+            let steps =
+                "[{ rotate = { axis = [1, 0, 0], degrees = -35.01 } }, { translate = [0, 0.9, 0.4] }]";
+            vec![format!("shape.torus.transform={steps}")]
+        },
+    },
+    SharedFault {
+        name: "a colour of the file read wrong by 1%",
+        scene: "scenes/showcase/lecture_phong.toml",
+        overrides: || set("shape.dull.material.k_d=[0.707, 0.2, 0.15]"),
+    },
+];
+
+fn options(renderer: Renderer, mode: Mode) -> Options {
+    Options {
         scenes: PathBuf::from("scenes"),
         references: PathBuf::from("references"),
         target: PathBuf::from("target/whitstone"),
-        renderer: fault.reference,
+        renderer,
         mode,
         reuse: true,
         threads: 0,
         overrides: Vec::new(),
-        ours_overrides,
+        ours_overrides: Vec::new(),
         shared_overrides: Vec::new(),
         time_limit: Duration::from_secs(120),
         program: "whitstone".to_owned(),
         flags: String::new(),
+    }
+}
+
+/// The oracle takes the side of the fault: the verdict must not.
+fn run_shared(fault: &SharedFault, mode: Mode) -> Result<(), Failed> {
+    let registry = registry();
+    let options = Options {
+        shared_overrides: (fault.overrides)(),
+        ..options(Renderer::Mitsuba, mode)
+    };
+    let mut validator = Validator::new(&registry, options, &|_| {})?;
+    let case = validator.validate(Path::new(fault.scene));
+    let sided = case.opinion.as_ref().is_some_and(|opinion| opinion.ours > 0);
+    if sided && case.status == Some(Status::Undecided) {
+        Ok(())
+    } else {
+        Err(format!("the verdict is {:?}: {case:#?}", case.status).into())
+    }
+}
+
+fn run(fault: &Fault, mode: Mode) -> Result<(), Failed> {
+    let registry = registry();
+    let options = |ours_overrides| Options {
+        ours_overrides,
+        ..options(fault.reference, mode)
     };
     let validate = |ours_overrides: Vec<String>, tamper: Tamper| -> Result<CaseResult, Failed> {
         let mut validator = Validator::new(&registry, options(ours_overrides), &|_| {})?;
@@ -497,6 +576,19 @@ fn main() {
                 }),
             ]
         })
+        .chain(SHARED_FAULTS.iter().flat_map(|fault| {
+            [
+                Trial::test(
+                    format!("stored, shared with the oracle: {}", fault.name),
+                    move || run_shared(fault, Mode::Stored),
+                ),
+                Trial::test(
+                    format!("live, shared with the oracle: {}", fault.name),
+                    move || run_shared(fault, Mode::Live),
+                )
+                .with_ignored_flag(!mitsuba),
+            ]
+        }))
         .collect();
     libtest_mimic::run(&arguments, trials).exit();
 }

@@ -330,6 +330,7 @@ fn options() -> Options {
         threads: 0,
         overrides: Vec::new(),
         ours_overrides: Vec::new(),
+        shared_overrides: Vec::new(),
         time_limit: Duration::from_secs(120),
         program: "whitstone".to_owned(),
         flags: String::new(),

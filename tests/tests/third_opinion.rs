@@ -29,7 +29,7 @@ fn counts(scene: &std::path::Path, ours: &[String]) -> Option<[usize; 3]> {
         let mine = pipeline.pixel(pixel, &mut Scratch::default()).to_array();
         found[match tracer.pixel(pixel) {
             Value::Unknown(_) => 2,
-            Value::Known { rgb, uncertainty } => {
+            Value::Known { rgb, uncertainty, .. } => {
                 let largest = rgb.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
                 let near = |c: usize| (mine[c] - rgb[c]).abs() <= TOLERANCE * largest + uncertainty[c];
                 // To agree with what could be anything is no agreement.

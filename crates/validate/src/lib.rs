@@ -17,6 +17,7 @@ pub mod renderer;
 pub mod report;
 mod result;
 pub mod sensitivity;
+mod shared;
 pub mod shrink;
 pub mod stored;
 pub mod tree;

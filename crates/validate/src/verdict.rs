@@ -5,15 +5,16 @@
 //! - *fail*: the oracle contradicts ours in at least one pixel;
 //! - *undecided*: the two differ and nobody can tell who is right; the reason is given.
 //!
-//! The oracle shares the decoding of images and the composition of transforms with our tracer, so its word alone does not
-//! acquit ours where the reference shows no sign of weakness: a fault that both share would look the same. Signs are that
-//! the reference varies in the pixel itself, or one of the scene ([`crate::inexact`]).
+//! The oracle shares some code with our tracer ([`crate::shared`]), and a fault there would look right to both. So its word alone
+//! acquits no pixel in which the reference shows no sign of weakness. The surest sign is that the reference varies in the pixel itself;
+//! one of the scene ([`crate::inexact`]) counts only where no shared code is in use.
 
 use crate::driver::SceneText;
 use crate::explain::{Explanation, Range, Reason};
 use crate::judge::{Judged, color_at, measure};
 use crate::opinion::{Ask, Hearing, MOST_ASKED, Opinion, Verdict, choose};
 use crate::result::{CaseResult, Status, counted};
+use crate::shared;
 use crate::validator::{Against, Ours, Validator};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -166,11 +167,12 @@ impl Validator<'_> {
         }
         let unsupported =
             count(&|explanation, verdict| verdict == Verdict::Ours && explanation == Explanation::Nothing);
-        if unsupported > 0 && case.inexact.is_empty() {
+        let shared = shared::possible_fault(&our_side.flattened.text);
+        if unsupported > 0 && (case.inexact.is_empty() || shared.is_some()) {
             open.push(format!(
-                "the oracle confirms ours in {}, but the reference shows no sign of weakness there: a fault that our tracer \
-                 shares with the oracle (decoding of files, transforms) or one of the reference's driver is possible",
-                counted(unsupported, "pixel")
+                "the oracle confirms ours in {} in which the reference does not vary: a fault in {} is possible",
+                counted(unsupported, "pixel"),
+                shared.unwrap_or("the driver of the reference, or in code that our tracer shares with the oracle,")
             ));
         }
         if let Some(count) = case.layers.iter().filter_map(|layer| layer.differing_alone).max()
@@ -278,7 +280,8 @@ impl Validator<'_> {
             );
         }
         let varying = self.varying(our_side, against, &worst);
-        if case.inexact.is_empty() && 2 * varying < worst.len() {
+        let shared = shared::possible_fault(&our_side.flattened.text).is_some();
+        if (case.inexact.is_empty() || shared) && 2 * varying < worst.len() {
             return undecided(&format!(
                 "{told}, but the reference shows no sign of weakness (with other roundings it takes our values in {varying} of the \
                  {} worst pixels): a fault that our tracer shares with the oracle is possible",

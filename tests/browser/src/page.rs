@@ -53,6 +53,7 @@ fn case(scene: &str, plugins: &[&str], failed: bool) -> CaseResult {
             ours: at(&ours),
             reference: at(&reference),
             reason,
+            between: None,
             tried: None,
             first_difference: None,
             oracle: None,

@@ -78,7 +78,7 @@ fn loads(browser: &Browser) -> Result<(), Problem> {
     let ours = color(browser, OURS, [3, 4])?;
     check(near(ours, shown(0, [3, 4], 0.0), 1), format!("{ours:?}"))?;
     let text = browser.text("h1")?;
-    check(text.contains("1 of 3 cases fails"), text)?;
+    check(text.contains("1 of 3 cases does not pass"), text)?;
     // A case that is opened later shows its pixels then.
     let later = "document.querySelector('#case-1 canvas')";
     check(

@@ -84,6 +84,7 @@ fn case(scene: &str, twin: &str) -> CaseResult {
             ours: [0.081, 0.12, 0.161],
             reference: [0.31, 0.121, 0.07],
             reason: Some(Reason::Shift { radius_px: 1e-3 }),
+            between: None,
             tried: None,
             first_difference: None,
             oracle: None,
@@ -92,12 +93,14 @@ fn case(scene: &str, twin: &str) -> CaseResult {
             LayerResult {
                 name: "shape_id.I".to_owned(),
                 differing: Some(1),
+                differing_alone: None,
                 rms: None,
                 max_abs: None,
             },
             LayerResult {
                 name: "depth.Z".to_owned(),
                 differing: None,
+                differing_alone: None,
                 rms: Some(2.2e-7),
                 max_abs: Some(1.9e-6),
             },
@@ -129,6 +132,7 @@ fn failing() -> CaseResult {
         ours,
         reference,
         reason,
+        between: None,
         tried: first.map(|_| [[0.05, 0.12, 0.2], [0.0912, 0.13, 0.2]]),
         first_difference: first.map(str::to_owned),
         oracle: None,
@@ -238,6 +242,7 @@ fn hostile() -> CaseResult {
         layers: vec![LayerResult {
             name: text.clone(),
             differing: None,
+            differing_alone: None,
             rms: Some(f64::INFINITY),
             max_abs: None,
         }],
@@ -402,7 +407,7 @@ fn failures_come_first_are_open_and_marked_by_more_than_colour() {
             .all(|cell| { cell.text().starts_with("✗ over the limit:") })
     );
     assert!(document.select("tr[data-case='case-1'] td.over").is_empty());
-    assert!(document.select("h1")[0].text().contains("2 of 9 cases fail"));
+    assert!(document.select("h1")[0].text().contains("2 of 9 cases do not pass (2 wrong)"));
     assert!(
         document.select(".problems pre")[0]
             .text()
