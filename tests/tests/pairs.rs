@@ -165,7 +165,7 @@ const CAMERAS: [(&str, &str); 4] = [
     ),
     (
         "environment",
-        "look_at = { origin = [0, 0, 5.5], target = [0, 0, 0] }",
+        "look_at = { origin = [0, 0, 4], target = [0, 0, 0] }",
     ),
 ];
 
@@ -187,7 +187,7 @@ const SKY: &str = "[[light]]\ntype = \"environment\"\nradiance = { type = \"nois
 const MATTE: &str = "{ type = \"matte\", reflectance = [0.7, 0.6, 0.4] }";
 
 /// Pixels in which every shape must be seen.
-const SEEN: usize = 20;
+const SEEN: usize = 15;
 
 fn keys<'a>(table: &[(&str, &'a str)], kind: &str) -> &'a str {
     let found = table.iter().find(|(name, _)| *name == kind);
@@ -220,14 +220,18 @@ fn shapes() -> Vec<&'static str> {
 /// All shapes with one material, seen by a camera.
 fn scene(camera: &str, lights: &str, material: &str) -> String {
     // All around is twice as wide as high.
-    let width = if camera == "environment" { 160 } else { 100 };
+    let [width, height] = if camera == "environment" {
+        [200, 100]
+    } else {
+        [100, 80]
+    };
     let camera_keys = CAMERAS
         .iter()
         .find(|(name, _)| *name == camera)
         .unwrap_or(&CAMERAS[0])
         .1;
     let mut text = format!(
-        "[film]\nwidth = {width}\nheight = 80\naovs = [\"shape_id\"]\n[camera]\ntype = \"{camera}\"\n{camera_keys}\n\
+        "[film]\nwidth = {width}\nheight = {height}\naovs = [\"shape_id\"]\n[camera]\ntype = \"{camera}\"\n{camera_keys}\n\
          [integrator]\ntype = \"whitted\"\nmax_depth = 4\nshadows = \"filtered\"\n{lights}"
     );
     for (number, kind) in shapes().into_iter().enumerate() {
@@ -246,7 +250,7 @@ fn scene(camera: &str, lights: &str, material: &str) -> String {
                 text,
                 "transform = [{{ rotate = {{ axis = [1, 0.3, 0], degrees = -35 }} }}, \
                  {{ rotate = {{ axis = [0, 1, 0], degrees = {} }} }}, {{ translate = [{:?}, {:?}, 0] }}]",
-                20 + 7 * number,
+                10 + 2 * number,
                 x,
                 y
             )
