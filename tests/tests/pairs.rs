@@ -248,7 +248,7 @@ fn scene(camera: &str, lights: &str, material: &str) -> String {
         } else {
             writeln!(
                 text,
-                "transform = [{{ rotate = {{ axis = [1, 0.3, 0], degrees = -35 }} }}, \
+                "transform = [{{ rotate = {{ axis = [1, 0.3, 0], degrees = -16 }} }}, \
                  {{ rotate = {{ axis = [0, 1, 0], degrees = {} }} }}, {{ translate = [{:?}, {:?}, 0] }}]",
                 10 + 2 * number,
                 x,
