@@ -441,6 +441,7 @@ fn run(fault: &Fault, mode: Mode) -> Result<(), Failed> {
         threads: 0,
         overrides: Vec::new(),
         ours_overrides,
+        shared_overrides: Vec::new(),
         time_limit: Duration::from_secs(120),
         program: "whitstone".to_owned(),
         flags: String::new(),

@@ -29,6 +29,7 @@ fn options() -> Options {
         threads: 0,
         overrides: Vec::new(),
         ours_overrides: Vec::new(),
+        shared_overrides: Vec::new(),
         time_limit: Duration::from_secs(120),
         program: "whitstone".to_owned(),
         flags: String::new(),
@@ -234,6 +235,7 @@ fn what_fails_shrinks() -> Result<(), Failed> {
     let registry = whitstone::registry();
     let fault = Options {
         ours_overrides: vec!["integrator.max_depth=1".to_owned()],
+        shared_overrides: Vec::new(),
         ..options()
     };
     let mut validator = Validator::new(&registry, fault, &|_| {})?;

@@ -24,6 +24,7 @@ fn cells(registry: &Registry, scene: &Path, overrides: &[&str], target: &Path) -
         threads: 2,
         overrides: overrides.iter().map(|text| (*text).to_owned()).collect(),
         ours_overrides: Vec::new(),
+        shared_overrides: Vec::new(),
         time_limit: Duration::from_secs(60),
         program: "whitstone".to_owned(),
         flags: String::new(),

@@ -9,7 +9,7 @@ use whitstone::core::Registry;
 use whitstone::image::error_map::{ErrorView, trio};
 use whitstone::image::{Raster, ToneMap, atomic};
 use whitstone::scene::{Description, Film, Pipeline, Plan, RenderOptions, Sources};
-use whitstone::validate::opinion::Opinion;
+use whitstone::validate::opinion::{Ask, Opinion, OraclePolicy};
 use whitstone::validate::stored::Stored;
 use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator, find_scenes};
 use whitstone::{Exit, Failure, wireframe};
@@ -139,13 +139,17 @@ fn validate(registry: &Registry, renderer: Renderer) -> Result<Vec<CaseResult>, 
         threads: 0,
         overrides: Vec::new(),
         ours_overrides: Vec::new(),
+        shared_overrides: Vec::new(),
         time_limit: Duration::from_secs(1),
         program: "cargo xtask".to_owned(),
         flags: String::new(),
     };
     let mut validator = Validator::new(registry, options, &|_| {}).map_err(Failure::environment)?;
     if renderer == Renderer::Mitsuba {
-        validator.ask_oracle();
+        validator.set_oracle(OraclePolicy {
+            when: Ask::Always,
+            ..OraclePolicy::default()
+        });
     }
     let scenes = find_scenes(&[PathBuf::from("scenes")]).map_err(Failure::environment)?;
     let cases = scenes.iter().map(|scene| validator.validate(scene));

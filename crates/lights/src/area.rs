@@ -73,13 +73,27 @@ enum Surface {
     Mesh,
 }
 
-/// A point of the surface.
+/// How far points are moved off their surface, along its normal, as a part of the size of the light (model, section 7): more than the
+/// rounding of the point and of a shape in the same place, so that the shape never hides the light.
+const OFF_SURFACE: f64 = 32.0 * f64::EPSILON;
+
+/// A point of the surface, moved off it by [`OFF_SURFACE`].
 struct Spot {
     position: DVec3,
     /// Unit normal.
     normal: DVec3,
     /// Its share of the area, in m².
     area: f64,
+}
+
+impl Spot {
+    /// The same, `by` metres along the normal.
+    fn moved(self, by: f64) -> Self {
+        Self {
+            position: self.position + self.normal * by,
+            ..self
+        }
+    }
 }
 
 /// See the module.
@@ -131,9 +145,17 @@ fn grid(config: &Config, transform: &Transform) -> Result<Vec<Spot>, SceneErrors
     let middle = |k: u32| (f64::from(k) + 0.5) / f64::from(n);
     let cells = (0..n).flat_map(|j| (0..n).map(move |i| (middle(i), middle(j))));
     let share = area / f64::from(n * n);
+    let off = OFF_SURFACE * size(transform);
     Ok(cells
-        .map(|(u, v)| spot(surface, transform, u, v, share))
+        .map(|(u, v)| spot(surface, transform, u, v, share).moved(off))
         .collect())
+}
+
+/// The largest coordinate of the image of the cube from -1 to 1.
+fn size(transform: &Transform) -> f64 {
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| transform.vector_to_world(axis).abs());
+    let reach = axes.iter().sum::<DVec3>() + transform.point_to_world(DVec3::ZERO).abs();
+    reach.max_element()
 }
 
 /// The points of the triangles of a file.
@@ -156,9 +178,15 @@ fn mesh(
             .with_help("each point is a shadow ray: take a coarser mesh or fewer `samples`")
             .into());
     }
+    let size = mesh
+        .positions
+        .iter()
+        .map(|p| p.abs().max_element())
+        .fold(0.0, f64::max);
     let spots: Vec<Spot> = (0..mesh.triangles.len() as u32)
         .filter_map(|triangle| centroids(&mesh, triangle, n))
         .flatten()
+        .map(|spot| spot.moved(OFF_SURFACE * size))
         .collect();
     if spots.is_empty() {
         let message = format!("{}: no triangle has an area", file.path);

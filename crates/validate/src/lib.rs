@@ -6,6 +6,7 @@ pub mod environment;
 pub mod explain;
 pub mod floor;
 mod inexact;
+mod judge;
 mod key;
 mod live;
 pub mod matrix;
@@ -20,9 +21,12 @@ pub mod shrink;
 pub mod stored;
 pub mod tree;
 mod validator;
+mod variants;
+mod verdict;
 
 pub use key::{find_scenes, quoted, scene_key};
 pub use live::{Live, LiveError, hash_sources};
+pub use opinion::{Ask, OraclePolicy};
 pub use pixels::Pictures;
 pub use renderer::Renderer;
 pub use result::{

@@ -6,6 +6,7 @@ use crate::explain::{Range, Trial};
 use crate::floor;
 use crate::renderer::Renderer;
 use crate::stored::{Meta, Stored, StoredError};
+use crate::variants::Variants;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -203,6 +204,7 @@ impl Live {
             None => Default::default(),
         };
         let stored = Stored {
+            variants: Variants::default(),
             image,
             meta: Meta {
                 renderer: self.renderer().name().to_owned(),
@@ -218,6 +220,7 @@ impl Live {
                 samples: rendered.samples,
                 seconds: rendered.seconds.trace,
                 rays: [rendered.rays.closest, rendered.rays.shadow],
+                rehits: rendered.rehits,
             },
         };
         stored.write(&folder, self.renderer())?;
@@ -297,64 +300,53 @@ impl Live {
         self.ask(|driver| driver.tree(scene, pixel, sample))
     }
 
-    /// A reference to be stored: with the ranges that explain edges without a live Mitsuba.
+    /// A reference to be stored: with the values that it takes in each pixel that varies, so that edges can be told
+    /// from faults without a live renderer.
     ///
-    /// `progress` is told how many of how many renderings are done.
-    pub fn reference_with_ranges(
+    /// `progress` gets the number of renderings that are done, and of all.
+    pub fn reference_with_variants(
         &mut self,
         scene: SceneText<'_>,
         scene_hash: &str,
         progress: &dyn Fn(usize, usize),
     ) -> Result<Stored, LiveError> {
         let mut stored = self.reference(scene, scene_hash, progress)?;
-        let image_error = |error: &dyn std::fmt::Display| LiveError::Image(error.to_string());
-        let pixels = stored.image.pixel_count();
+        let mean = metrics::mean_reference(&stored.image).map_err(|e| LiveError::Image(e.to_string()))?;
+        let Tolerance { relative, absolute } = Tolerance::default();
+        let (width, pixels) = (stored.image.width(), stored.image.pixel_count());
         let at = |image: &Image, index: usize| -> Option<[f64; 3]> {
             let planes = image.rgb().ok()?;
             Some(planes.map(|plane| f64::from(plane[index])))
         };
-        let mut ranges: Vec<Range> = (0..pixels)
-            .map(|index| Range::of(at(&stored.image, index).unwrap_or([0.0; 3])))
+        let nominal: Vec<[f64; 3]> = (0..pixels)
+            .map(|index| at(&stored.image, index).unwrap_or([0.0; 3]))
             .collect();
-        let settings: Vec<Setting> = largest_of_each_kind(&self.renderer().trials())
-            .into_iter()
+        let settings: Vec<Setting> = (self.renderer().trials().into_iter())
             .flat_map(|trial| trial.settings)
             .collect();
+        let mut ranges: Vec<Range> = nominal.iter().map(|value| Range::of(*value)).collect();
+        let mut variants = Variants::default();
         for (done, setting) in settings.iter().enumerate() {
             progress(done, settings.len());
             let (varied, _) = self.render(scene, *setting)?;
             for (index, range) in ranges.iter_mut().enumerate() {
                 if let Some(value) = at(&varied, index) {
                     range.include(value);
+                    let tolerance = nominal[index].map(|v| relative * v.abs() + absolute * mean);
+                    variants.add([index % width, index / width], nominal[index], value, tolerance);
                 }
             }
         }
-        let mean = metrics::mean_reference(&stored.image).map_err(|error| image_error(&error))?;
-        let Tolerance { relative, absolute } = Tolerance::default();
-        // Ranges below the tolerance explain nothing that is over it; a quarter leaves a margin.
-        let wide = |range: &Range| {
-            (0..3).any(|c| {
-                range.max[c] - range.min[c] > 0.25 * (relative * range.min[c].abs() + absolute * mean)
+        let kept: Vec<Option<Range>> = (ranges.into_iter().enumerate())
+            .map(|(index, range)| {
+                let varies = variants.of([index % width, index / width]).is_some();
+                varies.then_some(range)
             })
-        };
-        let kept: Vec<Option<Range>> = ranges
-            .into_iter()
-            .map(|range| wide(&range).then_some(range))
             .collect();
         Stored::add_ranges(&mut stored.image, &kept)?;
+        stored.variants = variants;
         Ok(stored)
     }
-}
-
-/// The last trial of each kind, whose range holds those before it.
-fn largest_of_each_kind(trials: &[Trial]) -> Vec<Trial> {
-    let kind = |trial: &Trial| std::mem::discriminant(&trial.reason);
-    trials
-        .iter()
-        .enumerate()
-        .filter(|(i, trial)| trials.get(i + 1).is_none_or(|next| kind(next) != kind(trial)))
-        .map(|(_, trial)| trial.clone())
-        .collect()
 }
 
 fn fits(values: &[Vec<[Option<f64>; 3]>], trials: &[Trial]) -> bool {

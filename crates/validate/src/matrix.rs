@@ -308,14 +308,17 @@ fn differing(a: &Film, b: &Film) -> usize {
 
 /// The verdict of a case, in a line.
 fn judged(case: &CaseResult) -> (Outcome, String) {
-    if case.status == Some(Status::Pass) {
+    if case.status.is_some_and(Status::is_right) {
         let error = case.rel_rmse_interior.unwrap_or_default();
         (
             Outcome::Pass,
             format!("interior error {error:.1e}, limit {:.1e}", case.limit),
         )
     } else {
-        (Outcome::Fail, case.problems.join("; "))
+        (
+            Outcome::Fail,
+            format!("{}: {}", case.verdict, case.problems.join("; ")),
+        )
     }
 }
 

@@ -1,14 +1,49 @@
-//! The third opinion: of the pixels in which the two differ, which of them the oracle agrees with.
+//! The third opinion: in pixels where the two renderers differ, which of them the oracle agrees with.
 
-use crate::CaseResult;
+use crate::explain::agree;
+use crate::judge::{allowed, color_at};
 use crate::validator::Validator;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::Path;
-use whitstone_image::{Image, Tolerance, metrics};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+use whitstone_image::{Image, metrics};
 
-/// Of so many pixels the oracle is asked at most: it takes its time.
-const MOST: usize = 200;
+/// The oracle is asked about at most this many pixels of a scene; of more, about an even choice.
+pub const MOST_ASKED: usize = 200;
+
+/// When the oracle is asked, and for how long.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OraclePolicy {
+    /// About which pixels.
+    pub when: Ask,
+    /// Wall time that one scene may take.
+    pub budget: Duration,
+}
+
+impl Default for OraclePolicy {
+    fn default() -> Self {
+        Self {
+            when: Ask::Needed,
+            budget: Duration::from_secs(60),
+        }
+    }
+}
+
+/// Which pixels the oracle is asked about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ask {
+    /// None: then nobody can tell whether the reference is wrong.
+    Never,
+    /// Those on which the verdict depends.
+    #[default]
+    Needed,
+    /// All over tolerance, also those that are explained.
+    Always,
+}
 
 /// Who is right about a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,9 +57,9 @@ pub enum Verdict {
     Both,
     /// None is.
     Neither,
-    /// The oracle's value is uncertain by more than the tolerance: tiny changes of the numbers change the pixel.
+    /// Tiny changes of the numbers change the pixel by more than the tolerance, and ours is one of the values that it takes.
     IllPosed,
-    /// The oracle has no value.
+    /// The oracle has no value, or an uncertain one that does not decide.
     Unknown,
 }
 
@@ -36,17 +71,20 @@ impl fmt::Display for Verdict {
             Self::Both => "both are right",
             Self::Neither => "neither is right",
             Self::IllPosed => "the pixel is ill-posed",
-            Self::Unknown => "it does not know",
+            Self::Unknown => "undecided",
         })
     }
 }
 
 /// What the oracle says of a case.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Opinion {
-    /// Pixels over tolerance that it was asked about.
+    /// Pixels in question.
+    pub in_question: usize,
+    /// Pixels that it gave an answer for within its time.
     pub asked: usize,
-    /// How many of them have each verdict.
+    /// Number of pixels with each verdict: see [`Verdict`].
     pub ours: usize,
     /// See [`Verdict`].
     pub reference: usize,
@@ -58,7 +96,11 @@ pub struct Opinion {
     pub ill_posed: usize,
     /// See [`Verdict`].
     pub unknown: usize,
-    /// Why it says nothing of this scene, if so.
+    /// Whether its time was up before it had answered for all that it was to be asked about.
+    pub out_of_time: bool,
+    /// Wall time in seconds.
+    pub seconds: f64,
+    /// Why it says nothing about this scene, if so.
     pub silent: Option<String>,
 }
 
@@ -79,9 +121,10 @@ impl Opinion {
 impl fmt::Display for Opinion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(why) = &self.silent {
-            return write!(f, "silent: {why}");
+            return write!(f, "not available: {why}");
         }
         let Self {
+            in_question,
             asked,
             ours,
             reference,
@@ -93,25 +136,40 @@ impl fmt::Display for Opinion {
         } = self;
         write!(
             f,
-            "of {asked} pixels that differ: ours right {ours}, reference right {reference}, both {both}, neither {neither}, \
-             ill-posed {ill_posed}, not known {unknown}"
-        )
+            "{asked} of {in_question} pixels asked in {:.1} s: ours right {ours}, reference right {reference}, both {both}, \
+             neither {neither}, ill-posed {ill_posed}, undecided {unknown}",
+            self.seconds
+        )?;
+        if self.out_of_time {
+            f.write_str(" (stopped when its time was up)")?;
+        }
+        Ok(())
     }
 }
 
-/// The value of a pixel and its uncertainty by channel; `None` where it is not known.
-type Value = Option<[[f64; 3]; 2]>;
+/// The oracle's value of a pixel, its uncertainty by channel and all values that it saw; `None` where it is not known.
+pub(crate) type Value = Option<([[f64; 3]; 2], Vec<[f64; 3]>)>;
 
-/// Who is right, with the tolerance of each channel.
-fn verdict(value: Value, ours: [f64; 3], reference: [f64; 3], tolerance: [f64; 3]) -> Verdict {
-    let Some([rgb, uncertainty]) = value else {
+/// Who is right, with the tolerance of each channel. Where the oracle's value is uncertain, ours must equal one of those
+/// that it saw.
+pub(crate) fn verdict(value: &Value, ours: [f64; 3], reference: [f64; 3], tolerance: [f64; 3]) -> Verdict {
+    let Some(([rgb, uncertainty], seen)) = value else {
         return Verdict::Unknown;
     };
-    if (0..3).any(|c| !rgb[c].is_finite() || uncertainty[c].is_nan() || uncertainty[c] > tolerance[c]) {
-        return Verdict::IllPosed;
+    if (0..3).any(|c| !rgb[c].is_finite() || uncertainty[c].is_nan()) {
+        return Verdict::Unknown;
     }
-    let right = |side: [f64; 3]| (0..3).all(|c| (side[c] - rgb[c]).abs() <= tolerance[c] + uncertainty[c]);
-    match (right(ours), right(reference)) {
+    let near = |side: [f64; 3]| (0..3).all(|c| (side[c] - rgb[c]).abs() <= tolerance[c] + uncertainty[c]);
+    if (0..3).any(|c| uncertainty[c] > tolerance[c]) {
+        let taken = |side: [f64; 3]| seen.iter().any(|value| agree(*value, side, tolerance));
+        return match (taken(ours), near(ours)) {
+            (true, _) => Verdict::IllPosed,
+            (false, true) => Verdict::Unknown,
+            (false, false) if near(reference) => Verdict::Reference,
+            (false, false) => Verdict::Neither,
+        };
+    }
+    match (near(ours), near(reference)) {
         (true, true) => Verdict::Both,
         (true, false) => Verdict::Ours,
         (false, true) => Verdict::Reference,
@@ -119,14 +177,56 @@ fn verdict(value: Value, ours: [f64; 3], reference: [f64; 3], tolerance: [f64; 3
     }
 }
 
-/// The oracle's values of pixels of the scene that both sides were given.
+/// What the oracle was asked and what it answered.
+#[derive(Debug, Default)]
+pub(crate) struct Hearing {
+    /// A pixel and the oracle's value of it, for each that it was asked about in time.
+    pub(crate) values: Vec<([usize; 2], Value)>,
+    pub(crate) out_of_time: bool,
+    pub(crate) seconds: f64,
+    pub(crate) silent: Option<String>,
+}
+
+impl Hearing {
+    /// Who is right about each pixel.
+    pub(crate) fn verdicts<'a>(
+        &'a self,
+        ours: &'a Image,
+        reference: &'a Image,
+    ) -> impl Iterator<Item = ([usize; 2], Verdict)> + 'a {
+        let mean = metrics::mean_reference(reference).unwrap_or(0.0);
+        self.values.iter().map(move |(pixel, value)| {
+            let pixel = *pixel;
+            let theirs = color_at(reference, pixel);
+            (
+                pixel,
+                verdict(value, color_at(ours, pixel), theirs, allowed(theirs, mean)),
+            )
+        })
+    }
+
+    /// The counts of these, where `in_question` pixels were in question.
+    pub(crate) fn opinion(&self, verdicts: &[([usize; 2], Verdict)], in_question: usize) -> Opinion {
+        let mut opinion = Opinion {
+            in_question,
+            out_of_time: self.out_of_time,
+            seconds: self.seconds,
+            silent: self.silent.clone(),
+            ..Opinion::default()
+        };
+        verdicts.iter().for_each(|(_, verdict)| opinion.count(*verdict));
+        opinion
+    }
+}
+
+/// The oracle's values of pixels of the scene that both sides were given, each within a deadline.
 #[cfg(feature = "oracle")]
 fn tracer(
     validator: &Validator<'_>,
     path: &Path,
     overrides: &[String],
-) -> Result<impl Fn([u32; 2]) -> Value + use<>, String> {
-    use whitstone_oracle::tracer::{Tracer, Value};
+) -> Result<impl Fn([u32; 2], bool, Instant) -> Value + Sync + use<>, String> {
+    use whitstone_oracle::tracer::{Care, Tracer, Value};
     use whitstone_scene::{Description, Plan, Sources};
 
     let sources =
@@ -137,67 +237,108 @@ fn tracer(
         let first = errors.0.first().map(|error| error.message.clone());
         first.unwrap_or_default()
     })?;
-    Ok(move |pixel| match tracer.pixel(pixel) {
-        Value::Known { rgb, uncertainty } => Some([rgb, uncertainty]),
-        Value::Unknown(_) => None,
+    Ok(move |pixel, carefully, deadline| {
+        let care = if carefully { Care::GREAT } else { Care::USUAL };
+        match tracer.pixel_before(pixel, care, deadline) {
+            Value::Known {
+                rgb,
+                uncertainty,
+                seen,
+            } => Some(([rgb, uncertainty], seen)),
+            Value::Unknown(_) => None,
+        }
     })
 }
 
 #[cfg(not(feature = "oracle"))]
-fn tracer(_: &Validator<'_>, _: &Path, _: &[String]) -> Result<fn([u32; 2]) -> Value, String> {
+fn tracer(_: &Validator<'_>, _: &Path, _: &[String]) -> Result<fn([u32; 2], bool, Instant) -> Value, String> {
     Err("this program was built without the oracle, which comes with the feature `stress`".to_owned())
 }
 
+/// An even choice of `most` of some pixels, in their order.
+pub(crate) fn choose(pixels: &[[usize; 2]], most: usize) -> Vec<[usize; 2]> {
+    if pixels.len() <= most {
+        return pixels.to_vec();
+    }
+    (0..most).map(|i| pixels[i * pixels.len() / most]).collect()
+}
+
 impl Validator<'_> {
-    /// From now on the oracle is asked about pixels that differ.
-    pub fn ask_oracle(&mut self) {
-        self.oracle = true;
+    /// When the oracle is asked from now on.
+    pub fn set_oracle(&mut self, policy: OraclePolicy) {
+        self.oracle = policy;
     }
 
-    /// Asks it about those of a case, and notes what it says of the worst.
-    pub(crate) fn opine(&self, path: &Path, case: &mut CaseResult, ours: &Image, reference: &Image) {
-        let tolerance = Tolerance::default();
-        let Ok(over) = metrics::over_tolerance(ours, reference, tolerance) else {
-            return;
+    /// Asks the oracle for the values of pixels, on all threads, until its time is up. What contradicts ours it looks at again
+    /// with more care: the pixel may touch an edge.
+    pub(crate) fn hear(
+        &self,
+        path: &Path,
+        pixels: &[[usize; 2]],
+        ours: &Image,
+        reference: &Image,
+    ) -> Hearing {
+        let mean = metrics::mean_reference(reference).unwrap_or(0.0);
+        let contradicts = |pixel: [usize; 2], value: &Value| {
+            let theirs = color_at(reference, pixel);
+            let verdict = verdict(value, color_at(ours, pixel), theirs, allowed(theirs, mean));
+            matches!(verdict, Verdict::Reference | Verdict::Neither | Verdict::Unknown)
         };
-        let mut opinion = Opinion::default();
-        let pixels: Vec<[usize; 2]> = over.pixels().map(|(x, y)| [x, y]).take(MOST).collect();
+        let mut hearing = Hearing::default();
         if pixels.is_empty() {
-            case.opinion = Some(opinion);
-            return;
+            return hearing;
         }
-        let overrides = self.overrides(path, &mut Vec::new());
+        let start = Instant::now();
+        let deadline = start + self.oracle.budget;
+        let overrides = self.overrides(path, &mut Vec::new()).map(|mut overrides| {
+            overrides.extend(self.options.shared_overrides.iter().cloned());
+            overrides
+        });
         let tracer = match overrides.and_then(|overrides| tracer(self, path, &overrides)) {
             Ok(tracer) => tracer,
             Err(why) => {
-                opinion.silent = Some(why);
-                case.opinion = Some(opinion);
-                return;
+                hearing.silent = Some(why);
+                return hearing;
             }
         };
-        let mean = metrics::mean_reference(reference).unwrap_or(0.0);
-        let value = |image: &Image, [x, y]: [usize; 2]| -> [f64; 3] {
-            let index = y * image.width() + x;
-            image.rgb().map_or([f64::NAN; 3], |planes| {
-                planes.map(|plane| f64::from(plane[index]))
-            })
+        let threads = match self.options.threads {
+            0 => thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
         };
-        for (number, &pixel) in pixels.iter().enumerate() {
-            (self.stage)(&format!(
-                "asking the oracle about pixel {} of {}",
-                number + 1,
-                pixels.len()
-            ));
-            let theirs = value(reference, pixel);
-            let allowed = theirs.map(|v| tolerance.relative * v.abs() + tolerance.absolute * mean);
-            let told = tracer(pixel.map(|p| p as u32));
-            let verdict = verdict(told, value(ours, pixel), theirs, allowed);
-            opinion.count(verdict);
-            for worst in case.worst.iter_mut().filter(|worst| [worst.x, worst.y] == pixel) {
-                worst.oracle = Some(verdict);
+        let stage = &self.stage;
+        let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let found = Mutex::new(vec![None; pixels.len()]);
+        thread::scope(|scope| {
+            for _ in 0..threads.min(pixels.len()) {
+                scope.spawn(|| {
+                    loop {
+                        let index = next.fetch_add(1, Ordering::Relaxed);
+                        if index >= pixels.len() || Instant::now() >= deadline {
+                            return;
+                        }
+                        let pixel = pixels[index].map(|p| p as u32);
+                        let mut value = tracer(pixel, false, deadline);
+                        if value.is_some() && contradicts(pixels[index], &value) {
+                            value = tracer(pixel, true, deadline);
+                        }
+                        // A pixel that ran out of time was not answered.
+                        if value.is_some() || Instant::now() < deadline {
+                            let mut found = found.lock().unwrap_or_else(|poison| poison.into_inner());
+                            found[index] = Some(value);
+                        }
+                        let done = 1 + done.fetch_add(1, Ordering::Relaxed);
+                        stage(&format!("the oracle, {done} of {} pixels", pixels.len()));
+                    }
+                });
             }
-        }
-        case.opinion = Some(opinion);
+        });
+        let found = found.into_inner().unwrap_or_else(|poison| poison.into_inner());
+        hearing.values = (pixels.iter().zip(found))
+            .filter_map(|(&pixel, value)| Some((pixel, value?)))
+            .collect();
+        hearing.out_of_time = hearing.values.len() < pixels.len();
+        hearing.seconds = start.elapsed().as_secs_f64();
+        hearing
     }
 }
 
@@ -207,17 +348,35 @@ mod tests {
 
     #[test]
     fn who_is_right() {
-        let known = |rgb: f64, uncertainty: f64| Some([[rgb; 3], [uncertainty; 3]]);
+        let known = |rgb: f64, uncertainty: f64| {
+            let seen = vec![[rgb; 3], [rgb - uncertainty / 4.0; 3]];
+            Some(([[rgb; 3], [uncertainty; 3]], seen))
+        };
         let judge =
-            |value: Value, ours: f64, reference: f64| verdict(value, [ours; 3], [reference; 3], [0.01; 3]);
-        let certain = known(1.0, 1e-12);
+            |value: &Value, ours: f64, reference: f64| verdict(value, [ours; 3], [reference; 3], [0.01; 3]);
+        let certain = &known(1.0, 1e-12);
         assert_eq!(judge(certain, 1.001, 1.5), Verdict::Ours);
         assert_eq!(judge(certain, 1.5, 0.995), Verdict::Reference);
         assert_eq!(judge(certain, 1.009, 0.992), Verdict::Both);
         assert_eq!(judge(certain, 1.5, 0.5), Verdict::Neither);
         assert_eq!(judge(certain, f64::NAN, 1.0), Verdict::Reference);
-        assert_eq!(judge(known(1.0, 0.02), 1.0, 1.5), Verdict::IllPosed);
-        assert_eq!(judge(known(f64::NAN, 0.0), 1.0, 1.5), Verdict::IllPosed);
-        assert_eq!(judge(None, 1.0, 1.0), Verdict::Unknown);
+        // Of an edge between 1 and 0.5, ours may be on either side, but not in between.
+        let edge = &known(1.0, 2.0);
+        assert_eq!(judge(edge, 1.0, 0.5), Verdict::IllPosed);
+        assert_eq!(judge(edge, 0.5, 1.0), Verdict::IllPosed);
+        assert_eq!(judge(edge, 0.75, 1.0), Verdict::Unknown);
+        assert_eq!(judge(edge, 4.0, 1.0), Verdict::Reference);
+        assert_eq!(judge(edge, 4.0, 5.0), Verdict::Neither);
+        assert_eq!(judge(&known(f64::NAN, 0.0), 1.0, 1.5), Verdict::Unknown);
+        assert_eq!(judge(&None, 1.0, 1.0), Verdict::Unknown);
+    }
+
+    #[test]
+    fn an_even_choice_keeps_the_order_and_both_ends_of_the_image() {
+        let pixels: Vec<[usize; 2]> = (0..1000).map(|i| [i, 0]).collect();
+        assert_eq!(choose(&pixels, 2000), pixels);
+        let some = choose(&pixels, 10);
+        assert_eq!(some.len(), 10);
+        assert_eq!((some[0], some[9]), ([0, 0], [900, 0]));
     }
 }

@@ -59,7 +59,12 @@ impl Renderer {
         format!("{}.exr", self.name())
     }
 
-    /// File beside it that says what made it.
+    /// File next to it with the values of the pixels that vary.
+    pub fn variants_file(self) -> String {
+        format!("{}.variants.exr", self.name())
+    }
+
+    /// File next to it that says what made it.
     pub fn meta_file(self) -> &'static str {
         match self {
             Self::Mitsuba => "meta.toml",

@@ -31,8 +31,14 @@ pub struct Summary {
     pub cases: usize,
     /// Of these, how many passed.
     pub passed: usize,
-    /// How many did not.
+    /// In how many the oracle confirms ours against a weak reference.
+    #[serde(default)]
+    pub confirmed: usize,
+    /// How many failed.
     pub failed: usize,
+    /// In how many nobody can tell.
+    #[serde(default)]
+    pub undecided: usize,
     /// Pixels that nothing explains, in all.
     pub unexplained: usize,
     /// Pixels over tolerance that the reference's own variation explains, in all.
@@ -79,10 +85,31 @@ pub struct Provenance {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
-    /// All limits are kept.
+    /// The images agree within all limits.
     Pass,
-    /// Something differs, or there was nothing to compare with.
+    /// They do not, but the reference is too weak in this scene, and the oracle confirms ours.
+    Confirmed,
+    /// Ours is wrong.
     Fail,
+    /// Nobody can tell: the images differ and the oracle has no answer, or there was nothing to compare with.
+    Undecided,
+}
+
+impl Status {
+    /// In words, for tables.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Pass => "pass",
+            Self::Confirmed => "confirmed",
+            Self::Fail => "FAIL",
+            Self::Undecided => "undecided",
+        }
+    }
+
+    /// Whether our image is held to be right.
+    pub fn is_right(self) -> bool {
+        matches!(self, Self::Pass | Self::Confirmed)
+    }
 }
 
 /// What the image was compared with.
@@ -158,6 +185,8 @@ pub struct CaseResult {
     pub explained_limit: usize,
     /// Largest shift that an explanation needed, in pixels; 0 if none needed one.
     pub explained_radius_px: f64,
+    /// Pixels over tolerance that lie between values that the reference takes, and equal none of them.
+    pub ambiguous: usize,
     /// Pixels that nothing explains.
     pub unexplained: usize,
     /// The worst pixels over tolerance, worst first.
@@ -178,7 +207,9 @@ pub struct CaseResult {
     pub mrays_per_s: f64,
     /// The verdict.
     pub status: Option<Status>,
-    /// Why it failed, and what to do; empty for a pass.
+    /// The verdict in words, with its reason.
+    pub verdict: String,
+    /// The limits that the comparison does not keep, and what else is wrong; empty for a pass.
     pub problems: Vec<String>,
     /// Whether the scene itself is wrong, so that nothing was rendered.
     pub scene_error: bool,
@@ -220,7 +251,10 @@ pub struct WorstPixel {
     pub reference: [f32; 3],
     /// What explains it; none for an unexplained pixel.
     pub reason: Option<Reason>,
-    /// For unexplained pixels of a live reference: the smallest and largest value of each channel that it took
+    /// The variation of the reference between whose values ours lies, without equalling one.
+    #[serde(default)]
+    pub between: Option<Reason>,
+    /// For unexplained and ambiguous pixels of a live reference: the smallest and largest value of each channel that it took
     /// under all that was tried.
     #[serde(deserialize_with = "nullable_range")]
     pub tried: Option<[[f64; 3]; 2]>,
@@ -248,6 +282,9 @@ pub struct LayerResult {
     pub name: String,
     /// Pixels whose ids differ, for layers of ids.
     pub differing: Option<usize>,
+    /// Of these, the number of those whose colour agrees.
+    #[serde(default)]
+    pub differing_alone: Option<usize>,
     /// RMS difference, for layers of numbers, over the pixels where both see the same primitive.
     pub rms: Option<f64>,
     /// Largest difference over the same.
@@ -276,6 +313,12 @@ impl<T: PartialOrd> Check<T> {
 
 /// Every number that has a limit.
 impl CaseResult {
+    /// Sets the verdict.
+    pub(crate) fn settle(&mut self, status: Status, verdict: String) {
+        self.status = Some(status);
+        self.verdict = verdict;
+    }
+
     /// `rel_rmse_interior`.
     pub fn interior(&self) -> Check<f64> {
         self.measured(self.rel_rmse_interior, self.limit)
@@ -292,6 +335,12 @@ impl CaseResult {
     /// Pixels that differ explainably.
     pub fn explained(&self) -> Check<usize> {
         self.counted(self.explained, self.explained_limit)
+    }
+
+    /// Pixels between values of the reference that the oracle has not decided.
+    pub fn ambiguous(&self) -> Check<usize> {
+        let decided = self.status.is_some_and(Status::is_right);
+        self.counted(self.ambiguous, if decided { self.ambiguous } else { 0 })
     }
 
     /// Pixels that nothing explains.
@@ -393,10 +442,7 @@ pub fn counted(count: usize, what: &str) -> String {
 impl Summary {
     /// Counts over some cases.
     pub fn of(cases: &[CaseResult], references: String, seconds: f64) -> Self {
-        let passed = cases
-            .iter()
-            .filter(|case| case.status == Some(Status::Pass))
-            .count();
+        let with = |status: Status| cases.iter().filter(|case| case.status == Some(status)).count();
         let mut errors: Vec<f64> = cases.iter().filter_map(|case| case.rel_rmse_interior).collect();
         errors.sort_by(f64::total_cmp);
         let middle = |values: &[f64]| match values.len() {
@@ -406,8 +452,10 @@ impl Summary {
         };
         Self {
             cases: cases.len(),
-            passed,
-            failed: cases.len() - passed,
+            passed: with(Status::Pass),
+            confirmed: with(Status::Confirmed),
+            failed: with(Status::Fail),
+            undecided: with(Status::Undecided),
             unexplained: cases.iter().map(|case| case.unexplained).sum(),
             explained: cases.iter().map(|case| case.explained).sum(),
             nonfinite: cases.iter().map(|case| case.nonfinite).sum(),
@@ -449,6 +497,7 @@ mod tests {
         LayerResult {
             name: "shape_id.I".to_owned(),
             differing,
+            differing_alone: differing,
             rms: None,
             max_abs: None,
         }

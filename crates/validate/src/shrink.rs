@@ -3,6 +3,7 @@
 //! Zeller and Hildebrandt, *Simplifying and isolating failure-inducing input*, IEEE TSE 28(2), 2002: elements of lists are taken out in
 //! halves, quarters and so on, then keys one by one, until nothing more can go.
 
+use crate::opinion::Ask;
 use crate::validator::flatten;
 use crate::{CaseResult, Validator};
 use std::path::Path;
@@ -24,6 +25,8 @@ pub fn shrink(
     tell: &dyn Fn(usize),
 ) -> Result<String, String> {
     validator.without_pictures();
+    // Thousands of candidates: whether the two differ is enough.
+    validator.oracle.when = Ask::Never;
     let flattened = flatten(scene, overrides)?;
     let mut document: Table = toml::from_str(&flattened.text).map_err(|error| error.to_string())?;
     absolute(&mut document, &flattened.base);

@@ -1,11 +1,12 @@
-//! Stored references: `references/images/<scene>/{mitsuba.exr,meta.toml}`, and `{povray.exr,povray.toml}`.
+//! Stored references: `references/images/<scene>/{mitsuba.exr,mitsuba.variants.exr,meta.toml}`, and the same of POV-Ray.
 //!
-//! Beside the image, the file holds for each pixel the range of values that the reference took under
-//! [`crate::explain::trials`], where that range is wider than the tolerance: so edges can be told from
-//! faults without a live Mitsuba.
+//! For each pixel that varies by more than a part of the tolerance under [`crate::explain::trials`], the second file
+//! holds the values that the reference takes ([`Variants`]) and the image their range: so edges can be told from
+//! faults without a live renderer.
 
 use crate::explain::Range;
 use crate::renderer::Renderer;
+use crate::variants::Variants;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -47,12 +48,25 @@ pub struct Meta {
     pub seconds: f64,
     /// Rays traced: nearest hit and shadow.
     pub rays: [u64; 2],
+    /// Of these, the number that met again the surface that they had just left: such an image alone shows nothing.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub rehits: u64,
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde calls it with a reference"
+)]
+fn is_zero(number: &u64) -> bool {
+    *number == 0
 }
 
 /// A stored reference.
 pub struct Stored {
     /// Radiance, layers and ranges.
     pub image: Image,
+    /// The values of pixels that vary; of references that were stored without them there are only ranges.
+    pub variants: Variants,
     /// What made it.
     pub meta: Meta,
 }
@@ -127,7 +141,19 @@ impl Stored {
         let text = std::fs::read_to_string(&meta).map_err(|error| broken(&meta, error))?;
         let meta = toml::from_str(&text).map_err(|error| broken(&meta, error))?;
         let image = exr_io::read(&exr, Limits::IMAGE).map_err(|error| broken(&exr, error))?;
-        Ok(Self { image, meta })
+        let path = folder.join(renderer.variants_file());
+        let variants = if path.is_file() {
+            let file = exr_io::read(&path, Limits::IMAGE).map_err(|error| broken(&path, error))?;
+            Variants::from_image(&file)
+                .ok_or_else(|| broken(&path, "it lacks one of the channels R, G, B, X and Y"))?
+        } else {
+            Variants::default()
+        };
+        Ok(Self {
+            image,
+            variants,
+            meta,
+        })
     }
 
     /// Writes it to a folder.
@@ -135,6 +161,13 @@ impl Stored {
         std::fs::create_dir_all(folder).map_err(|error| broken(folder, error))?;
         let exr = folder.join(renderer.image_file());
         exr_io::write(&exr, &self.image).map_err(|error| broken(&exr, error))?;
+        let path = folder.join(renderer.variants_file());
+        match self.variants.to_image() {
+            Some(image) => exr_io::write(&path, &image).map_err(|error| broken(&path, error))?,
+            // Those of an earlier version must not serve for this one.
+            None if path.exists() => std::fs::remove_file(&path).map_err(|error| broken(&path, error))?,
+            None => {}
+        }
         let path = folder.join(renderer.meta_file());
         let text = toml::to_string(&self.meta).map_err(|error| broken(&path, error))?;
         atomic::write_bytes(&path, text.as_bytes()).map_err(|error| broken(&path, error))
@@ -156,8 +189,18 @@ impl Stored {
         Ok(())
     }
 
+    /// The values that the reference takes in a pixel. Where only the range was stored, they are its ends: what lies
+    /// between is ambiguous.
+    pub fn values(&self, pixel: [usize; 2]) -> Vec<[f64; 3]> {
+        if let Some(values) = self.variants.of(pixel) {
+            return values.to_vec();
+        }
+        let range = self.range(pixel[1] * self.image.width() + pixel[0]);
+        range.map_or_else(Vec::new, |range| vec![range.min, range.max])
+    }
+
     /// The range of a pixel, by its index in the planes; `None` where the reference does not vary.
-    pub fn range(&self, index: usize) -> Option<Range> {
+    fn range(&self, index: usize) -> Option<Range> {
         let mut values = [0.0; 6];
         for (value, name) in values.iter_mut().zip(RANGE_CHANNELS) {
             *value = f64::from(*self.image.channel(name)?.get(index)?);

@@ -1,29 +1,24 @@
 use crate::driver::{DriverError, SceneText};
 use crate::environment::Environment;
-use crate::explain::{Range, Reason, explain};
 use crate::key::{folder_of, quoted, scene_key};
 use crate::live::{Live, LiveError};
-use crate::pixels::Pictures;
+use crate::opinion::OraclePolicy;
 use crate::renderer::{Adaptation, Renderer};
-use crate::result::{CaseResult, LayerResult, Reference, Status, WorstPixel};
+use crate::result::{CaseResult, Status};
 use crate::stored::{Stored, StoredError};
-use crate::{floor, inexact, place, tree};
+use crate::{floor, place};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use whitstone_core::{Needs, Registry, SceneErrors};
-use whitstone_image::{CompareError, CompareOptions, Image, Mask, Tolerance, compare, layers, metrics};
+use whitstone_core::{Registry, SceneErrors};
+use whitstone_image::Image;
 use whitstone_scene::{
     Description, Flattened, Pipeline, Plan, PluginTable, RenderOptions, Sources, all_errors,
 };
 
 /// Of an image, at least so many pixels may be explained edges.
-const EXPLAINED_PIXELS: usize = 8;
+pub(crate) const EXPLAINED_PIXELS: usize = 8;
 /// And this fraction of a large one.
 const EXPLAINED_FRACTION: f64 = 5e-4;
-/// How many worst pixels a result lists.
-const WORST: usize = 20;
-/// For how many unexplained pixels the ray trees are compared.
-const TREES: usize = 3;
 
 /// Where references come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,6 +53,8 @@ pub struct Options {
     pub overrides: Vec<String>,
     /// `path=value`, applied to our side only: to see whether a fault is found.
     pub ours_overrides: Vec<String>,
+    /// `path=value`, applied to our side and to the oracle: a fault in code that both share, as it would look.
+    pub shared_overrides: Vec<String>,
     /// How long one answer of the driver may take.
     pub time_limit: Duration,
     /// How the user calls this program, for commands in messages.
@@ -76,9 +73,9 @@ pub struct Validator<'a> {
     /// The first failure of a live reference that was there.
     broken: Option<String>,
     /// Whether results have pictures.
-    pictures: bool,
-    /// Whether the oracle is asked about pixels that differ.
-    pub(crate) oracle: bool,
+    pub(crate) pictures: bool,
+    /// When the oracle is asked.
+    pub(crate) oracle: OraclePolicy,
     /// Is told what is being done.
     pub(crate) stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
 }
@@ -97,34 +94,16 @@ enum NoReference {
 }
 
 /// A reference with its provenance.
-struct Against {
-    stored: Stored,
-    live: bool,
+pub(crate) struct Against {
+    pub(crate) stored: Stored,
+    pub(crate) live: bool,
 }
 
 /// Our side of a case.
-struct Ours {
-    image: Image,
-    flattened: Flattened,
-    pipeline: Pipeline,
-}
-
-/// A pixel over tolerance.
-struct Judged {
-    pixel: [usize; 2],
-    reason: Option<Reason>,
-    /// All values that a live reference took there.
-    tried: Option<Range>,
-}
-
-impl Judged {
-    fn unexplained(pixel: &[usize; 2]) -> Self {
-        Self {
-            pixel: *pixel,
-            reason: None,
-            tried: None,
-        }
-    }
+pub(crate) struct Ours {
+    pub(crate) image: Image,
+    pub(crate) flattened: Flattened,
+    pub(crate) pipeline: Pipeline,
 }
 
 impl<'a> Validator<'a> {
@@ -145,7 +124,7 @@ impl<'a> Validator<'a> {
             not_live,
             broken: None,
             pictures: true,
-            oracle: false,
+            oracle: OraclePolicy::default(),
             stage: Box::new(|_| {}),
         })
     }
@@ -194,31 +173,39 @@ impl<'a> Validator<'a> {
             Err(report) => {
                 case.scene_error = true;
                 case.problems.push(report);
+                case.settle(Status::Fail, "the scene cannot be rendered".to_owned());
             }
             Ok(mut ours) => {
                 tamper(&mut ours.image);
                 match self.reference(path, &ours.flattened, &mut case) {
-                    Err(NoReference::Problem(problem)) => case.problems.push(problem),
+                    Err(NoReference::Problem(problem)) => {
+                        case.problems.push(problem);
+                        case.settle(
+                            Status::Undecided,
+                            "there is no reference to compare with".to_owned(),
+                        );
+                    }
                     Err(NoReference::NoTwin(problem, lacks)) => {
                         case.other_reference = self.other_reference(path);
                         case.problems.push(problem);
                         case.no_twin = lacks;
+                        case.settle(
+                            Status::Undecided,
+                            "the reference cannot render this scene".to_owned(),
+                        );
                     }
-                    Ok(against) => {
-                        if let Err(error) = self.judge(&mut case, &ours, &against) {
+                    Ok(against) => match self.judge(&mut case, &ours, &against) {
+                        Err(error) => {
                             case.problems.push(error.to_string());
-                        } else if self.oracle {
-                            self.opine(path, &mut case, &ours.image, &against.stored.image);
+                            case.settle(Status::Fail, "the images cannot be compared".to_owned());
                         }
-                    }
+                        Ok(judged) => {
+                            self.decide(path, &mut case, &ours, &against, &judged);
+                        }
+                    },
                 }
             }
         }
-        case.status = Some(if case.problems.is_empty() {
-            Status::Pass
-        } else {
-            Status::Fail
-        });
         case
     }
 
@@ -244,7 +231,12 @@ impl<'a> Validator<'a> {
     fn render(&self, path: &Path, case: &mut CaseResult) -> Result<Ours, String> {
         let overrides = self.overrides(path, &mut case.adapted)?;
         let flattened = flatten(path, &overrides)?;
-        let all_overrides = [&overrides[..], &self.options.ours_overrides].concat();
+        let all_overrides = [
+            &overrides[..],
+            &self.options.shared_overrides,
+            &self.options.ours_overrides,
+        ]
+        .concat();
         let sources = Sources::load(path, &all_overrides)
             .map_err(|error| error.sources.report(&error.errors, false))?;
         let report = |_: SceneErrors| sources.report(&all_errors(&sources, self.registry), false);
@@ -405,256 +397,6 @@ impl<'a> Validator<'a> {
             }
             Err(error) => Err(NoReference::Problem(error.to_string())),
         }
-    }
-
-    fn judge(&mut self, case: &mut CaseResult, ours: &Ours, against: &Against) -> Result<(), CompareError> {
-        let Stored {
-            image: reference,
-            meta,
-        } = &against.stored;
-        case.reference = Some(Reference {
-            name: meta.renderer.clone(),
-            version: meta.version.clone(),
-            variant: meta.variant.clone(),
-            source: if against.live { "live" } else { "stored" }.to_owned(),
-            k: meta.k,
-        });
-        case.twin = meta.twin.clone();
-        case.floor = meta.floor;
-        case.moved = meta.moved;
-        case.reference_s = Some(meta.seconds);
-        let textured = ours.pipeline.world.needs().contains(Needs::UV);
-        let cap = floor::cap(self.options.renderer, textured);
-        if case.limit == 0.0 {
-            case.limit = floor::limit(meta.floor, cap);
-        }
-        case.bias_limit = floor::bias_limit(meta.floor, cap);
-        let not_finite = metrics::count_not_finite(&ours.image, reference)?;
-        case.nonfinite = not_finite.ours + not_finite.reference;
-        let tolerance = Tolerance::default();
-        let over = metrics::over_tolerance(&ours.image, reference, tolerance)?;
-        case.pixels_over_tolerance = over.count();
-        let judged = self.explain(ours, against, &over, tolerance, case);
-        if self.pictures {
-            let reasons = judged.iter().map(|one| (one.pixel, one.reason));
-            case.pictures = Pictures::new(&ours.image, reference, reasons);
-        }
-        let mut explained = Mask::new(over.width(), over.height());
-        for Judged { pixel, reason, .. } in &judged {
-            if let Some(reason) = reason {
-                explained.set(pixel[0], pixel[1], true);
-                if let Reason::Shift { radius_px } = reason {
-                    case.explained_radius_px = case.explained_radius_px.max(*radius_px);
-                }
-            }
-        }
-        case.explained = explained.count();
-        case.unexplained = case.pixels_over_tolerance - case.explained;
-        self.list_worst(case, ours, reference, &over, &judged)?;
-        self.compare_layers(case, &ours.image, reference, &explained)?;
-
-        if case.nonfinite == 0 {
-            let options = CompareOptions {
-                tolerance,
-                exclude: Some(&explained),
-                psnr_peak: None,
-            };
-            let measured = compare(&ours.image, reference, &options)?;
-            case.rmse = Some(measured.rmse);
-            case.rel_rmse_interior = measured.rel_rmse_interior;
-            case.relmse = Some(measured.relmse);
-            case.mae = Some(measured.mae);
-            case.max_abs = Some(measured.max_abs);
-            case.mean_reference = Some(measured.mean_reference);
-            case.signed_block_bias = measured.signed_block_bias;
-        }
-        case.compared = true;
-        case.problems.extend(case.broken_limits());
-        if !case.problems.is_empty() {
-            case.inexact = inexact::notes(case, &ours.pipeline.world.geometry, self.options.renderer, cap);
-        }
-        Ok(())
-    }
-
-    /// For each pixel over tolerance, why the reference could have taken our value.
-    fn explain(
-        &mut self,
-        ours: &Ours,
-        against: &Against,
-        over: &Mask,
-        tolerance: Tolerance,
-        case: &mut CaseResult,
-    ) -> Vec<Judged> {
-        let pixels: Vec<[usize; 2]> = over.pixels().map(|(x, y)| [x, y]).collect();
-        let reference = &against.stored.image;
-        let mean = metrics::mean_reference(reference).unwrap_or(0.0);
-        let value = |image: &Image, [x, y]: [usize; 2]| -> [f64; 3] {
-            let index = y * image.width() + x;
-            image.rgb().map_or([f64::NAN; 3], |planes| {
-                planes.map(|plane| f64::from(plane[index]))
-            })
-        };
-        let allowed =
-            |nominal: [f64; 3]| nominal.map(|v| tolerance.relative * v.abs() + tolerance.absolute * mean);
-        // Thousands of differing pixels are a fault, not edges; the worst of them are enough to see it.
-        let most = 20 * case.explained_limit.max(EXPLAINED_PIXELS);
-        let (asked, beyond) = pixels.split_at(pixels.len().min(most));
-        let mut judged: Vec<Judged> = Vec::new();
-        if !against.live {
-            for &pixel in asked {
-                let [x, y] = pixel;
-                let nominal = value(reference, pixel);
-                let range = against.stored.range(y * reference.width() + x);
-                let held =
-                    range.is_some_and(|range| range.holds(value(&ours.image, pixel), allowed(nominal)));
-                let finite = value(&ours.image, pixel).iter().all(|v| v.is_finite());
-                judged.push(Judged {
-                    reason: (held && finite).then_some(Reason::StoredRange),
-                    ..Judged::unexplained(&pixel)
-                });
-            }
-        } else if !asked.is_empty() {
-            let text = SceneText {
-                text: &ours.flattened.text,
-                base: &ours.flattened.base,
-            };
-            (self.stage)(&format!("tracing {} pixels of the reference again", asked.len()));
-            let answer = self
-                .live
-                .as_mut()
-                .map(|live| live.probe(text, &ours.flattened.hash, asked));
-            match answer {
-                Some(Ok(values)) => {
-                    let trials = self.options.renderer.trials();
-                    for (&pixel, variants) in asked.iter().zip(&values) {
-                        let nominal = value(reference, pixel);
-                        let ours = value(&ours.image, pixel);
-                        let mut tried = Range::of(nominal);
-                        variants
-                            .iter()
-                            .flatten()
-                            .for_each(|variant| tried.include(*variant));
-                        judged.push(Judged {
-                            pixel,
-                            reason: explain(ours, nominal, allowed(nominal), &trials, variants),
-                            tried: Some(tried),
-                        });
-                    }
-                }
-                Some(Err(error)) => {
-                    case.problems
-                        .push(format!("pixels could not be traced again: {error}"));
-                    judged.extend(asked.iter().map(Judged::unexplained));
-                }
-                None => judged.extend(asked.iter().map(Judged::unexplained)),
-            }
-        }
-        judged.extend(beyond.iter().map(Judged::unexplained));
-        judged
-    }
-
-    fn list_worst(
-        &mut self,
-        case: &mut CaseResult,
-        ours: &Ours,
-        reference: &Image,
-        over: &Mask,
-        judged: &[Judged],
-    ) -> Result<(), CompareError> {
-        let mut unexplained = Mask::new(over.width(), over.height());
-        for Judged { pixel: [x, y], .. } in judged.iter().filter(|one| one.reason.is_none()) {
-            unexplained.set(*x, *y, true);
-        }
-        let mut worst = metrics::worst(&ours.image, reference, WORST, Some(&unexplained))?;
-        let rest = metrics::worst(&ours.image, reference, WORST, Some(over))?;
-        worst.extend(
-            rest.into_iter()
-                .filter(|pixel| !unexplained.contains(pixel.x, pixel.y)),
-        );
-        worst.truncate(WORST);
-        for (rank, pixel) in worst.iter().enumerate() {
-            let place = [pixel.x, pixel.y];
-            let found = judged.iter().find(|one| one.pixel == place);
-            let reason = found.and_then(|one| one.reason);
-            let tried = found.and_then(|one| one.tried).filter(|_| reason.is_none());
-            let first_difference = if reason.is_none() && rank < TREES {
-                self.first_difference(ours, place)
-            } else {
-                None
-            };
-            case.worst.push(WorstPixel {
-                x: pixel.x,
-                y: pixel.y,
-                ours: pixel.ours,
-                reference: pixel.reference,
-                reason,
-                tried: tried.map(|range| [range.min, range.max]),
-                first_difference,
-                oracle: None,
-            });
-        }
-        Ok(())
-    }
-
-    /// Where our ray tree and the live reference's part, in words, or why that cannot be told. Stored references and POV-Ray
-    /// have no trees.
-    fn first_difference(&mut self, ours: &Ours, pixel: [usize; 2]) -> Option<String> {
-        let live = self.live.as_mut().filter(|live| live.renderer().tells_trees())?;
-        (self.stage)("comparing ray trees");
-        let text = SceneText {
-            text: &ours.flattened.text,
-            base: &ours.flattened.base,
-        };
-        let samples = ours.pipeline.samples();
-        for sample in 0..samples {
-            let theirs = match live.tree(text, pixel, sample) {
-                Ok(theirs) => theirs,
-                Err(error) => return Some(format!("sample {sample}: the reference's ray tree: {error}")),
-            };
-            let mine = tree::ours(&ours.pipeline, pixel, sample);
-            if let Some(difference) = tree::first_difference(&mine, &theirs) {
-                return Some(format!("sample {sample}: {difference}"));
-            }
-        }
-        Some("the ray trees agree: the difference is in how they are summed".to_owned())
-    }
-
-    fn compare_layers(
-        &self,
-        case: &mut CaseResult,
-        ours: &Image,
-        reference: &Image,
-        explained: &Mask,
-    ) -> Result<(), CompareError> {
-        let names: Vec<String> = ours
-            .channels()
-            .map(|(name, _)| name.to_owned())
-            .filter(|name| name.contains('.'))
-            .collect();
-        // Numbers can only agree where both see the same thing.
-        let mut apart = explained.clone();
-        for name in names.iter().filter(|name| name.ends_with(".I")) {
-            let ids = layers::compare_ids(ours, reference, name, None)?;
-            for (x, y) in ids.differing.pixels() {
-                apart.set(x, y, true);
-            }
-            case.layers.push(LayerResult {
-                name: name.clone(),
-                differing: Some(ids.differing.count()),
-                rms: None,
-                max_abs: None,
-            });
-        }
-        for name in names.iter().filter(|name| !name.ends_with(".I")) {
-            let numbers = layers::compare_floats(ours, reference, name, Some(&apart))?;
-            case.layers.push(LayerResult {
-                name: name.clone(),
-                differing: None,
-                rms: Some(numbers.rms),
-                max_abs: Some(numbers.max_abs),
-            });
-        }
-        Ok(())
     }
 }
 

@@ -540,13 +540,15 @@ class Tracer:
         if lamp.finite:
             counts &= ds.dist > 0
         visible = counts
+        goal = ds.p if lamp.finite else None
+        if lamp.normal is not None:
+            goal = ds.p + mi.Vector3f(*[dr.opaque(mi.Float, lamp.off * axis) for axis in lamp.normal])
         if self.through:
-            goal = ds.p if lamp.finite else None
             share = shadows.through(self, level, lanes, number, si.p, n_g, l, goal, counts)
             irradiance = irradiance * share
             visible = counts & (dr.max(share) > 0)
         elif self.document.integrator.shadows:
-            visible = counts & ~self._shadowed(level, lanes, number, si.p, n_g, l, ds.p if lamp.finite else None, counts)
+            visible = counts & ~self._shadowed(level, lanes, number, si.p, n_g, l, goal, counts)
             self._count("shadow", counts, len(lanes_here))
         irradiance = dr.select(visible, irradiance, 0)
         # Where the lamp does not count, the direction may be no number; the product with 0 must be 0.

@@ -117,8 +117,9 @@ class Lamp:
     finite: bool
     falloff: bool
     type: str
-    # Of a point of a surface: its normal.
+    # Of a point of a surface: its normal, and how far off the surface shadow rays are aimed.
     normal: Optional[Vector] = None
+    off: float = 0.0
     # Of a projector: what it throws, and its intensity.
     slide: Optional[Any] = None
     intensity: Vector = (1.0, 1.0, 1.0)
@@ -338,6 +339,9 @@ def _projector(fields: Fields, index: int, reader: Any) -> Lamp:
     return Lamp(index, plugin, True, True, "projector", slide=slide, intensity=intensity)
 
 
+# Shadow rays are aimed at points this part of a light's size off its surface, so that a shape in its place does not hide it.
+OFF_SURFACE = 2.0**-19
+
 # Most points of a mesh that shines.
 MOST_POINTS = 4096
 
@@ -357,6 +361,7 @@ def _mesh(fields: Fields, index: int, base: Folder) -> List[Lamp]:
         fields.error("samples", f"{len(triangles.faces)} triangles shine from more than {MOST_POINTS} points")
         return []
     world = triangles.positions @ matrix[:3, :3].T + matrix[:3, 3]
+    off = OFF_SURFACE * np.abs(world).max(initial=0.0)
     upright = [(3 * i + 1, 3 * j + 1) for j in range(n) for i in range(n - j)]
     turned = [(3 * i + 2, 3 * j + 2) for j in range(n - 1) for i in range(n - 1 - j)]
     lamps = []
@@ -370,7 +375,7 @@ def _mesh(fields: Fields, index: int, base: Folder) -> List[Lamp]:
             place = a + (b - a) * (s / (3 * n)) + (c - a) * (t / (3 * n))
             power = _rgb(tuple(radiance * (twice / (2 * n**2))))
             plugin = {"type": "point", "position": place.tolist(), "intensity": power}
-            lamps.append(Lamp(index, plugin, True, True, "area", tuple(normal.tolist())))
+            lamps.append(Lamp(index, plugin, True, True, "area", tuple(normal.tolist()), off))
     if not lamps:
         fields.error("file", f"{name}: no triangle has an area")
     return lamps
@@ -404,10 +409,11 @@ def _area(fields: Fields, index: int, base: Folder) -> List[Lamp]:
     places = points @ linear.T + matrix[:3, 3]
     normals = normals @ np.linalg.inv(linear)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    off = OFF_SURFACE * np.abs(matrix[:3, :4]).sum(axis=1).max()
     lamps = []
     for place, normal in zip(places, normals):
         plugin = {"type": "point", "position": place.tolist(), "intensity": _rgb(tuple(radiance * (area / n**2)))}
-        lamps.append(Lamp(index, plugin, True, True, "area", tuple(normal.tolist())))
+        lamps.append(Lamp(index, plugin, True, True, "area", tuple(normal.tolist()), off))
     return lamps
 
 

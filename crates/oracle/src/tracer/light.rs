@@ -287,6 +287,9 @@ fn thrown(config: &Projector, slide: Texture) -> Slide {
     }
 }
 
+/// How far points of a surface that shines are off it, as a part of its size.
+const OFF: f64 = 1.0 / (1_u64 << 47) as f64;
+
 /// The lights that a mesh is.
 fn of_triangles(light: &Area, triangles: &[[[f64; 3]; 3]]) -> Vec<Light> {
     let transform = light.transform.as_ref();
@@ -294,8 +297,13 @@ fn of_triangles(light: &Area, triangles: &[[[f64; 3]; 3]]) -> Vec<Light> {
     let outwards = map.matrix3.determinant().signum();
     let n = light.samples.unwrap_or(1);
     let mut lights = Vec::new();
+    let placed = |triangle: &[[f64; 3]; 3]| triangle.map(|p| map.transform_point3(p.into()));
+    let vertices = triangles.iter().flat_map(placed);
+    let size = vertices
+        .map(|vertex| vertex.abs().max_element())
+        .fold(0.0, f64::max);
     for triangle in triangles {
-        let [a, b, c] = triangle.map(|p| map.transform_point3(p.into()));
+        let [a, b, c] = placed(triangle);
         let across = (b - a).cross(c - a);
         if across == DVec3::ZERO {
             continue;
@@ -305,9 +313,10 @@ fn of_triangles(light: &Area, triangles: &[[[f64; 3]; 3]]) -> Vec<Light> {
         for (third, rows) in [(1, n), (2, n - 1)] {
             for (i, j) in (0..rows).flat_map(|j| (0..rows - j).map(move |i| (i, j))) {
                 let [s, t] = [i, j].map(|k| f64::from(3 * k + third) / f64::from(3 * n));
+                let normal = outwards * across.normalize();
                 lights.push(Light::Facing {
-                    position: a + s * (b - a) + t * (c - a),
-                    normal: outwards * across.normalize(),
+                    position: a + s * (b - a) + t * (c - a) + OFF * size * normal,
+                    normal,
                     power,
                 });
             }
@@ -337,6 +346,7 @@ fn area(light: &Area) -> Vec<Light> {
     let transform = light.transform.as_ref();
     let map = transform.map_or(DAffine3::IDENTITY, |steps| *steps.get().world_from_object());
     let [x, y] = [map.matrix3.x_axis, map.matrix3.y_axis];
+    let size = (x.abs() + y.abs() + map.matrix3.z_axis.abs() + map.translation.abs()).max_element();
     let across = x.cross(y).length();
     let kind = light.shape.as_deref().unwrap_or("rectangle");
     let area = match kind {
@@ -361,9 +371,10 @@ fn area(light: &Area) -> Vec<Light> {
             }
             _ => (DVec3::new(2.0 * u - 1.0, 2.0 * v - 1.0, 0.0), DVec3::Z),
         };
+        let normal = (normals * normal).normalize();
         Light::Facing {
-            position: map.transform_point3(q),
-            normal: (normals * normal).normalize(),
+            position: map.transform_point3(q) + OFF * size * normal,
+            normal,
             power,
         }
     };

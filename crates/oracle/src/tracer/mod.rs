@@ -27,16 +27,35 @@ use material::{At, Branch, Medium};
 use sampler::Sampler;
 use scene::{Hit, Scene};
 use serde::Deserialize;
+use std::time::Instant;
 use whitstone_core::config::decode;
 use whitstone_core::{DVec3, Ray, Rgb, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
-/// How often each pixel is traced with other roundings.
-const REPEATS: u64 = 4;
 /// The uncertainty is so many times the largest deviation that was seen.
 const SAFETY: f64 = 4.0;
-/// By how many units in the last place points and directions are moved.
-const ULPS: f64 = 2.0;
+
+/// How carefully a pixel is looked at.
+#[derive(Clone, Copy, Debug)]
+pub struct Care {
+    /// How often it is traced with other roundings.
+    pub repeats: u64,
+    /// By how many units in the last place points and directions are moved then.
+    pub ulps: f64,
+}
+
+impl Care {
+    /// Enough to see that a pixel is ill-posed.
+    pub const USUAL: Self = Self {
+        repeats: 4,
+        ulps: 2.0,
+    };
+    /// Enough to see the values that it can take then: for pixels that touch an edge, or of which somebody else's value differs.
+    pub const GREAT: Self = Self {
+        repeats: 32,
+        ulps: 8.0,
+    };
+}
 
 /// A pixel according to the oracle.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +66,9 @@ pub enum Value {
         rgb: [f64; 3],
         /// How far the truth may be from it, by channel.
         uncertainty: [f64; 3],
+        /// All values that were seen, those of moved rays included. Where one yes-or-no test is undecided, the truth is one of
+        /// them and nothing in between.
+        seen: Vec<[f64; 3]>,
     },
     /// The oracle does not know, and why.
     Unknown(String),
@@ -59,6 +81,8 @@ pub(crate) enum Unsure {
     Touch,
     /// The tree has too many rays.
     Long,
+    /// Its time is up.
+    Late,
 }
 
 /// Rays of a tree before it counts as too long.
@@ -155,11 +179,14 @@ pub(crate) fn unknown_part(plugin: &PluginTable<'_>, what: &str) -> SceneErrors 
 }
 
 /// Pseudo-random signs and sizes, of splitmix64 (Steele, Lea and Flood 2014); none in the first run.
-struct Jitter(Option<u64>);
+struct Jitter {
+    state: Option<u64>,
+    ulps: f64,
+}
 
 impl Jitter {
     fn next(&mut self) -> f64 {
-        let Some(state) = &mut self.0 else {
+        let Some(state) = &mut self.state else {
             return 0.0;
         };
         *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -170,9 +197,9 @@ impl Jitter {
         (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 
-    /// Each coordinate moved by up to [`ULPS`] of the largest one.
+    /// Each coordinate moved by up to so many units in the last place of the largest one.
     fn point(&mut self, p: DVec3) -> DVec3 {
-        let size = p.abs().max_element() * f64::EPSILON * ULPS;
+        let size = p.abs().max_element() * f64::EPSILON * self.ulps;
         p + DVec3::new(self.next(), self.next(), self.next()) * size
     }
 
@@ -190,6 +217,7 @@ const MOST_FILTERS: usize = 1000;
 struct Walk {
     jitter: Jitter,
     rays: u32,
+    deadline: Option<Instant>,
 }
 
 /// A ray on its way.
@@ -220,31 +248,58 @@ impl Tracer {
 
     /// The value of a pixel, column and row from the left top.
     pub fn pixel(&self, pixel: [u32; 2]) -> Value {
-        let value = match self.once(pixel, None) {
-            Ok(value) => value,
-            Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
+        self.value(pixel, Care::USUAL, None)
+    }
+
+    /// The same with more or less care, and unknown if it takes longer than until `deadline`.
+    pub fn pixel_before(&self, pixel: [u32; 2], care: Care, deadline: Instant) -> Value {
+        self.value(pixel, care, Some(deadline))
+    }
+
+    fn value(&self, pixel: [u32; 2], care: Care, deadline: Option<Instant>) -> Value {
+        let ulps = care.ulps;
+        let exact = match self.once(pixel, Jitter { state: None, ulps }, deadline) {
+            Err(unsure) if unsure != Unsure::Touch => return Value::Unknown(unsure.told().to_owned()),
+            exact => exact,
         };
-        let mut uncertainty = [0.0_f64; 3];
-        for seed in 1..=REPEATS {
-            // A tree that is undecided after a tiny move shows that it is next to one.
-            let other = match self.once(pixel, Some(seed)) {
-                Ok(other) => other,
+        let repeats = match exact {
+            // On an edge: which values can it take?
+            Err(_) => Care::GREAT.repeats.max(care.repeats),
+            Ok(_) => care.repeats,
+        };
+        let mut seen: Vec<[f64; 3]> = exact.iter().map(|value| value.to_array()).collect();
+        let mut touched = 0;
+        for seed in 1..=repeats {
+            let state = Some(seed);
+            match self.once(pixel, Jitter { state, ulps }, deadline) {
+                Ok(value) => seen.push(value.to_array()),
+                Err(Unsure::Touch) => touched += 1,
                 Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
-            };
-            for ((most, a), b) in uncertainty.iter_mut().zip(value.to_array()).zip(other.to_array()) {
-                *most = most.max(SAFETY * (a - b).abs());
+            }
+            // Surfaces that coincide, not an edge that is hit by chance.
+            if 2 * touched > repeats {
+                return Value::Unknown(Unsure::Touch.told().to_owned());
             }
         }
+        let Some(&rgb) = seen.first() else {
+            return Value::Unknown(Unsure::Touch.told().to_owned());
+        };
+        let uncertainty = std::array::from_fn(|c| {
+            let deviations = seen.iter().map(|other| (rgb[c] - other[c]).abs());
+            SAFETY * deviations.fold(0.0, f64::max)
+        });
         Value::Known {
-            rgb: value.to_array(),
+            rgb,
             uncertainty,
+            seen,
         }
     }
 
-    fn once(&self, pixel: [u32; 2], seed: Option<u64>) -> Result<Rgb, Unsure> {
+    fn once(&self, pixel: [u32; 2], jitter: Jitter, deadline: Option<Instant>) -> Result<Rgb, Unsure> {
         let mut walk = Walk {
-            jitter: Jitter(seed),
+            jitter,
             rays: 0,
+            deadline,
         };
         let positions = self.sampler.positions(pixel);
         let mut values = Vec::new();
@@ -317,6 +372,7 @@ impl Tracer {
         if walk.rays > MOST_RAYS || arriving.depth > MOST_BOUNCES {
             return Err(Unsure::Long);
         }
+        in_time(walk.deadline)?;
         let Some(hit) = self.scene.nearest(&arriving.ray, arriving.from, f64::INFINITY)? else {
             return Ok(self.lights.background(arriving.ray.direction) * arriving.medium.endless());
         };
@@ -328,7 +384,11 @@ impl Tracer {
             return self.at_corners(&hit, &arriving.ray);
         }
         let material = self.scene.material(&hit, viewer);
-        let shadow = |l, distance| self.unhidden(&hit, point, l, distance, arriving.medium);
+        let deadline = walk.deadline;
+        let shadow = |l, distance| {
+            in_time(deadline)?;
+            self.unhidden(&hit, point, l, distance, arriving.medium)
+        };
         let mut sum = self.local(&material, hit.normal, point, viewer, &shadow)?;
         if self.rules.branches {
             for branch in material.branches(arriving.medium) {
@@ -470,6 +530,14 @@ impl Tracer {
     }
 }
 
+/// An error once a deadline has passed.
+fn in_time(deadline: Option<Instant>) -> Result<(), Unsure> {
+    match deadline {
+        Some(deadline) if Instant::now() >= deadline => Err(Unsure::Late),
+        _ => Ok(()),
+    }
+}
+
 /// The largest minus the smallest value, of the channel where that is largest.
 fn range(values: &[Rgb]) -> f64 {
     let of = |channel: usize| {
@@ -487,6 +555,7 @@ impl Unsure {
         match self {
             Self::Touch => "a ray touches a surface or an edge, or two surfaces are at one place",
             Self::Long => "the tree of rays is too long for it",
+            Self::Late => "its time is up",
         }
     }
 }

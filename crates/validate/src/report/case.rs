@@ -20,6 +20,7 @@ pub(super) struct CaseView<'a> {
     pub(super) case: &'a CaseResult,
     pub(super) id: String,
     pub(super) failed: bool,
+    pub(super) verdict: Badge,
     /// Lower case, for the filter.
     pub(super) words: String,
     pub(super) size: String,
@@ -81,6 +82,7 @@ pub(super) struct Pixel<'a> {
     pub(super) reference: [Component; 3],
     pub(super) times: Number,
     pub(super) reason: Option<String>,
+    pub(super) between: Option<String>,
     pub(super) tried: Option<String>,
     pub(super) first_difference: Option<&'a str>,
     pub(super) oracle: Option<Verdict>,
@@ -124,7 +126,35 @@ pub(super) fn data_uri(png: &[u8]) -> String {
 }
 
 pub(super) fn failed(case: &CaseResult) -> bool {
-    case.status != Some(Status::Pass)
+    !case.status.is_some_and(Status::is_right)
+}
+
+/// How a verdict looks.
+#[derive(Clone, Copy)]
+pub(super) struct Badge(Status);
+
+impl Badge {
+    /// Of the style sheet.
+    pub(super) fn class(self) -> &'static str {
+        match self.0 {
+            Status::Pass => "pass",
+            Status::Confirmed => "pass confirmed",
+            Status::Fail => "fail",
+            Status::Undecided => "fail undecided",
+        }
+    }
+
+    pub(super) fn mark(self) -> &'static str {
+        match self.0 {
+            Status::Pass | Status::Confirmed => "✓",
+            Status::Fail => "✗",
+            Status::Undecided => "?",
+        }
+    }
+
+    pub(super) fn word(self) -> &'static str {
+        self.0.word()
+    }
 }
 
 impl<'a> CaseView<'a> {
@@ -160,11 +190,12 @@ impl<'a> CaseView<'a> {
             case,
             id: format!("case-{}", index + 1),
             failed,
+            verdict: Badge(case.status.unwrap_or(Status::Undecided)),
             words: format!(
                 "{} {} {twin} {source} {} {}",
                 case.scene,
                 case.config,
-                if failed { "fail" } else { "pass" },
+                case.status.unwrap_or(Status::Undecided).word(),
                 case.plugins.join(" ")
             )
             .to_lowercase(),
@@ -249,6 +280,11 @@ impl<'a> CaseView<'a> {
             row("block bias", bias, &self.bias),
             row("pixels explained", radius, &self.explained),
             row("pixels unexplained", String::new(), &self.unexplained),
+            row(
+                "pixels ambiguous",
+                "between values of the reference; the oracle decides".to_owned(),
+                &Limited::count(self.case.ambiguous()),
+            ),
             row("values not finite", String::new(), &self.nonfinite),
             row(
                 "pixels whose ids differ",
@@ -468,6 +504,9 @@ impl<'a> Pixel<'a> {
             times: Number::plain(largest.filter(|times| *times > 0.0))
                 .or("the mean of the reference is not known"),
             reason: pixel.reason.as_ref().map(in_words),
+            between: pixel.between.map(|_| {
+                "ours lies between values that the reference takes, and equals none of them".to_owned()
+            }),
             tried: pixel.tried.map(|[min, max]| {
                 let color = |values: [f64; 3]| values.map(precise).join(", ");
                 format!("all tried: {} to {}", color(min), color(max))
@@ -488,7 +527,7 @@ fn in_words(reason: &Reason) -> String {
         Reason::SpawnOffset => {
             "the reference takes our value with another spawn offset or traversal".to_owned()
         }
-        Reason::StoredRange => "within the range that is kept with the stored reference".to_owned(),
+        Reason::Stored => "one of the values that are kept with the stored reference".to_owned(),
         Reason::Rounding { ulps } => format!(
             "ill-conditioned: {} units in the last place take the reference to our value",
             plain_count(*ulps)

@@ -110,10 +110,7 @@ fn key(case: &CaseResult) -> Key {
 }
 
 fn status(case: &CaseResult) -> &'static str {
-    match case.status {
-        Some(Status::Pass) => "pass",
-        _ => "FAIL",
-    }
+    case.status.unwrap_or(Status::Undecided).word()
 }
 
 fn change(
@@ -137,6 +134,7 @@ fn changes(old: &CaseResult, new: &CaseResult) -> Vec<Change> {
     if old.status != new.status {
         let kind = match new.status {
             Some(Status::Pass) => Kind::Better,
+            Some(Status::Confirmed) => Kind::Other,
             _ => Kind::Broken,
         };
         found.push(change(new, "verdict", status(old), status(new), kind));

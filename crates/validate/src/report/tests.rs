@@ -187,7 +187,7 @@ fn failing() -> CaseResult {
                 12,
                 [0.5, 0.33, 0.0],
                 [0.5, 0.31, 0.0],
-                Some(Reason::StoredRange),
+                Some(Reason::Stored),
                 None,
             ),
         ],

@@ -6,7 +6,7 @@ use super::number::{Number, short};
 use super::script::{drawing, plugins};
 use super::{Diagram, ERROR_VIEW, Extras};
 use crate::matrix::{Row, Tally, rows};
-use crate::{CaseResult, LeftOut, Provenance, Results, counted};
+use crate::{CaseResult, LeftOut, Provenance, Results, Status, counted};
 use askama::Template;
 use std::collections::{BTreeMap, BTreeSet};
 use whitstone_image::Tolerance;
@@ -98,7 +98,11 @@ const fn column(label: &'static str, numeric: bool, meaning: &'static str) -> Co
 
 /// In the order of the cells in `page.html`.
 const COLUMNS: [Column; 14] = [
-    column("Result", false, "pass: all limits are kept"),
+    column(
+        "Verdict",
+        false,
+        "pass: all limits are kept; confirmed: the reference is too weak, the oracle confirms ours; FAIL: ours is wrong; undecided: nobody can tell",
+    ),
     column("Scene", false, "path below scenes/"),
     column("Interior error", true, "rel_rmse_interior, at most its limit"),
     column(
@@ -147,7 +151,12 @@ impl<'a> Page<'a> {
                 Shape::Whole | Shape::Scene(_) => CaseView::new(index, case, extras.sensitivity_of(case)),
             })
             .collect();
-        cases.sort_by_key(|case| !case.failed);
+        cases.sort_by_key(|case| match case.case.status {
+            Some(Status::Fail) => 0,
+            None | Some(Status::Undecided) => 1,
+            Some(Status::Confirmed) => 2,
+            Some(Status::Pass) => 3,
+        });
         let (low, high) = ERROR_VIEW.scale.ends();
         Self {
             style: include_str!("page.css"),
@@ -247,9 +256,28 @@ fn verdict(results: &Results) -> Verdict {
         (0, _) => "No case was run".to_owned(),
         (1, 0) => "The one case passes".to_owned(),
         (n, 0) => format!("All {n} cases pass"),
-        (1, _) => "The one case fails".to_owned(),
-        (n, 1) => format!("1 of {n} cases fails"),
-        (n, failed) => format!("{failed} of {n} cases fail"),
+        (1, _) => "The one case does not pass".to_owned(),
+        (n, 1) => format!("1 of {n} cases does not pass"),
+        (n, failed) => format!("{failed} of {n} cases do not pass"),
+    };
+    let of = |status| {
+        results
+            .results
+            .iter()
+            .filter(|case| case.status == Some(status))
+            .count()
+    };
+    let kinds = [
+        (of(Status::Fail), "wrong"),
+        (of(Status::Undecided), "undecided"),
+        (of(Status::Confirmed), "confirmed by the oracle"),
+    ];
+    let kinds: Vec<String> = (kinds.iter().filter(|(count, _)| *count > 0))
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    let text = match kinds.is_empty() {
+        true => text,
+        false => format!("{text} ({})", kinds.join(", ")),
     };
     Verdict {
         passed: cases > 0 && failed == 0 && settings.is_empty(),
@@ -267,7 +295,9 @@ fn tiles(results: &Results) -> Vec<Tile> {
     vec![
         count("cases", summary.cases, false),
         count("passed", summary.passed, false),
+        count("confirmed", summary.confirmed, false),
         count("failed", summary.failed, summary.failed > 0),
+        count("undecided", summary.undecided, summary.undecided > 0),
         count("pixels explained", summary.explained, false),
         count("pixels unexplained", summary.unexplained, summary.unexplained > 0),
         count("values not finite", summary.nonfinite, summary.nonfinite > 0),

@@ -74,12 +74,19 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         };
         let live = validator.live().expect("the mode is live");
         let stored = live
-            .reference_with_ranges(text, &flattened.hash, &|done, all| {
+            .reference_with_variants(text, &flattened.hash, &|done, all| {
                 bar.set_length(all as u64);
                 bar.set_position(done as u64);
             })
             .map_err(Failure::environment)?;
         bar.finish_and_clear();
+        if stored.meta.rehits > 0 {
+            return Err(Failure::environment(format!(
+                "{}: {} of the reference's rays met again the surface that they had just left; such an image is not stored",
+                path.display(),
+                stored.meta.rehits
+            )));
+        }
         let film = pipeline.render(RenderOptions::default());
         let ours = film.to_image(&pipeline.scene_hash).map_err(Failure::usage)?;
         let picture = show(&options.target, &key, &ours, &stored)?;

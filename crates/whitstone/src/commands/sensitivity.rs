@@ -62,6 +62,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         threads: arguments.threads,
         overrides: Vec::new(),
         ours_overrides: Vec::new(),
+        shared_overrides: Vec::new(),
         time_limit: Duration::from_secs(300),
         program: program.to_owned(),
         flags: String::new(),

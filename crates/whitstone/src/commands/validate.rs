@@ -10,8 +10,8 @@ use whitstone_core::Registry;
 use whitstone_validate::driver::Versions;
 use whitstone_validate::matrix::{self, Row, Tally};
 use whitstone_validate::{
-    CaseResult, LeftOut, Mode, Options, Provenance, Renderer, Results, Status, Summary, Validator, counted,
-    find_scenes, quoted,
+    Ask, CaseResult, LeftOut, Mode, Options, OraclePolicy, Provenance, Renderer, Results, Status, Summary,
+    Validator, counted, find_scenes, quoted,
 };
 
 const SCENES: &str = "scenes";
@@ -20,12 +20,16 @@ const REFERENCES: &str = "references";
 /// In seconds.
 const TIME_LIMIT: u64 = 300;
 
-/// Render scenes with Whitstone and with a reference, compare them, and explain every differing pixel
+/// Render scenes with Whitstone and with a reference renderer, compare the images, and say who is right
 ///
 /// The reference is a live Mitsuba in a private Python environment that is made on first use, or with
-/// --reference povray the POV-Ray that is installed. Where that cannot be had, the stored references of the
-/// repository serve, and the report says so. Scenes that the reference has no twin of are left out and told
-/// where the other one has a stored reference of them.
+/// --reference povray the installed POV-Ray. If it is not available, the stored references of the
+/// repository are used, and the report says so. Scenes that the reference cannot render are skipped and
+/// reported if the other one has a stored reference of them.
+///
+/// Verdicts: pass (the images agree), confirmed (the reference is too weak in this scene, and the
+/// arbitrary-precision oracle confirms ours), FAIL (ours is wrong), undecided (nobody can tell, with the
+/// reason). Exit code 0 if all cases pass or are confirmed, 1 if one fails or is undecided.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
@@ -34,9 +38,18 @@ pub struct Arguments {
     /// filters beside a live reference; what a scene does not need is left out and told
     #[arg(long)]
     matrix: bool,
-    /// Ask the oracle, a tracer with as many digits as it takes, who is right about each pixel that differs
+    /// Query the arbitrary-precision oracle about every pixel over tolerance, not only where the verdict depends on it
     #[arg(long)]
     oracle: bool,
+    /// Never query the oracle: what only it could decide is undecided
+    #[arg(long, conflicts_with = "oracle")]
+    no_oracle: bool,
+    /// How long the oracle may take for one scene, in seconds
+    #[arg(long, default_value_t = 60, value_name = "SECONDS")]
+    oracle_time: u64,
+    /// Treat confirmed as a failure: the reference itself must agree
+    #[arg(long)]
+    strict: bool,
     /// Write the results to this file too
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -127,6 +140,7 @@ impl Scenes {
             threads: self.threads,
             overrides: self.overrides.clone(),
             ours_overrides: Vec::new(),
+            shared_overrides: Vec::new(),
             time_limit: Duration::from_secs(self.time_limit),
             program: program.to_owned(),
             flags: self.flags(),
@@ -186,9 +200,14 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         eprintln!("{text}")
     })
     .map_err(Failure::environment)?;
-    if arguments.oracle {
-        validator.ask_oracle();
-    }
+    validator.set_oracle(OraclePolicy {
+        when: match (arguments.oracle, arguments.no_oracle) {
+            (true, _) => Ask::Always,
+            (_, true) => Ask::Never,
+            _ => Ask::Needed,
+        },
+        budget: Duration::from_secs(arguments.oracle_time),
+    });
     if let Some(why) = validator.not_live() {
         let (renderer, _) = arguments.scenes.reference.parts();
         eprintln!("warning: no live {renderer}: {why}\nwarning: comparing with the stored references");
@@ -221,7 +240,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
                 bar.suspend(|| {
                     matrix::rows(&cells).iter().for_each(print_row);
                     more.iter()
-                        .filter(|case| !case.problems.is_empty())
+                        .filter(|case| case.status != Some(Status::Pass))
                         .for_each(print_case);
                 });
                 matrix.extend(cells);
@@ -287,14 +306,21 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             "nothing was compared: this reference has no twin of any of the scenes; see above",
         ));
     }
-    verdict(&results.results, results.summary.matrix)
+    verdict(&results.results, results.summary.matrix, arguments.strict)
 }
 
 /// What was compared decides; only if all of that agrees, it matters that something could not be.
-fn verdict(cases: &[CaseResult], matrix: Tally) -> Result<Exit, Failure> {
+fn verdict(cases: &[CaseResult], matrix: Tally, strict: bool) -> Result<Exit, Failure> {
+    let is_good = |status: Status| {
+        if strict {
+            status == Status::Pass
+        } else {
+            status.is_right()
+        }
+    };
     let mut failed = cases
         .iter()
-        .filter(|case| case.status != Some(Status::Pass))
+        .filter(|case| !case.status.is_some_and(is_good))
         .peekable();
     if matrix.failed > 0 {
         return Ok(Exit::Differs);
@@ -319,9 +345,9 @@ fn junit_cases(results: &Results) -> Vec<Case> {
         },
         seconds: case.build_s + case.render_s,
         outcome: match (case.status, case.compared) {
-            (Some(Status::Pass), _) => Outcome::Pass,
-            (_, true) => Outcome::Fails(case.problems.join("\n")),
-            (_, false) => Outcome::Error(case.problems.join("\n")),
+            (Some(Status::Pass | Status::Confirmed), _) => Outcome::Pass,
+            (_, true) => Outcome::Fails(format!("{}\n{}", case.verdict, case.problems.join("\n"))),
+            (_, false) => Outcome::Error(format!("{}\n{}", case.verdict, case.problems.join("\n"))),
         },
     });
     let left_out = results.left_out.iter().map(|left| Case {
@@ -346,7 +372,8 @@ fn junit_cases(results: &Results) -> Vec<Case> {
 /// The heads of the columns of [`print_case`].
 fn print_header() {
     println!(
-        "      {:<30} {:>8} {:>8} {:>8} {:>6} {:>11} {:>11} {:>8} {:>8}  {:<6} twin",
+        "{:<9} {:<30} {:>8} {:>8} {:>8} {:>6} {:>11} {:>11} {:>8} {:>8}  {:<6} twin",
+        "verdict",
         "scene",
         "rmse",
         "interior",
@@ -361,10 +388,7 @@ fn print_header() {
 }
 
 fn print_case(case: &CaseResult) {
-    let status = match case.status {
-        Some(Status::Pass) => "pass",
-        _ => "FAIL",
-    };
+    let status = case.status.unwrap_or(Status::Undecided);
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2e}"));
     let count = |text: String| if case.compared { text } else { "-".to_owned() };
     let source = case
@@ -372,7 +396,8 @@ fn print_case(case: &CaseResult) {
         .as_ref()
         .map_or("-", |reference| reference.source.as_str());
     println!(
-        "{status}  {:<30} {:>8} {:>8} {:>8} {:>6} {:>11} {:>11} {:>8.3} {:>8}  {source:<6} {}",
+        "{:<9} {:<30} {:>8} {:>8} {:>8} {:>6} {:>11} {:>11} {:>8.3} {:>8}  {source:<6} {}",
+        status.word(),
         case.scene,
         number(case.rmse),
         number(case.rel_rmse_interior),
@@ -385,6 +410,9 @@ fn print_case(case: &CaseResult) {
             .map_or_else(|| "-".to_owned(), |s| format!("{s:.3}")),
         case.twin,
     );
+    if status != Status::Pass {
+        println!("      {}: {}", status.word(), case.verdict);
+    }
     if let Some(caveat) = &case.caveat {
         println!("      {caveat}");
     }
@@ -439,7 +467,10 @@ fn print_row(row: &Row<'_>) {
         );
     }
     for (setting, told) in &row.failed {
-        println!("FAIL  {axis:<11} {setting}: {}", told.replace('\n', "\n      "));
+        println!(
+            "FAIL      {axis:<11} {setting}: {}",
+            told.replace('\n', "\n      ")
+        );
     }
     for (settings, why) in &row.skipped {
         println!(
@@ -451,7 +482,7 @@ fn print_row(row: &Row<'_>) {
 
 fn print_left_out(left: &LeftOut) {
     println!(
-        "left  {:<30} {} has a reference of it; {}",
+        "skipped   {:<30} {} has a reference of it; {}",
         left.scene,
         left.other_reference,
         left.reason.replace('\n', "\n      "),
@@ -460,10 +491,12 @@ fn print_left_out(left: &LeftOut) {
 
 fn print_summary(summary: &Summary, folder: &Path) {
     println!(
-        "\n{}: {} passed, {} failed, {} left out; {} explained, {} unexplained, {} not finite; median interior error {}; references {}; {:.1} s",
+        "\n{}: {} passed, {} confirmed by the oracle, {} failed, {} undecided, {} skipped; {} explained, {} unexplained, {} not finite; median interior error {}; references {}; {:.1} s",
         counted(summary.cases, "case"),
         summary.passed,
+        summary.confirmed,
         summary.failed,
+        summary.undecided,
         counted(summary.left_out, "scene"),
         counted(summary.explained, "pixel"),
         summary.unexplained,

@@ -1,0 +1,336 @@
+//! Compares our image with the reference: what differs, which of it the reference's own variation explains, and the
+//! numbers that have limits. The verdict follows in [`crate::verdict`].
+
+use crate::driver::SceneText;
+use crate::explain::{Explanation, Range, Reason, Trial, explain};
+use crate::pixels::Pictures;
+use crate::result::{CaseResult, LayerResult, Reference, WorstPixel};
+use crate::stored::Stored;
+use crate::validator::{Against, EXPLAINED_PIXELS, Ours, Validator};
+use crate::{floor, inexact, tree};
+use whitstone_core::Needs;
+use whitstone_image::{CompareError, CompareOptions, Image, Mask, Tolerance, compare, layers, metrics};
+
+/// How many worst pixels a result lists.
+const WORST: usize = 20;
+/// For how many unexplained pixels the ray trees are compared.
+const TREES: usize = 3;
+/// In how many pixels a reference is traced again at most. More that differ are a fault, or a scene that the reference
+/// cannot show: then the rest counts as unexplained.
+const MOST_TRACED_AGAIN: usize = 4096;
+
+/// A pixel over tolerance.
+pub(crate) struct Judged {
+    pub(crate) pixel: [usize; 2],
+    pub(crate) explanation: Explanation,
+    /// All values that a live reference took there.
+    tried: Option<Range>,
+}
+
+impl Judged {
+    fn unexplained(pixel: &[usize; 2]) -> Self {
+        Self {
+            pixel: *pixel,
+            explanation: Explanation::Nothing,
+            tried: None,
+        }
+    }
+
+    /// What explains it, alone or together with the oracle.
+    pub(crate) fn reason(&self) -> Option<Reason> {
+        match self.explanation {
+            Explanation::Value(reason) | Explanation::Between(reason) => Some(reason),
+            Explanation::Nothing => None,
+        }
+    }
+}
+
+/// A colour of an image.
+pub(crate) fn color_at(image: &Image, [x, y]: [usize; 2]) -> [f64; 3] {
+    let index = y * image.width() + x;
+    image.rgb().map_or([f64::NAN; 3], |planes| {
+        planes.map(|plane| f64::from(plane[index]))
+    })
+}
+
+/// How far our value may be from the reference's, by channel.
+pub(crate) fn allowed(nominal: [f64; 3], mean: f64) -> [f64; 3] {
+    let Tolerance { relative, absolute } = Tolerance::default();
+    nominal.map(|v| relative * v.abs() + absolute * mean)
+}
+
+impl Validator<'_> {
+    /// Fills in the numbers of a case, and gives the pixels over tolerance.
+    pub(crate) fn judge(
+        &mut self,
+        case: &mut CaseResult,
+        ours: &Ours,
+        against: &Against,
+    ) -> Result<Vec<Judged>, CompareError> {
+        let Stored {
+            image: reference,
+            meta,
+            ..
+        } = &against.stored;
+        case.reference = Some(Reference {
+            name: meta.renderer.clone(),
+            version: meta.version.clone(),
+            variant: meta.variant.clone(),
+            source: if against.live { "live" } else { "stored" }.to_owned(),
+            k: meta.k,
+        });
+        case.twin = meta.twin.clone();
+        case.floor = meta.floor;
+        case.moved = meta.moved;
+        case.reference_s = Some(meta.seconds);
+        let textured = ours.pipeline.world.needs().contains(Needs::UV);
+        let cap = floor::cap(self.options.renderer, textured);
+        if case.limit == 0.0 {
+            case.limit = floor::limit(meta.floor, cap);
+        }
+        case.bias_limit = floor::bias_limit(meta.floor, cap);
+        let not_finite = metrics::count_not_finite(&ours.image, reference)?;
+        case.nonfinite = not_finite.ours + not_finite.reference;
+        let tolerance = Tolerance::default();
+        let over = metrics::over_tolerance(&ours.image, reference, tolerance)?;
+        case.pixels_over_tolerance = over.count();
+        let judged = self.explain(ours, against, &over, case);
+        if self.pictures {
+            let reasons = judged.iter().map(|one| (one.pixel, one.reason()));
+            case.pictures = Pictures::new(&ours.image, reference, reasons);
+        }
+        for one in &judged {
+            match one.explanation {
+                Explanation::Value(Reason::Shift { radius_px }) => {
+                    case.explained += 1;
+                    case.explained_radius_px = case.explained_radius_px.max(radius_px);
+                }
+                Explanation::Value(_) => case.explained += 1,
+                Explanation::Between(_) => case.ambiguous += 1,
+                Explanation::Nothing => case.unexplained += 1,
+            }
+        }
+        self.list_worst(case, ours, reference, &over, &judged)?;
+        self.compare_layers(case, &ours.image, reference, &over, &mask(&judged, &over))?;
+        measure(case, &ours.image, reference, &mask(&judged, &over))?;
+        case.compared = true;
+        if case.ambiguous > 0 || !case.broken_limits().is_empty() {
+            case.inexact = inexact::notes(case, &ours.pipeline.world.geometry, self.options.renderer, cap);
+        }
+        Ok(judged)
+    }
+
+    /// For each pixel over tolerance, whether the reference could have taken our value.
+    fn explain(&mut self, ours: &Ours, against: &Against, over: &Mask, case: &mut CaseResult) -> Vec<Judged> {
+        let pixels: Vec<[usize; 2]> = over.pixels().map(|(x, y)| [x, y]).collect();
+        let reference = &against.stored.image;
+        let mean = metrics::mean_reference(reference).unwrap_or(0.0);
+        let most = MOST_TRACED_AGAIN.max(20 * case.explained_limit.max(EXPLAINED_PIXELS));
+        let (asked, beyond) = pixels.split_at(pixels.len().min(most));
+        let mut judged: Vec<Judged> = Vec::new();
+        if !against.live {
+            let trial = [Trial {
+                reason: Reason::Stored,
+                settings: Vec::new(),
+            }];
+            for &pixel in asked {
+                let nominal = color_at(reference, pixel);
+                let value = color_at(&ours.image, pixel);
+                let values = against.stored.values(pixel);
+                judged.push(Judged {
+                    explanation: explain(value, nominal, allowed(nominal, mean), &trial, &[values]),
+                    ..Judged::unexplained(&pixel)
+                });
+            }
+        } else if !asked.is_empty() {
+            let text = SceneText {
+                text: &ours.flattened.text,
+                base: &ours.flattened.base,
+            };
+            (self.stage)(&format!("tracing {} pixels of the reference again", asked.len()));
+            let answer = self
+                .live
+                .as_mut()
+                .map(|live| live.probe(text, &ours.flattened.hash, asked));
+            match answer {
+                Some(Ok(values)) => {
+                    let trials = self.options.renderer.trials();
+                    for (&pixel, variants) in asked.iter().zip(&values) {
+                        let nominal = color_at(reference, pixel);
+                        let value = color_at(&ours.image, pixel);
+                        let mut tried = Range::of(nominal);
+                        variants
+                            .iter()
+                            .flatten()
+                            .for_each(|variant| tried.include(*variant));
+                        judged.push(Judged {
+                            pixel,
+                            explanation: explain(value, nominal, allowed(nominal, mean), &trials, variants),
+                            tried: Some(tried),
+                        });
+                    }
+                }
+                Some(Err(error)) => {
+                    case.problems
+                        .push(format!("pixels could not be traced again: {error}"));
+                    judged.extend(asked.iter().map(Judged::unexplained));
+                }
+                None => judged.extend(asked.iter().map(Judged::unexplained)),
+            }
+        }
+        judged.extend(beyond.iter().map(Judged::unexplained));
+        judged
+    }
+
+    fn list_worst(
+        &mut self,
+        case: &mut CaseResult,
+        ours: &Ours,
+        reference: &Image,
+        over: &Mask,
+        judged: &[Judged],
+    ) -> Result<(), CompareError> {
+        let mut unexplained = Mask::new(over.width(), over.height());
+        for Judged { pixel: [x, y], .. } in judged.iter().filter(|one| one.reason().is_none()) {
+            unexplained.set(*x, *y, true);
+        }
+        let mut worst = metrics::worst(&ours.image, reference, WORST, Some(&unexplained))?;
+        let rest = metrics::worst(&ours.image, reference, WORST, Some(over))?;
+        worst.extend(
+            rest.into_iter()
+                .filter(|pixel| !unexplained.contains(pixel.x, pixel.y)),
+        );
+        worst.truncate(WORST);
+        for (rank, pixel) in worst.iter().enumerate() {
+            let place = [pixel.x, pixel.y];
+            let found = judged.iter().find(|one| one.pixel == place);
+            let explanation = found.map_or(Explanation::Nothing, |one| one.explanation);
+            let tried = found.and_then(|one| one.tried);
+            let first_difference = if explanation == Explanation::Nothing && rank < TREES {
+                self.first_difference(ours, place)
+            } else {
+                None
+            };
+            case.worst.push(WorstPixel {
+                x: pixel.x,
+                y: pixel.y,
+                ours: pixel.ours,
+                reference: pixel.reference,
+                reason: match explanation {
+                    Explanation::Value(reason) => Some(reason),
+                    _ => None,
+                },
+                between: match explanation {
+                    Explanation::Between(reason) => Some(reason),
+                    _ => None,
+                },
+                tried: tried
+                    .filter(|_| !matches!(explanation, Explanation::Value(_)))
+                    .map(|range| [range.min, range.max]),
+                first_difference,
+                oracle: None,
+            });
+        }
+        Ok(())
+    }
+
+    /// Where our ray tree and the live reference's part, in words, or why that cannot be told. Stored references and POV-Ray
+    /// have no trees.
+    fn first_difference(&mut self, ours: &Ours, pixel: [usize; 2]) -> Option<String> {
+        let live = self.live.as_mut().filter(|live| live.renderer().tells_trees())?;
+        (self.stage)("comparing ray trees");
+        let text = SceneText {
+            text: &ours.flattened.text,
+            base: &ours.flattened.base,
+        };
+        let samples = ours.pipeline.samples();
+        for sample in 0..samples {
+            let theirs = match live.tree(text, pixel, sample) {
+                Ok(theirs) => theirs,
+                Err(error) => return Some(format!("sample {sample}: the reference's ray tree: {error}")),
+            };
+            let mine = tree::ours(&ours.pipeline, pixel, sample);
+            if let Some(difference) = tree::first_difference(&mine, &theirs) {
+                return Some(format!("sample {sample}: {difference}"));
+            }
+        }
+        Some("the ray trees agree: the difference is in how they are summed".to_owned())
+    }
+
+    fn compare_layers(
+        &self,
+        case: &mut CaseResult,
+        ours: &Image,
+        reference: &Image,
+        over: &Mask,
+        explained: &Mask,
+    ) -> Result<(), CompareError> {
+        let names: Vec<String> = ours
+            .channels()
+            .map(|(name, _)| name.to_owned())
+            .filter(|name| name.contains('.'))
+            .collect();
+        // Numbers can only agree where both see the same thing.
+        let mut apart = explained.clone();
+        for name in names.iter().filter(|name| name.ends_with(".I")) {
+            let ids = layers::compare_ids(ours, reference, name, None)?;
+            let mut alone = 0;
+            for (x, y) in ids.differing.pixels() {
+                apart.set(x, y, true);
+                alone += usize::from(!over.contains(x, y));
+            }
+            case.layers.push(LayerResult {
+                name: name.clone(),
+                differing: Some(ids.differing.count()),
+                differing_alone: Some(alone),
+                rms: None,
+                max_abs: None,
+            });
+        }
+        for name in names.iter().filter(|name| !name.ends_with(".I")) {
+            let numbers = layers::compare_floats(ours, reference, name, Some(&apart))?;
+            case.layers.push(LayerResult {
+                name: name.clone(),
+                differing: None,
+                differing_alone: None,
+                rms: Some(numbers.rms),
+                max_abs: Some(numbers.max_abs),
+            });
+        }
+        Ok(())
+    }
+}
+
+/// The pixels that the reference's variation explains, alone or together with the oracle.
+pub(crate) fn mask(judged: &[Judged], over: &Mask) -> Mask {
+    let mut mask = Mask::new(over.width(), over.height());
+    for one in judged.iter().filter(|one| one.reason().is_some()) {
+        mask.set(one.pixel[0], one.pixel[1], true);
+    }
+    mask
+}
+
+/// The errors of a case, those of the interior without the pixels of `exclude`.
+pub(crate) fn measure(
+    case: &mut CaseResult,
+    ours: &Image,
+    reference: &Image,
+    exclude: &Mask,
+) -> Result<(), CompareError> {
+    if case.nonfinite > 0 {
+        return Ok(());
+    }
+    let options = CompareOptions {
+        exclude: Some(exclude),
+        ..CompareOptions::default()
+    };
+    let measured = compare(ours, reference, &options)?;
+    case.rmse = Some(measured.rmse);
+    case.rel_rmse_interior = measured.rel_rmse_interior;
+    case.relmse = Some(measured.relmse);
+    case.mae = Some(measured.mae);
+    case.max_abs = Some(measured.max_abs);
+    case.mean_reference = Some(measured.mean_reference);
+    case.signed_block_bias = measured.signed_block_bias;
+    Ok(())
+}

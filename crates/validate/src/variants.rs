@@ -1,0 +1,110 @@
+//! The values that a reference takes in pixels that vary, as they are kept with a stored reference.
+//!
+//! They stand in an EXR file of their own, which any tool can read: each row is a pixel of the reference, its
+//! channels `X` and `Y` say which one, and R, G, B hold its distinct values, the nominal one first. Rows are as
+//! long as the longest needs; shorter ones repeat the nominal value.
+
+use crate::explain::agree;
+use std::collections::BTreeMap;
+use whitstone_image::Image;
+
+/// Most values that are kept of a pixel. One with more varies continuously, and its range says as much.
+const MOST_VALUES: usize = 64;
+/// Values that differ by less than this part of the tolerance count as one.
+const SAME: f64 = 0.25;
+
+/// Column and row of a pixel, and the values there.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Variants(BTreeMap<[usize; 2], Vec<[f64; 3]>>);
+
+impl Variants {
+    /// The values of a pixel, the nominal one first; `None` where the reference does not vary.
+    pub fn of(&self, pixel: [usize; 2]) -> Option<&[[f64; 3]]> {
+        self.0.get(&pixel).map(Vec::as_slice)
+    }
+
+    /// How many pixels vary.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether no pixel varies.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Adds a value that the reference takes in a pixel, unless it is not finite or nearly one that is there.
+    pub fn add(&mut self, pixel: [usize; 2], nominal: [f64; 3], value: [f64; 3], tolerance: [f64; 3]) {
+        if !value.iter().all(|v| v.is_finite()) {
+            return;
+        }
+        let same = tolerance.map(|t| SAME * t);
+        let alone = [nominal];
+        let values = self.0.get(&pixel).map_or(&alone[..], Vec::as_slice);
+        if values.len() < MOST_VALUES && !values.iter().any(|known| agree(*known, value, same)) {
+            self.0.entry(pixel).or_insert_with(|| vec![nominal]).push(value);
+        }
+    }
+
+    /// As an image; `None` if no pixel varies, since an image has at least one row.
+    pub fn to_image(&self) -> Option<Image> {
+        let width = self.0.values().map(Vec::len).max()?;
+        let rows: Vec<(&[usize; 2], &Vec<[f64; 3]>)> = self.0.iter().collect();
+        let colors = |x: usize, y: usize| {
+            let values = rows[y].1;
+            values.get(x).unwrap_or(&values[0]).map(|v| v as f32)
+        };
+        let mut image = Image::from_fn(width, rows.len(), colors).ok()?;
+        for (axis, name) in ["X", "Y"].into_iter().enumerate() {
+            let numbers = rows
+                .iter()
+                .flat_map(|(pixel, _)| vec![pixel[axis] as f32; width])
+                .collect();
+            image.add_channel(name, numbers).ok()?;
+        }
+        Some(image)
+    }
+
+    /// From an image that [`Self::to_image`] made; `None` where it has other channels.
+    pub fn from_image(image: &Image) -> Option<Self> {
+        let [red, green, blue] = image.rgb().ok()?;
+        let (columns, rows) = (image.channel("X")?, image.channel("Y")?);
+        let width = image.width();
+        let mut all = BTreeMap::new();
+        for y in 0..image.height() {
+            let start = y * width;
+            let color = |x: usize| [red, green, blue].map(|plane| f64::from(plane[start + x]));
+            let nominal = color(0);
+            let others = (1..width).map(color).filter(|value| *value != nominal);
+            let values = std::iter::once(nominal).chain(others).collect();
+            all.insert([columns[start] as usize, rows[start] as usize], values);
+        }
+        Some(Self(all))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_survive_the_image_and_near_ones_count_as_one() {
+        let mut variants = Variants::default();
+        assert!(variants.to_image().is_none());
+        let mut add = |pixel, value: f64| variants.add(pixel, [1.0; 3], [value; 3], [1e-3; 3]);
+        add([3, 2], 1.0001);
+        add([3, 2], 0.5);
+        add([3, 2], 0.5001);
+        add([3, 2], f64::NAN);
+        add([7, 1], 0.25);
+        add([7, 1], 0.75);
+        assert_eq!((variants.len(), variants.is_empty()), (2, false));
+        assert_eq!(variants.of([3, 2]), Some(&[[1.0; 3], [0.5; 3]][..]));
+        assert_eq!(variants.of([0, 0]), None);
+        let image = variants.to_image().unwrap();
+        assert_eq!((image.width(), image.height()), (3, 2));
+        assert_eq!(Variants::from_image(&image), Some(variants));
+        let other = Image::from_fn(2, 2, |_, _| [1.0; 3]).unwrap();
+        assert_eq!(Variants::from_image(&other), None);
+    }
+}

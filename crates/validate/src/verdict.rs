@@ -1,0 +1,378 @@
+//! The verdict on a case: who is right, and how sure that is.
+//!
+//! - *pass*: the two agree, or the reference itself takes our values where its own numbers are undecided;
+//! - *confirmed*: the reference is too weak in this scene, and the oracle confirms ours in every pixel that it was asked about;
+//! - *fail*: the oracle contradicts ours in at least one pixel;
+//! - *undecided*: the two differ and nobody can tell who is right; the reason is given.
+//!
+//! The oracle shares the decoding of images and the composition of transforms with our tracer, so its word alone does not
+//! acquit ours where the reference shows no sign of weakness: a fault that both share would look the same. Signs are that
+//! the reference varies in the pixel itself, or one of the scene ([`crate::inexact`]).
+
+use crate::driver::SceneText;
+use crate::explain::{Explanation, Range, Reason};
+use crate::judge::{Judged, color_at, measure};
+use crate::opinion::{Ask, Hearing, MOST_ASKED, Opinion, Verdict, choose};
+use crate::result::{CaseResult, Status, counted};
+use crate::validator::{Against, Ours, Validator};
+use std::collections::BTreeMap;
+use std::path::Path;
+use whitstone_image::{Image, Mask, metrics};
+
+/// Pixels of the interior that the oracle is asked about where only their mean error is above its limit: the worst.
+const WORST_OF_INTERIOR: usize = 32;
+/// And an even choice of all.
+const OTHERS_OF_INTERIOR: usize = 32;
+
+/// How sure a sample makes that all is right, in words: with `asked` right of as many asked, at most this part of the
+/// others can be wrong with a confidence of 95 % (0.05 = (1 - p)^n).
+fn confidence(asked: usize, of: usize) -> String {
+    if asked >= of {
+        return format!("all {of}");
+    }
+    let part = 100.0 * (1.0 - 0.05_f64.powf(1.0 / asked.max(1) as f64));
+    format!("{asked} of {of}; with 95 % confidence at most {part:.1} % of the others are wrong")
+}
+
+impl Validator<'_> {
+    /// Decides a case that was compared, with the oracle where the comparison alone cannot.
+    pub(crate) fn decide(
+        &mut self,
+        path: &Path,
+        case: &mut CaseResult,
+        our_side: &Ours,
+        against: &Against,
+        judged: &[Judged],
+    ) {
+        let (ours, reference) = (&our_side.image, &against.stored.image);
+        let mut broken = case.broken_limits();
+        let rehits = against.stored.meta.rehits;
+        if rehits > 0 {
+            let problem =
+                format!("{rehits} of the reference's rays met again the surface that they had just left");
+            case.inexact.push(problem.clone());
+            broken.push(problem);
+        }
+        if case.ambiguous > 0 {
+            broken.push(format!(
+                "ambiguous: {} lie between values of the reference and equal none of them",
+                counted(case.ambiguous, "pixel")
+            ));
+        }
+        broken.append(&mut case.problems);
+        if broken.is_empty() {
+            if self.oracle.when == Ask::Always {
+                let pixels: Vec<[usize; 2]> = judged.iter().map(|one| one.pixel).collect();
+                let hearing = self.hear(path, &choose(&pixels, MOST_ASKED), ours, reference);
+                let verdicts = note(case, &hearing, ours, reference);
+                case.opinion = Some(hearing.opinion(&verdicts, pixels.len()));
+            }
+            case.settle(Status::Pass, "our image agrees with the reference".to_owned());
+            return;
+        }
+        case.problems = broken;
+        if self.oracle.when == Ask::Never {
+            case.settle(
+                Status::Undecided,
+                "our image differs from the reference, and the oracle was not asked who is right".to_owned(),
+            );
+            return;
+        }
+        let (status, verdict) = self.ask_and_decide(path, case, our_side, against, judged);
+        case.settle(status, verdict);
+    }
+
+    fn ask_and_decide(
+        &mut self,
+        path: &Path,
+        case: &mut CaseResult,
+        our_side: &Ours,
+        against: &Against,
+        judged: &[Judged],
+    ) -> (Status, String) {
+        let (ours, reference) = (&our_side.image, &against.stored.image);
+        let explained_too = case.explained().is_over() || self.oracle.when == Ask::Always;
+        let mut in_question: Vec<[usize; 2]> = (judged.iter())
+            .filter(|one| explained_too || !matches!(one.explanation, Explanation::Value(_)))
+            .map(|one| one.pixel)
+            .collect();
+        if against.stored.meta.rehits > 0 {
+            // Where such a reference agrees with ours, that alone shows nothing.
+            in_question = (0..ours.height())
+                .flat_map(|y| (0..ours.width()).map(move |x| [x, y]))
+                .collect();
+        }
+        let hearing = self.hear(path, &choose(&in_question, MOST_ASKED), ours, reference);
+        let verdicts = note(case, &hearing, ours, reference);
+        let opinion = hearing.opinion(&verdicts, in_question.len());
+        case.opinion = Some(opinion.clone());
+        let explanations: BTreeMap<[usize; 2], Explanation> =
+            judged.iter().map(|one| (one.pixel, one.explanation)).collect();
+        let of = |pixel: &[usize; 2]| explanations.get(pixel).copied().unwrap_or(Explanation::Nothing);
+        let wrong: Vec<&([usize; 2], Verdict)> = (verdicts.iter())
+            .filter(|(_, verdict)| matches!(verdict, Verdict::Reference | Verdict::Neither))
+            .collect();
+        if !wrong.is_empty() {
+            return (Status::Fail, contradicted(&opinion, wrong.len()));
+        }
+        if metrics::count_not_finite(ours, reference).is_ok_and(|count| count.ours > 0) {
+            return (
+                Status::Fail,
+                "our image has values that are not finite".to_owned(),
+            );
+        }
+        let mut open = Vec::new();
+        if let Some(why) = &hearing.silent {
+            open.push(format!("the oracle is not available: {why}"));
+        }
+        if hearing.out_of_time {
+            open.push(format!(
+                "the oracle answered for {} of {} pixels in its time of {} s",
+                opinion.asked,
+                in_question.len().min(MOST_ASKED),
+                self.oracle.budget.as_secs()
+            ));
+        }
+        let count = |of_interest: &dyn Fn(Explanation, Verdict) -> bool| {
+            let chosen = verdicts.iter();
+            chosen
+                .filter(|(pixel, verdict)| of_interest(of(pixel), *verdict))
+                .count()
+        };
+        let weak = case.inexact.clone();
+        // Where the reference varies too, an ill-posed pixel is what it looks like.
+        let unknown = count(&|explanation, verdict| match verdict {
+            Verdict::Unknown => !matches!(explanation, Explanation::Value(_)),
+            Verdict::IllPosed => explanation == Explanation::Nothing && weak.is_empty(),
+            _ => false,
+        });
+        if unknown > 0 {
+            open.push(format!(
+                "the oracle cannot decide {}: {} ill-posed, {} where a ray touches a surface or an edge",
+                counted(unknown, "pixel"),
+                opinion.ill_posed,
+                opinion.unknown
+            ));
+        }
+        let unknown_edges = count(&|explanation, verdict| {
+            verdict == Verdict::Unknown && matches!(explanation, Explanation::Value(_))
+        });
+        if unknown_edges > case.explained_limit {
+            open.push(format!(
+                "the oracle cannot decide {} that the reference's variation explains, more than {}",
+                counted(unknown_edges, "pixel"),
+                case.explained_limit
+            ));
+        }
+        let unsupported =
+            count(&|explanation, verdict| verdict == Verdict::Ours && explanation == Explanation::Nothing);
+        if unsupported > 0 && case.inexact.is_empty() {
+            open.push(format!(
+                "the oracle confirms ours in {}, but the reference shows no sign of weakness there: a fault that our tracer \
+                 shares with the oracle (decoding of files, transforms) or one of the reference's driver is possible",
+                counted(unsupported, "pixel")
+            ));
+        }
+        if let Some(count) = case.layers.iter().filter_map(|layer| layer.differing_alone).max()
+            && count > case.explained_limit
+        {
+            open.push(format!(
+                "numbers of shapes or primitives differ in {} that have the same colour, and the oracle has none to compare",
+                counted(count, "pixel")
+            ));
+        }
+        if !open.is_empty() {
+            return (
+                Status::Undecided,
+                format!(
+                    "our image differs from the reference, and nobody can tell who is right: {}",
+                    open.join("; ")
+                ),
+            );
+        }
+        // What is left are pixels within tolerance.
+        let before = (case.rel_rmse_interior, case.signed_block_bias);
+        let mut all = Mask::new(ours.width(), ours.height());
+        for one in judged {
+            all.set(one.pixel[0], one.pixel[1], true);
+        }
+        if measure(case, ours, reference, &all).is_err() {
+            (case.rel_rmse_interior, case.signed_block_bias) = before;
+        }
+        let confirmed = confidence(opinion.asked, in_question.len());
+        if case.interior().is_over() || case.bias().is_over() || case.rel_rmse_interior.is_none() {
+            return self.decide_interior(path, case, our_side, against, &all);
+        }
+        let rehits = against.stored.meta.rehits > 0;
+        if !rehits && case.unexplained == 0 && case.explained + case.ambiguous <= case.explained_limit {
+            // The reference was undecided, and the oracle chose.
+            case.explained += std::mem::take(&mut case.ambiguous);
+            case.problems.clear();
+            return (
+                Status::Pass,
+                format!(
+                    "our image agrees with the reference; the oracle confirms {confirmed} of the ambiguous pixels"
+                ),
+            );
+        }
+        (
+            Status::Confirmed,
+            format!(
+                "the reference is too weak in this scene; the oracle confirms ours in the pixels in question ({confirmed})"
+            ),
+        )
+    }
+
+    /// Decides whose error is above the limit where no pixel is over tolerance.
+    fn decide_interior(
+        &mut self,
+        path: &Path,
+        case: &mut CaseResult,
+        our_side: &Ours,
+        against: &Against,
+        excluded: &Mask,
+    ) -> (Status, String) {
+        let (ours, reference) = (&our_side.image, &against.stored.image);
+        let inside = Mask::from_fn(ours.width(), ours.height(), |x, y| !excluded.contains(x, y));
+        let worst = metrics::worst(ours, reference, WORST_OF_INTERIOR, Some(&inside)).unwrap_or_default();
+        let worst: Vec<[usize; 2]> = worst.iter().map(|pixel| [pixel.x, pixel.y]).collect();
+        if worst.is_empty() {
+            return (
+                Status::Confirmed,
+                "the reference varies in every pixel; the oracle confirms ours in those that it was asked about".to_owned(),
+            );
+        }
+        let mut pixels = worst.clone();
+        let all: Vec<[usize; 2]> = inside.pixels().map(|(x, y)| [x, y]).collect();
+        for pixel in choose(&all, OTHERS_OF_INTERIOR) {
+            if !pixels.contains(&pixel) {
+                pixels.push(pixel);
+            }
+        }
+        let hearing = self.hear(path, &pixels, ours, reference);
+        let undecided = |why: &str| {
+            (
+                Status::Undecided,
+                format!(
+                    "the mean error or the bias of a block is above its limit, and nobody can tell whose it is: {why}"
+                ),
+            )
+        };
+        if let Some(why) = &hearing.silent {
+            return undecided(&format!("the oracle is not available: {why}"));
+        }
+        let (count, [error, theirs]) = errors(&hearing, ours, reference);
+        if 2 * count < pixels.len() {
+            return undecided("the oracle decides less than half of the pixels that it was asked about");
+        }
+        let told = format!(
+            "against the oracle, in {count} pixels, the error of ours is {error:.2e} and that of the reference {theirs:.2e}"
+        );
+        if error > case.limit {
+            return (
+                Status::Fail,
+                format!(
+                    "our image is less exact than the limit {:.2e}: {told}",
+                    case.limit
+                ),
+            );
+        }
+        let varying = self.varying(our_side, against, &worst);
+        if case.inexact.is_empty() && 2 * varying < worst.len() {
+            return undecided(&format!(
+                "{told}, but the reference shows no sign of weakness (with other roundings it takes our values in {varying} of the \
+                 {} worst pixels): a fault that our tracer shares with the oracle is possible",
+                worst.len()
+            ));
+        }
+        (
+            Status::Confirmed,
+            format!("the reference is too inexact in this scene: {told}"),
+        )
+    }
+
+    /// In how many of some pixels a live reference takes our value, or one on its other side, where only its roundings change.
+    /// Shifts of the sample position do not count: where a texture is steep they explain any small error.
+    fn varying(&mut self, ours: &Ours, against: &Against, pixels: &[[usize; 2]]) -> usize {
+        let Some(live) = self.live.as_mut().filter(|_| against.live) else {
+            return 0;
+        };
+        let text = SceneText {
+            text: &ours.flattened.text,
+            base: &ours.flattened.base,
+        };
+        let trials = self.options.renderer.trials();
+        let Ok(values) = live.probe(text, &ours.flattened.hash, pixels) else {
+            return 0;
+        };
+        let varies = |(pixel, variants): (&[usize; 2], &Vec<Vec<[f64; 3]>>)| {
+            let mut range = Range::of(color_at(&against.stored.image, *pixel));
+            for (_, values) in (trials.iter().zip(variants))
+                .filter(|(trial, _)| !matches!(trial.reason, Reason::Shift { .. }))
+            {
+                values.iter().for_each(|value| range.include(*value));
+            }
+            range.holds(color_at(&ours.image, *pixel), [0.0; 3])
+        };
+        pixels.iter().zip(&values).filter(|pair| varies(*pair)).count()
+    }
+}
+
+/// In how many pixels the oracle has a certain value, and the RMS relative errors of ours and of the reference there.
+fn errors(hearing: &Hearing, ours: &Image, reference: &Image) -> (usize, [f64; 2]) {
+    let mean = metrics::mean_reference(reference).unwrap_or(0.0);
+    let mut sums = [0.0_f64; 2];
+    let mut count = 0_usize;
+    for (pixel, value) in &hearing.values {
+        let Some(([rgb, uncertainty], _)) = value else {
+            continue;
+        };
+        count += 1;
+        for channel in 0..3 {
+            for (sum, image) in sums.iter_mut().zip([ours, reference]) {
+                let distance = (color_at(image, *pixel)[channel] - rgb[channel]).abs();
+                // Files hold single precision, whose rounding is no error.
+                let known = uncertainty[channel] + rgb[channel].abs() * f64::from(f32::EPSILON) / 2.0;
+                let scale = (rgb[channel].abs() + mean).max(f64::MIN_POSITIVE);
+                *sum += ((distance - known).max(0.0) / scale).powi(2);
+            }
+        }
+    }
+    (count, sums.map(|sum| (sum / (3 * count).max(1) as f64).sqrt()))
+}
+
+/// Notes what the oracle says of the worst pixels, and gives all of it.
+fn note(
+    case: &mut CaseResult,
+    hearing: &Hearing,
+    ours: &Image,
+    reference: &Image,
+) -> Vec<([usize; 2], Verdict)> {
+    let verdicts: Vec<([usize; 2], Verdict)> = hearing.verdicts(ours, reference).collect();
+    for worst in &mut case.worst {
+        let found = verdicts.iter().find(|(pixel, _)| *pixel == [worst.x, worst.y]);
+        worst.oracle = found.map(|(_, verdict)| *verdict);
+    }
+    verdicts
+}
+
+fn contradicted(opinion: &Opinion, wrong: usize) -> String {
+    format!(
+        "our image is wrong: of {} that the oracle was asked about, it contradicts ours in {wrong} and agrees with the \
+         reference in {}",
+        counted(opinion.asked, "pixel"),
+        opinion.reference + opinion.both
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sample_says_how_sure_it_is() {
+        assert_eq!(confidence(7, 7), "all 7");
+        // The rule of three: 3/200.
+        assert!(confidence(200, 3000).contains("at most 1.5 % of the others"));
+    }
+}
