@@ -251,7 +251,7 @@ fn scene(camera: &str, lights: &str, material: &str) -> String {
                 "transform = [{{ rotate = {{ axis = [1, 0.3, 0], degrees = -16 }} }}, \
                  {{ rotate = {{ axis = [0, 1, 0], degrees = {:?} }} }}, {{ translate = [{x:?}, {y:?}, 0] }}]",
                 // Towards a camera in the middle.
-                8.0 - 4.5 * x
+                14.0 - 4.5 * x
             )
         };
     }
