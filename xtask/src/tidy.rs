@@ -291,8 +291,8 @@ fn check_stored() -> Vec<String> {
             ));
         }
     }
-    if bytes > 20 << 20 {
-        problems.push(format!("{}: {bytes} bytes, more than 20 MiB", root.display()));
+    if bytes > 32 << 20 {
+        problems.push(format!("{}: {bytes} bytes, more than 32 MiB", root.display()));
     }
     let scenes = whitstone::validate::find_scenes(&[PathBuf::from("scenes")]).unwrap_or_default();
     for scene in scenes {

@@ -55,6 +55,17 @@ class Polynomials(unittest.TestCase):
             np.testing.assert_allclose(there, roots, rtol=1e-7)
             self.assertEqual(list(rising[0][: len(roots)]), [number % 2 == 1 for number in range(len(roots))])
 
+    def test_random_roots(self):
+        """None is lost, also where two are close together."""
+        random = np.random.default_rng(0)
+        roots = np.sort(random.uniform(-1.3, 1.3, (3000, 4)), axis=1)
+        roots[:500, 1] = roots[:500, 0] + 1e-5
+        roots = np.sort(roots, axis=1)
+        columns = list(np.array([np.poly(row)[::-1] for row in roots]).T)
+        found, _ = polynomials.real_roots(columns, np.full(3000, -1.4), np.full(3000, 1.4))
+        self.assertTrue(np.isfinite(found).all())
+        self.assertLess(np.abs(found - roots).max(), 1e-8)
+
     def test_what_is_outside_of_the_interval(self):
         found, _ = polynomials.real_roots([np.array([6.0]), np.array([-5.0]), np.array([1.0])], np.array([2.5]), np.array([9.0]))
         self.assertAlmostEqual(found[0][0], 3)

@@ -19,6 +19,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from . import gouraud, shadows, spawn
+from .lanes import Counts, Sums, TooDeep, mix, pad, way_name
 from .runtime import ULP, dr, mi
 from .samplers import Samples
 from .scene import NOTHING, Built, geometry
@@ -35,27 +36,6 @@ RECORDS = 1 << 24
 BEFORE_LAMP = 1 - 4 * ULP
 
 _BRANCH_NUMBERS = {"R": 1, "T": 2}
-
-
-def way_name(letter: str, spread: int, number: int) -> str:
-    """As in the paths of `tree`: where a reflection is spread over directions, with two digits."""
-    return f"{letter}{number:02}" if letter == "R" and spread > 1 else letter
-
-
-def mix(h: Any) -> Any:
-    """A 32-bit integer hash (lowbias32, C. Wellons 2018)."""
-    h = h ^ (h >> 16)
-    h = h * 0x7FEB352D
-    h = h ^ (h >> 15)
-    h = h * 0x846CA68B
-    return h ^ (h >> 16)
-
-
-def pad(indices: np.ndarray) -> "mi.UInt32":
-    """An index list for Dr.Jit; a single index twice (writing the same value twice changes nothing)."""
-    if len(indices) == 1:
-        indices = np.repeat(indices, 2)
-    return mi.UInt32(np.ascontiguousarray(indices, dtype=np.uint32))
 
 
 @dataclass
@@ -148,41 +128,6 @@ class Level:
     # Per lamp (lanes, visible, contribution): kept only when recording.
     lamps: List[Tuple[np.ndarray, int, Any, Any]] = field(default_factory=list)
     ambient: List[Tuple[np.ndarray, Any]] = field(default_factory=list)
-
-
-@dataclass
-class Sums:
-    """Of samples of pixels: their sum and the least and largest of each channel, all (n, 3)."""
-
-    total: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
-
-    def ranges(self) -> np.ndarray:
-        """(n,): from the least to the largest, of the channel where that is most."""
-        return (self.most.astype(np.float64) - self.least).max(axis=1)
-
-    def of(self, which: np.ndarray) -> "Sums":
-        """Those of some of the pixels."""
-        return Sums(self.total[which], self.least[which], self.most[which])
-
-    def with_(self, more: "Sums") -> "Sums":
-        """Of both, where the sum of `more` is that of all."""
-        return Sums(more.total, np.minimum(self.least, more.least), np.maximum(self.most, more.most))
-
-
-class TooDeep(Exception):
-    """The levels of these rays do not fit into memory together."""
-
-
-@dataclass
-class Counts:
-    """Rays traced; those that were spawned anew, farther from the surface that they met again; and those that still met it."""
-
-    closest: int = 0
-    shadow: int = 0
-    respawned: int = 0
-    rehits: int = 0
 
 
 class Tracer:

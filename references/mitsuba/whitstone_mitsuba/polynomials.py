@@ -32,6 +32,9 @@ def _bracketed(coefficients: Sequence[np.ndarray], low: np.ndarray, high: np.nda
     """The root in each [low, high], at whose ends the signs differ."""
     slope = derivative(coefficients)
     low, high = low.copy(), high.copy()
+    # Closer than this, places differ by rounding; closer than the other, steps that do not become smaller are rounding.
+    far = np.maximum(np.abs(low), np.abs(high))
+    close, near, last = 2e-16 * far, 1e-7 * far, high - low
     x = 0.5 * (low + high)
     active = np.arange(len(x))
     for _ in range(MOST_STEPS):
@@ -43,9 +46,11 @@ def _bracketed(coefficients: Sequence[np.ndarray], low: np.ndarray, high: np.nda
         low[active], high[active] = np.where(below, at, low[active]), np.where(below, high[active], at)
         with np.errstate(divide="ignore", invalid="ignore"):
             step = at - f / value([coefficient[active] for coefficient in slope], at)
-        inside = (step > low[active]) & (step < high[active])
+        inside = (step >= low[active]) & (step <= high[active])
         following = np.where(inside, step, 0.5 * (low[active] + high[active]))
-        done = (np.abs(following - at) <= 1e-15 * np.abs(at)) | (f == 0)
+        moved = np.abs(following - at)
+        done = (moved <= close[active]) | (f == 0) | (inside & (last[active] < near[active]) & (moved > 0.9 * last[active]))
+        last[active] = moved
         x[active] = np.where(f == 0, at, following)
         active = active[~done]
     return x

@@ -1,0 +1,66 @@
+"""What the driver counts and adds up, and lists of lanes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .runtime import mi
+
+
+def way_name(letter: str, spread: int, number: int) -> str:
+    """As in the paths of `tree`: where a reflection is spread over directions, with two digits."""
+    return f"{letter}{number:02}" if letter == "R" and spread > 1 else letter
+
+
+def mix(h: Any) -> Any:
+    """A 32-bit integer hash (lowbias32, C. Wellons 2018)."""
+    h = h ^ (h >> 16)
+    h = h * 0x7FEB352D
+    h = h ^ (h >> 15)
+    h = h * 0x846CA68B
+    return h ^ (h >> 16)
+
+
+def pad(indices: np.ndarray) -> "mi.UInt32":
+    """An index list for Dr.Jit; a single index twice (writing the same value twice changes nothing)."""
+    if len(indices) == 1:
+        indices = np.repeat(indices, 2)
+    return mi.UInt32(np.ascontiguousarray(indices, dtype=np.uint32))
+
+
+@dataclass
+class Sums:
+    """Of samples of pixels: their sum and the least and largest of each channel, all (n, 3)."""
+
+    total: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+
+    def ranges(self) -> np.ndarray:
+        """(n,): from the least to the largest, of the channel where that is most."""
+        return (self.most.astype(np.float64) - self.least).max(axis=1)
+
+    def of(self, which: np.ndarray) -> "Sums":
+        """Those of some of the pixels."""
+        return Sums(self.total[which], self.least[which], self.most[which])
+
+    def with_(self, more: "Sums") -> "Sums":
+        """Of both, where the sum of `more` is that of all."""
+        return Sums(more.total, np.minimum(self.least, more.least), np.maximum(self.most, more.most))
+
+
+class TooDeep(Exception):
+    """The levels of these rays do not fit into memory together."""
+
+
+@dataclass
+class Counts:
+    """Rays traced; those that were spawned anew, farther from the surface that they met again; and those that still met it."""
+
+    closest: int = 0
+    shadow: int = 0
+    respawned: int = 0
+    rehits: int = 0
