@@ -255,8 +255,8 @@ fn noise_explains_what_it_can() {
         );
     }
     for (ours, reference, test) in [
-        (&bad, &plain, "Z-test"),
-        (&plain, &bad, "Z-test"),
+        (&bad, &plain, "Student's test"),
+        (&plain, &bad, "Student's test"),
         (&bad, &good, "Welch's"),
     ] {
         let arguments = [&["compare", ours, reference], &level[..]].concat();

@@ -11,6 +11,7 @@
 //! | [`mod@flip`] | how visible a difference is |
 //! | [`mod@ssim`] | how alike two pictures are in structure |
 //! | [`mod@significance`] | whether noise explains a difference |
+//! | [`range`] | pixels that the range of values of a reference explains; vacuous comparisons |
 //! | [`layers`] | numbers between two AOV layers |
 //! | [`layer_view`] | pictures of them |
 //! | [`error_map`] | pictures of the difference, with a legend |
@@ -42,6 +43,7 @@ pub mod mask;
 pub mod metrics;
 pub mod planes;
 pub mod png;
+pub mod range;
 pub mod significance;
 pub mod ssim;
 pub mod sum;

@@ -10,8 +10,15 @@
 //!
 //! The variance of a pixel's mean is then that of one sample over n. With layers on both sides this is Welch's test
 //! (*The generalization of "Student's" problem when several different population variances are involved*, Biometrika 34, 1947,
-//! with the degrees of freedom of Satterthwaite 1946); with layers on one side, the other one counts as exact and this is a
-//! Z-test, which takes the variance for known: some hundred samples are enough for that.
+//! with the degrees of freedom of Satterthwaite 1946); with layers on one side, the other one counts as exact and this is
+//! Student's test with n - 1 degrees of freedom.
+//!
+//! A sample variance misses events that are rarer than 1 in n: a pixel that no such event hit has a mean that is too low and a variance near 0.
+//! On one side, where nothing else contains the events, the variance is therefore at least the mean of those of the
+//! [`WINDOW`] x [`WINDOW`] pixels around it. If an event hits a pixel with n samples lambda times on average, lambda < 1, and was missed in one, the difference is at most
+//! sqrt(lambda) standard errors of the pooled variance, which is never significant; the pooled variance contains no event with a probability of
+//! exp(-225 lambda), so the level holds for events that hit at least one pixel in 14 (225/14 > 16 = -ln(1e-7), a usual threshold).
+//! Where pixels near by are noisier, a fault must be larger to be found.
 //!
 //! So many tests find something by chance. A value is *significant* where its p is below 1 - (1 - level)^(1/N), N being the
 //! number of tests (Šidák 1967), as in Mitsuba 3's `test_renders.py`: then any significant value at all has a probability of at most
@@ -23,12 +30,15 @@ use crate::metrics::{CompareError, Pair, Side, Tolerance};
 use crate::planes::{Image, ImageError, RGB};
 use serde::Serialize;
 
+/// Side of the window of pixels whose mean variance is the least one of the pixel in its middle, where only one side has noise.
+pub const WINDOW: usize = 15;
+
 /// Which test was made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Test {
-    /// One side has noise.
-    Z,
+    /// One side has noise: Student's, with the variance of the neighbourhood as a floor.
+    Student,
     /// Both have.
     Welch,
 }
@@ -118,7 +128,11 @@ pub fn significance(
     let test = match &noise {
         [None, None] => return Ok(None),
         [Some(_), Some(_)] => Test::Welch,
-        _ => Test::Z,
+        _ => Test::Student,
+    };
+    let floor = match &noise {
+        [Some(noise), None] | [None, Some(noise)] => Some(noise.neighbourhood(pair.width, pair.pixels())?),
+        _ => None,
     };
     let tests = RGB.len() * pair.pixels();
     // 1 - (1 - level)^(1/N), which rounds to nothing if written so.
@@ -142,10 +156,12 @@ pub fn significance(
             }
             let p = match parts {
                 [Some(ours), Some(reference)] => welch(difference, ours, reference),
-                _ => z_test(
-                    difference,
-                    parts.into_iter().flatten().map(|part| part.of_mean()).sum(),
-                ),
+                [Some(part), _] | [_, Some(part)] => {
+                    let floor = floor.as_ref().map_or(0.0, |floor| floor[channel][index]);
+                    one_sided(difference, part, floor)
+                }
+                // There is noise on one side at least.
+                [None, None] => 1.0,
             };
             if p < threshold {
                 mask.set(place[0], place[1], true);
@@ -224,6 +240,34 @@ impl<'a> Noise<'a> {
         }))
     }
 
+    /// The mean of the variances of one sample in the window around each pixel, for each channel.
+    fn neighbourhood(&self, width: usize, pixels: usize) -> Result<[Vec<f64>; 3], SignificanceError> {
+        let height = pixels / width;
+        let mut means = [const { Vec::new() }; 3];
+        for (channel, means) in means.iter_mut().enumerate() {
+            let mut variances = Vec::with_capacity(pixels);
+            for index in 0..pixels {
+                let place = [index % width, index / width];
+                variances.push(self.at(index, channel, place)?.variance);
+            }
+            let rows: Vec<f64> = (0..pixels)
+                .map(|index| {
+                    let (start, end) = window(index % width, width);
+                    let row = index - index % width;
+                    variances[row + start..row + end].iter().sum::<f64>() / (end - start) as f64
+                })
+                .collect();
+            *means = (0..pixels)
+                .map(|index| {
+                    let (start, end) = window(index / width, height);
+                    let column = (start..end).map(|y| rows[y * width + index % width]);
+                    column.sum::<f64>() / (end - start) as f64
+                })
+                .collect();
+        }
+        Ok(means)
+    }
+
     fn at(&self, index: usize, channel: usize, [x, y]: [usize; 2]) -> Result<Part, SignificanceError> {
         let bad = |what: String| SignificanceError::Value {
             side: self.side,
@@ -251,6 +295,23 @@ impl<'a> Noise<'a> {
         };
         Ok(Part { variance, samples })
     }
+}
+
+/// The part of the window around a position that lies within the image.
+fn window(position: usize, size: usize) -> (usize, usize) {
+    (
+        position.saturating_sub(WINDOW / 2),
+        (position + WINDOW / 2 + 1).min(size),
+    )
+}
+
+/// The probability of at least this difference from an exact value by chance; `floor`: the least variance of one sample.
+fn one_sided(difference: f64, part: Part, floor: f64) -> f64 {
+    let variance = part.variance.max(floor) / part.samples;
+    if variance == 0.0 {
+        return z_test(difference, 0.0);
+    }
+    student(difference / variance.sqrt(), part.samples - 1.0)
 }
 
 /// The probability of at least this difference by chance, of a normal distribution.

@@ -2,14 +2,14 @@
 //!
 //! Blinn and Newell, *Texture and reflection in computer generated images*, 1976 (the picture by latitude and longitude); Greene, *Environment
 //! mapping and other applications of world projections*, 1986 (also the six faces of a cube). It lights by a fixed quadrature: directions that
-//! share the sphere equally. A cube is in `scenes/showcase/cube_map.toml`.
+//! are placed by its luminance (`sky.rs`). A cube is in `scenes/showcase/cube_map.toml`.
 //!
 //! - Twin: through the driver, which looks up the same texture.
 //! - Example: `scenes/lights/environment.toml`.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
-use std::f64::consts::{FRAC_1_PI, PI, TAU};
+use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
 use toml::Spanned;
 use whitstone_core::config::{FilePath, IntegerIn, TextureRef};
@@ -48,7 +48,7 @@ struct Keys {
     #[serde(default)]
     #[schemars(with = "Faces")]
     faces: Option<Spanned<Faces>>,
-    /// Rows of directions from which it lights; twice their square is the number of shadow rays at each surface point. 0: it
+    /// Number of directions from which it lights: twice the square of this, placed by luminance, each a shadow ray at each surface point. 0: it
     /// is seen and lights nothing.
     #[serde(default = "zero")]
     samples: IntegerIn<0, 32>,
@@ -117,21 +117,11 @@ impl Plugin<Lights> for Environment {
                 return Err(SceneError::at(faces.span(), message).into());
             }
         };
-        let n = keys.samples.get();
-        let solid_angle = TAU / f64::from(n * n);
-        let sample = |j: u32, i: u32| {
-            let y = 1.0 - 2.0 * (f64::from(j) + 0.5) / f64::from(n);
-            let (sin, cos) = (PI * (f64::from(i) + 0.5) / f64::from(n)).sin_cos();
-            let r = (1.0 - y * y).sqrt();
-            let direction = DVec3::new(r * cos, y, r * sin);
-            LightSample {
-                direction,
-                distance: f64::INFINITY,
-                irradiance: sky.seen(direction).map(|l| (l * solid_angle).min(f64::MAX)),
-            }
+        let n = keys.samples.get() as usize;
+        let samples = match n {
+            0 => Vec::new(),
+            _ => crate::sky::directions(2 * n * n, sky.parts(), |uv, direction| sky.at(uv, direction)),
         };
-        let samples = (0..n).flat_map(|j| (0..2 * n).map(move |i| (j, i)));
-        let samples = samples.map(|(j, i)| sample(j, i)).collect();
         Ok(Arc::new(Self { sky, samples }))
     }
 }
@@ -173,8 +163,28 @@ fn cube(faces: &Faces, context: &mut dyn Context) -> Result<[Arc<dyn Texture>; 6
 
 impl Sky {
     fn seen(&self, direction: DVec3) -> Rgb {
+        self.at(place(direction), direction)
+    }
+
+    /// How many lookups along each axis make a cell of the table of its light.
+    fn parts(&self) -> usize {
         match self {
-            Self::Sphere(radiance) => radiance.value(&place(direction)),
+            Self::Sphere(ColorSource::Constant(_)) => 1,
+            Self::Sphere(ColorSource::Texture(texture)) => {
+                texture.size().map_or(1, crate::sky::parts_of_picture)
+            }
+            Self::Cube([face, ..]) => face.size().map_or(1, |[side, _]| crate::sky::parts_of_cube(side)),
+        }
+    }
+
+    /// The radiance in a direction, which is at (u, v).
+    fn at(&self, uv: DVec2, direction: DVec3) -> Rgb {
+        match self {
+            Self::Sphere(radiance) => {
+                let mut point = SurfacePoint::new(direction, 0.0, direction);
+                point.uv = uv;
+                radiance.value(&point)
+            }
             Self::Cube(faces) => {
                 let (face, uv) = on_cube(direction);
                 let mut point = SurfacePoint::new(direction, 0.0, direction);
@@ -202,14 +212,12 @@ fn on_cube(d: DVec3) -> (usize, DVec2) {
     (face, 0.5 + 0.5 * DVec2::new(right, up) / distance)
 }
 
-/// The point of the sphere of directions: v is 1 straight up, u is 1/2 towards -z and grows to the right from there.
-fn place(direction: DVec3) -> SurfacePoint {
+/// (u, v) of a direction: v is 1 straight up, u is 1/2 towards -z and grows to the right from there.
+fn place(direction: DVec3) -> DVec2 {
     let DVec3 { x, y, z } = direction;
-    let mut point = SurfacePoint::new(direction, 0.0, direction);
     let u = 0.5 + 0.5 * FRAC_1_PI * x.atan2(-z);
     let v = 0.5 + FRAC_1_PI * y.atan2(x.hypot(z));
-    point.uv = DVec2::new(u, v);
-    point
+    DVec2::new(u, v)
 }
 
 impl Light for Environment {
@@ -242,6 +250,7 @@ impl Light for Environment {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::PI;
     use whitstone_core::{Needs, Texture};
     use whitstone_testkit::{TestContext, build_in, light_laws};
 
@@ -381,7 +390,7 @@ mod tests {
         assert_eq!(light.background(DVec3::NEG_Y).g, 0.0);
     }
 
-    /// An even sky gives pi times its radiance, whatever the number of directions is.
+    /// An even sky gives pi times its radiance; the energy is that of the whole sphere for any number of directions.
     #[test]
     fn an_even_sky() {
         for n in [1, 4, 31] {
@@ -391,14 +400,30 @@ mod tests {
                 .samples(DVec3::ZERO, &mut samples);
             assert_eq!(samples.len(), 2 * n * n);
             let total: f64 = samples.iter().map(|sample| sample.irradiance.g).sum();
-            assert!((total / (8.0 * PI) - 1.0).abs() < 1e-13);
+            assert!((total / (8.0 * PI) - 1.0).abs() < 1e-12);
             let up: f64 = samples
                 .iter()
                 .map(|s| s.irradiance.g * s.direction.y.max(0.0))
                 .sum();
-            let tolerance = 1.0 / f64::from(n as u32);
+            let tolerance = 1.0 / (n * n) as f64;
             assert!((up / (2.0 * PI) - 1.0).abs() <= tolerance, "{n}: {up}");
         }
+    }
+
+    #[test]
+    fn a_black_sky_lights_nothing() {
+        let mut samples = Vec::new();
+        let black = environment("radiance = 0\nsamples = 3").unwrap();
+        black.samples(DVec3::ZERO, &mut samples);
+        assert!(samples.is_empty());
+        // Sums of what is as bright as numbers go stay finite.
+        let bright = environment("radiance = 1e308\nsamples = 3").unwrap();
+        bright.samples(DVec3::ZERO, &mut samples);
+        assert!(
+            samples
+                .iter()
+                .all(|s| s.irradiance.g.is_finite() && s.direction.is_normalized())
+        );
     }
 
     #[test]

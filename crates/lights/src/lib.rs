@@ -25,6 +25,8 @@ pub mod environment;
 pub mod point;
 #[cfg(feature = "projector")]
 pub mod projector;
+#[cfg(feature = "environment")]
+mod sky;
 #[cfg(feature = "spot")]
 pub mod spot;
 

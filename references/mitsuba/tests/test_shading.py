@@ -7,6 +7,7 @@ import unittest
 
 import numpy as np
 from support import DOWN, FLOOR, Case, film
+from whitstone_mitsuba import lights, mappings, sky, textures
 from whitstone_mitsuba.runtime import mi
 
 HEAD = film() + DOWN
@@ -150,13 +151,43 @@ class Lights(Case):
         mirror = 'look_at = { origin = [-1, 0.5, 0.2], target = [0, 0, 0] }'
         look = f'[camera]\ntype = "perspective"\n{mirror}\n'
         self.near(self.value(film() + look + sky + material('type = "mirror", reflectance = 0.5')), [2, 2.5, 3])
-        # Two rows of four directions: y = 0.5 and -0.5, of which those above count.
-        even = '[[light]]\ntype = "environment"\nradiance = [1, 2, 3]\nsamples = 2\n'
-        expected = 0.5 / math.pi * 4 * 0.5 * math.pi / 2
-        self.near(self.value(HEAD + even + FLOOR), [expected * number for number in (1, 2, 3)])
-        # Where the light of the brighter half comes from: y > 0 is b at u in cells 1, 3 only.
-        shining = sky + "samples = 2\n"
-        self.near(self.value(HEAD + shining + FLOOR), [expected * (a + b) / 2 for a, b in ((1, 4), (2, 5), (3, 6))])
+        # An even sky: pi times its radiance, times 1/pi and the reflectance.
+        even = '[[light]]\ntype = "environment"\nradiance = [1, 2, 3]\nsamples = 16\n'
+        self.near(self.value(HEAD + even + FLOOR), [0.5 * number for number in (1, 2, 3)], rel=1e-2)
+        # y > 0 is b at u in cells 1, 3 only: half of the upper sky.
+        shining = sky + "samples = 16\n"
+        self.near(self.value(HEAD + shining + FLOOR), [0.5 * (a + b) / 2 for a, b in ((1, 4), (2, 5), (3, 6))], rel=1e-2)
+        black = '[[light]]\ntype = "environment"\nradiance = 0\nsamples = 4\n'
+        self.assertEqual(list(self.value(HEAD + black + FLOOR)), [0.0, 0.0, 0.0])
+
+    def test_sky_light(self):
+        """The energy of a cell, cut through or not, and the closed form of its centroid."""
+        hemisphere = lambda uv, d: np.where(d[:, 1:2] > 0, [[1.0, 2.0, 4.0]], [[0.0, 0.0, 0.0]])
+        for n in (1, 3, 8):
+            directions, irradiances = sky.directions(n, 1, hemisphere)
+            np.testing.assert_allclose(irradiances.sum(axis=0), 2 * np.pi * np.array([1.0, 2.0, 4.0]), rtol=1e-12)
+            np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1, rtol=1e-12)
+            self.assertTrue((directions[:, 1] > 0).all())
+        # Two halves, each around (+-1, 1, 0) by symmetry: the integrals of x and y over a quarter of the sphere are equal.
+        directions, irradiances = sky.directions(1, 1, hemisphere)
+        np.testing.assert_allclose(directions, [[-(0.5**0.5), 0.5**0.5, 0], [0.5**0.5, 0.5**0.5, 0]], atol=1e-12)
+        # All light in one cell: every direction lies in it.
+        one = np.zeros((512, 1024))
+        one[300, 700] = 1.0
+        cell = lambda uv, d: np.repeat(one.reshape(-1, 1), 3, axis=1)
+        directions, irradiances = sky.directions(4, 1, cell)
+        v, u = 0.5 + np.arcsin(directions[:, 1]) / np.pi, 0.5 + np.arctan2(directions[:, 0], -directions[:, 2]) / (2 * np.pi)
+        np.testing.assert_allclose([u * 1024, v * 512], [np.full(len(u), 700.5), np.full(len(v), 300.5)], atol=0.5)
+        np.testing.assert_allclose(irradiances.sum(axis=0), (np.sin(np.pi * (301 / 512 - 0.5)) - np.sin(np.pi * (300 / 512 - 0.5))) * 2 * np.pi / 1024, rtol=1e-12)
+
+    def test_precise_lookups_are_those_of_bitmaps(self):
+        pixels = np.random.default_rng(1).random((6, 4, 3), dtype=np.float32)
+        uv = np.random.default_rng(2).uniform(-0.2, 1.2, (200, 2))
+        for kind in ("nearest", "bilinear"):
+            for wrap in (("repeat", "repeat"), ("clamp", "clamp"), ("mirror", "mirror"), ("repeat", "clamp")):
+                image = textures.Image(pixels, kind, wrap, (2.0, 1.0), (0.1, 0.3), mappings.Mapping("uv"))
+                found = np.array(image.build().eval(lights.place(np.tile([[0.0, 1.0, 0.0]], (200, 1)), uv))).T
+                np.testing.assert_allclose(image.precise(uv), found, atol=1e-5)
 
     def test_faces(self):
         """Six pictures of 2 x 2 texels, each texel its own colour, looked at through their middles."""

@@ -13,7 +13,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import images, mappings, meshes, textures, transforms
+from . import images, mappings, meshes, sky, textures, transforms
 from .errors import SceneError
 from .fields import REQUIRED, Fields, Vector, nearest
 from .files import Folder
@@ -158,10 +158,13 @@ class Lights:
         return mi.load_dict({"type": "constant", "radiance": _rgb(self.background)})
 
 
-def place(directions: np.ndarray) -> Any:
-    """Where (n, 3) directions are on the sphere of an environment, as an interaction that textures look at."""
+def place(directions: np.ndarray, known: Optional[np.ndarray] = None) -> Any:
+    """Where (n, 3) directions are on the sphere of an environment, as an interaction that textures look at; `known`: their (n, 2) coordinates."""
     x, y, z = directions.T.astype(np.float64)
-    uv = np.stack([0.5 + np.arctan2(x, -z) / (2 * np.pi), 0.5 + np.arctan2(y, np.hypot(x, z)) / np.pi])
+    if known is None:
+        uv = np.stack([0.5 + np.arctan2(x, -z) / (2 * np.pi), 0.5 + np.arctan2(y, np.hypot(x, z)) / np.pi])
+    else:
+        uv = known.T
     si = dr.zeros(mi.SurfaceInteraction3f, len(directions))
     si.p = mi.Point3f(np.ascontiguousarray(directions.T, dtype=np.float32))
     si.uv = mi.Point2f(np.ascontiguousarray(uv, dtype=np.float32))
@@ -179,6 +182,16 @@ FACES = {
     "pz": ((0, -1), (1, 1)),
     "nz": ((0, 1), (1, 1)),
 }
+
+
+def on_cube(directions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """The number of the face that each of (n, 3) directions meets, and the (n, 2) coordinates on its picture."""
+    lanes, axis = np.arange(len(directions)), np.argmax(np.abs(directions), axis=1)
+    m = directions[lanes, axis]
+    which = 2 * axis + (m < 0)
+    table = np.array([[a, right, b, up] for (a, right), (b, up) in FACES.values()])[which]
+    across, upwards = table[:, 1] * directions[lanes, table[:, 0]], table[:, 3] * directions[lanes, table[:, 2]]
+    return which, (1 + np.column_stack([across, upwards]) / np.abs(m)[:, None]) / 2
 
 
 class CubeLookup:
@@ -244,16 +257,28 @@ def _environment(fields: Fields, index: int, reader: Any, base: Folder) -> Tuple
     n = fields.integer("samples", 0, 0, 32)
     lamps: List[Lamp] = []
     if n > 0:
-        phi = np.tile(np.pi * (np.arange(2 * n) + 0.5) / n, n)
-        y = np.repeat(1 - 2 * (np.arange(n) + 0.5) / n, 2 * n)
-        r = np.sqrt(1 - y**2)
-        directions = np.column_stack([r * np.cos(phi), y, r * np.sin(phi)])
-        seen = np.array(radiance.build().eval(place(directions)), dtype=np.float64)
-        seen = np.broadcast_to(seen.reshape(3, -1).T, (len(y), 3))
-        for direction, color in zip(directions, seen * (2 * np.pi / n**2)):
+        faces = radiance.faces if isinstance(radiance, Cube) else None
+        for direction, color in zip(*sky.directions(n, sky.parts(radiance, faces), lambda uv, d: _sky(radiance, uv, d))):
             plugin = {"type": "directional", "direction": (-direction).tolist(), "irradiance": _rgb(tuple(color.tolist()))}
             lamps.append(Lamp(index, plugin, False, True, "environment"))
     return radiance, lamps
+
+
+def _sky(radiance: Any, uv: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(n, 3) radiances at (n, 2) coordinates, where the directions are also given.
+
+    Pictures are looked up in double precision: between a sun and the sky next to it, single precision would misplace light.
+    """
+    if isinstance(radiance, Cube):
+        which, places = on_cube(directions)
+        seen = np.zeros((len(uv), 3))
+        for number, face in enumerate(radiance.faces):
+            seen[which == number] = face.precise(places[which == number])
+        return seen
+    if isinstance(radiance, textures.Image) and radiance.mapping.usual():
+        return radiance.precise(uv)
+    seen = np.array(radiance.build().eval(place(directions, uv)), dtype=np.float64)
+    return np.broadcast_to(seen.reshape(3, -1).T, (len(uv), 3))
 
 
 def facing(forward: np.ndarray) -> np.ndarray:

@@ -87,6 +87,25 @@ class Image:
     def range(self) -> Tuple[float, float]:
         return float(self.pixels.min()), float(self.pixels.max())
 
+    def precise(self, uv: np.ndarray) -> np.ndarray:
+        """(n, 3) colours at (n, 2) coordinates by the formulas of §10, in double precision. The mapping plays no part."""
+        height, width = self.pixels.shape[:2]
+        place = uv * np.array(self.scale) + np.array(self.offset)
+        x, y = place[:, 0] * width, (1 - place[:, 1]) * height
+        pixels = self.pixels.reshape(height, width, -1).astype(np.float64)
+
+        def texels(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+            return pixels[_wrapped(j, height, self.wrap[1]), _wrapped(i, width, self.wrap[0])]
+
+        if self.filter == "nearest":
+            found = texels(np.floor(x), np.floor(y))
+        else:
+            i, j = np.floor(x - 0.5), np.floor(y - 0.5)
+            s, t = (x - 0.5 - i)[:, None], (y - 0.5 - j)[:, None]
+            upper = (1 - s) * texels(i, j) + s * texels(i + 1, j)
+            found = (1 - t) * upper + t * ((1 - s) * texels(i, j + 1) + s * texels(i + 1, j + 1))
+        return np.broadcast_to(found, (len(uv), 3))
+
     def build(self) -> "mi.Texture":
         # A bitmap has one rule for both axes. The one that needs the other end of the picture is Mitsuba's; the other axis is folded before.
         to_uv = _to_uv((self.scale[0], -self.scale[1]), (self.offset[0], 1 - self.offset[1]))
@@ -101,6 +120,16 @@ class Image:
             }
         )
         return _mapped(Folded(bitmap, self) if self.folded else bitmap, self.mapping)
+
+
+def _wrapped(index: np.ndarray, count: int, rule: str) -> np.ndarray:
+    """The texel that stands for one which may lie beyond the picture."""
+    if rule == "repeat":
+        index = index % count
+    elif rule == "mirror":
+        index = index % (2 * count)
+        index = np.minimum(index, 2 * count - 1 - index)
+    return np.clip(index, 0, count - 1).astype(np.int64)
 
 
 class Folded(mi.Texture):

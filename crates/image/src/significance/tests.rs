@@ -97,7 +97,7 @@ fn noise_alone_is_not_significant_and_a_bias_is() {
     }
     // The same difference without the layers would be over tolerance everywhere.
     let good = found(&exact(), &noisy(3, 400, 0.0, false));
-    assert_eq!((good.test, good.pixels), (Test::Z, 0), "{}", good.least_p);
+    assert_eq!((good.test, good.pixels), (Test::Student, 0), "{}", good.least_p);
     assert!(good.least_at.is_some());
     let bad = found(&exact(), &noisy(3, 400, 0.2, false));
     assert_eq!(bad.pixels, 16);
@@ -105,6 +105,94 @@ fn noise_alone_is_not_significant_and_a_bias_is() {
         significance(&exact(), &exact(), 0.01, Tolerance::default()),
         Ok(None)
     );
+}
+
+/// Means of 256 samples of 1 plus noise of a standard deviation, each with a bright event of a probability that adds a hundredth to the
+/// expectation; `factor` multiplies all samples in a square.
+fn rare(seed: u64, deviation: f64, probability: f64, factor: f64) -> Image {
+    let mut state = seed.wrapping_mul(0x2545_f491_4f6c_dd1d);
+    let mut random = move || {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let n = 256.0;
+    let [mut means, mut variances] = [const { Vec::new() }; 2];
+    for index in 0..SIZE * SIZE {
+        let inside = [index % SIZE, index / SIZE].iter().all(|at| (8..12).contains(at));
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for _ in 0..256 {
+            let noise = deviation * 12_f64.sqrt() * (random() - 0.5);
+            let event = if random() < probability {
+                0.01 / probability
+            } else {
+                0.0
+            };
+            let value = (1.0 + noise + event) * if inside { factor } else { 1.0 };
+            sum += value;
+            squares += value * value;
+        }
+        means.push((sum / n) as f32);
+        variances.push(((squares - sum * sum / n) / (n - 1.0)).max(0.0) as f32);
+    }
+    let mut image = Image::new(SIZE, SIZE).unwrap();
+    for channel in RGB {
+        image.add_channel(channel, means.clone()).unwrap();
+        image
+            .add_channel(format!("variance.{channel}"), variances.clone())
+            .unwrap();
+    }
+    image.set_attribute("samples", "256").unwrap();
+    image
+}
+
+/// Unbiased images whose pixels miss a rare event are not significant: of 60 at a level of 1 %, at most 3 (the probability of more is 0.3 %). By
+/// their own variances alone, all are.
+#[test]
+fn rare_events_that_pixels_miss_are_no_faults() {
+    let converged = Image::from_fn(SIZE, SIZE, |_, _| [1.01; 3]).unwrap();
+    for (deviation, hits) in [(0.0, 0.1), (0.005, 0.1), (0.005, 0.3), (0.02, 1.0), (0.005, 4.0)] {
+        let (mut alarms, mut alone) = (0, 0);
+        for seed in 1..=60 {
+            let noisy = rare(seed, deviation, hits / 256.0, 1.0);
+            let found = found(&noisy, &converged);
+            alarms += usize::from(found.pixels > 0);
+            let values = noisy
+                .channel("R")
+                .unwrap()
+                .iter()
+                .zip(noisy.channel("variance.R").unwrap());
+            let by_itself = |(mean, variance): (&f32, &f32)| {
+                z_test(f64::from(mean - 1.01).abs(), f64::from(*variance) / 256.0) < found.threshold
+            };
+            alone += usize::from(values.clone().any(by_itself));
+        }
+        println!(
+            "deviation {deviation}, {hits} events a pixel: {alarms} of 60, by each pixel's own variance {alone}"
+        );
+        assert!(alarms <= 3, "{deviation}, {hits}: {alarms}");
+        if hits < 1.0 {
+            assert!(alone >= 58, "the old rule must fail: {alone}");
+        }
+    }
+}
+
+/// A fault of 1 % is found where the noise allows it: a standard error of an eighth of that.
+#[test]
+fn a_fault_of_one_percent_is_found() {
+    let converged = Image::from_fn(SIZE, SIZE, |_, _| [1.01; 3]).unwrap();
+    for seed in 1..=20 {
+        // Events in each sample: the same as none.
+        let faulty = found(&rare(seed, 0.02, 1.0, 1.01), &converged);
+        assert!(faulty.pixels >= 14, "seed {seed}: {} of 16", faulty.pixels);
+        assert!(
+            faulty
+                .mask
+                .pixels()
+                .all(|(x, y)| (8..12).contains(&x) && (8..12).contains(&y))
+        );
+    }
 }
 
 #[test]

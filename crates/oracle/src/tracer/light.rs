@@ -2,7 +2,7 @@
 
 use super::pattern::{Codes, Lookup, Picture, Wrap};
 use super::texture::{Pattern, Place, Texture};
-use super::unknown;
+use super::{sky, unknown};
 use crate::shapes::mesh;
 use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
@@ -204,7 +204,10 @@ impl Lights {
                         (None, Some(faces)) => Sky::Cube(cube(description, faces)?),
                         _ => return Err(unknown(plugin, "light")),
                     };
-                    lights.all.extend(around(&sky, config.samples));
+                    if config.samples > 0 {
+                        let look = |uv, d| sky.at(uv, d);
+                        lights.all.extend(sky::lights(config.samples, sky.parts(), look));
+                    }
                     lights.environments.push(sky);
                 }
                 _ => return Err(unknown(plugin, "light")),
@@ -223,12 +226,23 @@ impl Lights {
 impl Sky {
     /// The radiance from a direction.
     fn seen(&self, d: DVec3) -> Rgb {
+        let u = 0.5 + d.x.atan2(-d.z) / TAU;
+        self.at(DVec2::new(u, 0.5 + d.y.atan2(d.x.hypot(d.z)) / PI), d)
+    }
+
+    /// How many parts of a cell of its table are looked up along each axis.
+    fn parts(&self) -> usize {
         match self {
-            Self::Sphere(radiance) => {
-                let u = 0.5 + d.x.atan2(-d.z) / TAU;
-                let uv = DVec2::new(u, 0.5 + d.y.atan2(d.x.hypot(d.z)) / PI);
-                radiance.at(&Place { uv, p: d, n_s: d })
-            }
+            Self::Sphere(radiance) => radiance.size().map_or(1, sky::parts),
+            // Around the horizon are four faces.
+            Self::Cube(faces) => faces[0].size().map_or(1, |[m, _]| sky::parts([4 * m, 2 * m])),
+        }
+    }
+
+    /// The radiance from a direction, which is at (u, v).
+    fn at(&self, uv: DVec2, d: DVec3) -> Rgb {
+        match self {
+            Self::Sphere(radiance) => radiance.at(&Place { uv, p: d, n_s: d }),
             Self::Cube(faces) => {
                 let m = d.abs().max_element();
                 let axis = (0..3).find(|a| d[*a].abs() == m).unwrap_or(0);
@@ -323,22 +337,6 @@ fn of_triangles(light: &Area, triangles: &[[[f64; 3]; 3]]) -> Vec<Light> {
         }
     }
     lights
-}
-
-/// The lights that an environment is.
-fn around(sky: &Sky, n: u32) -> impl Iterator<Item = Light> {
-    (0..2 * n * n).map(move |index| {
-        let (i, j) = (f64::from(index % (2 * n)), f64::from(index / (2 * n)));
-        let side = f64::from(n);
-        let y = 1.0 - 2.0 * (j + 0.5) / side;
-        let r = (1.0 - y * y).sqrt();
-        let (sin, cos) = (PI * (i + 0.5) / side).sin_cos();
-        let towards = DVec3::new(r * cos, y, r * sin);
-        Light::Far {
-            towards,
-            irradiance: sky.seen(towards) * (TAU / (side * side)),
-        }
-    })
 }
 
 /// The lights that an area light is, one behind the other.

@@ -18,6 +18,7 @@ mod pattern;
 mod place;
 mod sampler;
 mod scene;
+mod sky;
 mod synthesized;
 mod texture;
 

@@ -286,6 +286,10 @@ impl Picture {
 }
 
 impl Pattern for Picture {
+    fn size(&self) -> Option<[usize; 2]> {
+        Some(self.size)
+    }
+
     fn at(&self, q: DVec3) -> Rgb {
         let place = self.placing.at(q);
         let x = place.x * self.size[0] as f64;

@@ -32,6 +32,11 @@ pub(super) enum Texture {
 /// A function on texture space.
 pub(super) trait Pattern: Send + Sync {
     fn at(&self, q: DVec3) -> Rgb;
+
+    /// Columns and rows of a picture.
+    fn size(&self) -> Option<[usize; 2]> {
+        None
+    }
 }
 
 #[derive(Deserialize)]
@@ -143,6 +148,14 @@ pub(super) fn table<'a, 's>(
 }
 
 impl Texture {
+    /// Columns and rows of a picture.
+    pub(super) fn size(&self) -> Option<[usize; 2]> {
+        match self {
+            Self::Constant(_) => None,
+            Self::Mapped(_, pattern) => pattern.size(),
+        }
+    }
+
     pub(super) fn new(description: &Description<'_>, reference: &TextureRef) -> Result<Self, SceneErrors> {
         let unknown = |what: String| {
             let span = reference.span.clone().unwrap_or_default();

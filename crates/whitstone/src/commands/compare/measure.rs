@@ -10,8 +10,9 @@ use whitstone_image::areas::{Area, largest};
 use whitstone_image::edges::edges;
 use whitstone_image::flip::{flip, flip_ldr};
 use whitstone_image::metrics::{self, NotFinite, WorstPixel};
+use whitstone_image::range::{LAYERS, explained, is_vacuous};
 use whitstone_image::significance::{Significance, Test, significance};
-use whitstone_image::{CompareOptions, Image, Metrics, compare, ssim};
+use whitstone_image::{CompareOptions, Image, Mask, Metrics, compare, ssim};
 use whitstone_validate::counted;
 
 /// The level of the tests where none is given, and nothing is decided by them.
@@ -30,7 +31,12 @@ pub(super) struct Comparison {
     pub(super) ssim: Option<Option<f64>>,
     /// Where the files have layers of variance.
     significance: Option<Significance>,
+    /// Pixels over tolerance that the range of the reference does not explain.
     pub(super) over: usize,
+    /// Those that it explains; absent where the reference has no range.
+    pub(super) explained: Option<usize>,
+    /// Whether both images show one colour each.
+    vacuous: bool,
     area: Option<Area>,
     worst: Vec<WorstPixel>,
     seconds: f64,
@@ -48,9 +54,25 @@ pub(super) fn measure(arguments: &Arguments, ours: &Image, reference: &Image) ->
         [] => None,
         layers => Some(edges(ours, reference, layers).map_err(Failure::usage)?),
     };
+    let over = metrics::over_tolerance(ours, reference, tolerance).map_err(Failure::usage)?;
+    let explained = explained(ours, reference, &over, tolerance).map_err(Failure::usage)?;
+    let combined = |mask: &Mask, other: &Mask, member: fn(bool, bool) -> bool| {
+        Mask::from_fn(ours.width(), ours.height(), |x, y| {
+            member(mask.contains(x, y), other.contains(x, y))
+        })
+    };
+    let over = match &explained {
+        Some(explained) => combined(&over, explained, |over, explained| over && !explained),
+        None => over,
+    };
+    let left_out = match (&exclude, &explained) {
+        (Some(edges), Some(explained)) => Some(combined(edges, explained, |a, b| a || b)),
+        (Some(mask), None) | (None, Some(mask)) => Some(mask.clone()),
+        (None, None) => None,
+    };
     let options = CompareOptions {
         tolerance,
-        exclude: exclude.as_ref(),
+        exclude: left_out.as_ref(),
         psnr_peak: None,
     };
     let when = |wanted: bool| finite && wanted;
@@ -86,7 +108,6 @@ pub(super) fn measure(arguments: &Arguments, ours: &Image, reference: &Image) ->
             "--significance needs layers variance.R, variance.G, variance.B, or m2.R, m2.G, m2.B, in one of the images",
         ));
     }
-    let over = metrics::over_tolerance(ours, reference, tolerance).map_err(Failure::usage)?;
     let worst = metrics::worst(ours, reference, arguments.worst, Some(&over)).map_err(Failure::usage)?;
     let mut comparison = Comparison {
         not_finite,
@@ -96,6 +117,8 @@ pub(super) fn measure(arguments: &Arguments, ours: &Image, reference: &Image) ->
         ssim,
         significance,
         over: over.count(),
+        explained: explained.map(|mask| mask.count()),
+        vacuous: is_vacuous(ours, reference).map_err(Failure::usage)?,
         area: largest(&over),
         worst,
         seconds: start.elapsed().as_secs_f64(),
@@ -199,7 +222,7 @@ impl Comparison {
         }
         if let Some(found) = &self.significance {
             let test = match found.test {
-                Test::Z => "Z-test",
+                Test::Student => "Student's test",
                 Test::Welch => "Welch's test",
             };
             let value = format!(
@@ -215,6 +238,19 @@ impl Comparison {
             "pixels over tolerance",
             &format!("{} of {}", self.over, ours.pixel_count()),
         );
+        if let Some(explained) = self.explained {
+            let value = format!(
+                "{} in the reference's own range, not counted as over tolerance",
+                counted(explained, "pixel")
+            );
+            row("explained", &value);
+        }
+        if self.vacuous {
+            row(
+                "vacuous",
+                "each image shows one colour: nothing but this colour is compared",
+            );
+        }
         if let Some(Area { pixels, from, to }) = self.area {
             let value = format!(
                 "{} within ({}, {}) to ({}, {})",
@@ -235,7 +271,7 @@ impl Comparison {
         let others = |image: &Image| -> Vec<String> {
             let names = image.channels().map(|(name, _)| name.to_owned());
             names
-                .filter(|name| !["R", "G", "B"].contains(&name.as_str()))
+                .filter(|name| !["R", "G", "B"].contains(&name.as_str()) && !LAYERS.contains(&name.as_str()))
                 .collect()
         };
         let mut not_compared = [others(ours), others(reference)].concat();
@@ -254,9 +290,14 @@ impl Comparison {
         let row = |name: &str, value: &str| println!("{name:<22} {value}");
         let optional = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.6e}"));
         row("rmse", &format!("{:.6e}", metrics.rmse));
-        let excluded = match self.excluded {
-            None => "no pixel excluded".to_owned(),
-            Some(count) => format!("{} at edges excluded", counted(count, "pixel")),
+        let excluded = match (self.excluded, self.explained) {
+            (None, None | Some(0)) => "no pixel excluded".to_owned(),
+            (Some(count), None | Some(0)) => format!("{} at edges excluded", counted(count, "pixel")),
+            (None, Some(count)) => format!("{} explained, excluded", counted(count, "pixel")),
+            (Some(edges), Some(count)) => format!(
+                "{} at edges, {count} explained, excluded",
+                counted(edges, "pixel")
+            ),
         };
         row(
             "rel_rmse_interior",
@@ -307,6 +348,8 @@ impl Comparison {
             "ssim": self.ssim.flatten(),
             "significance": self.significance,
             "pixels_over_tolerance": self.over,
+            "pixels_explained": self.explained,
+            "vacuous": self.vacuous,
             "largest_area": self.area,
             "worst": self.worst,
         })

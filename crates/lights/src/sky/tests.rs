@@ -1,0 +1,154 @@
+use super::*;
+use std::path::Path;
+use whitstone_image::{Limits, exr_io};
+
+/// The 26 directions to the faces, edges and corners of a cube.
+fn normals() -> Vec<DVec3> {
+    let all = (0..27).map(|i| DVec3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)) - 1.0);
+    all.filter(|n| *n != DVec3::ZERO).map(DVec3::normalize).collect()
+}
+
+/// Unshadowed irradiance for each normal by the midpoint rule over rows and columns of (u, v).
+fn truth(look: &impl Fn(DVec2, DVec3) -> Rgb, rows: usize) -> Vec<Rgb> {
+    let normals = normals();
+    let mut sums = vec![Rgb::splat(0.0); normals.len()];
+    for row in 0..rows {
+        let edge = |row: usize| (PI * (row as f64 / rows as f64 - 0.5)).sin();
+        let solid_angle = (edge(row + 1) - edge(row)) * PI / rows as f64;
+        for column in 0..2 * rows {
+            let uv = DVec2::new(
+                (column as f64 + 0.5) / (2 * rows) as f64,
+                (row as f64 + 0.5) / rows as f64,
+            );
+            let d = towards(uv.x, uv.y);
+            let l = look(uv, d) * solid_angle;
+            for (sum, normal) in sums.iter_mut().zip(&normals) {
+                *sum += l * normal.dot(d).max(0.0);
+            }
+        }
+    }
+    sums
+}
+
+/// The directions before they were placed by luminance: equal parts of the sphere.
+fn equal(n: usize, look: &impl Fn(DVec2, DVec3) -> Rgb) -> Vec<LightSample> {
+    let sample = |index: usize| {
+        let y = 1.0 - 2.0 * ((index / (2 * n)) as f64 + 0.5) / n as f64;
+        let u = ((index % (2 * n)) as f64 + 0.5) / (2 * n) as f64;
+        let direction = towards(u, 0.5 + y.asin() / PI);
+        LightSample {
+            direction,
+            distance: f64::INFINITY,
+            irradiance: look(DVec2::new(u, 0.5 + y.asin() / PI), direction) * (TAU / (n * n) as f64),
+        }
+    };
+    (0..2 * n * n).map(sample).collect()
+}
+
+/// The largest relative error of the luminance of the irradiance.
+fn bias(samples: &[LightSample], truth: &[Rgb]) -> f64 {
+    let errors = normals().into_iter().zip(truth).map(|(normal, truth)| {
+        let light = |s: &LightSample| luminance(s.irradiance) * s.direction.dot(normal).max(0.0);
+        let found: f64 = samples.iter().map(light).sum();
+        (found / luminance(*truth) - 1.0).abs()
+    });
+    errors.fold(0.0, f64::max)
+}
+
+/// A blue sky above dark ground, with a sun of 1 degree that gives half of all light.
+fn sunny(_: DVec2, d: DVec3) -> Rgb {
+    let sun = DVec3::new(0.3, 0.5, -0.7).normalize();
+    let sky = if d.y > 0.0 {
+        Rgb::new(0.3, 0.5, 1.0) * (1.0 + 2.0 * (1.0 - d.y).powi(4))
+    } else {
+        Rgb::new(0.12, 0.1, 0.08)
+    };
+    let part = ((d.dot(sun) - 1f64.to_radians().cos()) / 2e-5).clamp(0.0, 1.0);
+    sky + Rgb::new(6000.0, 5000.0, 4000.0) * part
+}
+
+#[test]
+fn a_small_sun_is_lit_without_bias() {
+    let truth = truth(&sunny, 2048);
+    for (n, limit) in [(4, 0.2), (8, 0.05), (16, 0.01), (32, 0.005)] {
+        let found = bias(&directions(2 * n * n, 1, sunny), &truth);
+        let before = bias(&equal(n, &sunny), &truth);
+        println!("n = {n}: {found:.4}, equal parts of the sphere {before:.4}");
+        assert!(found <= limit, "n = {n}: bias {found}");
+        // The measure sees what it is for.
+        assert!(before > 5.0 * found, "n = {n}: {before}");
+    }
+}
+
+/// The folder in `WHITSTONE_SKIES` holds pictures by latitude and longitude (EXR).
+#[test]
+fn measured_skies() {
+    let Some(folder) = std::env::var_os("WHITSTONE_SKIES") else {
+        eprintln!("SKIPPED measured_skies: WHITSTONE_SKIES names no folder of skies (EXR)");
+        return;
+    };
+    let mut files: Vec<_> = std::fs::read_dir(&folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|e| e == "exr"))
+        .collect();
+    files.sort();
+    assert!(
+        !files.is_empty(),
+        "no EXR file in {}",
+        Path::new(&folder).display()
+    );
+    for file in files {
+        let image = exr_io::read(&file, Limits::TEXTURE).unwrap();
+        let (width, height) = (image.width(), image.height());
+        let planes = image.rgb().unwrap();
+        let texel = |x: i64, y: i64| {
+            let index = y.clamp(0, height as i64 - 1) as usize * width + x.rem_euclid(width as i64) as usize;
+            // Scenes refuse negative radiance, which some measured skies have.
+            Rgb::from(planes.map(|plane| f64::from(plane[index]).max(0.0)))
+        };
+        let look = |uv: DVec2, _: DVec3| {
+            let at = DVec2::new(uv.x * width as f64 - 0.5, (1.0 - uv.y) * height as f64 - 0.5);
+            let (start, f) = (at.floor(), at - at.floor());
+            let (x, y) = (start.x as i64, start.y as i64);
+            let row = |y| texel(x, y) * (1.0 - f.x) + texel(x + 1, y) * f.x;
+            row(y) * (1.0 - f.y) + row(y + 1) * f.y
+        };
+        let truth = truth(&look, 4 * height.min(512));
+        let parts = parts_of_picture([width, height]);
+        for n in [2, 4, 8, 16, 32] {
+            let found = bias(&directions(2 * n * n, parts, look), &truth);
+            let before = bias(&equal(n, &look), &truth);
+            println!(
+                "{} n = {n}: {:.2} %, equal parts of the sphere {:.1} %",
+                file.display(),
+                100.0 * found,
+                100.0 * before
+            );
+            if n >= 16 {
+                assert!(found <= 0.01, "{} n = {n}: {found}", file.display());
+            }
+        }
+    }
+}
+
+/// A small change of the radiance moves no direction far, also where half of the sky is black and cuts are ambiguous.
+#[test]
+fn rounding_does_not_move_directions() {
+    let half = |_: DVec2, d: DVec3| Rgb::splat(if d.x > 0.0 { 1.0 } else { 0.0 });
+    for look in [&half as &dyn Fn(DVec2, DVec3) -> Rgb, &sunny, &|_, _| {
+        Rgb::splat(1.0)
+    }] {
+        for n in [3, 16] {
+            let noisy = |uv: DVec2, d: DVec3| look(uv, d) * (1.0 + 1e-7 * (1e4 * uv.x + 3e4 * uv.y).sin());
+            let (a, b) = (directions(2 * n * n, 1, look), directions(2 * n * n, 1, noisy));
+            assert_eq!(a.len(), b.len());
+            for (a, b) in a.iter().zip(&b) {
+                let brightest = a.irradiance.max_component();
+                let off = (a.irradiance + b.irradiance * -1.0).map(f64::abs).max_component();
+                assert!(off <= 1e-5 * brightest + 1e-9, "n = {n}: {off}");
+                assert!(a.direction.distance(b.direction) < 1e-4 || brightest < 1e-5);
+            }
+        }
+    }
+}
