@@ -54,7 +54,7 @@ const FAULTS: [Fault; 30] = [
         scene: CLASSIC,
         overrides: none,
         tamper: mix_an_edge,
-        found: |case| case.opinion.as_ref().is_some_and(|opinion| opinion.neither == 1),
+        found: |case| case.ambiguous == 1,
     },
     Fault {
         reference: Renderer::Mitsuba,
