@@ -4,6 +4,7 @@ import math
 import unittest
 
 from support import BLACK_LIMIT, DOWN, FLOOR, Case, film, with_povray
+from whitstone_povray import operations
 
 HEAD = film() + DOWN
 POINT = '[[light]]\ntype = "point"\nposition = [3, 4, 0]\nintensity = [25, 50, 75]\n'
@@ -88,6 +89,68 @@ class Materials(Case):
         keys = 'type = "whitted", k_d = 0.2, k_refr = [0.8, 0.6, 0.4]'
         # The ambient term k_d and what is behind, which is not scaled by the index.
         self.near(self.glass(keys, inner), [1.0, 0.8, 0.6])
+
+    def test_total_internal_reflection(self):
+        # Through the side of a box and from below against its top, at 62 degrees; the block below is white.
+        scene = (
+            film() + BLACK_LIMIT + "max_depth = %d\n" + '[[light]]\ntype = "ambient"\nradiance = 1\n'
+            '[camera]\ntype = "perspective"\nfov = 0.1\nlook_at = { origin = [-2, -0.5, 0], target = [-1, 0.5, 0] }\n'
+            '[[shape]]\ntype = "box"\nmaterial = { %s }\n'
+            '[[shape]]\ntype = "box"\ntransform = [{ scale = 0.1 }, { translate = [0.5, 0.65, 0] }]\n'
+            'material = { type = "matte", reflectance = 1 }\n'
+        )  # fmt: skip
+
+        def seen(keys, depth=2):
+            return self.values(scene % (depth, keys))[0]
+
+        # In by k_refr; then all that is left is reflected, with k_refl + k_refr.
+        for reflected, passed in ((0.3, 0.3), (0.5, 0.5), (0.6, 0.8), (0.0, 0.5)):
+            keys = f'type = "whitted", k_refl = {reflected}, k_refr = {passed}'
+            self.near(seen(keys), passed * (reflected + passed))
+            self.near(seen(keys, 1), 0)
+        keys = 'type = "whitted", k_refl = [0.1, 0.2, 0.3], k_refr = [0.1, 0.3, 0.6]'
+        self.near(seen(keys), [0.02, 0.15, 0.54])
+        # The local term is there as well, at both hits.
+        self.near(seen('type = "whitted", k_d = 0.1, k_refl = 0.3, k_refr = 0.3'), 0.1 + 0.3 * (0.1 + 0.6))
+        # Indices count by their ratio.
+        self.near(seen('type = "whitted", k_refl = 0.2, k_refr = 0.4, interior_ior = 1.8, exterior_ior = 1.2'), 0.4 * 0.6)
+        # Of a dielectric it is 1.
+        reflected = (math.cos(math.radians(45)), math.sqrt(1 - 0.5 / 2.25))
+        r_s = (reflected[0] - 1.5 * reflected[1]) / (reflected[0] + 1.5 * reflected[1])
+        r_p = (1.5 * reflected[0] - reflected[1]) / (1.5 * reflected[0] + reflected[1])
+        self.near(seen('type = "dielectric"'), (1 - (r_s**2 + r_p**2) / 2) / 2.25)
+
+    def test_total_reflection_outside(self):
+        # From a denser medium against a box of air, at 71.6 degrees.
+        scene = (
+            film() + BLACK_LIMIT + '[[light]]\ntype = "ambient"\nradiance = 1\n'
+            '[camera]\ntype = "perspective"\nfov = 0.1\nlook_at = { origin = [-3, 2, 0], target = [0, 1, 0] }\n'
+            '[[shape]]\ntype = "box"\n'
+            'material = { type = "whitted", k_refl = 0.2, k_refr = 0.5, interior_ior = 1, exterior_ior = 1.5 }\n'
+            '[[shape]]\ntype = "box"\ntransform = [{ scale = 0.2 }, { translate = [3, 2, 0] }]\n'
+            'material = { type = "matte", reflectance = 1 }\n'
+        )  # fmt: skip
+        self.near(self.values(scene)[0], 0.7)
+
+    def test_glass_is_refused_where_povray_would_count_media(self):
+        glass = '[[shape]]\ntype = "sphere"\nradius = %s\ncenter = [%s, 0, 0]\nmaterial = { type = "whitted", k_refr = 1 }\n'
+        scene = HEAD + BLACK_LIMIT
+
+        def refused(text, *words):
+            answer = operations.answer({"op": "probe", "scene": text, "pixels": [[0, 0]], "settings": [{}]})
+            self.assertEqual(answer.get("kind"), "unsupported", answer)
+            for word in words:
+                self.assertIn(word, answer["error"])
+
+        refused(scene + glass % (6, 0), "shape[0]", "camera")
+        refused(scene.replace("perspective", "orthographic").replace("fov = 90", "width = 2") + glass % (6, 0), "shape[0]", "camera")
+        refused(scene + glass % (1, 0) + glass % (0.5, 0), "shape[1]", "overlap")
+        refused(scene + glass % (1, 0) + glass % (1, 1.9), "shape[1]", "overlap")
+        box = '[[shape]]\ntype = "box"\ntransform = { translate = [%s, 0, 0] }\nmaterial = { type = "dielectric" }\n'
+        refused(scene + box % 0 + box % 2, "shape[1]", "touch")
+        self.values(scene + box % 0 + box % 2.01)
+        # Boxes around them overlap, they do not.
+        self.values(scene + glass % (1, 0) + glass.replace("0, 0]", "1.5, 0]") % (1, 1.5))
 
     def test_glass_casts_an_opaque_shadow(self):
         ball = '[[shape]]\ntype = "sphere"\ncenter = [1.5, 2, 0]\nradius = 0.5\nmaterial = { type = "dielectric" }\n'

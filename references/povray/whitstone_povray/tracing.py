@@ -7,6 +7,7 @@ them, each brighter by that part of a unit in the last place, leave that part of
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -42,6 +43,13 @@ def documents(scene: Scene, setting: Setting) -> List[Document]:
         return [parse(scene.text, scene.base, setting, channel) for channel in range(3)]
 
 
+@functools.lru_cache(16)
+def _check(program: str) -> None:
+    """Refuses what only POV-Ray can tell that it would show otherwise."""
+    if program:
+        povray.render(program, 1, 1, (0, 0, 1, 1))
+
+
 def _workers() -> int:
     # POV-Ray spends most of a small picture waiting for itself.
     return 4 * (os.cpu_count() or 1)
@@ -59,6 +67,7 @@ def images(scene: Scene, settings: Sequence[Setting], exposures: int = 1, window
     """The mean over the samples of every pixel of a window, one image a setting. Equal scenes are rendered once."""
     factors = brightness(exposures)
     found = [[documents(scene, replace(setting, exposure=setting.exposure * f)) for f in factors] for setting in settings]
+    _check(found[0][0][0].check)
     jobs: Dict[str, Tuple[str, int, int, halves.Window]] = {}
     for document in (document for brackets in found for channels in brackets for document in channels):
         whole = (0, 0, document.width, document.height)

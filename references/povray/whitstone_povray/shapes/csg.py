@@ -7,7 +7,7 @@ from typing import Optional
 
 from .. import registry, transforms
 from ..errors import Unsupported
-from . import Fields, Place, Solid
+from . import INSIDE, Fields, Place, Solid
 
 # POV-Ray sees nothing much farther away.
 _FAR = 1e4
@@ -15,8 +15,6 @@ _NAMES = {"union": "merge", "intersection": "intersection", "difference": "diffe
 # Operands may be nested so deep, and there may be so many (model §9).
 _MAX_NESTING = 16
 _MAX_OPERANDS = 256
-# What tells POV-Ray that a mesh has an inside: a direction in which it looks for the outside, along no edge of ours.
-_INSIDE = "inside_vector <0.2113, 0.6247, 0.7517>"
 
 
 class _OfOperands:
@@ -54,7 +52,7 @@ def _operand(table: object, where: str, fields: Fields, place: Place, depth: int
     if solid.matrix is not None:
         # A mesh stands in the world already: what is around it must be taken back.
         own = transforms.inverse(place.own)
-        body = f"{body} {_INSIDE}"
+        body = f"{body} {INSIDE}"
     return replace(solid, body=f"{body} {transforms.write(own, place.setting.scale)} }}")
 
 
