@@ -115,7 +115,8 @@ class _Scene:
         moves = " ".join(transforms.write(matrix, scale) for matrix in (solid.matrix or transforms.IDENTITY, around))
         dark = not self.shadows or material.transparent
         flag = (" no_shadow" if dark else "") + (" hollow" if material.transparent else "")
-        self.objects.append(f"object {{ {name} {material.texture(solid.surface)} {material.interior} {moves}{flag} }}")
+        surface = solid.surface.placed(transforms.product(around, solid.matrix or transforms.IDENTITY), scale)
+        self.objects.append(f"object {{ {name} {material.texture(surface)} {material.interior} {moves}{flag} }}")
         if material.transparent:
             self.entered.append(checks.Body(place, name, moves))
         if material.transparent and self.shadows:

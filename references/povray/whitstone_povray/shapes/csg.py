@@ -7,7 +7,8 @@ from typing import Optional
 
 from .. import registry, transforms
 from ..errors import Unsupported
-from . import INSIDE, Fields, Place, Solid
+from ..textures import Point
+from . import INSIDE, Fields, Place, Solid, Surface
 
 # POV-Ray sees nothing much farther away.
 _FAR = 1e4
@@ -18,14 +19,21 @@ _MAX_OPERANDS = 256
 
 
 class _OfOperands:
-    """Texture coordinates that are those of the operand that is seen: asked for, they have no twin."""
+    """Texture coordinates that are those of the operand that is seen: asked for, they have no twin. The place in the world is known."""
 
     mapped = False
+
+    def __init__(self, world: Point = ("x", "y", "z")) -> None:
+        self.world = world
+
+    def placed(self, matrix: transforms.Matrix, scale: float) -> "_OfOperands":
+        """See `Surface`."""
+        return _OfOperands(Surface("0", "0").placed(matrix, scale).world)
 
     @property
     def u(self) -> str:
         """Of no single expression."""
-        raise Unsupported("shape: POV-Ray has no twin of textures on a csg, which are those of its operands")
+        raise Unsupported("shape: POV-Ray has no twin of texture coordinates on a csg, which are those of its operands")
 
     v = u
 
