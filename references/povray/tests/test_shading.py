@@ -25,6 +25,22 @@ class Lights(Case):
         self.near(self.floor(POINT), [0.5 / math.pi * 0.8 * number for number in (1, 2, 3)])
         self.near(self.floor(POINT + 'falloff = "none"\n'), [0.5 / math.pi * 0.8 * number for number in (25, 50, 75)])
 
+    def test_point_from_near(self):
+        for height in (1e-3, 1e-2):
+            light = f'[[light]]\ntype = "point"\nposition = [0, {height}, 0]\nintensity = {height**2}\n'
+            self.near(self.floor(light), 0.5 / math.pi)
+
+    def test_light_beyond_the_range_of_half_floats(self):
+        for intensity in (1e-9, 1e-6, 1e6, 1e9):
+            light = f'[[light]]\ntype = "point"\nposition = [0, 1, 0]\nintensity = {intensity}\n'
+            self.near(self.floor(light), 0.5 / math.pi * intensity, atol=0)
+
+    def test_sunlight_is_blocked_from_afar(self):
+        sun = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 1\n'
+        block = '[[shape]]\ntype = "box"\ntransform = [{ scale = 100 }, { translate = [0, 3000, 0] }]\n'
+        self.near(self.floor(sun), 0.5 / math.pi)
+        self.assertEqual(self.floor(sun, FLOOR + block), [0, 0, 0])
+
     def test_directional(self):
         sun = '[[light]]\ntype = "directional"\ndirection = [0, %d, 2]\nirradiance = 3\n'
         self.near(self.floor(sun % -2), 0.5 / math.pi * 3 * math.sqrt(0.5))

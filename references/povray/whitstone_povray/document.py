@@ -96,8 +96,8 @@ class _Scene:
         if material.branches and solid.smooth:
             # The model drops a branch that leaves for the wrong side of the surface (rule G).
             fields.unsupported("POV-Ray bends reflections back that interpolated normals send into the surface; the model drops them")
-        if solid.smooth and not self.shadows:
-            # With shadows the surface itself is in the way of such light (rule G).
+        if solid.smooth and not (self.shadows and solid.closed):
+            # With shadows a closed surface itself is in the way of such light (rule G).
             fields.unsupported("POV-Ray lights by interpolated normals even from behind the surface; the model does not")
         if solid.matrix is None:
             solid = replace(solid, matrix=own)
