@@ -77,7 +77,7 @@ class Documents(Case):
              + 'normals = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]\n', "shape[0]", "behind"),
             (dark + SPOT + SPOT.replace("[0, 0, 0]", "[9, 0, 0]"), "light[1]", "same place"),
             (dark + POINT + SPOT, "light[1]", "same place"),
-            (dark + BALL % 'type = "mirror", reflectance = { type = "checker" }', "reflectance", "no texture"),
+            (dark + BALL % 'type = "emissive", material = { type = "matte" }', "material.material", "one pigment"),
             (dark + BALL % 'type = "phong", k_s = { type = "checker" }', "k_s", "no texture"),
         ):  # fmt: skip
             with self.subTest(words=words):

@@ -3,7 +3,7 @@
 import math
 import unittest
 
-from support import BLACK_LIMIT, DOWN, FLOOR, Case, film, with_povray
+from support import BLACK_LIMIT, DOWN, EPS, FLOOR, Case, film, with_povray
 from whitstone_povray import operations
 
 HEAD = film() + DOWN
@@ -83,6 +83,22 @@ class Materials(Case):
         # No reflection at depth 0.
         limited = BLACK_LIMIT + "max_depth = 0\n"
         self.assertEqual(self.values(HEAD + limited + SKY + material('type = "mirror"'))[0], [0, 0, 0])
+
+    def test_mirror_with_a_texture(self):
+        # At the origin, a checker shows a, and a ramp from 0 to 1 shows what its offset says.
+        for text, expected in (
+            ('{ type = "checker", a = [0.5, 0.25, 0.1], b = 0.9, offset = [0.5, 0.5] }', [0.5, 0.5, 0.3]),
+            ('{ type = "gradient", a = [0, 1, 0], b = [1, 0, 0.5], offset = 0.25 }', [0.25, 1.5, 0.375]),
+            ('{ type = "gradient", stops = [{ at = 0, color = 0 }, { at = 0.5, color = 1 }, { at = 1, color = 0 }], offset = 0.75 }', [0.5, 1, 1.5]),
+        ):
+            found = self.values(HEAD + BLACK_LIMIT + SKY + material(f'type = "mirror", reflectance = {text}'))[0]
+            self.near(found, expected, rel=2 * EPS)
+
+    def test_emissive(self):
+        for lights in ("", POINT, '[[light]]\ntype = "ambient"\nradiance = 1\n'):
+            self.near(self.values(HEAD + lights + material('type = "emissive", radiance = [1, 20, 0.5]'))[0], [1, 20, 0.5])
+        checker = '{ type = "checker", a = [3, 2, 1], b = 0.9, offset = [0.5, 0.5] }'
+        self.near(self.values(HEAD + material(f'type = "emissive", radiance = {checker}'))[0], [3, 2, 1])
 
     def glass(self, keys, inner="", depth=1):
         box = f'[[shape]]\ntype = "box"\nmaterial = {{ {keys} }}\n'

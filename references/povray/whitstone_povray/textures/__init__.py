@@ -48,6 +48,13 @@ class Texture:
         # Patterns repeat beyond 0 and 1, so neither is reached.
         return f"{'uv_mapping ' if by_uv else ''}function {{ 0.25+0.5*({self.value(self.mapping.point(surface))}) }}"
 
+    def choose(self, surface: Surface, look: Callable[[Vector], str]) -> str:
+        """The inside of `texture { }`, by what a colour looks like: for what is linear in that colour."""
+        if self.constant is not None or self.value is None:
+            return look(self.constant or (0.0, 0.0, 0.0))
+        looks = " ".join(f"[{entry(place)} {look(color)}]" for place, color in self.stops)
+        return f"{self.pattern(surface)} texture_map {{ {looks} }}"
+
     def pigment(self, surface: Surface) -> str:
         """In full."""
         if self.constant is not None or self.value is None:
