@@ -94,6 +94,31 @@ class Materials(Case):
             found = self.values(HEAD + BLACK_LIMIT + SKY + material(f'type = "mirror", reflectance = {text}'))[0]
             self.near(found, expected, rel=2 * EPS)
 
+    def test_conductor(self):
+        def formula(eta, k, c):
+            # As the model writes it.
+            s2 = 1 - c * c
+            d = eta * eta - k * k - s2
+            big = math.sqrt(d * d + 4 * eta * eta * k * k)
+            a = math.sqrt((big + d) / 2)
+            r_s = (big - 2 * a * c + c * c) / (big + 2 * a * c + c * c)
+            r_p = r_s * (c * c * big - 2 * a * c * s2 + s2 * s2) / (c * c * big + 2 * a * c * s2 + s2 * s2)
+            return (r_s + r_p) / 2
+
+        white = '[[light]]\ntype = "background"\nradiance = 1\n'
+        for keys, eta, k, tint in (
+            ('metal = "Cu"', (0.20101, 0.92375, 1.10222), (3.91326, 2.45305, 2.14209), (1, 1, 1)),
+            ('eta = [1.6, 0.9, 1.5], k = [9, 6, 0.3], tint = [1, 0.5, 0.25]', (1.6, 0.9, 1.5), (9, 6, 0.3), (1, 0.5, 0.25)),
+        ):
+            for degrees in (1, 30, 62, 80, 86, 89):
+                s, c = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+                look = f"look_at = {{ origin = [{5 * s}, {5 * c}, 0], target = [0, 0, 0], up = [0, 0, 1] }}"
+                camera = f'[camera]\ntype = "perspective"\nfov = 0.01\n{look}\n'
+                found = self.values(film() + camera + BLACK_LIMIT + white + material(f'type = "conductor", {keys}'))[0]
+                self.near(found, [t * formula(e, x, c) for t, e, x in zip(tint, eta, k)], rel=1.5 * EPS)
+        self.refuse(film() + DOWN + BLACK_LIMIT + material('type = "conductor", metal = "Cu", k = 1'), "scene", ".k")
+        self.refuse(film() + DOWN + BLACK_LIMIT + material('type = "conductor", eta = 0.5, k = 0'), "unsupported", "sharply")
+
     def test_emissive(self):
         for lights in ("", POINT, '[[light]]\ntype = "ambient"\nradiance = 1\n'):
             self.near(self.values(HEAD + lights + material('type = "emissive", radiance = [1, 20, 0.5]'))[0], [1, 20, 0.5])

@@ -219,6 +219,8 @@ def _formulas(root: Dict[str, Any]) -> List[Tuple[str, str]]:
         found.append(("spot", "POV-Ray's own spot falls off by a cubic of the cosine: a shell lets through what the model says"))
     if '"dielectric"' in repr(root).replace("'", '"'):
         found.append(("dielectric", "POV-Ray does not scale by the squared relative index: its filter does"))
+    if '"conductor"' in repr(root).replace("'", '"'):
+        found.append(("conductor", "POV-Ray knows real indices only: a map of mirrors by the angle does what the model says"))
     return found
 
 
