@@ -130,8 +130,8 @@ impl Pattern for Gradient {
             Wrap::Clamp => x,
             Wrap::Mirror => 1.0 - (x - 2.0 * (0.5 * x).floor() - 1.0).abs(),
         };
-        // Of what is no number the larger is 0.
-        let t = t.max(0.0).min(1.0);
+        // NaN is 0 as well.
+        let t = if t > 0.0 { t.min(1.0) } else { 0.0 };
         let above = self.stops.partition_point(|(at, _)| *at <= t);
         match (
             above.checked_sub(1).map(|below| self.stops[below]),
