@@ -9,10 +9,21 @@
 
 use whitstone_core::{DuplicateType, Registry, Textures};
 
+#[cfg(any(
+    feature = "checker3d",
+    feature = "gradient",
+    feature = "rings",
+    feature = "stripes"
+))]
+mod cells;
 #[cfg(feature = "checker")]
 pub mod checker;
+#[cfg(feature = "checker3d")]
+pub mod checker3d;
 #[cfg(feature = "constant")]
 pub mod constant;
+#[cfg(feature = "gradient")]
+pub mod gradient;
 #[cfg(feature = "grid_lines")]
 pub mod grid_lines;
 #[cfg(feature = "image")]
@@ -24,8 +35,12 @@ pub mod noise;
 mod pyramid;
 #[cfg(any(feature = "image", feature = "synthesized"))]
 mod raster;
+#[cfg(feature = "rings")]
+pub mod rings;
 #[cfg(feature = "solid")]
 pub mod solid;
+#[cfg(feature = "stripes")]
+pub mod stripes;
 #[cfg(feature = "synthesized")]
 pub mod synthesized;
 #[cfg(feature = "worley")]
@@ -37,16 +52,24 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "checker")]
     registry.add::<Textures, checker::Checker>(from)?;
+    #[cfg(feature = "checker3d")]
+    registry.add::<Textures, checker3d::Checker3d>(from)?;
     #[cfg(feature = "constant")]
     registry.add::<Textures, constant::Constant>(from)?;
+    #[cfg(feature = "gradient")]
+    registry.add::<Textures, gradient::Gradient>(from)?;
     #[cfg(feature = "grid_lines")]
     registry.add::<Textures, grid_lines::GridLines>(from)?;
     #[cfg(feature = "image")]
     registry.add::<Textures, image::Image>(from)?;
     #[cfg(feature = "noise")]
     registry.add::<Textures, noise::Noise>(from)?;
+    #[cfg(feature = "rings")]
+    registry.add::<Textures, rings::Rings>(from)?;
     #[cfg(feature = "solid")]
     registry.add::<Textures, solid::Solid>(from)?;
+    #[cfg(feature = "stripes")]
+    registry.add::<Textures, stripes::Stripes>(from)?;
     #[cfg(feature = "synthesized")]
     registry.add::<Textures, synthesized::Synthesized>(from)?;
     #[cfg(feature = "worley")]

@@ -141,6 +141,45 @@ class Textures(Case):
             self.near(self.grey(16, 16, text), np.where(line, 0.1, 0.9))
         self.refuse(scene(1, 1, '{ type = "grid_lines", width = 2 }'), "scene", "width", "from 0 to 1")
 
+    def test_cells(self):
+        """On a wall at z = 0, which lies exactly on a border of the third axis."""
+        j, i = np.mgrid[0:16, 0:16]
+        x, y = (i + 0.5) / 8 - 1, 1 - (j + 0.5) / 8
+        cell = lambda x: np.floor(x + 1 / 4096)
+        alike = lambda cells: np.where(cells % 2 == 1, 0.2, 0.8)
+        self.near(self.grey(16, 16, '{ type = "checker3d" }'), alike(cell(x) + cell(y)))
+        found = self.grey(16, 16, '{ type = "checker3d", scale = 3, offset = [0.1, -0.3, 1] }')
+        self.near(found, alike(cell(3 * x + 0.1) + cell(3 * y - 0.3) + 1))
+        self.near(self.grey(16, 16, '{ type = "stripes", scale = 3, offset = 0.1 }'), alike(cell(3 * x + 0.1)))
+        self.near(self.grey(16, 16, '{ type = "rings", scale = 3, offset = 0.1 }'), alike(cell(3 * np.abs(x) + 0.1)))
+        turned = "mapping = { transform = { rotate = { axis = [1, 0, 0], degrees = 90 } } }"
+        self.near(self.grey(16, 16, f'{{ type = "rings", scale = 3, {turned} }}'), alike(cell(3 * np.hypot(x, y))))
+        self.refuse(scene(1, 1, '{ type = "rings", scale = 0 }'), "scene", "scale", "above 0")
+
+    def test_gradient(self):
+        j, i = np.mgrid[0:16, 0:16]
+        x = 1.5 * ((i + 0.5) / 8 - 1) + 0.3
+        ramp = 'type = "gradient", a = 0, b = 1, scale = 1.5, offset = 0.3'
+        self.near(self.grey(16, 16, f"{{ {ramp} }}"), x % 1, rel=1e-5, atol=1e-6)
+        self.near(self.grey(16, 16, f'{{ {ramp}, wrap = "clamp" }}'), np.clip(x, 0, 1), rel=1e-5, atol=1e-6)
+        self.near(self.grey(16, 16, f'{{ {ramp}, wrap = "mirror" }}'), np.arccos(np.cos(np.pi * x)) / np.pi, rel=1e-5, atol=1e-6)
+        # A wall at x = 1 exactly shows the start of the ramp, not its end or a mixture of both.
+        wall = 'type = "gradient", mapping = { transform = [{ scale = [0, 1, 0.5] }, { translate = [1, 0, 0] }] }'
+        self.refuse(scene(1, 1, f"{{ {wall} }}"), "scene", "invertible")
+        wall = 'type = "gradient", mapping = { transform = [{ rotate = { axis = [0, 1, 0], degrees = 90 } }, { translate = [1, 0, 0] }] }'
+        self.near(self.grey(16, 16, f"{{ {wall} }}"), np.full((16, 16), 0.8), rel=1e-6)
+        stops = "stops = [{ at = 0.25, color = 0.5 }, { at = 0.5, color = 1 }, { at = 1, color = 0 }]"
+        t = (x - 0.3) / 1.5 % 1
+        expected = np.where(t < 0.25, 0.5, np.where(t < 0.5, 2 * t, 2 - 2 * t))
+        self.near(self.grey(16, 16, f'{{ type = "gradient", {stops} }}'), expected, rel=1e-5, atol=1e-6)
+        for text, *words in (
+            ('a = 0, stops = [{ at = 0, color = 0 }, { at = 1, color = 1 }]', ".a", "stops"),
+            ("stops = [{ at = 0, color = 0 }]", "stops", "2 to 64"),
+            ("stops = [{ at = 0.5, color = 0 }, { at = 0.5, color = 1 }]", "stops", "ascending"),
+            ("stops = [{ at = 0, color = 0 }, { at = 2, color = 1 }]", "stops[1].at"),
+        ):
+            self.refuse(scene(1, 1, f'{{ type = "gradient", {text} }}'), "scene", *words)
+
     def test_noise(self):
         """The value that Perlin's program is known for; what noise is at whole numbers; kinds that are each other's special cases."""
         known = '{ type = "noise", a = 0, b = 1, mapping = { transform = { translate = [3.14, 42, 7] } } }'

@@ -235,12 +235,75 @@ class Solid:
         return Formula(self)
 
 
+def _cell(x: np.ndarray) -> np.ndarray:
+    """c of the model: the number of the cell, whose borders are moved a little."""
+    return np.floor(x + 1 / 4096)
+
+
+@dataclass(frozen=True)
+class Layers:
+    """`checker3d`, `stripes` and `rings`: colour b where a sum of cell numbers is odd."""
+
+    kind: str
+    a: Vector
+    b: Vector
+    scale: float
+    # Three numbers of checker3d, else one.
+    offset: Vector
+    mapping: mappings.Mapping
+
+    def range(self) -> Tuple[float, float]:
+        return min(self.a + self.b), max(self.a + self.b)
+
+    def at(self, q: np.ndarray) -> np.ndarray:
+        if self.kind == "checker3d":
+            axes = q
+        elif self.kind == "rings":
+            axes = np.linalg.norm(q[:, ::2], axis=1)[:, None]
+        else:
+            axes = q[:, :1]
+        odd = np.mod(_cell(self.scale * axes + np.array(self.offset)).sum(axis=1), 2) == 1
+        return np.where(odd[:, None], np.array(self.b), np.array(self.a))
+
+    def build(self) -> "mi.Texture":
+        return Formula(self)
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """A ramp of colours along the first axis."""
+
+    # Places in ascending order, and the colour at each.
+    places: Tuple[float, ...]
+    colors: Tuple[Vector, ...]
+    scale: float
+    offset: float
+    wrap: str
+    mapping: mappings.Mapping
+
+    def range(self) -> Tuple[float, float]:
+        return min(map(min, self.colors)), max(map(max, self.colors))
+
+    def at(self, q: np.ndarray) -> np.ndarray:
+        x = self.scale * q[:, 0] + self.offset
+        if self.wrap == "repeat":
+            x = np.maximum(x - _cell(x), 0)
+        elif self.wrap == "mirror":
+            x = 1 - np.abs(np.mod(x, 2) - 1)
+        # Beyond its ends NumPy's interpolation stays at them: that is "clamp".
+        channels = np.array(self.colors).T
+        return np.column_stack([np.interp(x, self.places, channel) for channel in channels])
+
+    def build(self) -> "mi.Texture":
+        return Formula(self)
+
+
 def _between(a: Vector, b: Vector, t: np.ndarray) -> np.ndarray:
     t = np.clip(t, 0, 1)[:, None]
     return np.array(a) * (1 - t) + np.array(b) * t
 
 
-HOSTED = (GridLines, Noise, Worley, Solid)
+HOSTED = (GridLines, Noise, Worley, Solid, Layers, Gradient)
 
 
 class Formula(mi.Texture):

@@ -7,7 +7,7 @@ Coordinates are the model's, v up; what Mitsuba has otherwise (v down in bitmaps
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Tuple
 
 import numpy as np
 
@@ -362,6 +362,46 @@ def _worley(fields: Fields, base: Folder) -> patterns.Worley:
     return patterns.Worley(value, a, b, scale, fields.integer("seed", 0, 0, 2**32 - 1), mappings.read(fields, "solid"))
 
 
+def _checker3d(fields: Fields, base: Folder) -> patterns.Layers:
+    a, b, scale = fields.color("a", 0.8), fields.color("b", 0.2), _positive(fields, "scale", 1.0)
+    offset = fields.vector("offset", (0.0, 0.0, 0.0), 3)
+    return patterns.Layers("checker3d", a, b, scale, offset, mappings.read(fields, "solid"))
+
+
+def _layers(kind: str) -> Callable[[Fields, Folder], patterns.Layers]:
+    def read(fields: Fields, base: Folder) -> patterns.Layers:
+        a, b, scale = fields.color("a", 0.8), fields.color("b", 0.2), _positive(fields, "scale", 1.0)
+        return patterns.Layers(kind, a, b, scale, (fields.number("offset", 0.0),), mappings.read(fields, "solid"))
+
+    return read
+
+
+def _gradient(fields: Fields, base: Folder) -> patterns.Gradient:
+    if fields.has("stops"):
+        for key in ("a", "b"):
+            if fields.has(key):
+                fields.error(key, "expected none of a gradient with stops")
+                fields.take(key)
+        raw = fields.take("stops")
+        if not isinstance(raw, list) or not 2 <= len(raw) <= 64:
+            fields.error("stops", "expected 2 to 64 tables")
+            raw = []
+        stops = [Fields(table, f"{fields.where}.stops[{index}]", fields.errors) for index, table in enumerate(raw)]
+        within = lambda place: 0 <= place <= 1
+        places = tuple(stop.number("at", REQUIRED, within, "a number from 0 to 1") for stop in stops)
+        colors = tuple(stop.color("color", REQUIRED) for stop in stops)
+        for stop in stops:
+            stop.close()
+        if any(before >= after for before, after in zip(places, places[1:])):
+            fields.error("stops", f"expected places in ascending order, found {places}")
+        places, colors = places or (0.0,), colors or ((0.0, 0.0, 0.0),)
+    else:
+        places, colors = (0.0, 1.0), (fields.color("a", 0.8), fields.color("b", 0.2))
+    scale, offset = _positive(fields, "scale", 1.0), fields.number("offset", 0.0)
+    wrap = fields.choice("wrap", "repeat", WRAPS)
+    return patterns.Gradient(places, colors, scale, offset, wrap, mappings.read(fields, "solid"))
+
+
 def _solid(fields: Fields, base: Folder) -> patterns.Solid:
     size = fields.take("size", REQUIRED)
     if not isinstance(size, list) or len(size) != 3 or not all(type(n) is int and 1 <= n <= 4096 for n in size):
@@ -405,4 +445,8 @@ READERS = {
     "worley": _worley,
     "solid": _solid,
     "synthesized": _synthesized,
+    "checker3d": _checker3d,
+    "gradient": _gradient,
+    "rings": _layers("rings"),
+    "stripes": _layers("stripes"),
 }

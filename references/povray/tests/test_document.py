@@ -8,6 +8,8 @@ from whitstone_povray import registry
 
 HEAD = film() + DOWN
 SKY = '[[light]]\ntype = "background"\nradiance = 1\n'
+SPOT = '[[light]]\ntype = "spot"\nposition = [0, 4, 0]\ntarget = [0, 0, 0]\nintensity = 1\n'
+POINT = '[[light]]\ntype = "point"\nposition = [0, 4, 0]\nintensity = 1\n'
 BALL = '[[shape]]\ntype = "sphere"\nmaterial = { %s }\n'
 
 
@@ -70,7 +72,12 @@ class Documents(Case):
             (dark + BALL % glass + BALL % (glass + ", exterior_ior = 1.2"), "Fresnel"),
             (dark + '[[shape]]\ntype = "triangle"\nvertices = [[0, 0, 0], [1, 0, 0], [0, 0, 1]]\n'
              + 'normals = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]\nmaterial = { type = "mirror" }\n', "shape[0]", "interpolated"),
-            (dark + BALL % 'type = "mirror", reflectance = { type = "checker" }', "reflectance", "no texture"),
+            # Interpolated normals turn towards light from behind, and an open surface does not block it.
+            (dark + '[[shape]]\ntype = "triangle"\nvertices = [[0, 0, 0], [1, 0, 0], [0, 0, 1]]\n'
+             + 'normals = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]\n', "shape[0]", "behind"),
+            (dark + SPOT + SPOT.replace("[0, 0, 0]", "[9, 0, 0]"), "light[1]", "same place"),
+            (dark + POINT + SPOT, "light[1]", "same place"),
+            (dark + BALL % 'type = "emissive", material = { type = "matte" }', "material.material", "one pigment"),
             (dark + BALL % 'type = "phong", k_s = { type = "checker" }', "k_s", "no texture"),
         ):  # fmt: skip
             with self.subTest(words=words):

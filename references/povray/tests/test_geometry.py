@@ -222,7 +222,7 @@ class Shapes(Case):
         for operand in ('{ type = "disk" }', '{ type = "cylinder", caps = false }', '{ type = "sphere", material = "m" }'):
             self.refuse(joined % operand, "scene", "operands[0]")
         textured = joined % '{ type = "box" }' + CELLS % 2
-        self.refuse(textured, "unsupported", "textures on a csg")
+        self.refuse(textured, "unsupported", "texture coordinates on a csg")
 
 
 class Meshes(unittest.TestCase):

@@ -6,12 +6,12 @@ import tomllib
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Optional, Tuple
 
-from . import cameras, lights, registry, sdl, transforms
+from . import cameras, checks, lights, registry, sdl, transforms
 from .errors import SceneError, Unsupported
 from .fields import REQUIRED, Context, Fields, nearest
 from .materials import Material, Materials
 from .settings import Setting
-from .shapes import Place, Solid
+from .shapes import INSIDE, Place, Solid
 from .textures import Library
 
 TABLES = ("film", "camera", "sampler", "integrator", "accelerator", "light", "texture", "material", "group", "shape", "expect")
@@ -37,6 +37,8 @@ class Document:
     body: str
     # What POV-Ray's own model lacks, by plugin: (type, reason).
     formulas: List[Tuple[str, str]]
+    # What only POV-Ray can find out about this scene: a program to be run once, or nothing.
+    check: str
 
     def write(self, sample: Tuple[float, float, int]) -> str:
         """In POV-Ray's scene language, through one position in every pixel and one point of the lens. POV-Ray looks through the middle by itself."""
@@ -58,6 +60,8 @@ class _Scene:
     # By the place of a shape's table: its name, its twin, its material. Copies share them.
     known: Dict[str, Optional[Tuple[str, Solid, Material]]] = field(default_factory=dict)
     open: List[str] = field(default_factory=list)
+    # Placed objects that light enters.
+    entered: List[checks.Body] = field(default_factory=list)
 
     def walk(self, tables: Any, where: str, around: transforms.Matrix) -> None:
         """The shapes of one list."""
@@ -73,7 +77,7 @@ class _Scene:
                 self.known[place] = self.shape(Fields(table, place, self.context))
             entry = self.known[place]
             if entry is not None:
-                self.put(*entry, around)
+                self.put(*entry, around, place)
 
     def shape(self, fields: Fields) -> Optional[Tuple[str, Solid, Material]]:
         """Reads a shape and declares its geometry."""
@@ -92,24 +96,29 @@ class _Scene:
         if material.branches and solid.smooth:
             # The model drops a branch that leaves for the wrong side of the surface (rule G).
             fields.unsupported("POV-Ray bends reflections back that interpolated normals send into the surface; the model drops them")
-        if solid.smooth and not self.shadows:
-            # With shadows the surface itself is in the way of such light (rule G).
+        if solid.smooth and not (self.shadows and solid.closed):
+            # With shadows a closed surface itself is in the way of such light (rule G).
             fields.unsupported("POV-Ray lights by interpolated normals even from behind the surface; the model does not")
         if solid.matrix is None:
             solid = replace(solid, matrix=own)
+        elif material.transparent:
+            solid = replace(solid, body=f"{solid.body} {INSIDE}")
         name = f"S{len(self.known)}"
         self.declarations += [solid.head] if solid.head else []
         self.declarations.append(f"#declare {name} = {solid.body} }}")
         self.used.append(material)
         return name, solid, material
 
-    def put(self, name: str, solid: Solid, material: Material, around: transforms.Matrix) -> None:
-        """A copy of a shape."""
+    def put(self, name: str, solid: Solid, material: Material, around: transforms.Matrix, place: str) -> None:
+        """An instance of a shape; `place` is that of its table."""
         scale = self.context.setting.scale
         moves = " ".join(transforms.write(matrix, scale) for matrix in (solid.matrix or transforms.IDENTITY, around))
         dark = not self.shadows or material.transparent
         flag = (" no_shadow" if dark else "") + (" hollow" if material.transparent else "")
-        self.objects.append(f"object {{ {name} {material.texture(solid.surface)} {material.interior} {moves}{flag} }}")
+        surface = solid.surface.placed(transforms.product(around, solid.matrix or transforms.IDENTITY), scale)
+        self.objects.append(f"object {{ {name} {material.texture(surface)} {material.interior} {moves}{flag} }}")
+        if material.transparent:
+            self.entered.append(checks.Body(place, name, moves))
         if material.transparent and self.shadows:
             black = "texture { pigment { rgb 0 } finish { ambient 0 diffuse 0 } }"
             self.objects.append(f"object {{ {name} {black} {moves} no_image no_reflection }}")
@@ -210,6 +219,8 @@ def _formulas(root: Dict[str, Any]) -> List[Tuple[str, str]]:
         found.append(("spot", "POV-Ray's own spot falls off by a cubic of the cosine: a shell lets through what the model says"))
     if '"dielectric"' in repr(root).replace("'", '"'):
         found.append(("dielectric", "POV-Ray does not scale by the squared relative index: its filter does"))
+    if '"conductor"' in repr(root).replace("'", '"'):
+        found.append(("conductor", "POV-Ray knows real indices only: a map of mirrors by the angle does what the model says"))
     return found
 
 
@@ -246,4 +257,6 @@ def parse(text: str, base: str, setting: Setting, channel: Optional[int] = None)
         f"background {{ {sdl.rgb(lit.background)} }}"
     )
     body = "\n".join([*lit.objects, *scene.declarations, *scene.objects])
-    return Document(width, height, camera.samples(samples), camera, setting, head, body, _formulas(root))
+    places = camera.samples(samples)
+    check = checks.program(head, scene.declarations, scene.entered, camera.origins(setting, places))
+    return Document(width, height, places, camera, setting, head, body, _formulas(root), check)

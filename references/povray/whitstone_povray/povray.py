@@ -9,8 +9,8 @@ import subprocess
 import tempfile
 from typing import List
 
-from . import halves
-from .errors import DriverError
+from . import checks, halves
+from .errors import DriverError, Unsupported
 
 # One rendering may take so long, in seconds. The harness has a limit of its own.
 _LIMIT = 3600
@@ -43,7 +43,7 @@ def render(scene: str, width: int, height: int, window: halves.Window) -> List[L
         with open(os.path.join(folder, "scene.pov"), "w", encoding="utf-8") as file:
             file.write(scene)
         left, top, right, bottom = window
-        command = [program(), "+Iscene.pov", "+Oimage.exr", "+FE", f"+W{width}", f"+H{height}", "-D", "-A", "-V", "-P", "+WT1", "-GA"]
+        command = [program(), "+Iscene.pov", "+Oimage.exr", "+FE", f"+W{width}", f"+H{height}", "-D", "-A", "-V", "-P", "+WT1", "-GD", "-GR", "-GS", "-GW"]
         command += ["File_Gamma=1.0", "Output_Alpha=off", "Quality=9"]
         if window != (0, 0, width, height):
             # Counted from 1, both ends included.
@@ -57,8 +57,12 @@ def render(scene: str, width: int, height: int, window: halves.Window) -> List[L
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise DriverError(f"povray: {error}") from error
-        said = done.stderr.decode("utf-8", "replace")
+        said = (done.stdout + done.stderr).decode("utf-8", "replace")
         path = os.path.join(folder, "image.exr")
+        mark = re.search(checks.MARK + r"\d+", said) if done.returncode != 0 else None
+        if mark is not None:
+            # Its number is that of a comment in the scene.
+            raise Unsupported(scene.split(f"// {mark.group()}: ", 1)[1].split("\n", 1)[0])
         if done.returncode != 0 or not os.path.isfile(path):
             raise DriverError(f"povray ended with {done.returncode}: {_problem(said)}")
         return halves.read(path, window)

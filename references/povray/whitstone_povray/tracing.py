@@ -7,6 +7,7 @@ them, each brighter by that part of a unit in the last place, leave that part of
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -42,6 +43,34 @@ def documents(scene: Scene, setting: Setting) -> List[Document]:
         return [parse(scene.text, scene.base, setting, channel) for channel in range(3)]
 
 
+@functools.lru_cache(16)
+def _check(program: str) -> None:
+    """Refuses what only POV-Ray can tell that it would show otherwise."""
+    if program:
+        povray.render(program, 1, 1, (0, 0, 1, 1))
+
+
+# What the brightest pixel of an image may be, so that halves are precise below it and do not overflow: powers of two. The step is their ratio.
+DIMMEST, BRIGHTEST = 2.0**-6, 2.0**14
+STEP = BRIGHTEST / DIMMEST
+
+
+@functools.lru_cache(16)
+def _brightening(scene: Scene) -> float:
+    """A power of two by which all light is multiplied, so that the image is in the range of half floats."""
+    factor = 1.0
+    # A black image stays black, however bright: it is tried a few times.
+    for _ in range(6):
+        image = images(scene, [Setting(exposure=factor)], 1, None, 1.0)[0]
+        brightest = max(abs(component) for row in image for color in row for component in color) * factor
+        if DIMMEST <= brightest <= BRIGHTEST:
+            return factor
+        if brightest < DIMMEST and factor >= STEP**3:
+            return 1.0
+        factor *= STEP if brightest < DIMMEST else 1 / STEP
+    return factor
+
+
 def _workers() -> int:
     # POV-Ray spends most of a small picture waiting for itself.
     return 4 * (os.cpu_count() or 1)
@@ -55,10 +84,21 @@ def brightness(exposures: int) -> List[float]:
     return [1.0] if exposures == 1 else [1.0 + (step + 0.5) * 2.0**-10 / exposures for step in range(exposures)]
 
 
-def images(scene: Scene, settings: Sequence[Setting], exposures: int = 1, window: Optional[halves.Window] = None) -> List[Image]:
-    """The mean over the samples of every pixel of a window, one image a setting. Equal scenes are rendered once."""
-    factors = brightness(exposures)
+def images(
+    scene: Scene,
+    settings: Sequence[Setting],
+    exposures: int = 1,
+    window: Optional[halves.Window] = None,
+    brighter: Optional[float] = None,
+) -> List[Image]:
+    """The mean over the samples of every pixel of a window, one image a setting. Equal scenes are rendered once.
+
+    All light is multiplied by `brighter`, by what the scene needs where it is None; the image is the same.
+    """
+    brighter = _brightening(scene) if brighter is None else brighter
+    factors = [brighter * factor for factor in brightness(exposures)]
     found = [[documents(scene, replace(setting, exposure=setting.exposure * f)) for f in factors] for setting in settings]
+    _check(found[0][0][0].check)
     jobs: Dict[str, Tuple[str, int, int, halves.Window]] = {}
     for document in (document for brackets in found for channels in brackets for document in channels):
         whole = (0, 0, document.width, document.height)

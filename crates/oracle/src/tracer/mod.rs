@@ -16,6 +16,7 @@ mod material;
 mod noise;
 mod pattern;
 mod place;
+mod repeated;
 mod sampler;
 mod scene;
 mod sky;

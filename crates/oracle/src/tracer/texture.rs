@@ -4,6 +4,7 @@ use super::noise::{Noise, NoiseConfig, Worley, WorleyConfig};
 use super::pattern::{
     Checker, CheckerConfig, Lines, LinesConfig, Picture, PictureConfig, Voxels, VoxelsConfig,
 };
+use super::repeated::{Cubes, CubesConfig, Layers, LayersConfig, Ramp, RampConfig};
 use super::synthesized::{SynthesizedConfig, synthesized};
 use serde::Deserialize;
 use std::f64::consts::{PI, TAU};
@@ -178,6 +179,21 @@ impl Texture {
                 let mut config: LinesConfig = decode(keys)?;
                 let mapping = Mapping::new(config.mapping.take(), Projection::Uv);
                 (mapping, Box::new(Lines::new(&config)))
+            }
+            "checker3d" => {
+                let mut config: CubesConfig = decode(keys)?;
+                let mapping = Mapping::new(config.mapping.take(), Projection::Solid);
+                (mapping, Box::new(Cubes::new(&config)))
+            }
+            "stripes" | "rings" => {
+                let mut config: LayersConfig = decode(keys)?;
+                let mapping = Mapping::new(config.mapping.take(), Projection::Solid);
+                (mapping, Box::new(Layers::new(&config, &*plugin.name == "rings")))
+            }
+            "gradient" => {
+                let mut config: RampConfig = decode(keys)?;
+                let mapping = Mapping::new(config.mapping.take(), Projection::Solid);
+                (mapping, Box::new(Ramp::new(config)))
             }
             "image" => {
                 let mut config: PictureConfig = decode(keys)?;

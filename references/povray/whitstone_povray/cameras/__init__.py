@@ -38,6 +38,20 @@ class Camera:
         """Each position in a pixel through each point of the lens, by its number."""
         return [(x, y, point) for x, y in positions for point in range(len(self.lens))]
 
+    def origins(self, setting: Setting, samples: List[Tuple[float, float, int]]) -> str:
+        """Where rays start, in POV-Ray's language: calls of the macro `Starts` with a point, or of `Window` with a corner, two sides and numbers of pixels."""
+        if self.kind == "perspective":
+            u, v, _ = self.axes
+            points = sorted({self.lens[point] for _, _, point in samples})
+            places = (tuple(e + x * p + y * q for e, p, q in zip(self.origin, u, v)) for x, y in points)
+            return "\n".join(f"Starts({sdl.vector(setting.scale * c for c in place)})" for place in places)
+        left, right, bottom, top = self.window
+        u, v, _ = self.axes
+        corner = [e + left * p + bottom * q for e, p, q in zip(self.origin, u, v)]
+        sides = ([(right - left) * p for p in u], [(top - bottom) * q for q in v])
+        vectors = ", ".join(sdl.vector(setting.scale * c for c in vector) for vector in (corner, *sides))
+        return f"Window({vectors}, {self.width}, {self.height})"
+
     def write(self, setting: Setting, dx: float, dy: float, point: int = 0) -> str:
         """Moved by so many pixels, to the right and downwards, and to a point of the lens."""
         left, right, bottom, top = self.window

@@ -1,19 +1,20 @@
 """Lights (model §7): `twin(fields)` gives a `Light`.
 
 A point light in POV-Ray falls off by `2 / (1 + (r / fade_distance)^2)`. With a fade distance that is small beside r that is the
-inverse square, to a relative (fade_distance / r)^2: below 1e-6 beyond 10 cm.
+inverse square, to a relative (fade_distance / r)^2: below 1e-6 beyond 1 mm.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, List, Tuple
+from typing import Any, List, Optional, Tuple
 
 from .. import registry, sdl
 from ..fields import Context, Fields, Vector
 
 # In metres.
-FADE_DISTANCE = 1e-4
+FADE_DISTANCE = 1e-6
 BLACK: Vector = (0.0, 0.0, 0.0)
 
 
@@ -24,6 +25,9 @@ class Light:
     objects: str = ""
     ambient: Vector = BLACK
     background: Vector = BLACK
+    # Where it is, and the radius of an object around it that filters light.
+    position: Optional[Vector] = None
+    shell: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,8 +61,12 @@ def read(tables: Any, context: Context) -> Lights:
         fields = Fields(table, f"light[{index}]", context)
         twin = registry.find("lights", fields)
         if twin is not None:
-            lights.append(twin(fields))
+            light = twin(fields)
             fields.close()
+            for other in lights:
+                if light.position and other.position and math.dist(light.position, other.position) <= light.shell + other.shell:
+                    fields.unsupported("a spot light of POV-Ray filters the light of others in the same place")
+            lights.append(light)
 
     def total(colors: List[Vector]) -> Vector:
         return tuple(sum(components) for components in zip(*colors, BLACK))

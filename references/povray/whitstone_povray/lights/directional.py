@@ -8,7 +8,7 @@ from ..transforms import unit
 from . import Fields, Light, exposed
 
 # In metres: what is farther away casts no shadow.
-FAR = 2000.0
+FAR = 9000.0
 
 
 def twin(fields: Fields) -> Light:

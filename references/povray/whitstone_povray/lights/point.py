@@ -8,4 +8,5 @@ from . import Fields, Light, point_source
 
 def twin(fields: Fields) -> Light:
     """`position`, `intensity`, `falloff`."""
-    return Light(point_source(fields, fields.vector("position", REQUIRED), fields.color("intensity", REQUIRED)) + " }")
+    position = fields.vector("position", REQUIRED)
+    return Light(point_source(fields, position, fields.color("intensity", REQUIRED)) + " }", position=position)

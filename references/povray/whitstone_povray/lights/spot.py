@@ -35,4 +35,4 @@ def twin(fields: Fields) -> Light:
         f"sphere {{ {sdl.vector([scale * c for c in position])}, {sdl.number(scale * SHELL)} texture {{ {pigment} "
         "finish { ambient 0 diffuse 0 } } no_image no_reflection }"
     )
-    return Light(source + "\n" + shell)
+    return Light(source + "\n" + shell, position=position, shell=SHELL)

@@ -1,17 +1,17 @@
-"""Twin of the material `mirror`: `reflection`."""
+"""Twin of the material `mirror`: `reflection`; of a texture, a `texture_map` of mirrors, since what they show is linear in the reflectance."""
 
 from __future__ import annotations
 
 from .. import sdl
-from ..textures import Texture
-from . import Fields, Library, Material, Vector, finish, plain
+from . import Fields, Library, Material, Vector, finish
 
 
 def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
     """`reflectance`."""
     reflectance = textures.value(fields, "reflectance", 1.0, 1.0)
-    if reflectance.constant is None:
-        fields.unsupported("POV-Ray has one colour of reflection for a whole object, no texture", "reflectance")
-        return Material(plain(Texture((0.0, 0.0, 0.0)), finish()))
-    reflection = f"phong 0 specular 0 reflection {{ {sdl.rgb(reflectance.constant)} }}"
-    return Material(plain(Texture((0.0, 0.0, 0.0)), finish(more=reflection)), branches=True)
+
+    def look(color: Vector) -> str:
+        reflection = f"phong 0 specular 0 reflection {{ {sdl.rgb(color)} }}"
+        return f"pigment {{ rgb 0 }} {finish(more=reflection)}"
+
+    return Material(lambda surface: f"texture {{ {reflectance.choose(surface, look)} }}", branches=True)

@@ -1,6 +1,12 @@
-"""Twin of the material `whitted`: `phong`, `reflection` and a filter, which is POV-Ray's own model."""
+"""Twin of the material `whitted`: `phong`, `reflection` and a filter, which is POV-Ray's own model but for total internal reflection.
+
+POV-Ray gives the one ray that is left there a weight of 1, the model `k_refl + k_refr`. So beyond the critical angle the surface has another
+texture, an opaque one that reflects the sum: POV-Ray's pattern `aoi` tells the angle.
+"""
 
 from __future__ import annotations
+
+import math
 
 from .. import sdl
 from . import FILTER, Fields, Library, Material, Surface, Vector, finish, grey, medium
@@ -30,8 +36,26 @@ def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
     own = lobes.pigment.constant if lobes.diffuse == 1.0 else (1.0, 1.0, 1.0)
     emission = tuple(light * color / stays for light, color in zip(lobes.emission, own))
     look = finish(diffuse, emission, reflection)
+    clear = f"pigment {{ rgbf {sdl.vector([*passes, FILTER])} }} {look}"
+    everything = f"{lobes.highlight(False)} reflection {{ {sdl.rgb(a + b for a, b in zip(k_refl, k_refr))} }}"
+    total = f"{lobes.pigment.pigment(_NOWHERE)} {finish(lobes.diffuse, lobes.emission, everything)}"
 
     def texture(surface: Surface) -> str:
-        return f"texture {{ pigment {{ rgbf {sdl.vector([*passes, FILTER])} }} {look} }}"
+        return _side("texture", media.outside / media.inside, clear, total) + " " + _side(
+            "interior_texture", media.inside / media.outside, clear, total
+        )
 
     return Material(texture, media.interior, True, True, media.outside)
+
+
+# Of a colour, which looks the same everywhere.
+_NOWHERE = Surface("0", "0")
+
+
+def _side(word: str, eta: float, clear: str, total: str) -> str:
+    """The texture of one side, for the relative index from there: total reflection is where sin >= 1/eta."""
+    if eta <= 1:
+        return f"{word} {{ {clear} }}"
+    # `aoi` is 1 along the normal and 1/2 across it.
+    critical = sdl.number(1 - math.asin(1 / eta) / math.pi)
+    return f"{word} {{ aoi texture_map {{ [{critical} {total}] [{critical} {clear}] }} }}"

@@ -18,6 +18,10 @@ from ..transforms import IDENTITY, Matrix, similarity
 __all__ = ["REQUIRED", "Fields", "Matrix", "Place", "Solid", "Surface", "Vector", "axes", "similarity"]
 
 
+# A direction in which POV-Ray looks for the outside of a mesh, along no edge of ours.
+INSIDE = "inside_vector <0.2113, 0.6247, 0.7517>"
+
+
 @dataclass(frozen=True)
 class Place:
     """Where a shape stands."""

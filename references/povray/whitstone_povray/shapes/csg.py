@@ -7,7 +7,8 @@ from typing import Optional
 
 from .. import registry, transforms
 from ..errors import Unsupported
-from . import Fields, Place, Solid
+from ..textures import Point
+from . import INSIDE, Fields, Place, Solid, Surface
 
 # POV-Ray sees nothing much farther away.
 _FAR = 1e4
@@ -15,19 +16,24 @@ _NAMES = {"union": "merge", "intersection": "intersection", "difference": "diffe
 # Operands may be nested so deep, and there may be so many (model §9).
 _MAX_NESTING = 16
 _MAX_OPERANDS = 256
-# What tells POV-Ray that a mesh has an inside: a direction in which it looks for the outside, along no edge of ours.
-_INSIDE = "inside_vector <0.2113, 0.6247, 0.7517>"
 
 
 class _OfOperands:
-    """Texture coordinates that are those of the operand that is seen: asked for, they have no twin."""
+    """Texture coordinates that are those of the operand that is seen: asked for, they have no twin. The place in the world is known."""
 
     mapped = False
+
+    def __init__(self, world: Point = ("x", "y", "z")) -> None:
+        self.world = world
+
+    def placed(self, matrix: transforms.Matrix, scale: float) -> "_OfOperands":
+        """See `Surface`."""
+        return _OfOperands(Surface("0", "0").placed(matrix, scale).world)
 
     @property
     def u(self) -> str:
         """Of no single expression."""
-        raise Unsupported("shape: POV-Ray has no twin of textures on a csg, which are those of its operands")
+        raise Unsupported("shape: POV-Ray has no twin of texture coordinates on a csg, which are those of its operands")
 
     v = u
 
@@ -54,7 +60,7 @@ def _operand(table: object, where: str, fields: Fields, place: Place, depth: int
     if solid.matrix is not None:
         # A mesh stands in the world already: what is around it must be taken back.
         own = transforms.inverse(place.own)
-        body = f"{body} {_INSIDE}"
+        body = f"{body} {INSIDE}"
     return replace(solid, body=f"{body} {transforms.write(own, place.setting.scale)} }}")
 
 

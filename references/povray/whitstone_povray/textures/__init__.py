@@ -1,36 +1,88 @@
-"""Textures (model §10): `twin(fields)` gives a `Texture`."""
+"""Textures (model §10): `twin(fields)` gives a `Texture`, most of them by `function`."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Callable, Dict, Optional
+from dataclasses import dataclass, replace
+from typing import Any, Callable, Dict, Optional, Sequence, Tuple
 
 from .. import registry, sdl
 from ..fields import Context, Fields, Vector, as_color
+from ..transforms import Matrix
+from . import _mapping
+from ._mapping import Mapping, Point
+
+__all__ = ["Fields", "Library", "Point", "Surface", "Texture", "Vector", "cell", "function", "two_colors"]
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Texture coordinates as expressions of POV-Ray's functions in its x, y, z; `mapped` where POV-Ray puts u, v in the place of x, y."""
+    """Where a point is, as expressions of POV-Ray's functions in its x, y, z: texture coordinates, and the place in the world in metres.
+
+    `mapped` where POV-Ray puts u, v in the place of x, y for a texture by texture coordinates.
+    """
 
     u: str
     v: str
     mapped: bool = False
+    world: Point = ("x", "y", "z")
+
+    def placed(self, matrix: Matrix, scale: float) -> "Surface":
+        """In the world, with so many of POV-Ray's units in a metre."""
+        return replace(self, world=_mapping.affine(matrix, ("x", "y", "z"), 1 / scale))
 
 
 @dataclass(frozen=True)
 class Texture:
-    """A colour, or a pattern on a surface: what stands in `pigment { }`."""
+    """A colour, or a number from 0 to 1 for each point of texture space and the colours that it stands for."""
 
     constant: Optional[Vector]
-    pattern: Optional[Callable[[Surface], str]] = None
+    value: Optional[Callable[[Point], str]] = None
+    # In ascending order; linear between them, and beyond the first and last the same.
+    stops: Tuple[Tuple[float, Vector], ...] = ()
+    mapping: Mapping = Mapping("uv")
+
+    def pattern(self, surface: Surface) -> str:
+        """What chooses in a map, with entries at `entry`."""
+        by_uv = surface.mapped and self.mapping.projection == "uv"
+        # Patterns repeat beyond 0 and 1, so neither is reached.
+        return f"{'uv_mapping ' if by_uv else ''}function {{ 0.25+0.5*({self.value(self.mapping.point(surface))}) }}"
+
+    def choose(self, surface: Surface, look: Callable[[Vector], str]) -> str:
+        """The inside of `texture { }`, by what a colour looks like: for what is linear in that colour."""
+        if self.constant is not None or self.value is None:
+            return look(self.constant or (0.0, 0.0, 0.0))
+        looks = " ".join(f"[{entry(place)} {look(color)}]" for place, color in self.stops)
+        return f"{self.pattern(surface)} texture_map {{ {looks} }}"
 
     def pigment(self, surface: Surface) -> str:
         """In full."""
-        if self.constant is not None or self.pattern is None:
+        if self.constant is not None or self.value is None:
             return f"pigment {{ {sdl.rgb(self.constant or (0.0, 0.0, 0.0))} }}"
-        return f"pigment {{ {'uv_mapping ' if surface.mapped else ''}{self.pattern(surface)} }}"
+        colors = " ".join(f"[{entry(place)} {sdl.rgb(color)}]" for place, color in self.stops)
+        return f"pigment {{ {self.pattern(surface)} color_map {{ {colors} }} }}"
+
+
+def entry(place: float) -> str:
+    """Where a number from 0 to 1 is in a map."""
+    return sdl.number(0.25 + 0.5 * place)
+
+
+def function(
+    fields: Fields, usual: str, stops: Sequence[Tuple[float, Vector]], value: Callable[[Point], str]
+) -> Texture:
+    """A texture by a function, with the key `mapping`."""
+    return Texture(None, value, tuple(stops), _mapping.read(fields, usual))
+
+
+def two_colors(fields: Fields) -> Tuple[Tuple[float, Vector], ...]:
+    """`a` and `b`, at 0 and 1."""
+    return (0.0, fields.color("a", 0.8)), (1.0, fields.color("b", 0.2))
+
+
+def cell(x: str) -> str:
+    """c of the model: the number of the cell, whose borders are moved a little."""
+    return f"floor({x}+1/4096)"
 
 
 class Library:
