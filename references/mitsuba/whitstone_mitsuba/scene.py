@@ -6,7 +6,7 @@ from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import bodies, lights, rounding, shaders, spawn
+from . import bodies, footprints, lights, rounding, shaders, spawn
 from . import shapes as shape_module
 from .document import Document
 from .runtime import dr, mi
@@ -76,6 +76,7 @@ class Built:
         self.environments = [texture.build() for texture in document.lights.environments]
         self.sensor = document.camera.build() if document.camera.native() else None
         self.scene, self._shapes = load_shapes(document, self.bsdfs, setting)
+        self.surfaces = footprints.Surfaces(document.shapes, self._shapes)
         self._tables()
 
     def behind(self, directions: Any) -> Any:

@@ -227,7 +227,12 @@ impl Sky {
             Self::Sphere(radiance) => {
                 let u = 0.5 + d.x.atan2(-d.z) / TAU;
                 let uv = DVec2::new(u, 0.5 + d.y.atan2(d.x.hypot(d.z)) / PI);
-                radiance.at(&Place { uv, p: d, n_s: d })
+                radiance.at(&Place {
+                    uv,
+                    p: d,
+                    n_s: d,
+                    footprint: Default::default(),
+                })
             }
             Self::Cube(faces) => {
                 let m = d.abs().max_element();
@@ -422,6 +427,7 @@ impl Slide {
             uv,
             p: uv.extend(0.0),
             n_s: DVec3::Z,
+            footprint: Default::default(),
         };
         let factor = distance / (z * z * z);
         Some((l, distance, self.intensity * self.slide.at(&place) * factor))
