@@ -80,19 +80,18 @@ class Document:
         if any(getattr(texture, "quilted", False) for texture in textures):
             reason = "the picture is quilted in Python; Mitsuba looks it up"
             found["synthesized"] = {"type": "synthesized", "twin": "hosted", "reason": reason}
-        filters = {getattr(texture, "filter", None) for texture in textures} & set(footprints.FILTERS)
-        for name in sorted(filters):
+        covering = [texture for texture in textures if getattr(texture, "covers", False)]
+        for name in sorted({texture.filter for texture in covering}):
             reason = "ray differentials, levels and means are computed in Python: Mitsuba's bitmaps have no levels"
             found[name] = {"type": name, "twin": "hosted", "reason": reason}
-        if any(getattr(texture, "folded", False) and texture.filter not in footprints.FILTERS for texture in textures):
+        if any(getattr(texture, "folded", False) and not texture.covers for texture in textures):
             reason = "Mitsuba wraps both axes of a bitmap alike: the other one is folded in Python"
             found["wrap"] = {"type": "wrap", "twin": "hosted", "reason": reason}
         if any(isinstance(texture, patterns.HOSTED) for texture in textures):
             reason = "a texture that Mitsuba lacks: its formula is computed in Python"
             found["pattern"] = {"type": "pattern", "twin": "hosted", "reason": reason}
         own = [texture for texture in textures if hasattr(texture, "mapping") and not isinstance(texture, patterns.HOSTED)]
-        own = [texture for texture in own if getattr(texture, "filter", None) not in footprints.FILTERS]
-        if any(not texture.mapping.usual() for texture in own):
+        if any(not texture.mapping.usual() and not getattr(texture, "covers", False) for texture in own):
             reason = "where a texture lies is computed in Python; Mitsuba's own textures look at (u, v) only"
             found["mapping"] = {"type": "mapping", "twin": "hosted", "reason": reason}
         camera = self.camera.hosted()

@@ -47,7 +47,7 @@ def _textures(materials: Sequence[Any], number: int) -> Iterator[Any]:
 
 
 def _filtered(materials: Sequence[Any], number: int) -> bool:
-    return any(getattr(texture, "filter", None) in FILTERS for texture in _textures(materials, number))
+    return any(getattr(texture, "covers", False) for texture in _textures(materials, number))
 
 
 def used(materials: Sequence[Any], shapes: Sequence[Any]) -> bool:

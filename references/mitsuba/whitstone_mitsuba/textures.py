@@ -82,6 +82,11 @@ class Image:
     max_anisotropy: int = 16
 
     @property
+    def covers(self) -> bool:
+        """Whether it shows a mean over the footprint."""
+        return self.filter in footprints.FILTERS
+
+    @property
     def folded(self) -> bool:
         """Whether its axes are wrapped by different rules."""
         return self.wrap[0] != self.wrap[1]
@@ -90,7 +95,7 @@ class Image:
         return float(self.pixels.min()), float(self.pixels.max())
 
     def build(self) -> "mi.Texture":
-        if self.filter in footprints.FILTERS:
+        if self.covers:
             return pyramid.Filtered(self)
         # A bitmap has one rule for both axes. The one that needs the other end of the picture is Mitsuba's; the other axis is folded before.
         to_uv = _to_uv((self.scale[0], -self.scale[1]), (self.offset[0], 1 - self.offset[1]))

@@ -38,7 +38,11 @@ impl Differential {
         let per = samples / (2.0 * moved);
         Self {
             origin: [right.origin - left.origin, below.origin - above.origin].map(|x| x * per),
-            direction: [right.direction - left.direction, below.direction - above.direction].map(|x| x * per),
+            direction: [
+                right.direction - left.direction,
+                below.direction - above.direction,
+            ]
+            .map(|x| x * per),
         }
     }
 

@@ -255,6 +255,7 @@ impl Sky {
 fn cube(description: &Description<'_>, faces: &Faces) -> Result<Vec<Picture>, SceneErrors> {
     let lookup = Lookup {
         filter: None,
+        max_anisotropy: None,
         wrap: [Wrap::Clamp; 2],
         scale: None,
         offset: None,

@@ -214,8 +214,19 @@ const MOVED: f64 = 1.0 / 256.0;
 /// Whether a texture is filtered by footprints.
 fn filters(description: &Description<'_>) -> bool {
     let written = description.textures.values().chain(&description.inline);
-    let filter = |plugin: &PluginTable<'_>| Some(plugin.table.get_ref().get("filter")?.get_ref().as_str()?.to_owned());
-    { written }.any(|plugin| matches!(filter(plugin).as_deref(), Some("trilinear" | "ewa")))
+    let filter = |plugin: &PluginTable<'_>| {
+        Some(
+            plugin
+                .table
+                .get_ref()
+                .get("filter")?
+                .get_ref()
+                .as_str()?
+                .to_owned(),
+        )
+    };
+    let mut pictures = written.filter(|plugin| ["image", "synthesized"].contains(&&*plugin.name));
+    pictures.any(|plugin| matches!(filter(plugin).as_deref(), Some("trilinear" | "ewa")))
 }
 
 impl Tracer {

@@ -74,9 +74,8 @@ impl Level {
     pub(super) fn bilinear(&self, wrap: [Wrap; 2], place: DVec2) -> Rgb {
         let x = place * self.extent() - 0.5;
         let (low, part) = (x.floor(), x - x.floor());
-        let row = |j: f64| {
-            self.texel(wrap, low.x, j) * (1.0 - part.x) + self.texel(wrap, low.x + 1.0, j) * part.x
-        };
+        let row =
+            |j: f64| self.texel(wrap, low.x, j) * (1.0 - part.x) + self.texel(wrap, low.x + 1.0, j) * part.x;
         row(low.y) * (1.0 - part.y) + row(low.y + 1.0) * part.y
     }
 

@@ -296,8 +296,7 @@ impl Part {
                 );
                 let roots = self.placed.meet(&line).ok()?.all;
                 let same = roots.iter().filter(|root| root.primitive == hit.primitive);
-                let nearest =
-                    same.min_by(|a, b| a.t.nearest().abs().total_cmp(&b.t.nearest().abs()))?;
+                let nearest = same.min_by(|a, b| a.t.nearest().abs().total_cmp(&b.t.nearest().abs()))?;
                 (
                     line.at(&nearest.t).nearest(),
                     nearest.normal.normalize(),
