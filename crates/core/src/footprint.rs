@@ -9,9 +9,10 @@ use crate::stream::{LANES, Lanes, Optional, RayStream};
 use crate::{Branches, Camera, Geometry, Inside, Needs, PathLetter, RawHit, Ray, SurfacePoint, World};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
-/// How far away the neighbours are that are looked at, as a part of the distance to the next sample: a power of 2, near enough
-/// for curved surfaces and so far that 45 of 53 bits stay.
-pub const STEP: f64 = 1.0 / 256.0;
+/// The step of the forward differences, as a part of the distance to the next sample: a power of 2. Their truncation error is of the order of
+/// the step times the curvature; at 1/256 it was ten times the error of the rest of an image. Their rounding error is 2^-39 of a coordinate, in
+/// sample distances.
+pub const STEP: f64 = 1.0 / 16384.0;
 
 /// The least cosine between a ray and the normal by which a footprint is prolonged.
 const GRAZING: f64 = 1.0 / (1 << 20) as f64;

@@ -4,7 +4,7 @@
 //! multiplies them, so it wants a file in which that has not been done already: PNG files are so, EXR files mostly not. Leaves are cut out in
 //! `scenes/showcase/cutout.toml`.
 //!
-//! - Twin: Mitsuba `bitmap` (native).
+//! - Twin: Mitsuba `bitmap` (native); the filters `trilinear` and `ewa` are hosted.
 //! - Example: `scenes/textures/image.toml`.
 
 use crate::mapping::{Mapping, Projection};

@@ -6,7 +6,7 @@
 //! the reference, choose the same pieces. The weights of that paper, error^(r - 2) with r = 0.8, are none, and would let rounding choose.
 //! Both are beside each other in `scenes/showcase/texture_optimization.toml`.
 //!
-//! - Twin: Mitsuba `bitmap` (native), of a picture quilted in Python, written from the model.
+//! - Twin: Mitsuba `bitmap` (native; `trilinear` and `ewa` are hosted), of a picture quilted in Python, written from the model.
 //! - Example: `scenes/textures/synthesized.toml`.
 
 mod codes;

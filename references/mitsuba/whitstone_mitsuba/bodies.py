@@ -37,7 +37,7 @@ class Face:
         total = cos_t == 0
         weight = dr.select(self.passed, 1, dr.select(total, 0, (1 - r) * eta_ti * eta_ti))
         wo = dr.select(self.passed, -si.wi, bent)
-        return Way(mi.Color3f(weight), wo, self.passed, self.absorption, self.absorption)
+        return Way(mi.Color3f(weight), wo, self.passed, self.absorption, self.absorption, self.eta)
 
     def shadow(self, si: Any) -> Way:
         """What a shadow ray keeps, where shadows are filtered: as seen from the side with the lower index."""

@@ -6,7 +6,7 @@ import sys
 from dataclasses import dataclass
 from typing import Any, List, Optional, Tuple
 
-from . import cameras, lights, materials, patterns, samplers, shapes, textures
+from . import cameras, footprints, lights, materials, patterns, samplers, shapes, textures
 from .errors import SceneError, Unsupported
 from .fields import Fields, nearest
 from .files import Folder
@@ -55,6 +55,8 @@ class Document:
     materials: Tuple[materials.Material, ...]
     shapes: Tuple[shapes.Shape, ...]
     folder: Folder
+    # Whether a surface has a texture that is filtered by footprints.
+    footprints: bool = False
 
     def used(self) -> set:
         """Numbers of the materials of shapes, with all that they are made of."""
@@ -81,14 +83,18 @@ class Document:
         if any(getattr(texture, "quilted", False) for texture in textures):
             reason = "the picture is quilted in Python; Mitsuba looks it up"
             found["synthesized"] = {"type": "synthesized", "twin": "hosted", "reason": reason}
-        if any(getattr(texture, "folded", False) for texture in textures):
+        covering = [texture for texture in textures if getattr(texture, "covers", False)]
+        for name in sorted({texture.filter for texture in covering}):
+            reason = "ray differentials, levels and means are computed in Python: Mitsuba's bitmaps have no levels"
+            found[name] = {"type": name, "twin": "hosted", "reason": reason}
+        if any(getattr(texture, "folded", False) and not texture.covers for texture in textures):
             reason = "Mitsuba wraps both axes of a bitmap alike: the other one is folded in Python"
             found["wrap"] = {"type": "wrap", "twin": "hosted", "reason": reason}
         if any(isinstance(texture, patterns.HOSTED) for texture in textures):
             reason = "a texture that Mitsuba lacks: its formula is computed in Python"
             found["pattern"] = {"type": "pattern", "twin": "hosted", "reason": reason}
         own = [texture for texture in textures if hasattr(texture, "mapping") and not isinstance(texture, patterns.HOSTED)]
-        if any(not texture.mapping.usual() for texture in own):
+        if any(not texture.mapping.usual() and not getattr(texture, "covers", False) for texture in own):
             reason = "where a texture lies is computed in Python; Mitsuba's own textures look at (u, v) only"
             found["mapping"] = {"type": "mapping", "twin": "hosted", "reason": reason}
         camera = self.camera.hosted()
@@ -198,12 +204,16 @@ def parse(text: str, base: str) -> Document:
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
     groups = _shared(root.get("group", {}), "group", errors)
     shape_list = shapes.read(root, groups, material_reader, texture_reader, folder, errors, unsupported)
+    covered = False
     if integrator is not None:
         _ending(integrator, material_reader.all, shape_list, errors)
+    if not errors and not unsupported:
+        covered = footprints.used(material_reader.all, shape_list)
+        unsupported += footprints.unsupported(material_reader.all, shape_list)
     # A document can be wrong and unsupported at once: what it gets wrong comes first.
     if errors:
         raise SceneError("\n".join(errors))
     if unsupported:
         raise Unsupported("\n".join(unsupported))
     assert camera is not None and integrator is not None
-    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder)
+    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, covered)

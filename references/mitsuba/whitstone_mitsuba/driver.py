@@ -18,7 +18,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import gouraud, shadows, spawn
+from . import footprints, gouraud, shadows, spawn
 from .lanes import Counts, Sums, TooDeep, mix, pad, way_name
 from .runtime import ULP, dr, mi
 from .samplers import Samples
@@ -59,6 +59,8 @@ class Rays:
     # The bodies that it is in, of those that may overlap: a bit for each.
     inside: Any
     real: int = 0
+    # (n, 2, 2, 3) float64 of NumPy, ray differentials: see `footprints`. None in documents without textures that need them.
+    spread: Optional[np.ndarray] = None
 
     def arrays(self) -> List[Any]:
         return [
@@ -69,7 +71,8 @@ class Rays:
     def gather(self, indices: np.ndarray) -> "Rays":
         """Some of the rays, in the order of `indices`."""
         lanes = pad(indices)
-        taken = Rays(*[dr.gather(type(array), array, lanes) for array in self.arrays()], real=len(indices))
+        spread = None if self.spread is None else self.spread[lanes.numpy()]
+        taken = Rays(*[dr.gather(type(array), array, lanes) for array in self.arrays()], real=len(indices), spread=spread)
         dr.eval(taken.arrays())
         return taken
 
@@ -87,6 +90,8 @@ class Rays:
 
         joined = Rays(*[join(list(arrays)) for arrays in zip(*[part.arrays() for part in parts])])
         dr.eval(joined.arrays())
+        if parts[0].spread is not None:
+            joined.spread = np.concatenate([part.spread for part in parts])
         return joined
 
 
@@ -123,6 +128,7 @@ class Level:
     hits: Optional[Hits]
     local: Any
     transmittance: Any
+    footprint: Optional[footprints.Footprint] = None
     # Per branch letter: parents (lane here), weights, children (lane in the next level); children None at the depth limit.
     links: List[Tuple[str, np.ndarray, Any, Optional[np.ndarray], Any]] = field(default_factory=list)
     # Per lamp (lanes, visible, contribution): kept only when recording.
@@ -256,6 +262,9 @@ class Tracer:
             dr.make_opaque(array)
         rays.o, rays.d = self._perturb(rays.o, rays.d, rays.key, rays.path, rays.setting)
         dr.eval(rays.arrays())
+        if self.document.footprints:
+            distance = 1 / math.sqrt(self.document.samples.at_first())
+            rays.spread = footprints.of_camera(self.document.camera, raster_x, raster_y, None if points is None else point, distance)
         return rays
 
     # ---- rays ----------------------------------------------------------------------------------------------------
@@ -271,7 +280,7 @@ class Tracer:
             if self.record:
                 self.levels.append(level)
             else:
-                level.rays = level.hits = None
+                level.rays = level.hits = level.footprint = None
             kept += rays.real
             if kept > self._budget:
                 raise TooDeep
@@ -311,6 +320,8 @@ class Tracer:
         hits = self.intersect(rays)
         self.counts.closest += rays.real
         level = Level(rays, hits, hits.local, hits.transmittance)
+        if rays.spread is not None:
+            level.footprint = self.built.surfaces.meet(rays, hits)
         # Lanes by material: a stable sort of their numbers.
         numbers = hits.material.numpy()[: max(rays.real, 1)]
         order = np.argsort(numbers, kind="stable").astype(np.uint32)
@@ -411,6 +422,8 @@ class Tracer:
         si.uv = dr.gather(mi.Point2f, hits.uv, lanes)
         si.sh_frame = mi.Frame3f(dr.gather(mi.Vector3f, hits.n_s, lanes))
         si.wi = si.to_local(-dr.gather(mi.Vector3f, level.rays.d, lanes))
+        if level.footprint is not None:
+            level.footprint.put(si, lanes.numpy())
         return si
 
     # ---- local terms ---------------------------------------------------------------------------------------------
@@ -637,6 +650,8 @@ class Tracer:
         o, direction = self._perturb(left.o, direction, key, path, setting)
         spawned = Rays(o, direction, throughput, medium, key, path, setting, left.shape, left.facet, left.within, left.push, inside)
         dr.eval(spawned.arrays(), weight, keep)
+        if level.footprint is not None:
+            spawned.spread = footprints.branch(level, lanes.numpy(), letter, way)
         return spawned, weight, keep
 
     # ---- numbers -------------------------------------------------------------------------------------------------

@@ -50,6 +50,12 @@ class Mapping:
         """Whether it is that of textures of (u, v), which Mitsuba's own do by themselves."""
         return self.projection == "uv" and np.array_equal(self.matrix, np.eye(4))
 
+    def weights(self, normal: np.ndarray) -> np.ndarray:
+        """(n, 3): how much each projection of "triplanar" counts, by n_s."""
+        normal = np.abs(normal @ np.linalg.inv(self.matrix[:3, :3]))
+        with np.errstate(invalid="ignore"):
+            return (normal / normal.max(axis=1, keepdims=True)) ** self.sharpness
+
     def values(self, si: Any, at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """(n, 3) colours at Mitsuba's surface interactions; `at` gives them for (n, 3) points of texture space."""
         uv = self.projection == "uv"
@@ -59,9 +65,7 @@ class Mapping:
         q = source @ self.matrix[:3, :3].T + self.matrix[:3, 3]
         if self.projection != "triplanar":
             return at(project(self.projection, q))
-        normal = np.abs(np.array(si.sh_frame.n, dtype=np.float64).T @ np.linalg.inv(self.matrix[:3, :3]))
-        with np.errstate(invalid="ignore"):
-            weight = (normal / normal.max(axis=1, keepdims=True)) ** self.sharpness
+        weight = self.weights(np.array(si.sh_frame.n, dtype=np.float64).T)
         total = np.zeros((len(q), 3))
         for a in range(3):
             place = np.column_stack([q[:, (a + 1) % 3], q[:, (a + 2) % 3], np.zeros(len(q))])

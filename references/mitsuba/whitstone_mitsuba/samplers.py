@@ -160,6 +160,10 @@ class Samples:
         """Which pixels take more than the first ones; None if each takes all."""
         return getattr(self.sampler, "refinement", None)
 
+    def at_first(self) -> int:
+        """How many positions a pixel has, of adaptive at first."""
+        return self.sampler.count if self.refinement is None else self.refinement.first
+
     def positions(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(pixels, samples, 2): from the left top corner of each pixel."""
         return self.sampler.at(x[:, None], y[:, None], self.numbers[None, :] // max(self.lens, 1))

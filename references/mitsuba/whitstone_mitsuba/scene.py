@@ -6,7 +6,7 @@ from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
-from . import bodies, lights, rounding, shaders, spawn
+from . import bodies, footprints, lights, rounding, shaders, spawn
 from .errors import Unsupported
 from .hosted import Host
 from . import shapes as shape_module
@@ -88,6 +88,7 @@ class Built:
         surfaces = [(place, shape.surface) for place, shape in enumerate(document.shapes) if shape.surface is not None]
         # What the driver intersects by itself; None where Mitsuba has all shapes.
         self.host = Host(surfaces, len(document.shapes)) if surfaces else None
+        self.surfaces = footprints.Surfaces(document.shapes, self._shapes)
         self._tables()
 
     def native_only(self, what: str) -> None:

@@ -37,6 +37,8 @@ class Way:
     straight: Any = True
     inside: Any = None
     outside: Any = None
+    # n_t/n_i of what is bent.
+    eta: Any = None
 
 
 def _black() -> Any:
@@ -99,7 +101,7 @@ class Leaf(Shader):
         context.type_mask = FLAGS[letter]
         sample, weight = self.bsdf.sample(context, si, mi.Float(0.5), mi.Point2f(0.5), True)
         straight = self.material.type == "thin_dielectric"
-        return Way(mi.Color3f(weight), sample.wo, straight, *self._media)
+        return Way(mi.Color3f(weight), sample.wo, straight, *self._media, sample.eta)
 
     def shadow(self, si: Any, filtered: bool) -> Way:
         if not self.passes(filtered):
@@ -253,7 +255,7 @@ class Mix(Shader):
         bent = [way for way in there if way.straight is not True]
         chosen = (bent or there)[0]
         weight = self._sum(si, [_black() if way is None else way.weight for way in ways])
-        return Way(weight, chosen.wo, chosen.straight, chosen.inside, chosen.outside)
+        return Way(weight, chosen.wo, chosen.straight, chosen.inside, chosen.outside, chosen.eta)
 
     def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
         return self._ways(si, [part.branch(letter, si, number) for part in self.parts])
@@ -301,7 +303,8 @@ class TwoSided(Shader):
         if any(way.straight is not True for way in there):
             straight = both(lambda way: mi.Bool(way.straight), mi.Bool(True))
         media = [both(lambda way, side=side: getattr(way, side), _black()) for side in ("inside", "outside")]
-        return Way(both(lambda way: way.weight, _black()), wo, straight, *media)
+        eta = both(lambda way: way.eta, mi.Float(1)) if any(way.eta is not None for way in there) else None
+        return Way(both(lambda way: way.weight, _black()), wo, straight, *media, eta)
 
     def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
         return self._ways(si, [part.branch(letter, si, number) for part in self.parts])

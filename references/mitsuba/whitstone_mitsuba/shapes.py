@@ -44,6 +44,8 @@ class Rules:
     axis: Optional[np.ndarray] = None
     # Of a cylinder, 3x4: object x and y and the texture coordinate v from world coordinates.
     wrap: Optional[np.ndarray] = None
+    # Of what is no mesh, from world space to the space of Mitsuba's shape (of the model's, of a plane): 3x4.
+    object_from_world: Optional[np.ndarray] = None
     # For UV_PLANE: 2x4, object x and y from world coordinates.
     plane: Optional[np.ndarray] = None
 
@@ -161,7 +163,7 @@ def _sphere(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
     placed[:3, 3] = (matrix @ [*centre, 1.0])[:3]
     placed[:3, :3] *= radius
     ball = np.array([*placed[:3, 3], radius * abs(np.linalg.det(matrix[:3, :3])) ** (1 / 3)])
-    return Rules(flip=transforms.mirrors(matrix), uv=UV_SPHERE, ball=ball), _native("sphere", placed)
+    return Rules(flip=transforms.mirrors(matrix), uv=UV_SPHERE, ball=ball, object_from_world=np.linalg.inv(placed)[:3]), _native("sphere", placed)
 
 
 def _flat(matrix: np.ndarray) -> np.ndarray:
@@ -187,12 +189,13 @@ def _plane(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
         return surfaces.Flat(matrix, "plane"), _SHEARED
     placed = matrix.copy()
     placed[:3, :3] *= PLANE_RADIUS / scale
-    return Rules(uv=UV_PLANE, project=_flat(matrix), plane=np.linalg.inv(matrix)[:2]), _native("disk", placed)
+    inverse = np.linalg.inv(matrix)
+    return Rules(uv=UV_PLANE, project=_flat(matrix), plane=inverse[:2], object_from_world=inverse[:3]), _native("disk", placed)
 
 
 def _rectangle(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     matrix = place.world
-    return Rules(flip=transforms.mirrors(matrix)), _native("rectangle", matrix)
+    return Rules(flip=transforms.mirrors(matrix), object_from_world=np.linalg.inv(matrix)[:3]), _native("rectangle", matrix)
 
 
 def _disk(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
@@ -201,7 +204,7 @@ def _disk(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
         fields.error("transform", "must scale x and y equally")
     if _sheared(place):
         return surfaces.Flat(matrix, "disk"), _SHEARED
-    return Rules(project=_flat(matrix)), _native("disk", matrix)
+    return Rules(project=_flat(matrix), object_from_world=np.linalg.inv(matrix)[:3]), _native("disk", matrix)
 
 
 def _cylinder(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:

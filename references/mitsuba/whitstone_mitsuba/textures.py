@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List, Tuple
 
 import numpy as np
 
-from . import images, mappings, patterns, quilting
+from . import footprints, images, mappings, patterns, pyramid, quilting
 from .errors import SceneError
 from .fields import REQUIRED, Fields, Vector, as_color, is_number, nearest
 from .files import Folder
@@ -78,6 +78,13 @@ class Image:
     mapping: mappings.Mapping
     # Whether it is not a file as it is, but quilted in Python.
     quilted: bool = False
+    # Of the filter "ewa".
+    max_anisotropy: int = 16
+
+    @property
+    def covers(self) -> bool:
+        """Whether it shows a mean over the footprint."""
+        return self.filter in footprints.FILTERS
 
     @property
     def folded(self) -> bool:
@@ -107,6 +114,8 @@ class Image:
         return np.broadcast_to(found, (len(uv), 3))
 
     def build(self) -> "mi.Texture":
+        if self.covers:
+            return pyramid.Filtered(self)
         # A bitmap has one rule for both axes. The one that needs the other end of the picture is Mitsuba's; the other axis is folded before.
         to_uv = _to_uv((self.scale[0], -self.scale[1]), (self.offset[0], 1 - self.offset[1]))
         bitmap = mi.load_dict(
@@ -160,10 +169,6 @@ class Folded(mi.Texture):
         return f"Folded[{self.image.wrap}]"
 
 
-# Filters by what a ray and its neighbours see: nothing that a renderer that follows single rays could show.
-FOOTPRINT_FILTERS = ("trilinear", "ewa")
-
-
 class Textures:
     """Reads texture values, resolving names of shared ones; each shared texture is read once."""
 
@@ -214,10 +219,6 @@ class Textures:
             if kind is not None:
                 self._unsupported.append(f"{where}: no twin for a texture of type {kind!r}; {nearest(kind, list(READERS))}")
             return Constant((0.0, 0.0, 0.0))
-        filtering = table.get("filter")
-        if kind in ("image", "synthesized") and filtering in FOOTPRINT_FILTERS:
-            self._unsupported.append(f"{where}: no twin for the filter {filtering!r}: rays have no footprints here")
-            return Constant((0.0, 0.0, 0.0))
         texture = reader(fields, self._base)
         fields.close()
         return texture
@@ -229,6 +230,14 @@ def _pair(fields: Fields, key: str, default: Vector, number_allowed: bool) -> Ve
     if number_allowed and is_number(raw):
         return (float(raw), float(raw))
     return fields.vector(key, default, 2)
+
+
+def _filter(fields: Fields) -> Tuple[str, int]:
+    """The filter of a picture, and the bound on its anisotropy."""
+    found = fields.choice("filter", "bilinear", ("bilinear", "nearest", *footprints.FILTERS))
+    if fields.has("max_anisotropy") and found != "ewa":
+        fields.error("max_anisotropy", 'only the filter "ewa" has this key')
+    return found, fields.integer("max_anisotropy", 16, 1, 64)
 
 
 WRAPS = ("repeat", "clamp", "mirror")
@@ -260,7 +269,7 @@ def _checker(fields: Fields, base: Folder) -> Checker:
 
 def _image(fields: Fields, base: Folder) -> Any:
     name = fields.string("file", REQUIRED)
-    filtering = fields.choice("filter", "bilinear", ("bilinear", "nearest"))
+    filtering, most = _filter(fields)
     wrap = _wrap(fields)
     alpha = fields.choice("channel", "color", ("color", "alpha")) == "alpha"
     if alpha and fields.has("color_space"):
@@ -272,7 +281,8 @@ def _image(fields: Fields, base: Folder) -> Any:
     if not name:
         return Constant((0.0, 0.0, 0.0))
     try:
-        return Image(images.load(base.path(name), space, alpha), filtering, wrap, scale, offset, mapping)
+        pixels = images.load(base.path(name), space, alpha)
+        return Image(pixels, filtering, wrap, scale, offset, mapping, max_anisotropy=most)
     except SceneError as error:
         fields.error("file", str(error))
         return Constant((0.0, 0.0, 0.0))
@@ -298,7 +308,7 @@ def _synthesized(fields: Fields, base: Folder) -> Any:
     tolerance = fields.number("tolerance", 0.1, lambda number: number >= 0, "a number of at least 0")
     seed = fields.integer("seed", 0, 0, 2**32 - 1)
     side, iterations = _optimize(fields)
-    filtering = fields.choice("filter", "bilinear", ("bilinear", "nearest"))
+    filtering, most = _filter(fields)
     wrap = _wrap(fields)
     space = fields.choice("color_space", "auto", ("auto", "srgb", "linear"))
     scale = _pair(fields, "scale", (1.0, 1.0), True)
@@ -312,15 +322,15 @@ def _synthesized(fields: Fields, base: Folder) -> Any:
     if block > min(sample.shape[:2]) or 2 * overlap > block:
         fields.error("block", f"expected a block within the sample and an overlap of at most half, found {block} and {overlap}")
         return Constant((0.0, 0.0, 0.0))
-    most = min(sample.shape[:2] + tuple(size))
-    if side > most:
-        fields.error("optimize", f"expected a neighborhood of at most {most}, found {side}")
+    room = min(sample.shape[:2] + tuple(size))
+    if side > room:
+        fields.error("optimize", f"expected a neighborhood of at most {room}, found {side}")
         return Constant((0.0, 0.0, 0.0))
     picture = quilting.quilt(sample, (size[0], size[1]), block, overlap, tolerance, seed)
     values = quilting.optimized(picture, sample, side, iterations) / 255.0 if side else picture / 255.0
     values = values if space == "linear" else images.srgb_to_linear(values)
     pixels = np.ascontiguousarray(values, dtype=np.float32)
-    return Image(pixels, filtering, wrap, scale, offset, mapping, quilted=True)
+    return Image(pixels, filtering, wrap, scale, offset, mapping, True, most)
 
 
 def _grid_lines(fields: Fields, base: Folder) -> patterns.GridLines:

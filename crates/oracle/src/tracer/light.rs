@@ -242,7 +242,12 @@ impl Sky {
     /// The radiance from a direction, which is at (u, v).
     fn at(&self, uv: DVec2, d: DVec3) -> Rgb {
         match self {
-            Self::Sphere(radiance) => radiance.at(&Place { uv, p: d, n_s: d }),
+            Self::Sphere(radiance) => radiance.at(&Place {
+                uv,
+                p: d,
+                n_s: d,
+                footprint: Default::default(),
+            }),
             Self::Cube(faces) => {
                 let m = d.abs().max_element();
                 let axis = (0..3).find(|a| d[*a].abs() == m).unwrap_or(0);
@@ -264,6 +269,7 @@ impl Sky {
 fn cube(description: &Description<'_>, faces: &Faces) -> Result<Vec<Picture>, SceneErrors> {
     let lookup = Lookup {
         filter: None,
+        max_anisotropy: None,
         wrap: [Wrap::Clamp; 2],
         scale: None,
         offset: None,
@@ -431,6 +437,7 @@ impl Slide {
             uv,
             p: uv.extend(0.0),
             n_s: DVec3::Z,
+            footprint: Default::default(),
         };
         let factor = distance / (z * z * z);
         Some((l, distance, self.intensity * self.slide.at(&place) * factor))

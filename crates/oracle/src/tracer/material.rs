@@ -4,6 +4,7 @@ pub(super) mod bodies;
 mod read;
 
 use super::camera::lens;
+use super::footprint::{APART, Differential, bounded, slope};
 use super::texture::{Place, Texture};
 use bodies::{Face, Substance};
 use read::Source;
@@ -50,6 +51,8 @@ impl Medium {
 /// A direction in which a ray goes on.
 pub(super) struct Branch {
     pub(super) direction: DVec3,
+    /// That of which the derivative counts: of glossy, what a mirror does.
+    course: DVec3,
     pub(super) weight: Rgb,
     pub(super) medium: Medium,
     /// Whether it goes to the other side.
@@ -167,17 +170,7 @@ impl Material {
 
     /// At a surface point, with the geometric normal and the direction to the viewer.
     pub(super) fn at(&self, spot: Place, n_g: DVec3, viewer: DVec3) -> At<'_> {
-        let at = At {
-            kind: &self.0,
-            spot,
-            n_g,
-            viewer,
-            n_s: n_g,
-            n: n_g,
-        };
-        // Rule S.
-        let same_side = viewer.dot(spot.n_s) * viewer.dot(n_g) >= 0.0;
-        at.facing(if same_side { spot.n_s } else { -spot.n_s })
+        At::new(&self.0, spot, n_g, viewer)
     }
 
     /// Whether there is a mask in it.
@@ -212,7 +205,62 @@ pub(super) struct At<'a> {
     n: DVec3,
 }
 
+impl<'a> At<'a> {
+    fn new(kind: &'a Kind, spot: Place, n_g: DVec3, viewer: DVec3) -> Self {
+        let at = At {
+            kind,
+            spot,
+            n_g,
+            viewer,
+            n_s: n_g,
+            n: n_g,
+        };
+        // Rule S.
+        let same_side = viewer.dot(spot.n_s) * viewer.dot(n_g) >= 0.0;
+        at.facing(if same_side { spot.n_s } else { -spot.n_s })
+    }
+}
+
 impl At<'_> {
+    /// The differentials of its branches, of the ray with this one that arrived in a medium.
+    pub(super) fn differentials(
+        &self,
+        branches: &[Branch],
+        arriving: &Differential,
+        medium: Medium,
+    ) -> Vec<Differential> {
+        let footprint = self.spot.footprint;
+        // What the material does next to the point: on the right, below, and on the opposite sides.
+        let beside = [0, 1].map(|side| {
+            [-APART, APART].map(|away| {
+                let spot = Place {
+                    uv: self.spot.uv + away * footprint.uv[side],
+                    p: self.spot.p + away * footprint.p[side],
+                    n_s: (self.spot.n_s + away * footprint.n_s[side]).normalize(),
+                    footprint,
+                };
+                let viewer = (self.viewer - away * arriving.direction[side]).normalize();
+                At::new(self.kind, spot, self.n_g, viewer).branches(medium)
+            })
+        });
+        let of = |branch: &Branch| Differential {
+            origin: footprint.p,
+            direction: [0, 1].map(|side| {
+                let [before, after] = [0, 1].map(|k| {
+                    let there = &beside[side][k];
+                    let same = there.iter().find(|one| one.transmitted == branch.transmitted);
+                    same.map(|one| one.course)
+                });
+                bounded(slope(before, branch.course, after, APART))
+            }),
+        };
+        branches.iter().map(of).collect()
+    }
+
+    pub(super) fn place(&self) -> &Place {
+        &self.spot
+    }
+
     /// The normal on the viewer's side.
     pub(super) fn n(&self) -> DVec3 {
         self.n
@@ -349,13 +397,15 @@ impl At<'_> {
     /// Reflection, then transmission, then straight on.
     pub(super) fn branches(&self, medium: Medium) -> Vec<Branch> {
         let reflected = |weight: Rgb| Branch {
-            direction: 2.0 * self.n.dot(self.viewer) * self.n - self.viewer,
+            direction: self.mirrored(),
+            course: self.mirrored(),
             weight,
             medium,
             transmitted: false,
         };
         let straight = |weight: Rgb| Branch {
             direction: -self.viewer,
+            course: -self.viewer,
             weight,
             medium,
             transmitted: true,
@@ -374,6 +424,7 @@ impl At<'_> {
                 let r = reflected(weight);
                 let [x, y] = self.across(r.direction);
                 let about = |q: &DVec3| Branch {
+                    // `course` stays.
                     direction: q.x * x + q.y * y + q.z * r.direction,
                     ..r
                 };
@@ -524,6 +575,10 @@ impl At<'_> {
         Rgb::splat(1.0 - r)
     }
 
+    fn mirrored(&self) -> DVec3 {
+        2.0 * self.n.dot(self.viewer) * self.n - self.viewer
+    }
+
     fn is_outside(&self) -> bool {
         self.viewer.dot(self.n_g) > 0.0
     }
@@ -531,7 +586,8 @@ impl At<'_> {
     /// Reflection and refraction by Fresnel's formulas.
     fn glass(&self, interface: &Interface, medium: Medium) -> Vec<Branch> {
         let reflected = |weight: f64| Branch {
-            direction: 2.0 * self.n.dot(self.viewer) * self.n - self.viewer,
+            direction: self.mirrored(),
+            course: self.mirrored(),
             weight: Rgb::splat(weight),
             medium,
             transmitted: false,
@@ -557,6 +613,7 @@ impl At<'_> {
         };
         let branch = |direction| Branch {
             direction,
+            course: direction,
             weight: Rgb::splat(0.0),
             medium,
             transmitted: true,

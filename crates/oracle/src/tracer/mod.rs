@@ -11,11 +11,13 @@
 //! What it does not know it says: a scene with such a part has no tracer, and a ray whose hit no number of digits decides has no value.
 
 mod camera;
+mod footprint;
 mod light;
 mod material;
 mod noise;
 mod pattern;
 mod place;
+mod pyramid;
 mod repeated;
 mod sampler;
 mod scene;
@@ -24,6 +26,7 @@ mod synthesized;
 mod texture;
 
 use camera::Camera;
+use footprint::Differential;
 use light::Lights;
 use material::{At, Branch, Medium};
 use sampler::Sampler;
@@ -101,6 +104,8 @@ pub struct Tracer {
     sampler: Sampler,
     /// Of the image, in pixels.
     size: [u32; 2],
+    /// How far apart samples are, in pixels, where a texture is filtered by footprints.
+    apart: Option<f64>,
 }
 
 /// `[integrator]`.
@@ -230,6 +235,28 @@ struct Arriving {
     throughput: Rgb,
     medium: Medium,
     depth: u32,
+    differential: Option<Differential>,
+}
+
+/// How far the neighbours of a camera ray are that it is compared with, in pixels.
+const MOVED: f64 = 1.0 / 256.0;
+
+/// Whether a texture is filtered by footprints.
+fn filters(description: &Description<'_>) -> bool {
+    let written = description.textures.values().chain(&description.inline);
+    let filter = |plugin: &PluginTable<'_>| {
+        Some(
+            plugin
+                .table
+                .get_ref()
+                .get("filter")?
+                .get_ref()
+                .as_str()?
+                .to_owned(),
+        )
+    };
+    let mut pictures = written.filter(|plugin| ["image", "synthesized"].contains(&&*plugin.name));
+    pictures.any(|plugin| matches!(filter(plugin).as_deref(), Some("trilinear" | "ewa")))
 }
 
 impl Tracer {
@@ -238,12 +265,15 @@ impl Tracer {
     /// # Errors
     /// What the oracle does not know of it.
     pub fn new(description: &Description<'_>) -> Result<Self, SceneErrors> {
+        let sampler = Sampler::new(&description.sampler)?;
+        let apart = filters(description).then(|| 1.0 / (sampler.at_first() as f64).sqrt());
         Ok(Self {
             scene: Scene::new(description)?,
             camera: Camera::new(&description.camera, &description.film)?,
             lights: Lights::new(description)?,
             rules: Rules::new(&description.integrator)?,
-            sampler: Sampler::new(&description.sampler)?,
+            sampler,
+            apart,
             size: [description.film.size.width, description.film.size.height],
         })
     }
@@ -351,7 +381,14 @@ impl Tracer {
     ) -> Result<(), Unsure> {
         for position in positions {
             let place = [f64::from(x) + position[0], f64::from(y) + position[1]];
-            for ray in self.camera.rays(place) {
+            let neighbours = self.apart.map(|_| {
+                let offsets = [[-MOVED, 0.0], [MOVED, 0.0], [0.0, -MOVED], [0.0, MOVED]];
+                offsets.map(|[a, b]| self.camera.rays([place[0] + a, place[1] + b]))
+            });
+            for (number, ray) in self.camera.rays(place).into_iter().enumerate() {
+                let differential = neighbours.as_ref().zip(self.apart).map(|(neighbours, apart)| {
+                    Differential::between(neighbours.each_ref().map(|rays| &rays[number]), MOVED, apart)
+                });
                 let arriving = Arriving {
                     ray: Ray {
                         direction: walk.jitter.direction(ray.direction),
@@ -361,6 +398,7 @@ impl Tracer {
                     throughput: Rgb::splat(1.0),
                     medium: Medium::default(),
                     depth: 0,
+                    differential,
                 };
                 values.push(self.radiance(&arriving, walk)?);
             }
@@ -385,7 +423,10 @@ impl Tracer {
         if self.rules.at_corners {
             return self.at_corners(&hit, &arriving.ray);
         }
-        let material = self.scene.material(&hit, viewer);
+        let material = match &arriving.differential {
+            None => self.scene.material(&hit, viewer),
+            Some(differential) => self.scene.material_over(&hit, &arriving.ray, differential),
+        };
         let deadline = walk.deadline;
         let shadow = |l, distance| {
             in_time(deadline)?;
@@ -393,8 +434,14 @@ impl Tracer {
         };
         let mut sum = self.local(&material, hit.normal, point, viewer, &shadow)?;
         if self.rules.branches {
-            for branch in material.branches(arriving.medium) {
-                sum += self.branch(&branch, &hit, point, viewer, throughput, arriving.depth, walk)?;
+            let branches = material.branches(arriving.medium);
+            let differentials = arriving
+                .differential
+                .map(|arrived| material.differentials(&branches, &arrived, arriving.medium));
+            for (number, branch) in branches.iter().enumerate() {
+                let differential = differentials.as_ref().map(|all| all[number]);
+                let left = (point, differential);
+                sum += self.branch(branch, &hit, left, viewer, throughput, arriving.depth, walk)?;
             }
         }
         Ok(sum * transmittance)
@@ -439,7 +486,7 @@ impl Tracer {
         &self,
         branch: &Branch,
         hit: &Hit,
-        point: DVec3,
+        (point, differential): (DVec3, Option<Differential>),
         viewer: DVec3,
         throughput: Rgb,
         depth: u32,
@@ -472,6 +519,7 @@ impl Tracer {
             throughput: next,
             medium: branch.medium,
             depth: depth + 1,
+            differential,
         };
         Ok(branch.weight * self.radiance(&arriving, walk)?)
     }

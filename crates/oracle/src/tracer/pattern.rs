@@ -1,5 +1,6 @@
 //! Textures of section 10 that are pictures or are drawn with rulers.
 
+use super::pyramid::{Level, Mean};
 use super::texture::{MappingConfig, Pattern};
 use serde::Deserialize;
 use std::path::Path;
@@ -146,7 +147,7 @@ impl Wraps {
 
 impl Wrap {
     /// The index in 0..count of any index.
-    fn index(self, i: f64, count: usize) -> usize {
+    pub(super) fn index(self, i: f64, count: usize) -> usize {
         let count = count as f64;
         let inside = match self {
             Self::Repeat => i.rem_euclid(count),
@@ -171,16 +172,16 @@ pub(super) struct PictureConfig {
     color_space: Option<String>,
     scale: Option<Pair>,
     offset: Option<Pair>,
-    #[serde(rename = "max_anisotropy")]
-    _max_anisotropy: Option<serde::de::IgnoredAny>,
+    max_anisotropy: Option<f64>,
     pub(super) mapping: Option<MappingConfig>,
 }
 
 /// A picture of linear values, the top row first.
 pub(super) struct Picture {
-    size: [usize; 2],
-    texels: Vec<Rgb>,
+    /// One, but where they are filtered by footprints.
+    levels: Vec<Level>,
     nearest: bool,
+    mean: Option<Mean>,
     wrap: [Wrap; 2],
     placing: Placing,
 }
@@ -188,6 +189,7 @@ pub(super) struct Picture {
 /// How the texels of a picture are looked up.
 pub(super) struct Lookup<'a> {
     pub(super) filter: Option<&'a str>,
+    pub(super) max_anisotropy: Option<f64>,
     pub(super) wrap: [Wrap; 2],
     pub(super) scale: Option<Pair>,
     pub(super) offset: Option<Pair>,
@@ -234,6 +236,7 @@ impl Picture {
         }?;
         let lookup = Lookup {
             filter: config.filter.as_deref(),
+            max_anisotropy: config.max_anisotropy,
             wrap: config.wrap.each(),
             scale: config.scale,
             offset: config.offset,
@@ -247,9 +250,11 @@ impl Picture {
     }
 
     pub(super) fn of(codes: &Codes, color_space: Option<&str>, lookup: &Lookup<'_>) -> Result<Self, String> {
-        let nearest = match lookup.filter {
-            None | Some("bilinear") => false,
-            Some("nearest") => true,
+        let (nearest, mean) = match lookup.filter {
+            None | Some("bilinear") => (false, None),
+            Some("nearest") => (true, None),
+            Some("trilinear") => (false, Some(Mean::Trilinear)),
+            Some("ewa") => (false, Some(Mean::Ewa(lookup.max_anisotropy.unwrap_or(16.0)))),
             Some(other) => return Err(format!("the filter \"{other}\"")),
         };
         let encoded = match color_space {
@@ -265,43 +270,55 @@ impl Picture {
                 true => ((c + 0.055) / 1.055).powf(2.4),
             }
         };
-        Ok(Self {
+        let texels = codes.values.iter().map(|texel| Rgb::from(texel.map(value)));
+        let picture = Level {
             size: codes.size,
-            texels: codes
-                .values
-                .iter()
-                .map(|texel| Rgb::from(texel.map(value)))
-                .collect(),
+            texels: texels.collect(),
+        };
+        Ok(Self {
+            levels: match mean {
+                None => vec![picture],
+                Some(_) => picture.pyramid(),
+            },
             nearest,
+            mean,
             wrap: lookup.wrap,
             placing: Placing::new(lookup.scale, lookup.offset),
         })
     }
 
-    fn texel(&self, column: f64, row: f64) -> Rgb {
-        let [width, height] = self.size;
-        let [along_u, along_v] = self.wrap;
-        self.texels[along_v.index(row, height) * width + along_u.index(column, width)]
+    /// With the picture as the unit square, (0, 0) its left top corner.
+    fn place(&self, q: DVec3) -> DVec2 {
+        let place = self.placing.at(q);
+        DVec2::new(place.x, 1.0 - place.y)
     }
 }
 
 impl Pattern for Picture {
     fn size(&self) -> Option<[usize; 2]> {
-        Some(self.size)
+        Some(self.levels[0].size)
     }
 
     fn at(&self, q: DVec3) -> Rgb {
-        let place = self.placing.at(q);
-        let x = place.x * self.size[0] as f64;
-        let y = (1.0 - place.y) * self.size[1] as f64;
+        let picture = &self.levels[0];
+        let place = self.place(q);
         if self.nearest {
-            return self.texel(x.floor(), y.floor());
+            let x = place * picture.extent();
+            return picture.texel(self.wrap, x.x.floor(), x.y.floor());
         }
-        let [x, y] = [x - 0.5, y - 0.5];
-        let (i, j) = (x.floor(), y.floor());
-        let (s, t) = (x - i, y - j);
-        let row = |j: f64| self.texel(i, j) * (1.0 - s) + self.texel(i + 1.0, j) * s;
-        row(j) * (1.0 - t) + row(j + 1.0) * t
+        picture.bilinear(self.wrap, place)
+    }
+
+    fn filters(&self) -> bool {
+        self.mean.is_some()
+    }
+
+    fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
+        let Some(mean) = &self.mean else {
+            return self.at(q);
+        };
+        let steps = steps.map(|step| step.truncate() * self.placing.0[0] * DVec2::new(1.0, -1.0));
+        mean.over(&self.levels, self.wrap, self.place(q), steps)
     }
 }
 

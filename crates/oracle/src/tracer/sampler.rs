@@ -91,6 +91,16 @@ impl Sampler {
         })
     }
 
+    /// How many positions a pixel has, of adaptive at first.
+    pub(super) fn at_first(&self) -> usize {
+        match self {
+            Self::Fixed(all) => all.len(),
+            Self::Stratified { n, .. } => (n * n) as usize,
+            Self::Sobol { samples, .. } => *samples as usize,
+            Self::Adaptive { first, .. } => *first,
+        }
+    }
+
     /// All positions in a pixel, in their order.
     pub(super) fn positions(&self, [i, j]: [u32; 2]) -> Vec<[f64; 2]> {
         let pixel = |seed: u32| m(m(m(seed).wrapping_add(j)).wrapping_add(i));

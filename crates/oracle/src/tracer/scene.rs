@@ -1,5 +1,6 @@
 //! The shapes of a scene with their materials, and what a ray meets first of them.
 
+use super::footprint::{Differential, Footprint, NEAR, Sides, slope};
 use super::material::{At, Material, bodies};
 use super::place::{Coordinates, Corner};
 use super::texture::Place;
@@ -13,7 +14,7 @@ use crate::{FIRST_BITS, MOST_BITS};
 use serde::Deserialize;
 use std::cmp::Ordering;
 use whitstone_core::config::decode;
-use whitstone_core::{DAffine3, DMat3, DVec3, Ray, SceneErrors};
+use whitstone_core::{DAffine3, DMat3, DVec2, DVec3, Ray, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
 
 /// Of a surface that a ray leaves, a root this near to its start is that surface itself, as a part of the coordinates.
@@ -27,7 +28,32 @@ struct Part {
     /// Of normals, for each of the maps.
     normals: Vec<DMat3>,
     coordinates: Coordinates,
+    continues: Continues,
     material: Material,
+}
+
+/// How a surface continues next to a point, for derivatives.
+#[derive(Clone, Copy, PartialEq)]
+enum Continues {
+    /// Flat: the formulas of its coordinates hold in the whole plane. Whether one of them is an angle.
+    Flat { angle: bool },
+    /// Where a line across it meets it.
+    Curved,
+    /// It counts as flat, with constant coordinates.
+    Untold,
+}
+
+impl Continues {
+    fn of(name: &str) -> Self {
+        match name {
+            "disk" => Self::Flat { angle: true },
+            "plane" | "rectangle" | "box" | "triangle" | "mesh" | "heightfield" | "polygon" => {
+                Self::Flat { angle: false }
+            }
+            "fractal" | "isosurface" => Self::Untold,
+            _ => Self::Curved,
+        }
+    }
 }
 
 /// All shapes.
@@ -192,8 +218,23 @@ impl Scene {
             uv: part.coordinates.uv(p, hit.primitive, hit.parameters),
             p: hit.point,
             n_s: interpolated.map_or(hit.normal, |n| part.outwards(n)),
+            footprint: Footprint::default(),
         };
         part.material.at(place, hit.normal, viewer)
+    }
+
+    /// The same with the footprint of the ray that met it.
+    pub(super) fn material_over(&self, hit: &Hit, ray: &Ray, differential: &Differential) -> At<'_> {
+        let part = &self.parts[hit.shape];
+        let mut place = *self.material(hit, -ray.direction).place();
+        let p = differential.steps(ray, hit.t, hit.normal);
+        let moved = p.map(|step| part.change(hit, &place, step));
+        place.footprint = Footprint {
+            p,
+            uv: moved.map(|(uv, _)| uv),
+            n_s: moved.map(|(_, n_s)| n_s),
+        };
+        part.material.at(place, hit.normal, -ray.direction)
     }
 
     /// The corners of the triangle that was hit: how much of each is at the hit, where it is, and its material as seen from a
@@ -208,6 +249,7 @@ impl Scene {
                 uv: corner.uv,
                 p,
                 n_s: corner.normal.map_or(hit.normal, |n| part.outwards(n)),
+                footprint: Footprint::default(),
             };
             let viewer = (eye - p).normalize();
             (corner.weight, p, part.material.at(place, hit.normal, viewer))
@@ -217,6 +259,60 @@ impl Scene {
 }
 
 impl Part {
+    /// The derivatives of (u, v) and n_s along a step in the tangent plane.
+    fn change(&self, hit: &Hit, here: &Place, step: DVec3) -> (DVec2, DVec3) {
+        let length = step.length();
+        if self.continues == Continues::Untold || !length.is_normal() {
+            return Default::default();
+        }
+        let away = NEAR * hit.t.max(hit.point.abs().max_element());
+        let sides: Sides<_> = [-away, away].map(|away| {
+            let (uv, n_s) = self.beside(hit, hit.point + step * (away / length))?;
+            let mut change = uv - here.uv;
+            if self.continues != (Continues::Flat { angle: false }) {
+                // Angles are continued where they start anew.
+                change -= change.round();
+            }
+            Some((here.uv + change, n_s * n_s.dot(here.n_s).signum()))
+        });
+        let [uv_before, uv_after] = sides.map(|side| side.map(|(uv, _)| uv));
+        let [n_before, n_after] = sides.map(|side| side.map(|(_, n_s)| n_s));
+        (
+            slope(uv_before, here.uv, uv_after, away) * length,
+            slope(n_before, here.n_s, n_after, away) * length,
+        )
+    }
+
+    /// (u, v) and n_s of the primitive that was hit, at the point across the surface from `q`, as it continues beyond its edges.
+    fn beside(&self, hit: &Hit, q: DVec3) -> Option<(DVec2, DVec3)> {
+        let (point, normal, parameters) = match self.continues {
+            Continues::Curved => {
+                let line = Line::of(
+                    &Ray {
+                        origin: q,
+                        direction: hit.normal,
+                    },
+                    FIRST_BITS,
+                );
+                let roots = self.placed.meet(&line).ok()?.all;
+                let same = roots.iter().filter(|root| root.primitive == hit.primitive);
+                let nearest = same.min_by(|a, b| a.t.nearest().abs().total_cmp(&b.t.nearest().abs()))?;
+                (
+                    line.at(&nearest.t).nearest(),
+                    nearest.normal.normalize(),
+                    nearest.parameters,
+                )
+            }
+            _ => (q, hit.normal, None),
+        };
+        let p = self.object(point);
+        let interpolated = self.coordinates.normal(p, hit.primitive, &self.normals[0]);
+        Some((
+            self.coordinates.uv(p, hit.primitive, parameters),
+            interpolated.map_or(normal, |n| self.outwards(n)),
+        ))
+    }
+
     /// A point of the world in the space of the shape.
     fn object(&self, p: DVec3) -> DVec3 {
         let inwards = self.maps.iter().rev();
@@ -267,6 +363,7 @@ fn place(
         normals: maps.iter().map(|map| map.matrix3.inverse().transpose()).collect(),
         maps,
         material: Material::of_shape(description, shape)?,
+        continues: Continues::of(&shape.plugin.name),
         coordinates,
     });
     Ok(())

@@ -24,8 +24,7 @@ pub(super) struct SynthesizedConfig {
     color_space: Option<String>,
     scale: Option<Pair>,
     offset: Option<Pair>,
-    #[serde(rename = "max_anisotropy")]
-    _max_anisotropy: Option<serde::de::IgnoredAny>,
+    max_anisotropy: Option<f64>,
     pub(super) mapping: Option<MappingConfig>,
 }
 
@@ -42,6 +41,7 @@ pub(super) fn synthesized(config: &SynthesizedConfig, base: &Path) -> Result<Pic
     let sample = Codes::read(&config.file, base)?;
     let lookup = Lookup {
         filter: config.filter.as_deref(),
+        max_anisotropy: config.max_anisotropy,
         wrap: config.wrap.each(),
         scale: config.scale,
         offset: config.offset,

@@ -1,5 +1,6 @@
 //! Section 10: what a texture shows at a surface point, and where on it that is.
 
+use super::footprint::{Footprint, NEAR, slope};
 use super::noise::{Noise, NoiseConfig, Worley, WorleyConfig};
 use super::pattern::{
     Checker, CheckerConfig, Lines, LinesConfig, Picture, PictureConfig, Voxels, VoxelsConfig,
@@ -22,6 +23,8 @@ pub(super) struct Place {
     pub(super) p: DVec3,
     /// The shading normal; its sign does not matter.
     pub(super) n_s: DVec3,
+    /// How all of this changes from sample to sample; zero where nothing asks for it.
+    pub(super) footprint: Footprint,
 }
 
 /// A colour parameter.
@@ -37,6 +40,17 @@ pub(super) trait Pattern: Send + Sync {
     /// Columns and rows of a picture.
     fn size(&self) -> Option<[usize; 2]> {
         None
+    }
+
+    /// Whether it shows a mean over the footprint.
+    fn filters(&self) -> bool {
+        false
+    }
+
+    /// That mean, with the derivatives of the point.
+    fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
+        let _ = steps;
+        self.at(q)
     }
 }
 
@@ -97,36 +111,63 @@ impl Mapping {
             Projection::Uv => self.map.transform_point3(spot.uv.extend(0.0)),
             _ => self.map.transform_point3(spot.p),
         };
-        let turn = around(q.x, q.y) / TAU;
-        let face = |a: usize, m: f64| {
-            let [b, c] = [(a + 1) % 3, (a + 2) % 3].map(|k| 0.5 * (q[k] / m + 1.0));
-            DVec3::new(b, c, 0.0)
+        let steps = match self.projection {
+            Projection::Uv => spot.footprint.uv.map(|step| step.extend(0.0)),
+            _ => spot.footprint.p,
         };
-        let at = match self.projection {
-            Projection::Uv | Projection::Solid => q,
-            Projection::Planar => DVec3::new(q.x, q.y, 0.0),
-            Projection::Spherical => {
+        let steps = steps.map(|step| self.map.matrix3 * step);
+        if let Projection::Triplanar(sharpness) = self.projection {
+            let n = (self.map.matrix3.inverse().transpose() * spot.n_s).abs();
+            let (mut sum, mut weights) = (Rgb::splat(0.0), 0.0);
+            for a in 0..3 {
+                let plane = |q: DVec3| DVec3::new(q[(a + 1) % 3], q[(a + 2) % 3], 0.0);
+                let w = (n[a] / n.max_element()).powf(sharpness);
+                sum += pattern.over(plane(q), steps.map(plane)) * w;
+                weights += w;
+            }
+            return sum * (1.0 / weights);
+        }
+        let far = q.abs().max_element();
+        let face = (0..3).find(|a| q[*a].abs() == far).unwrap_or(0);
+        let here = self.projection.point(q, face);
+        if !pattern.filters() {
+            return pattern.at(here);
+        }
+        let steps = steps.map(|step| match self.projection {
+            Projection::Uv | Projection::Solid | Projection::Planar => step,
+            _ if step == DVec3::ZERO => step,
+            _ => {
+                let away = NEAR * far / step.length();
+                let [before, after] = [-away, away].map(|away| {
+                    let there = self.projection.point(q + away * step, face);
+                    // Angles are continued where they start anew.
+                    DVec3::new(there.x - (there.x - here.x).round(), there.y, 0.0)
+                });
+                slope(Some(before), here, Some(after), away)
+            }
+        });
+        pattern.over(here, steps)
+    }
+}
+
+impl Projection {
+    /// The point of texture space; of "cube" on this face.
+    fn point(self, q: DVec3, face: usize) -> DVec3 {
+        let turn = around(q.x, q.y) / TAU;
+        match self {
+            Self::Uv | Self::Solid | Self::Triplanar(_) => q,
+            Self::Planar => DVec3::new(q.x, q.y, 0.0),
+            Self::Spherical => {
                 let theta = q.x.hypot(q.y).atan2(q.z);
                 DVec3::new(turn, (PI - theta) / PI, 0.0)
             }
-            Projection::Cylindrical => DVec3::new(turn, q.z, 0.0),
-            Projection::Cube => {
-                let m = q.abs().max_element();
-                let a = (0..3).find(|a| q[*a].abs() == m).unwrap_or(0);
-                face(a, m)
+            Self::Cylindrical => DVec3::new(turn, q.z, 0.0),
+            Self::Cube => {
+                let m = q[face].abs();
+                let [b, c] = [(face + 1) % 3, (face + 2) % 3].map(|k| 0.5 * (q[k] / m + 1.0));
+                DVec3::new(b, c, 0.0)
             }
-            Projection::Triplanar(sharpness) => {
-                let n = (self.map.matrix3.inverse().transpose() * spot.n_s).abs();
-                let (mut sum, mut weights) = (Rgb::splat(0.0), 0.0);
-                for a in 0..3 {
-                    let w = (n[a] / n.max_element()).powf(sharpness);
-                    sum += pattern.at(DVec3::new(q[(a + 1) % 3], q[(a + 2) % 3], 0.0)) * w;
-                    weights += w;
-                }
-                return sum * (1.0 / weights);
-            }
-        };
-        pattern.at(at)
+        }
     }
 }
 
