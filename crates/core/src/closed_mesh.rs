@@ -108,6 +108,13 @@ impl ClosedMesh {
     }
 }
 
+impl TriangleMesh {
+    /// Whether it bounds a volume: every edge runs as often in the one direction as in the other. Vertices at the same place are one.
+    pub fn is_closed(&self) -> bool {
+        open_edges(self) == 0
+    }
+}
+
 /// How many edges do not cancel each other.
 fn open_edges(mesh: &TriangleMesh) -> usize {
     // Zero has two signs and one place.

@@ -213,6 +213,11 @@ impl Geometry {
         instance.surface(ray, hit, needs)
     }
 
+    /// The shapes by number, to be changed and put together anew.
+    pub fn into_shapes(self) -> Vec<Shape> {
+        self.shapes
+    }
+
     /// The shapes by number.
     pub fn shapes(&self) -> &[Shape] {
         &self.shapes

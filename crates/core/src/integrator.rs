@@ -69,6 +69,9 @@ pub struct World {
     pub culls_lights: bool,
     /// Sum of the ambient radiances.
     pub ambient: Rgb,
+    /// By how much earlier shadow rays end before lights than rounding asks for, in metres: more than 0 where surfaces that
+    /// hold lights have been moved.
+    pub light_margin: f64,
     /// The bodies that may overlap, if there are any: then rays are followed one by one.
     pub bodies: Option<Bodies>,
     /// Whether some material spreads its reflections over directions.
@@ -122,6 +125,7 @@ impl World {
             lights: samplers,
             backgrounds,
             ambient,
+            light_margin: 0.0,
             one_by_one: bodies.is_some() || spreads_reflections,
             bodies,
             spreads_reflections,
@@ -308,7 +312,7 @@ impl World {
             }
             let mut irradiance = sample.irradiance;
             if shadows != Shadowing::None {
-                let (ray, free) = shadow_ray(point, sample);
+                let (ray, free) = shadow_ray(point, sample, self.light_margin);
                 if through {
                     let counters = &mut scratch.counters;
                     irradiance *= self.light_through(ray, free, skip, medium, shadows, counters);
@@ -381,7 +385,7 @@ impl World {
                 light.samples_stream(points.len, &points.position, samples);
             }
         }
-        let len = points.len.min(LANES);
+        let (len, margin) = (points.len.min(LANES), self.light_margin);
         for samples in samples.iter_mut() {
             let mut faces = [false; LANES];
             simd::dispatch(
@@ -395,7 +399,7 @@ impl World {
                                 & point.same_side(view, sample.direction)
                                 & !sample.irradiance.is_black();
                             faces[lane] = lit;
-                            let (ray, free) = shadow_ray(&point, &sample);
+                            let (ray, free) = shadow_ray(&point, &sample, margin);
                             all.origin.set(lane, ray.origin);
                             all.direction.set(lane, ray.direction);
                             all.limit[lane] = free;

@@ -32,14 +32,15 @@ impl Shadowing {
 }
 
 /// The ray from a point to a light, and how far it must be free: some roundings of the coordinates less than to the light. So a surface that
-/// holds the light does not hide it, as the model demands of anything that is not strictly between.
+/// holds the light does not hide it, as the model demands of anything that is not strictly between. `margin`: see
+/// [`World::light_margin`].
 #[inline(always)]
-pub(crate) fn shadow_ray(point: &SurfacePoint, sample: &LightSample) -> (Ray, f64) {
+pub(crate) fn shadow_ray(point: &SurfacePoint, sample: &LightSample, margin: f64) -> (Ray, f64) {
     let coordinates = point.position.abs().max_element() + sample.distance;
     let free = if sample.distance == f64::INFINITY {
         f64::INFINITY
     } else {
-        sample.distance - 8.0 * f64::EPSILON * coordinates
+        sample.distance - (8.0 * f64::EPSILON * coordinates + margin)
     };
     let ray = Ray::new(point.position, sample.direction);
     aim(&ray, free, point.leave(sample.direction))

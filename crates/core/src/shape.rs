@@ -1,5 +1,5 @@
 use crate::stream::{HitStream, Lanes, PointStream, RayStream};
-use crate::{Aabb, Footprint, Instance, Interval, Ray, Spans, TriangleMesh};
+use crate::{Aabb, Footprint, Instance, Interval, Ray, Spans, SurfacePart, TriangleMesh};
 use glam::{DVec2, DVec3};
 use std::ops::{BitOr, BitOrAssign};
 
@@ -68,6 +68,12 @@ pub trait Primitive: Send + Sync {
         };
         let point = self.surface(ray, &start.of_shape(InstancePath::WORLD, 0), Needs::NOTHING);
         point.n_g.dot(ray.direction) < 0.0
+    }
+
+    /// The parts of its surface that are flat, spherical or cylindrical, which may coincide with those of other shapes. By
+    /// default none: surfaces that nobody knows of are met in the order of the distances as they are computed.
+    fn parts(&self) -> Vec<SurfacePart> {
+        Vec::new()
     }
 
     /// [`Self::closest`] for every ray of a stream; `shape` is the number of this object. Hits that were

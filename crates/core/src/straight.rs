@@ -1,6 +1,9 @@
 use crate::simd;
 use crate::stream::{GROUP, HitStream, LANES, Lanes, PointStream, RayStream};
-use crate::{Aabb, InstancePath, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, Spans, SurfacePoint};
+use crate::{
+    Aabb, InstancePath, Interval, Needs, Primitive, PrimitiveHit, RawHit, Ray, Spans, SurfacePart,
+    SurfacePoint,
+};
 use glam::{DVec2, DVec3};
 
 /// The number of no sub-primitive.
@@ -48,6 +51,11 @@ pub trait Straight: Clone + Send + Sync {
     fn primitives(&self) -> u32 {
         1
     }
+
+    /// See [`Primitive::parts`]; need not be straight-line.
+    fn parts(&self) -> Vec<SurfacePart> {
+        Vec::new()
+    }
 }
 
 impl<P: Straight> Primitive for P {
@@ -81,6 +89,10 @@ impl<P: Straight> Primitive for P {
 
     fn primitives(&self) -> u32 {
         Straight::primitives(self)
+    }
+
+    fn parts(&self) -> Vec<SurfacePart> {
+        Straight::parts(self)
     }
 
     fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {

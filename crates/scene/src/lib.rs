@@ -7,6 +7,8 @@
 mod adaptive;
 mod cache;
 mod check;
+mod choice;
+mod coincident;
 mod costs;
 mod description;
 mod document;
@@ -26,6 +28,7 @@ mod unused;
 
 pub use cache::Cache;
 pub use check::{all_errors, all_errors_with};
+pub use coincident::Coincidence;
 pub use costs::Cost;
 pub use description::{Aov, Description, Expect, FilmTable, GroupTable, PluginTable, ShapeTable};
 pub use document::{Flattened, nearest_top_level};

@@ -1,4 +1,6 @@
 use crate::cache::Cache;
+use crate::choice::{BRUTE_FORCE, choose_accelerator};
+use crate::coincident::{self, Coincidence, Seen};
 use crate::groups::{BuiltGroup, unknown_id};
 use crate::limits;
 use crate::memory::Memory;
@@ -16,25 +18,11 @@ use whitstone_core::config::{
     FilePath, GroupRef, MaterialRef, PluginRef, SolidRef, TextureRef, TextureValue, inline_plugins,
 };
 use whitstone_core::{
-    Accelerator, Accelerators, Camera, Cameras, ClosedMesh, ColorSource, Context, Element, FamilyName,
-    Geometry, Group, Integrator, Integrators, Lights, Material, Materials, ObjectOrder, Primitive, Refused,
-    Registry, Sampler, Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures,
-    Transform, TriangleMesh, View, World,
+    Accelerator, Accelerators, Camera, Cameras, ClosedMesh, ColorSource, Context, FamilyName, Geometry,
+    Group, Integrator, Integrators, Lights, Material, Materials, ObjectOrder, Primitive, Refused, Registry,
+    Sampler, Samplers, SceneError, SceneErrors, Shape, Shapes, SourceSpan, Texture, Textures, Transform,
+    TriangleMesh, View, World,
 };
-
-/// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
-/// Measured with random spheres, boxes and triangles: the rates cross at about 160 whole shapes or 40
-/// triangles.
-const BRUTE_FORCE_LIMIT: usize = 128;
-
-/// What needs no structure.
-const BRUTE_FORCE: &str = "brute_force";
-
-/// Of a triangle, in tests of whole shapes.
-const TRIANGLE_COST: usize = 4;
-
-/// Of a copy of a group: mostly the test of its box.
-const COPY_COST: usize = 4;
 
 /// Deepest nesting of materials: each hit asks all of them.
 const MAX_NESTING: usize = 16;
@@ -65,6 +53,10 @@ pub struct Pipeline {
     pub used: BTreeSet<(FamilyName, &'static str)>,
     /// What was not built, with the reasons.
     pub left_out: Vec<LeftOut>,
+    /// The pairs of shapes whose surfaces coincide, by their numbers in the scene.
+    pub coincident: Vec<Coincidence>,
+    /// Why it was not examined which surfaces coincide, if it was not: of the scene, or of a group.
+    pub coincident_unknown: Vec<String>,
     /// Not errors, but worth knowing.
     pub warnings: Vec<SceneError>,
     /// Time that building took, reading files included.
@@ -123,6 +115,8 @@ impl Pipeline {
             memory: Memory::new(options.max_memory),
             options,
             warnings: Vec::new(),
+            coincident: Vec::new(),
+            coincident_unknown: Vec::new(),
         };
         let size = description.film.size;
         errors.take(builder.memory.take_film(&description.film));
@@ -142,7 +136,18 @@ impl Pipeline {
             limits::ending(plan, &materials, &**integrator, &mut errors);
         }
         let complete = builder.groups(plan, &mut errors);
-        let built = builder.structure(&description.shapes, &description.accelerator, &mut errors);
+        let seen = Seen {
+            from: camera
+                .as_deref()
+                .map_or_else(Vec::new, |camera| coincident::eyes(camera, size)),
+            lights: &lights,
+        };
+        let built = builder.structure(
+            &description.shapes,
+            &description.accelerator,
+            (0, &seen),
+            &mut errors,
+        );
         let mut left_out = builder.unused_materials();
         left_out.extend_from_slice(&plan.left_out);
         left_out.extend(builder.unused_textures());
@@ -177,6 +182,7 @@ impl Pipeline {
             _ => None,
         };
         let (warnings, used) = (builder.warnings, builder.used);
+        let (coincident, coincident_unknown) = (builder.coincident, builder.coincident_unknown);
         let groups = builder.groups.into_values().collect();
         // What nobody else holds now was of use only until here.
         drop(builder.textures);
@@ -185,19 +191,23 @@ impl Pipeline {
             (Some(camera), Some(sampler), Some(integrator), Some(built))
                 if complete && errors.0.is_empty() =>
             {
+                let mut world = World::new(built.geometry, built.accelerator, materials, lights);
+                world.light_margin = built.light_margin;
                 Some(Self {
                     film: description.film.clone(),
                     camera,
                     sampler,
                     integrator,
                     object_order,
-                    world: World::new(built.geometry, built.accelerator, materials, lights),
+                    world,
                     scene_hash: description.flattened.hash.clone(),
                     accelerator: built.chosen,
                     groups,
                     textures,
                     used,
                     left_out,
+                    coincident,
+                    coincident_unknown,
                     warnings,
                     build_seconds: start.elapsed().as_secs_f64(),
                 })
@@ -214,33 +224,8 @@ struct Structure {
     accelerator: Box<dyn Accelerator>,
     /// The type, and why.
     chosen: (String, String),
-}
-
-/// The type to use and the reason.
-fn choose_accelerator(table: &PluginTable<'_>, geometry: &Geometry, registry: &Registry) -> (String, String) {
-    if table.name != "auto" {
-        return (table.name.clone(), "named by the scene".to_owned());
-    }
-    let cost = |element: Element| match (element, &geometry.shapes()[element.shape() as usize]) {
-        (Element::Triangle { .. }, _) => TRIANGLE_COST,
-        (_, Shape::Instance(_)) => COPY_COST,
-        (Element::Opaque { .. }, _) => 1,
-    };
-    let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1);
-    let cost: usize = elements.map(cost).sum();
-    let few = cost <= BRUTE_FORCE_LIMIT;
-    let (wanted, why) = if few {
-        (BRUTE_FORCE, "few elements: trying each is fastest".to_owned())
-    } else {
-        ("bvh", "too many elements to try each".to_owned())
-    };
-    let other = if few { "bvh" } else { BRUTE_FORCE };
-    let available = |name: &str| registry.get(FamilyName::Accelerator, name).is_ok();
-    if !available(wanted) && available(other) {
-        (other.to_owned(), format!("\"{wanted}\" is not built in"))
-    } else {
-        (wanted.to_owned(), why)
-    }
+    /// See [`World::light_margin`].
+    light_margin: f64,
 }
 
 /// Builds plugins and what they refer to.
@@ -264,6 +249,8 @@ struct Builder<'d, 's, 'o> {
     memory: Memory,
     options: BuildOptions<'o>,
     warnings: Vec<SceneError>,
+    coincident: Vec<Coincidence>,
+    coincident_unknown: Vec<String>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -378,7 +365,12 @@ impl<'d, 's> Builder<'d, 's, '_> {
         let mut complete = true;
         for planned in &plan.groups {
             let table = &self.description.groups[planned.id];
-            match self.structure(&table.shapes, &table.accelerator, errors) {
+            let seen = Seen {
+                from: Vec::new(),
+                lights: &[],
+            };
+            let first = planned.first_shape;
+            match self.structure(&table.shapes, &table.accelerator, (first, &seen), errors) {
                 Some(built) => {
                     let group = Group::new(built.geometry, built.accelerator, planned.first_shape);
                     let built = BuiltGroup {
@@ -400,6 +392,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
         &mut self,
         tables: &[ShapeTable<'s>],
         accelerator: &PluginTable<'s>,
+        (first_shape, seen): (u32, &Seen<'_>),
         errors: &mut SceneErrors,
     ) -> Option<Structure> {
         let mut shapes = Vec::new();
@@ -411,7 +404,8 @@ impl<'d, 's> Builder<'d, 's, '_> {
         if shapes.len() < tables.len() {
             return None;
         }
-        let geometry = Arc::new(Geometry::new(shapes));
+        let (geometry, light_margin) = self.draw_apart(Geometry::new(shapes), tables, first_shape, seen);
+        let geometry = Arc::new(geometry);
         if geometry.paths() > u64::from(u32::MAX)
             && let Some(place) = tables.iter().find_map(|shape| shape.group.as_ref())
         {
@@ -442,7 +436,34 @@ impl<'d, 's> Builder<'d, 's, '_> {
             geometry,
             accelerator,
             chosen: (name, why),
+            light_margin,
         })
+    }
+
+    /// Puts gaps between surfaces that coincide, and says how much earlier shadow rays end before lights.
+    fn draw_apart(
+        &mut self,
+        geometry: Geometry,
+        tables: &[ShapeTable<'s>],
+        first_shape: u32,
+        seen: &Seen<'_>,
+    ) -> (Geometry, f64) {
+        let anew = |number: usize, moved: &dyn Fn(&Transform) -> Option<Transform>| {
+            let table = tables.get(number)?;
+            // What there is to say about the shape has been said.
+            let warnings = self.warnings.len();
+            let built = self.plugin::<Shapes>(&table.plugin, moved(&table.transform)?);
+            self.warnings.truncate(warnings);
+            built.ok()
+        };
+        let (geometry, found) = coincident::draw_apart(geometry, seen, anew);
+        self.coincident_unknown.extend(found.not_examined);
+        let in_scene = |pair: Coincidence| Coincidence {
+            shapes: pair.shapes.map(|shape| shape + first_shape),
+            ..pair
+        };
+        self.coincident.extend(found.pairs.into_iter().map(in_scene));
+        (geometry, found.light_margin)
     }
 
     /// What an object-order method makes of the scene, or why it cannot show it, at the shape or at its own name.

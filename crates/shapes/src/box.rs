@@ -14,7 +14,7 @@ use serde::Deserialize;
 use whitstone_core::simd::select;
 use whitstone_core::{
     Aabb, Context, DVec2, DVec3, LEAVES_NOTHING, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneErrors,
-    Shape, Shapes, Spans, Straight, SurfacePoint, Transform, solid,
+    Shape, Shapes, Spans, Straight, SurfacePart, SurfacePoint, Transform, solid,
 };
 
 /// The cube from -1 to 1 along each axis of its object space; the outside is away from its center.
@@ -153,6 +153,20 @@ impl Straight for Cuboid {
             point.uv = 0.5 * (hit.params + 1.0);
         }
         point
+    }
+
+    fn parts(&self) -> Vec<SurfacePart> {
+        let faces = [0, 1, 2].into_iter().flat_map(|axis| [(axis, -1.0), (axis, 1.0)]);
+        let face = |(axis, side): (usize, f64)| {
+            let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+            let corner = |[u, v]: [f64; 2]| {
+                let mut p = DVec3::ZERO;
+                (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (side, u, v);
+                p
+            };
+            self.frame.face(axis, side, corners.map(corner))
+        };
+        faces.map(face).collect()
     }
 
     fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {

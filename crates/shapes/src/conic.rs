@@ -11,7 +11,7 @@ use crate::near::{comes_near_ball, goes_on};
 use whitstone_core::simd::select;
 use whitstone_core::{
     Aabb, DMat3, DVec2, DVec3, LEAVES_NOTHING, Needs, PrimitiveHit, RawHit, Ray, SceneError, Spans, Straight,
-    SurfacePoint, Transform, solid,
+    SurfacePart, SurfacePoint, Transform, solid,
 };
 
 /// No box of finite size is larger, in metres: squares stay finite.
@@ -43,6 +43,12 @@ pub(crate) struct Conic {
 /// Texture coordinates of a point on the surface, in object space.
 pub(crate) trait Mapping: Clone + Send + Sync {
     fn uv(&self, p: DVec3, primitive: u32) -> DVec2;
+
+    /// See [`whitstone_core::Primitive::parts`].
+    fn parts(&self, frame: &Frame) -> Vec<SurfacePart> {
+        let _ = frame;
+        Vec::new()
+    }
 }
 
 /// A quadric in world space. Primitive 0 is the quadric itself, the others are the faces.
@@ -319,6 +325,10 @@ impl<M: Mapping> Straight for Clipped<M> {
             point.uv = self.mapping.uv(p, hit.primitive);
         }
         point
+    }
+
+    fn parts(&self) -> Vec<SurfacePart> {
+        self.mapping.parts(&self.frame)
     }
 
     fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {

@@ -12,7 +12,7 @@ use serde::{Deserialize, Deserializer};
 use whitstone_core::config::SolidRef;
 use whitstone_core::{
     Aabb, Context, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, Span, Spans, SurfacePoint, Transform, solid,
+    SceneErrors, Shape, Shapes, Span, Spans, SurfacePart, SurfacePoint, Transform, solid,
 };
 
 /// Most operands of one operation.
@@ -268,6 +268,24 @@ impl Primitive for Csg {
             point.n_s = -point.n_s;
         }
         point
+    }
+
+    /// The flat faces of the operands. Which of them remain, rays tell.
+    fn parts(&self) -> Vec<SurfacePart> {
+        let mut parts = Vec::new();
+        for (operand, number) in self.operands.iter().zip(0..) {
+            let turned = if self.is_taken_away(number) { -1.0 } else { 1.0 };
+            for part in operand.solid.parts() {
+                if let SurfacePart::Polygon { normal, corners, .. } = part {
+                    parts.push(SurfacePart::Polygon {
+                        normal: turned * normal,
+                        corners,
+                        filled: false,
+                    });
+                }
+            }
+        }
+        parts
     }
 
     fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {

@@ -10,7 +10,7 @@ use serde::Deserialize;
 use std::f64::consts::TAU;
 use whitstone_core::{
     Aabb, Context, DVec2, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape,
-    Shapes, Straight, SurfacePoint, Transform,
+    Shapes, Straight, SurfacePart, SurfacePoint, Transform,
 };
 
 /// The disk x² + y² <= 1 in the plane z = 0 of its object space; the outside is +z.
@@ -78,6 +78,10 @@ impl Straight for Disk {
             point.uv = DVec2::new(hit.params.length(), phi / TAU);
         }
         point
+    }
+
+    fn parts(&self) -> Vec<SurfacePart> {
+        vec![self.frame.round_face(1.0, 0.0, 1.0)]
     }
 
     fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {

@@ -1,10 +1,13 @@
 //! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common; also that of quadrics.
 
 use whitstone_core::simd::select;
-use whitstone_core::{Aabb, DMat3, DVec2, DVec3, LEAVES_NOTHING, PrimitiveHit, Ray, Transform};
+use whitstone_core::{Aabb, DMat3, DVec2, DVec3, LEAVES_NOTHING, PrimitiveHit, Ray, SurfacePart, Transform};
 
 /// Half the distance from 1 to the next number: the relative error of one rounding.
 pub(crate) const UNIT: f64 = 0.5 * f64::EPSILON;
+
+/// Corners of the polygon that stands for a disk: it is larger by less than a thousandth.
+const ROUND_CORNERS: f64 = 96.0;
 
 /// The object space of a shape whose faces lie in planes across the object axes.
 #[derive(Clone)]
@@ -37,6 +40,11 @@ impl Frame {
             slant,
             transform,
         }
+    }
+
+    /// See [`Transform::similarity_scale`].
+    pub(crate) fn similarity_scale(&self) -> Option<f64> {
+        self.transform.similarity_scale()
     }
 
     #[inline(always)]
@@ -171,6 +179,31 @@ impl Frame {
             min: DVec3::from_array([0, 1, 2].map(|i| -add_up(-center[i], reach[i]))),
             max: DVec3::from_array([0, 1, 2].map(|i| add_up(center[i], reach[i]))),
         }
+    }
+
+    /// A flat face across an object axis, as a part of a surface: a convex polygon with these corners in object space. `side` is
+    /// the sign of its outward normal along the axis.
+    pub(crate) fn face(
+        &self,
+        axis: usize,
+        side: f64,
+        corners: impl IntoIterator<Item = DVec3>,
+    ) -> SurfacePart {
+        SurfacePart::Polygon {
+            normal: side * self.normals[axis],
+            corners: corners.into_iter().map(|p| self.point(p, axis).0).collect(),
+            filled: true,
+        }
+    }
+
+    /// The same for a disk about the z axis of object space: a regular polygon around it.
+    pub(crate) fn round_face(&self, side: f64, z: f64, radius: f64) -> SurfacePart {
+        let circumscribed = radius / (std::f64::consts::PI / ROUND_CORNERS).cos();
+        let corner = |number: u32| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(number) / ROUND_CORNERS).sin_cos();
+            DVec3::new(circumscribed * cos, circumscribed * sin, z)
+        };
+        self.face(2, side, (0..ROUND_CORNERS as u32).map(corner))
     }
 
     /// The columns of the matrix, multiplied by the coordinates of `p`.

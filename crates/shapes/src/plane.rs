@@ -11,7 +11,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
     Aabb, Context, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError, SceneErrors, Shape, Shapes,
-    Spans, Straight, SurfacePoint, Transform, solid,
+    Spans, Straight, SurfacePart, SurfacePoint, Transform, solid,
 };
 
 /// The endless plane z = 0 of its object space; the outside is +z.
@@ -74,6 +74,13 @@ impl Straight for Plane {
             &there,
             needs,
         ))
+    }
+
+    fn parts(&self) -> Vec<SurfacePart> {
+        vec![SurfacePart::Plane {
+            point: self.frame.point(DVec3::ZERO, 2).0,
+            normal: self.frame.normal(2),
+        }]
     }
 
     /// As an operand it is the half-space below.

@@ -17,7 +17,7 @@ use whitstone_core::config::Vector3;
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{
     Aabb, Context, DVec2, DVec3, Interval, Needs, Plugin, Primitive, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, SurfacePoint, Transform,
+    SceneErrors, Shape, Shapes, SurfacePart, SurfacePoint, Transform,
 };
 
 /// A flat simple polygon, which may be concave; seen from outside, its vertices run counter-clockwise.
@@ -270,6 +270,15 @@ impl Polygon {
         (first + more, p + more * d, d.length() / slope.abs())
     }
 
+    /// A rectangle around it in its plane.
+    fn around_in_plane(&self) -> Vec<DVec3> {
+        let (x, y) = self.normal.any_orthonormal_pair();
+        let flat = |p: &DVec3| DVec3::new((*p - self.anchor).dot(x), (*p - self.anchor).dot(y), 0.0);
+        let Aabb { min, max } = Aabb::around(self.vertices.iter().map(flat));
+        let corners = [[min.x, min.y], [max.x, min.y], [max.x, max.y], [min.x, max.y]];
+        corners.map(|[u, v]| self.anchor + u * x + v * y).to_vec()
+    }
+
     /// Roundings of coordinates near the polygon.
     fn rounding(&self) -> f64 {
         let reach = self.bounds.min.abs().max(self.bounds.max.abs()).max_element();
@@ -328,6 +337,26 @@ impl Primitive for Polygon {
             point.uv = without(local, self.axis);
         }
         point
+    }
+
+    fn parts(&self) -> Vec<SurfacePart> {
+        let ring = self.vertices.iter().zip(self.vertices.iter().cycle().skip(1));
+        let turns = ring
+            .zip(self.vertices.iter().cycle().skip(2))
+            .map(|((a, b), c)| (*b - *a).cross(*c - *b).dot(self.normal));
+        // A simple polygon that never turns right is convex.
+        let mut turns = turns.take(self.vertices.len());
+        let filled = turns.all(|turn| turn >= 0.0) || turns.all(|turn| turn <= 0.0);
+        let corners = if filled {
+            self.vertices.clone()
+        } else {
+            self.around_in_plane()
+        };
+        vec![SurfacePart::Polygon {
+            normal: self.normal,
+            corners,
+            filled,
+        }]
     }
 
     fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {

@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::{
     Aabb, Context, DVec3, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneErrors, Shape, Shapes, Straight,
-    SurfacePoint, Transform,
+    SurfacePart, SurfacePoint, Transform,
 };
 
 /// The square -1 <= x, y <= 1 in the plane z = 0 of its object space; the outside is +z.
@@ -57,6 +57,12 @@ impl Straight for Rectangle {
             point.uv = 0.5 * (hit.params + 1.0);
         }
         point
+    }
+
+    fn parts(&self) -> Vec<SurfacePart> {
+        let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+        let corners = corners.map(|[x, y]| DVec3::new(x, y, 0.0));
+        vec![self.frame.face(2, 1.0, corners)]
     }
 
     fn beside(&self, _: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {

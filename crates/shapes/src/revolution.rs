@@ -5,7 +5,7 @@ use crate::frame::Frame;
 use crate::near::check_radius;
 use serde::{Deserialize, Deserializer};
 use whitstone_core::config::Vector2;
-use whitstone_core::{Aabb, DMat3, DVec2, DVec3, SceneErrors, Shape, Transform};
+use whitstone_core::{Aabb, DMat3, DVec2, DVec3, SceneErrors, Shape, SurfacePart, Transform};
 
 /// Two heights, the lower one first.
 #[derive(Clone, Copy, Debug)]
@@ -41,6 +41,9 @@ pub(crate) struct Revolution {
 struct Around {
     heights: [f64; 2],
     radii: [f64; 2],
+    caps: bool,
+    /// Whether the side is a cylinder.
+    straight: bool,
 }
 
 impl Mapping for Around {
@@ -53,6 +56,22 @@ impl Mapping for Around {
                 angle(p.x, p.y),
             ),
         }
+    }
+
+    fn parts(&self, frame: &Frame) -> Vec<SurfacePart> {
+        let mut parts = Vec::new();
+        if self.straight {
+            let ends = self.heights.map(|z| frame.point(DVec3::new(0.0, 0.0, z), 2).0);
+            if let Some(radius) = frame.similarity_scale().map(|scale| scale * self.radii[0]) {
+                parts.push(SurfacePart::Cylinder { ends, radius });
+            }
+        }
+        for (side, place) in [(-1.0, 0), (1.0, 1)] {
+            if self.caps && self.radii[place] > 0.0 {
+                parts.push(frame.round_face(side, self.heights[place], self.radii[place]));
+            }
+        }
+        parts
     }
 }
 
@@ -81,6 +100,8 @@ impl Revolution {
         let mapping = Around {
             heights: [low, high],
             radii: self.radii,
+            caps: self.caps,
+            straight: self.square == 0.0 && self.linear == 0.0,
         };
         let mut disks = widest(&transform);
         disks.extend([[low, self.radii[0]], [high, self.radii[1]]]);

@@ -15,7 +15,7 @@ use whitstone_core::config::{Positive, Vector3};
 use whitstone_core::simd::select;
 use whitstone_core::{
     Aabb, Context, DVec2, DVec3, LEAVES_NOTHING, Needs, Plugin, PrimitiveHit, RawHit, Ray, SceneError,
-    SceneErrors, Shape, Shapes, Spans, Straight, SurfacePoint, Transform, solid,
+    SceneErrors, Shape, Shapes, Spans, Straight, SurfacePart, SurfacePoint, Transform, solid,
 };
 
 /// A sphere; the outside is away from its center.
@@ -109,6 +109,13 @@ impl Straight for Sphere {
             point.uv = self.uv(n);
         }
         point
+    }
+
+    fn parts(&self) -> Vec<SurfacePart> {
+        vec![SurfacePart::Sphere {
+            center: self.center,
+            radius: self.radius,
+        }]
     }
 
     fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {

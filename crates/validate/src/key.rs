@@ -52,9 +52,13 @@ pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
         let is_part = path
             .file_name()
             .is_some_and(|name| name == "assets" || name == "parts");
-        let is_large = path.file_name().is_some_and(|name| name == "scale") && !paths.contains(&path);
+        // Large scenes, and those without stored references: only where they are named.
+        let is_apart = path
+            .file_name()
+            .is_some_and(|name| name == "scale" || name == "community")
+            && !paths.contains(&path);
         if path.is_dir() {
-            if !is_part && !is_large {
+            if !is_part && !is_apart {
                 for entry in std::fs::read_dir(&path)? {
                     open.push(entry?.path());
                 }

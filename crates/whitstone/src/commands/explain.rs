@@ -168,6 +168,9 @@ fn needs(pipeline: &Pipeline) -> Vec<&'static str> {
     needed.map(|(_, name)| name).collect()
 }
 
+/// Most pairs of coincident surfaces that are printed.
+const MOST_COINCIDENT: usize = 20;
+
 fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     let row = |name: &str, text: &str| println!("{name:<14} {text}");
     let or_none = |list: Vec<&str>| {
@@ -243,6 +246,16 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
     row("bytes", &format!("{} in all, of what is told", bytes(&costs)));
     row("built in", &format!("{:.6} s", pipeline.build_seconds));
     row("scene hash", &pipeline.scene_hash);
+    for pair in pipeline.coincident.iter().take(MOST_COINCIDENT) {
+        row("coincident", &pair.to_string());
+    }
+    let more = pipeline.coincident.len().saturating_sub(MOST_COINCIDENT);
+    if more > 0 {
+        row("coincident", &format!("{more} more pairs; --json lists all"));
+    }
+    for why in &pipeline.coincident_unknown {
+        row("coincident", &format!("not examined: {why}"));
+    }
     println!("left out");
     for part in &pipeline.left_out {
         println!("  {}: {}", part.what, part.why);
@@ -299,6 +312,13 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
         "build_s": pipeline.build_seconds,
         "scene_hash": pipeline.scene_hash,
         "left_out": left_out.collect::<Vec<_>>(),
+        "coincident": pipeline.coincident.iter().map(|pair| json!({
+            "shapes": pair.shapes,
+            "form": pair.form,
+            "place": pair.place.to_array(),
+            "gap": pair.gap,
+        })).collect::<Vec<_>>(),
+        "coincident_unknown": pipeline.coincident_unknown,
         "pixel": tree.map(PixelTree::report),
     })
 }

@@ -1,0 +1,49 @@
+//! Which accelerator is used where the scene leaves the choice.
+
+use crate::PluginTable;
+use whitstone_core::{Element, FamilyName, Geometry, Registry, Shape};
+
+/// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
+/// Measured with random spheres, boxes and triangles: the rates cross at about 160 whole shapes or 40
+/// triangles.
+const BRUTE_FORCE_LIMIT: usize = 128;
+
+/// What needs no structure.
+pub(crate) const BRUTE_FORCE: &str = "brute_force";
+
+/// Of a triangle, in tests of whole shapes.
+const TRIANGLE_COST: usize = 4;
+
+/// Of a copy of a group: mostly the test of its box.
+const COPY_COST: usize = 4;
+
+/// The type to use and the reason.
+pub(crate) fn choose_accelerator(
+    table: &PluginTable<'_>,
+    geometry: &Geometry,
+    registry: &Registry,
+) -> (String, String) {
+    if table.name != "auto" {
+        return (table.name.clone(), "named by the scene".to_owned());
+    }
+    let cost = |element: Element| match (element, &geometry.shapes()[element.shape() as usize]) {
+        (Element::Triangle { .. }, _) => TRIANGLE_COST,
+        (_, Shape::Instance(_)) => COPY_COST,
+        (Element::Opaque { .. }, _) => 1,
+    };
+    let elements = geometry.elements().take(BRUTE_FORCE_LIMIT + 1);
+    let cost: usize = elements.map(cost).sum();
+    let few = cost <= BRUTE_FORCE_LIMIT;
+    let (wanted, why) = if few {
+        (BRUTE_FORCE, "few elements: trying each is fastest".to_owned())
+    } else {
+        ("bvh", "too many elements to try each".to_owned())
+    };
+    let other = if few { "bvh" } else { BRUTE_FORCE };
+    let available = |name: &str| registry.get(FamilyName::Accelerator, name).is_ok();
+    if !available(wanted) && available(other) {
+        (other.to_owned(), format!("\"{wanted}\" is not built in"))
+    } else {
+        (wanted.to_owned(), why)
+    }
+}

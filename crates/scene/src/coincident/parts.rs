@@ -1,0 +1,319 @@
+//! The parts of surfaces that lie near other shapes.
+
+use std::cell::OnceCell;
+use std::collections::BTreeMap;
+use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape, SurfacePart, Transform, TriangleMesh};
+
+/// Most parts near other shapes that are compared.
+const MOST: usize = 1_000_000;
+
+/// Most triangles and shapes that are looked at inside instances.
+const MOST_VISITED: usize = 8_000_000;
+
+/// How far from each other boxes may be, relative to the largest coordinate.
+const NEAR: f64 = 64.0 * f64::EPSILON;
+
+/// Up to this many neighbours of a shape are told apart.
+const FEW: usize = 16;
+
+/// A part of the surface of a shape.
+pub(super) struct Part<'a> {
+    /// Number of the shape; of one in a group, that of the instance.
+    pub(super) shape: usize,
+    pub(super) surface: SurfacePart,
+    pub(super) aabb: Aabb,
+    pub(super) owner: Owner<'a>,
+}
+
+/// What says whether a part belongs to a solid.
+#[derive(Clone, Copy)]
+pub(super) enum Owner<'a> {
+    Opaque { solid: bool },
+    Mesh(&'a TriangleMesh),
+}
+
+/// All parts near other shapes, in the order of the shapes.
+pub(super) struct Parts<'a> {
+    pub(super) all: Vec<Part<'a>>,
+    /// How much there is of each shape: elements.
+    pub(super) sizes: Vec<usize>,
+    closed: OnceCell<BTreeMap<usize, bool>>,
+}
+
+impl Parts<'_> {
+    /// Whether a part belongs to a solid.
+    pub(super) fn solid(&self, part: usize) -> bool {
+        let key = |mesh: &TriangleMesh| std::ptr::from_ref(mesh) as usize;
+        match self.all[part].owner {
+            Owner::Opaque { solid } => solid,
+            Owner::Mesh(mesh) => {
+                let all = || {
+                    let mut closed = BTreeMap::new();
+                    for part in &self.all {
+                        if let Owner::Mesh(mesh) = part.owner {
+                            closed.entry(key(mesh)).or_insert_with(|| mesh.is_closed());
+                        }
+                    }
+                    closed
+                };
+                self.closed.get_or_init(all)[&key(mesh)]
+            }
+        }
+    }
+}
+
+/// What of a shape may touch others.
+struct Body {
+    number: usize,
+    aabb: Aabb,
+    /// Where it is endless planes only.
+    planes: Vec<(DVec3, DVec3)>,
+}
+
+/// Where the others are.
+#[derive(Default)]
+struct Others {
+    boxes: Vec<Aabb>,
+    planes: Vec<(DVec3, DVec3)>,
+}
+
+impl Others {
+    fn is_empty(&self) -> bool {
+        self.boxes.is_empty() && self.planes.is_empty()
+    }
+
+    /// Many boxes become one around all.
+    fn simplify(&mut self) {
+        if self.boxes.len() > FEW {
+            let whole = self
+                .boxes
+                .iter()
+                .fold(Aabb::EMPTY, |whole, aabb| whole.union(*aabb));
+            self.boxes = vec![whole];
+        }
+    }
+
+    fn near(&self, aabb: &Aabb) -> bool {
+        self.boxes.iter().any(|other| overlap(other, aabb))
+            || self.planes.iter().any(|plane| crosses(*plane, aabb))
+    }
+}
+
+fn reach(aabb: &Aabb) -> f64 {
+    aabb.min.abs().max(aabb.max.abs()).max_element()
+}
+
+fn overlap(a: &Aabb, b: &Aabb) -> bool {
+    let near = NEAR * reach(a).min(reach(b));
+    let (low, high) = (a.min.max(b.min), a.max.min(b.max));
+    (low - near).cmple(high).all()
+}
+
+/// Whether a plane passes through a box or touches it.
+fn crosses((point, normal): (DVec3, DVec3), aabb: &Aabb) -> bool {
+    if !aabb.is_finite() {
+        return true;
+    }
+    let (center, half) = (aabb.center(), 0.5 * aabb.extent());
+    let rounding = NEAR * (reach(aabb) + point.abs().max_element());
+    (center - point).dot(normal).abs() <= normal.abs().dot(half) + rounding
+}
+
+/// The parts that are near other shapes; or why there are none.
+pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
+    let shapes = geometry.shapes();
+    let mut bodies = Vec::new();
+    for (shape, number) in shapes.iter().zip(0..) {
+        let mut planes = Vec::new();
+        if let Shape::Opaque(primitive) = shape {
+            let parts = primitive.parts();
+            if parts.is_empty() {
+                continue;
+            }
+            planes.extend(parts.iter().filter_map(|part| match part {
+                SurfacePart::Plane { point, normal } => Some((*point, *normal)),
+                _ => None,
+            }));
+        }
+        let element = Element::Opaque { shape: number as u32 };
+        let aabb = geometry.bounds(element);
+        if !aabb.is_empty() {
+            bodies.push(Body { number, aabb, planes });
+        }
+    }
+    let others = neighbours(&mut bodies);
+    let mut collected = Collected {
+        parts: Vec::new(),
+        visited: 0,
+        most: MOST,
+    };
+    let mut sizes = vec![0; shapes.len()];
+    for (body, mut others) in bodies.iter().zip(others) {
+        if others.is_empty() {
+            continue;
+        }
+        others.simplify();
+        sizes[body.number] = size(&shapes[body.number]);
+        collected.add(body.number, &shapes[body.number], None, &others)?;
+    }
+    Ok(Parts {
+        all: collected.parts,
+        sizes,
+        closed: OnceCell::new(),
+    })
+}
+
+/// Elements, those in copies counted.
+fn size(shape: &Shape) -> usize {
+    match shape {
+        Shape::Triangles(mesh) => mesh.triangles.len(),
+        Shape::Instance(instance) => {
+            let inside = instance.group().geometry().shapes().iter().map(size);
+            inside.fold(0, usize::saturating_add)
+        }
+        _ => 1,
+    }
+}
+
+/// For each body what others there are near it. Sorts the bodies along x.
+fn neighbours(bodies: &mut [Body]) -> Vec<Others> {
+    bodies.sort_by(|a, b| {
+        a.aabb
+            .min
+            .x
+            .total_cmp(&b.aabb.min.x)
+            .then(a.number.cmp(&b.number))
+    });
+    let mut others: Vec<Others> = bodies.iter().map(|_| Others::default()).collect();
+    let mut open: Vec<usize> = Vec::new();
+    for (k, body) in bodies.iter().enumerate() {
+        let near = NEAR * reach(&body.aabb).min(f64::MAX);
+        open.retain(|other| {
+            let other = &bodies[*other].aabb;
+            other.max.x + near + NEAR * reach(other).min(f64::MAX) >= body.aabb.min.x
+        });
+        for other in open.iter().copied() {
+            let (one, two) = (body, &bodies[other]);
+            let meet = match (one.planes.is_empty(), two.planes.is_empty()) {
+                (true, true) => overlap(&one.aabb, &two.aabb),
+                (false, true) => one.planes.iter().any(|plane| crosses(*plane, &two.aabb)),
+                (true, false) => two.planes.iter().any(|plane| crosses(*plane, &one.aabb)),
+                (false, false) => true,
+            };
+            if meet {
+                for (k, other) in [(k, other), (other, k)] {
+                    let Body { aabb, planes, .. } = &bodies[other];
+                    if planes.is_empty() {
+                        others[k].boxes.push(*aabb);
+                    } else {
+                        others[k].planes.extend_from_slice(planes);
+                    }
+                }
+            }
+        }
+        open.push(k);
+    }
+    others
+}
+
+struct Collected<'a> {
+    parts: Vec<Part<'a>>,
+    visited: usize,
+    most: usize,
+}
+
+impl<'a> Collected<'a> {
+    fn add(
+        &mut self,
+        number: usize,
+        shape: &'a Shape,
+        placed: Option<&Transform>,
+        others: &Others,
+    ) -> Result<(), String> {
+        let visited = match shape {
+            Shape::Triangles(mesh) if placed.is_some() => mesh.triangles.len(),
+            _ => 1,
+        };
+        self.visited += visited;
+        if self.visited > MOST_VISITED {
+            return Err(format!(
+                "instances near others place more than {MOST_VISITED} triangles"
+            ));
+        }
+        match shape {
+            Shape::Triangles(mesh) => {
+                let place = |p: DVec3| placed.map_or(p, |placed| placed.point_to_world(p));
+                let mirrors =
+                    placed.is_some_and(|placed| placed.world_from_object().matrix3.determinant() < 0.0);
+                let side = if mirrors {
+                    -mesh.orientation
+                } else {
+                    mesh.orientation
+                };
+                for triangle in 0..mesh.triangles.len() as u32 {
+                    let corners = mesh.corners(triangle).map(place);
+                    let aabb = Aabb::around(corners);
+                    if !others.near(&aabb) {
+                        continue;
+                    }
+                    let [a, b, c] = corners;
+                    let Some(normal) = (b - a).cross(c - a).try_normalize() else {
+                        continue;
+                    };
+                    self.push(Part {
+                        shape: number,
+                        surface: SurfacePart::Polygon {
+                            normal: side * normal,
+                            corners: corners.to_vec(),
+                            filled: true,
+                        },
+                        aabb,
+                        owner: Owner::Mesh(mesh),
+                    })?;
+                }
+            }
+            Shape::Opaque(primitive) => {
+                let solid = primitive.solid() && primitive.bounds().is_finite();
+                for part in primitive.parts() {
+                    let surface = match placed {
+                        None => Some(part),
+                        Some(placed) => part.transformed(placed),
+                    };
+                    let Some(surface) = surface else {
+                        continue;
+                    };
+                    let aabb = surface.bounds();
+                    if others.near(&aabb) {
+                        self.push(Part {
+                            shape: number,
+                            surface,
+                            aabb,
+                            owner: Owner::Opaque { solid },
+                        })?;
+                    }
+                }
+            }
+            Shape::Instance(instance) => {
+                let own = match placed {
+                    None => Some(*instance.transform()),
+                    Some(placed) => placed.after(instance.transform()),
+                };
+                if let Some(own) = own {
+                    for inside in instance.group().geometry().shapes() {
+                        self.add(number, inside, Some(&own), others)?;
+                    }
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, part: Part<'a>) -> Result<(), String> {
+        if self.parts.len() == self.most {
+            return Err(format!("more than {} faces lie near other shapes", self.most));
+        }
+        self.parts.push(part);
+        Ok(())
+    }
+}
