@@ -38,7 +38,8 @@ pub(crate) fn folder_of(key: &str) -> PathBuf {
 }
 
 /// All scene files at or below the given paths, sorted, each once; folders named `assets` and `parts` hold none. What
-/// is in a folder named `scale` takes minutes and gigabytes, and is found only by a path that leads into it.
+/// is in a folder named `scale` takes minutes and gigabytes, and what is in one named `community` has no stored references: these
+/// are found only by a path that leads into them.
 pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
