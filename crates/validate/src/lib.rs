@@ -19,6 +19,7 @@ pub mod sensitivity;
 pub mod shrink;
 pub mod stored;
 pub mod tree;
+mod vacuous;
 mod validator;
 
 pub use key::{find_scenes, quoted, scene_key};

@@ -469,6 +469,7 @@ impl<'a> Validator<'a> {
             case.signed_block_bias = measured.signed_block_bias;
         }
         case.compared = true;
+        case.notes = crate::vacuous::notes(&ours.image, reference, &ours.pipeline.world);
         case.problems.extend(case.broken_limits());
         if !case.problems.is_empty() {
             case.inexact = inexact::notes(case, &ours.pipeline.world.geometry, self.options.renderer, cap);
