@@ -283,3 +283,37 @@ fn noise_explains_what_it_can() {
         &["below 1"],
     );
 }
+
+/// What a stored reference says of its own variation explains a pixel, and no more than that.
+#[test]
+fn the_range_of_a_reference_explains() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut reference = wall(|_, _| 0.0);
+    for (side, value) in [("min", 0.25), ("max", 0.75)] {
+        for channel in ["R", "G", "B"] {
+            let layer = (0..256).map(|pixel| if pixel == 8 { value } else { 0.0 });
+            reference
+                .add_channel(format!("{side}.{channel}"), layer.collect())
+                .unwrap();
+        }
+    }
+    let stored = put(folder.path(), "stored.exr", &reference);
+    let moved = |at: (usize, usize), by: f32| wall(move |x, y| if (x, y) == at { by } else { 0.0 });
+    let edge = put(folder.path(), "edge.exr", &moved((8, 0), -0.4));
+    let far = put(folder.path(), "far.exr", &moved((8, 0), 0.4));
+    let other = put(folder.path(), "other.exr", &moved((9, 0), -0.4));
+    let text = check(
+        &["compare", &edge, &stored],
+        0,
+        &["1 pixel in the reference's own range"],
+    );
+    assert!(!text.contains("min.R") && !text.contains("vacuous"), "{text}");
+    check(&["compare", &far, &stored], 1, &["1 pixels are over tolerance"]);
+    check(&["compare", &other, &stored], 1, &["1 pixels are over tolerance"]);
+    let black = put(
+        folder.path(),
+        "black.exr",
+        &Image::from_fn(4, 4, |_, _| [0.0; 3]).unwrap(),
+    );
+    check(&["compare", &black, &black], 0, &["each image shows one colour"]);
+}

@@ -19,6 +19,7 @@ mod instance;
 mod integrator;
 mod light;
 mod material;
+mod mesh_defects;
 mod object_order;
 mod path;
 mod ray;
@@ -52,6 +53,7 @@ pub use material::{
     Branch, BranchKind, BranchStream, BranchStreams, Branches, Filter, Flags, Illumination, Incoming, Lobes,
     Material, MaterialRef,
 };
+pub use mesh_defects::MeshDefects;
 pub use object_order::{ObjectOrder, Refused, View};
 pub use path::{Medium, PathLetter, PathState};
 pub use ray::{Aabb, Interval, Ray};

@@ -7,7 +7,7 @@ use crate::pixels::Pictures;
 use crate::result::{CaseResult, LayerResult, Reference, WorstPixel};
 use crate::stored::Stored;
 use crate::validator::{Against, EXPLAINED_PIXELS, Ours, Validator};
-use crate::{floor, inexact, tree};
+use crate::{floor, inexact, tree, vacuous};
 use whitstone_core::Needs;
 use whitstone_image::{CompareError, CompareOptions, Image, Mask, Tolerance, compare, layers, metrics};
 
@@ -114,6 +114,7 @@ impl Validator<'_> {
         self.compare_layers(case, &ours.image, reference, &over, &mask(&judged, &over))?;
         measure(case, &ours.image, reference, &mask(&judged, &over))?;
         case.compared = true;
+        case.notes = vacuous::notes(&ours.image, reference, &ours.pipeline);
         if case.ambiguous > 0 || !case.broken_limits().is_empty() {
             case.inexact = inexact::notes(case, &ours.pipeline.world.geometry, self.options.renderer, cap);
         }

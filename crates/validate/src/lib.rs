@@ -21,6 +21,7 @@ mod shared;
 pub mod shrink;
 pub mod stored;
 pub mod tree;
+mod vacuous;
 mod validator;
 mod variants;
 mod verdict;

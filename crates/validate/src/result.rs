@@ -161,6 +161,8 @@ pub struct CaseResult {
     pub moved: Option<usize>,
     /// For a case that fails: what shows that the reference is too inexact in this scene to be judged by.
     pub inexact: Vec<String>,
+    /// Remarks that change no verdict: a comparison that shows nothing, a mesh that refracts and is not closed.
+    pub notes: Vec<String>,
     /// Why the limit differs from the default, if it does.
     pub limit_reason: Option<String>,
     /// Mean relative squared error.

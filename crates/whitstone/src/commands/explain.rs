@@ -231,6 +231,13 @@ fn print_pipeline(pipeline: &Pipeline, names: &Names) {
         "materials",
         &format!("{} for the {shapes} shapes", materials(pipeline)),
     );
+    for (number, defects) in pipeline.world.open_refracting_meshes() {
+        let name = names.shapes.get(number as usize).map_or("", String::as_str);
+        row(
+            "not closed",
+            &format!("shape {number} ({name}) refracts and has {defects}"),
+        );
+    }
     let reflections = reflections(pipeline);
     if reflections > 1 {
         let text = format!("up to {reflections} in the place of one; rays are followed one by one");
@@ -295,6 +302,13 @@ fn report(pipeline: &Pipeline, names: &Names, tree: Option<&PixelTree>, counted:
             "statistics": pipeline.world.accelerator.statistics(),
         },
         "shapes": names.shapes,
+        "open_refracting_meshes": pipeline.world.open_refracting_meshes().iter().map(|(number, defects)| json!({
+            "shape": number,
+            "border_edges": defects.border_edges,
+            "crowded_edges": defects.crowded_edges,
+            "flipped_edges": defects.flipped_edges,
+            "duplicate_faces": defects.duplicate_faces,
+        })).collect::<Vec<_>>(),
         "elements": elements(pipeline),
         "groups": pipeline.groups.iter().map(|built| json!({
             "id": built.id,

@@ -448,6 +448,9 @@ fn print_case(case: &CaseResult) {
                 .map_or_else(String::new, |text| format!("\n        {text}")),
         );
     }
+    for note in &case.notes {
+        println!("      note: {note}");
+    }
     for note in &case.inexact {
         println!("      the reference is inexact here: {note}");
     }

@@ -1,0 +1,199 @@
+//! Defects of meshes that bound a body: what refracts at them goes in and never comes out, or comes out twice.
+
+use crate::{Lobes, Shape, TriangleMesh, World};
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+
+/// What keeps a mesh from bounding a body. Vertices at the same place are one; triangles that have two corners at one place are
+/// never hit and do not count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MeshDefects {
+    /// Edges of one face only.
+    pub border_edges: usize,
+    /// Edges of more than two faces.
+    pub crowded_edges: usize,
+    /// Edges of two faces that face different sides.
+    pub flipped_edges: usize,
+    /// Faces with the three corners of an earlier face.
+    pub duplicate_faces: usize,
+}
+
+impl MeshDefects {
+    /// Counts them. A duplicate is counted as such and then left out: its edges are those of the face that it repeats.
+    pub fn of(mesh: &TriangleMesh) -> Self {
+        let mut places = HashMap::new();
+        let mut faces = HashMap::new();
+        // How many faces run along an edge, and how many more in the one direction than in the other.
+        let mut edges: HashMap<[usize; 2], (usize, i64)> = HashMap::new();
+        let mut defects = Self::default();
+        for triangle in &mesh.triangles {
+            let corners = triangle.map(|vertex| {
+                // Zero has two signs and one place.
+                let place = (mesh.positions[vertex as usize] + 0.0).to_array();
+                let next = places.len();
+                *places.entry(place.map(f64::to_bits)).or_insert(next)
+            });
+            let [a, b, c] = corners;
+            if a == b || b == c || c == a {
+                continue;
+            }
+            let mut sorted = corners;
+            sorted.sort_unstable();
+            if faces.insert(sorted, ()).is_some() {
+                defects.duplicate_faces += 1;
+                continue;
+            }
+            for (from, to) in [(a, b), (b, c), (c, a)] {
+                let (count, balance) = edges.entry([from.min(to), from.max(to)]).or_default();
+                *count += 1;
+                *balance += if from < to { 1 } else { -1 };
+            }
+        }
+        for (count, balance) in edges.values() {
+            match count {
+                1 => defects.border_edges += 1,
+                2 if *balance != 0 => defects.flipped_edges += 1,
+                2 => {}
+                _ => defects.crowded_edges += 1,
+            }
+        }
+        defects
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(self) -> bool {
+        self == Self::default()
+    }
+}
+
+impl fmt::Display for MeshDefects {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let counts = [
+            (self.border_edges, "border edge", "border edges"),
+            (
+                self.crowded_edges,
+                "edge of more than two faces",
+                "edges of more than two faces",
+            ),
+            (
+                self.flipped_edges,
+                "edge between faces that face different sides",
+                "edges between faces that face different sides",
+            ),
+            (self.duplicate_faces, "duplicate face", "duplicate faces"),
+        ];
+        let parts: Vec<String> = counts
+            .into_iter()
+            .filter(|(count, ..)| *count > 0)
+            .map(|(count, one, many)| format!("{count} {}", if count == 1 { one } else { many }))
+            .collect();
+        f.write_str(&parts.join(", "))
+    }
+}
+
+impl World {
+    /// The meshes, by the numbers of their shapes, that refract and do not bound a body. Meshes in groups count once, however often they are placed.
+    pub fn open_refracting_meshes(&self) -> Vec<(u32, MeshDefects)> {
+        let mut found = BTreeMap::new();
+        self.find_open(self.geometry.shapes(), 0, &mut found);
+        found
+            .into_iter()
+            .filter(|(_, defects)| !defects.is_empty())
+            .collect()
+    }
+
+    fn find_open(&self, shapes: &[Shape], first: u32, found: &mut BTreeMap<u32, MeshDefects>) {
+        for (shape, number) in shapes.iter().zip(first..) {
+            match shape {
+                Shape::Triangles(mesh) => {
+                    let material = self.materials.get(number as usize);
+                    let refracts = material.is_some_and(|m| m.lobes().contains(Lobes::TRANSMISSION));
+                    if refracts {
+                        found.entry(number).or_insert_with(|| MeshDefects::of(mesh));
+                    }
+                }
+                Shape::Instance(instance) => {
+                    let group = instance.group();
+                    self.find_open(group.geometry().shapes(), group.first_shape(), found);
+                }
+                Shape::Opaque(_) => {}
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::DVec3;
+
+    /// The walls of a box of `size`³ squares on its surface, each two triangles.
+    fn walls(size: i32) -> TriangleMesh {
+        let mut mesh = TriangleMesh {
+            orientation: 1.0,
+            ..TriangleMesh::default()
+        };
+        for axis in 0..3 {
+            for (side, turned) in [(0, true), (size, false)] {
+                for (i, j) in (0..size).flat_map(|i| (0..size).map(move |j| (i, j))) {
+                    let corner = |a: i32, b: i32| {
+                        let mut p = [0.0; 3];
+                        p[axis] = f64::from(side);
+                        p[(axis + 1) % 3] = f64::from(i + a);
+                        p[(axis + 2) % 3] = f64::from(j + b);
+                        DVec3::from_array(p)
+                    };
+                    // Each square has vertices of its own, as files with normals at vertices have them.
+                    let first = mesh.positions.len() as u32;
+                    mesh.positions
+                        .extend([corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)]);
+                    for [a, b, c] in [[0, 1, 2], [0, 2, 3]] {
+                        let [b, c] = if turned { [c, b] } else { [b, c] };
+                        mesh.triangles.push([first + a, first + b, first + c]);
+                    }
+                }
+            }
+        }
+        mesh
+    }
+
+    #[test]
+    fn a_closed_mesh_has_no_defects() {
+        assert!(MeshDefects::of(&walls(4)).is_empty());
+    }
+
+    /// Ten duplicate faces and 26 border edges.
+    #[test]
+    fn holes_and_duplicates_are_counted() {
+        let mut mesh = walls(6);
+        for face in 0..10 {
+            let mut again = mesh.triangles[7 * face];
+            again.rotate_left(face % 3);
+            mesh.triangles.push(again);
+        }
+        // On the last side: five squares apart have 4 edges each, two that touch have 6 together.
+        let mut removed = [(1, 1), (1, 3), (3, 1), (3, 3), (5, 1), (5, 4), (5, 5)];
+        removed.reverse();
+        for (i, j) in removed {
+            let square = 5 * 72 + 2 * (6 * i + j);
+            mesh.triangles.drain(square..square + 2);
+        }
+        let defects = MeshDefects::of(&mesh);
+        assert_eq!((defects.border_edges, defects.duplicate_faces), (26, 10));
+        assert_eq!(defects.to_string(), "26 border edges, 10 duplicate faces");
+    }
+
+    #[test]
+    fn faces_that_face_the_other_side_are_counted() {
+        let mut mesh = walls(2);
+        mesh.triangles[3].swap(0, 1);
+        assert_eq!(MeshDefects::of(&mesh).flipped_edges, 3);
+        // A wall through the middle of the box, that begins and ends in its sides.
+        let mut mesh = walls(1);
+        let first = mesh.positions.len() as u32;
+        mesh.positions
+            .extend([DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 1.0)]);
+        mesh.triangles.push([first, first + 1, first + 2]);
+        assert!(MeshDefects::of(&mesh).crowded_edges >= 1);
+    }
+}
