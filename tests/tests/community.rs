@@ -47,7 +47,12 @@ fn judge(path: &Path, validator: &Mutex<Option<Validator<'static>>>) -> Result<(
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let listed = UNDECIDED.iter().any(|(scene, _)| *scene == name);
     let without_twin = WITHOUT_TWIN.iter().any(|scene| *scene == name);
-    let told = format!("{:?}: {}\n{}", case.status, case.verdict, case.problems.join("\n"));
+    let told = format!(
+        "{:?}: {}\n{}",
+        case.status,
+        case.verdict,
+        case.problems.join("\n")
+    );
     match case.status {
         Some(Status::Pass | Status::Confirmed) if !listed && !without_twin => Ok(()),
         Some(Status::Undecided) if listed => Ok(()),
@@ -72,7 +77,8 @@ fn main() {
         .into_iter()
         .map(|path| {
             let validator = validator.clone();
-            Trial::test(path.display().to_string(), move || judge(&path, &validator)).with_ignored_flag(!mitsuba)
+            Trial::test(path.display().to_string(), move || judge(&path, &validator))
+                .with_ignored_flag(!mitsuba)
         })
         .collect();
     libtest_mimic::run(&arguments, trials).exit();

@@ -19,7 +19,12 @@ pub(crate) fn notes(ours: &Image, reference: &Image, pipeline: &Pipeline) -> Vec
         ));
     }
     let pairs = &pipeline.coincident;
-    notes.extend(pairs.iter().take(MOST_COINCIDENT).map(|pair| format!("coincident surfaces: {pair}")));
+    notes.extend(
+        pairs
+            .iter()
+            .take(MOST_COINCIDENT)
+            .map(|pair| format!("coincident surfaces: {pair}")),
+    );
     if pairs.len() > MOST_COINCIDENT {
         notes.push(format!(
             "coincident surfaces: {} more pairs, which `explain` lists",

@@ -10,7 +10,7 @@
 //! one of the scene ([`crate::inexact`]) counts only where no shared code is in use.
 
 use crate::driver::SceneText;
-use crate::explain::{Explanation, Range, Reason};
+use crate::explain::{Explanation, Reason};
 use crate::judge::{Judged, color_at, measure};
 use crate::opinion::{Ask, Hearing, MOST_ASKED, Opinion, Verdict, choose};
 use crate::result::{CaseResult, Status, counted};
@@ -24,6 +24,9 @@ use whitstone_image::{Image, Mask, metrics};
 const WORST_OF_INTERIOR: usize = 32;
 /// And an even choice of all.
 const OTHERS_OF_INTERIOR: usize = 32;
+
+/// An error may be so many times the largest deviation that a few other roundings show.
+const ROUNDINGS: f64 = 4.0;
 
 /// How sure a sample makes that all is right, in words: with `asked` right of as many asked, at most this part of the
 /// others can be wrong with a confidence of 95 % (0.05 = (1 - p)^n).
@@ -294,8 +297,9 @@ impl Validator<'_> {
         )
     }
 
-    /// In how many of some pixels a live reference takes our value, or one on its other side, where only its roundings change.
-    /// Shifts of the sample position do not count: where a texture is steep they explain any small error.
+    /// In how many of some pixels a live reference varies by at least a quarter of what ours differs by, where only its roundings
+    /// change: a few perturbations underestimate an error. Shifts of the sample position do not count: where a texture is steep they
+    /// explain any small error.
     fn varying(&mut self, ours: &Ours, against: &Against, pixels: &[[usize; 2]]) -> usize {
         let Some(live) = self.live.as_mut().filter(|_| against.live) else {
             return 0;
@@ -309,13 +313,18 @@ impl Validator<'_> {
             return 0;
         };
         let varies = |(pixel, variants): (&[usize; 2], &Vec<Vec<[f64; 3]>>)| {
-            let mut range = Range::of(color_at(&against.stored.image, *pixel));
-            for (_, values) in (trials.iter().zip(variants))
+            let nominal = color_at(&against.stored.image, *pixel);
+            let ours = color_at(&ours.image, *pixel);
+            let roundings = (trials.iter().zip(variants))
                 .filter(|(trial, _)| !matches!(trial.reason, Reason::Shift { .. }))
-            {
-                values.iter().for_each(|value| range.include(*value));
+                .flat_map(|(_, values)| values);
+            let mut most = [0.0_f64; 3];
+            for value in roundings {
+                for c in 0..3 {
+                    most[c] = most[c].max((value[c] - nominal[c]).abs());
+                }
             }
-            range.holds(color_at(&ours.image, *pixel), [0.0; 3])
+            (0..3).all(|c| (ours[c] - nominal[c]).abs() <= ROUNDINGS * most[c])
         };
         pixels.iter().zip(&values).filter(|pair| varies(*pair)).count()
     }

@@ -407,7 +407,11 @@ fn failures_come_first_are_open_and_marked_by_more_than_colour() {
             .all(|cell| { cell.text().starts_with("✗ over the limit:") })
     );
     assert!(document.select("tr[data-case='case-1'] td.over").is_empty());
-    assert!(document.select("h1")[0].text().contains("2 of 9 cases do not pass (2 wrong)"));
+    assert!(
+        document.select("h1")[0]
+            .text()
+            .contains("2 of 9 cases do not pass (2 wrong)")
+    );
     assert!(
         document.select(".problems pre")[0]
             .text()
