@@ -447,7 +447,8 @@ fn main() {
     // Assets are named from the repository.
     std::env::set_current_dir(root()).expect("the repository is there");
     let live = Environment::existing(Path::new("target/whitstone"), Path::new("references")).is_some();
-    let tests: [(&str, fn() -> Result<(), Failed>); 6] = [
+    type Test = fn() -> Result<(), Failed>;
+    let tests: [(&str, Test); 6] = [
         ("every shape with every material", || pass(&materials())),
         ("every shape with every texture", || pass(&textures())),
         ("every light with every shape", || pass(&lights())),
