@@ -11,13 +11,15 @@ use std::sync::Arc;
 use std::time::Duration;
 use whitstone::core::{
     Aabb, Accelerator, Accelerators, Context, Geometry, Interval, Needs, Plugin, Primitive, PrimitiveHit,
-    RawHit, Ray, Registry, SceneErrors, Shape, Shapes, Skip, Statistics, SurfacePoint, Transform,
+    RawHit, Ray, Registry, Rgb, SceneErrors, Shape, Shapes, Skip, Statistics, SurfacePoint, Texture,
+    Textures, Transform,
 };
 use whitstone::image::{Image, Limits, Raster, exr_io, texels};
 use whitstone::validate::environment::Environment;
 use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator};
 use whitstone_accelerators::brute_force::{self, BruteForce};
 use whitstone_shapes::sphere::{self, Sphere};
+use whitstone_textures::image;
 
 /// Changes our image before it is compared.
 type Tamper = fn(&mut Image);
@@ -47,7 +49,7 @@ fn set(text: &str) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-const FAULTS: [Fault; 30] = [
+const FAULTS: [Fault; 32] = [
     Fault {
         reference: Renderer::Mitsuba,
         name: "a mixture of both sides of an edge",
@@ -117,6 +119,22 @@ const FAULTS: [Fault; 30] = [
         name: "one wrong texel",
         scene: "scenes/showcase/textured_mesh.toml",
         overrides: || vec![format!("texture.picture.file='{}'", wrong_picture().display())],
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "levels of a pyramid off by 0.02",
+        scene: "scenes/showcase/horizon_trilinear.toml",
+        overrides: || set("texture.ground.type=biased_image"),
+        tamper: |_| {},
+        found: unexplained,
+    },
+    Fault {
+        reference: Renderer::Mitsuba,
+        name: "levels of ellipses off by 0.02",
+        scene: "scenes/showcase/horizon_ewa.toml",
+        overrides: || set("texture.ground.type=biased_image"),
         tamper: |_| {},
         found: unexplained,
     },
@@ -388,6 +406,36 @@ impl Primitive for FlippedSphere {
     }
 }
 
+/// A picture that counts footprints as larger than they are, so that it is looked up at a coarser level: by 0.02.
+struct BiasedImage(Arc<dyn Texture>);
+
+impl Plugin<Textures> for BiasedImage {
+    const TYPE: &'static str = "biased_image";
+    type Config = image::Config;
+
+    fn build(
+        config: Self::Config,
+        (): (),
+        context: &mut dyn Context,
+    ) -> Result<Arc<dyn Texture>, SceneErrors> {
+        let inner = <image::Image as Plugin<Textures>>::build(config, (), context)?;
+        Ok(Arc::new(Self(inner)))
+    }
+}
+
+impl Texture for BiasedImage {
+    fn needs(&self) -> Needs {
+        self.0.needs()
+    }
+    fn value(&self, point: &SurfacePoint) -> Rgb {
+        let larger = 0.02_f32.exp2();
+        let mut point = *point;
+        point.footprint.uv = point.footprint.uv.map(|step| step * larger);
+        point.footprint.position = point.footprint.position.map(|step| step * larger);
+        self.0.value(&point)
+    }
+}
+
 /// An accelerator with a fault, around one without.
 struct Faulty<const KIND: usize>(Box<dyn Accelerator>);
 
@@ -440,6 +488,9 @@ fn registry() -> Registry {
     let mut registry = whitstone::registry();
     registry
         .add::<Shapes, FlippedSphere>("faults")
+        .expect("a new type");
+    registry
+        .add::<Textures, BiasedImage>("faults")
         .expect("a new type");
     registry
         .add::<Accelerators, Faulty<FAR_SPAWN>>("faults")

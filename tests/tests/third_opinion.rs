@@ -41,6 +41,9 @@ fn counts(scene: &std::path::Path, ours: &[String]) -> Option<[usize; 3]> {
                 let near = |c: usize| (mine[c] - rgb[c]).abs() <= tolerance * largest + uncertainty[c];
                 // To agree with what could be anything is no agreement.
                 let is_sharp = uncertainty.iter().all(|width| *width <= SHARP * largest);
+                if !(0..3).all(near) {
+                    println!("pixel {pixel:?}: {mine:?}, the oracle {rgb:?}");
+                }
                 match (0..3).all(near) {
                     true if is_sharp => 0,
                     true => 2,

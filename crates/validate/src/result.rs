@@ -163,6 +163,10 @@ pub struct CaseResult {
     pub inexact: Vec<String>,
     /// Remarks that change no verdict: a comparison that shows nothing, a mesh that refracts and is not closed.
     pub notes: Vec<String>,
+    /// Pairs of coincident surfaces, and what was not examined for them.
+    pub coincident: Vec<String>,
+    /// Pairs of coincident surfaces, and why others were not examined.
+    pub coincident: Vec<String>,
     /// Why the limit differs from the default, if it does.
     pub limit_reason: Option<String>,
     /// Mean relative squared error.
@@ -239,7 +243,7 @@ pub struct CaseResult {
 }
 
 /// A pixel that differs.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct WorstPixel {
     /// Column.
     pub x: usize,
@@ -278,7 +282,7 @@ fn nullable_range<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[
 }
 
 /// A layer of both images.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct LayerResult {
     /// EXR channel.
     pub name: String,

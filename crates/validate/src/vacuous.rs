@@ -18,19 +18,23 @@ pub(crate) fn notes(ours: &Image, reference: &Image, pipeline: &Pipeline) -> Vec
             "shape {shape} refracts and is not a closed mesh: it has {defects}"
         ));
     }
+    notes
+}
+
+/// The pairs of coincident surfaces of a scene, and what was not examined for them.
+pub(crate) fn coincident(pipeline: &Pipeline) -> Vec<String> {
     let pairs = &pipeline.coincident;
-    notes.extend(
-        pairs
-            .iter()
-            .take(MOST_COINCIDENT)
-            .map(|pair| format!("coincident surfaces: {pair}")),
-    );
+    let mut told: Vec<String> = pairs
+        .iter()
+        .take(MOST_COINCIDENT)
+        .map(ToString::to_string)
+        .collect();
     if pairs.len() > MOST_COINCIDENT {
-        notes.push(format!(
-            "coincident surfaces: {} more pairs, which `explain` lists",
+        told.push(format!(
+            "{} more pairs, which `explain` lists",
             pairs.len() - MOST_COINCIDENT
         ));
     }
-    notes.extend(pipeline.coincident_unknown.iter().cloned());
-    notes
+    told.extend(pipeline.coincident_unknown.iter().cloned());
+    told
 }

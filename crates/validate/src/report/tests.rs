@@ -84,25 +84,19 @@ fn case(scene: &str, twin: &str) -> CaseResult {
             ours: [0.081, 0.12, 0.161],
             reference: [0.31, 0.121, 0.07],
             reason: Some(Reason::Shift { radius_px: 1e-3 }),
-            between: None,
-            tried: None,
-            first_difference: None,
-            oracle: None,
+            ..WorstPixel::default()
         }],
         layers: vec![
             LayerResult {
                 name: "shape_id.I".to_owned(),
                 differing: Some(1),
-                differing_alone: None,
-                rms: None,
-                max_abs: None,
+                ..LayerResult::default()
             },
             LayerResult {
                 name: "depth.Z".to_owned(),
-                differing: None,
-                differing_alone: None,
                 rms: Some(2.2e-7),
                 max_abs: Some(1.9e-6),
+                ..LayerResult::default()
             },
         ],
         drift: Some(0.0),
@@ -241,10 +235,8 @@ fn hostile() -> CaseResult {
         command: text.clone(),
         layers: vec![LayerResult {
             name: text.clone(),
-            differing: None,
-            differing_alone: None,
             rms: Some(f64::INFINITY),
-            max_abs: None,
+            ..LayerResult::default()
         }],
         worst: vec![WorstPixel {
             first_difference: Some(text),

@@ -451,6 +451,11 @@ fn print_case(case: &CaseResult) {
     for note in &case.notes {
         println!("      note: {note}");
     }
+    if status != Status::Pass {
+        case.coincident
+            .iter()
+            .for_each(|pair| println!("      coincident surfaces: {pair}"));
+    }
     for note in &case.inexact {
         println!("      the reference is inexact here: {note}");
     }
