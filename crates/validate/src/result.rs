@@ -165,8 +165,6 @@ pub struct CaseResult {
     pub notes: Vec<String>,
     /// Pairs of coincident surfaces, and what was not examined for them.
     pub coincident: Vec<String>,
-    /// Pairs of coincident surfaces, and why others were not examined.
-    pub coincident: Vec<String>,
     /// Why the limit differs from the default, if it does.
     pub limit_reason: Option<String>,
     /// Mean relative squared error.
