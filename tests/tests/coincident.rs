@@ -81,8 +81,11 @@ const GAP: f64 = 1e-8;
 /// Of 4,800 pixels, 99.9 % are the same.
 const MOST: usize = 4;
 
+/// A scene as TOML, by the gap in metres.
+type Scene = Box<dyn Fn(f64) -> String>;
+
 /// The scenes: a name, and the text with a gap of this width where faces meet.
-fn cases() -> Vec<(&'static str, Box<dyn Fn(f64) -> String>)> {
+fn cases() -> Vec<(&'static str, Scene)> {
     let on = |floor: String, material: &'static str| {
         move |gap: f64| floor.clone() + &cuboid([0.7, 0.5, 0.6], [0.1, 0.5 + gap, 0.05], material)
     };

@@ -36,3 +36,4 @@ pub use result::{
     counted,
 };
 pub use validator::{Mode, NoLive, Options, Validator, flatten};
+pub use variants::Variants;
