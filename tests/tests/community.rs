@@ -7,10 +7,31 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use whitstone::validate::environment::Environment;
-use whitstone::validate::{Mode, Options, Renderer, Status, Validator, find_scenes};
+use whitstone::validate::{Mode, Options, OraclePolicy, Renderer, Status, Validator, find_scenes};
 
 /// Scenes that nobody can decide, and why. The list is tested: a scene that is decided must leave it.
-const UNDECIDED: [(&str, &str); 0] = [];
+const UNDECIDED: [(&str, &str); 5] = [
+    (
+        "nasty_coincident_kinds",
+        "neither the reference nor the oracle has the rule for coincident surfaces",
+    ),
+    (
+        "nasty_glass_box_on_plane",
+        "neither the reference nor the oracle has the rule for coincident surfaces",
+    ),
+    (
+        "nasty_touching_boxes",
+        "neither the reference nor the oracle has the rule for coincident surfaces",
+    ),
+    (
+        "pov_focal_blur",
+        "the reference's error in the blurred parts is larger than its other roundings show",
+    ),
+    (
+        "nasty_mirror_chain",
+        "the reference's error after many reflections is larger than its other roundings show",
+    ),
+];
 
 /// Level sets: POV-Ray is their reference.
 const WITHOUT_TWIN: [&str; 2] = ["pov_blob", "pov_julia"];
@@ -43,6 +64,11 @@ fn judge(path: &Path, validator: &Mutex<Option<Validator<'static>>>) -> Result<(
         }
     };
     validator.without_pictures();
+    // On a slow or busy machine, too, the verdict is to be the oracle's.
+    validator.set_oracle(OraclePolicy {
+        budget: Duration::from_secs(300),
+        ..OraclePolicy::default()
+    });
     let case = validator.validate(path);
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let listed = UNDECIDED.iter().any(|(scene, _)| *scene == name);

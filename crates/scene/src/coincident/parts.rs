@@ -153,7 +153,7 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
             continue;
         }
         others.simplify();
-        sizes[body.number] = size(&shapes[body.number]);
+        sizes[body.number] = size(&shapes[body.number], &mut 0);
         collected.add(body.number, &shapes[body.number], None, &others)?;
     }
     Ok(Parts {
@@ -163,13 +163,20 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
     })
 }
 
-/// Elements, those in copies counted.
-fn size(shape: &Shape) -> usize {
+/// Elements, those in instances counted, of at most `MOST_VISITED` shapes: nested groups multiply without end.
+fn size(shape: &Shape, visited: &mut usize) -> usize {
+    *visited += 1;
     match shape {
         Shape::Triangles(mesh) => mesh.triangles.len(),
         Shape::Instance(instance) => {
-            let inside = instance.group().geometry().shapes().iter().map(size);
-            inside.fold(0, usize::saturating_add)
+            let mut sum = 0_usize;
+            for inside in instance.group().geometry().shapes() {
+                if *visited > MOST_VISITED {
+                    return usize::MAX;
+                }
+                sum = sum.saturating_add(size(inside, visited));
+            }
+            sum
         }
         _ => 1,
     }
