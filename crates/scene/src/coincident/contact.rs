@@ -40,8 +40,13 @@ impl Contact {
 /// All contacts, in a fixed order.
 pub(super) fn find(geometry: &Geometry, parts: &Parts<'_>) -> Vec<Contact> {
     let mut contacts = Vec::new();
+    let mut tried = 0;
     for (run, plane) in coplanar(parts).into_iter().zip(0..) {
         sweep(parts, run, |a, b| {
+            tried += 1;
+            if tried > MOST_PAIRS {
+                return;
+            }
             if let Some(points) = flat_overlap(&parts.all[a].surface, &parts.all[b].surface)
                 && is_there(geometry, parts, [a, b], &points)
             {
@@ -53,6 +58,9 @@ pub(super) fn find(geometry: &Geometry, parts: &Parts<'_>) -> Vec<Contact> {
     contacts.sort_by_key(|contact| contact.parts);
     contacts
 }
+
+/// Most pairs of overlapping faces that are looked at: equal shapes in one place have a pair for each two.
+const MOST_PAIRS: usize = 50_000;
 
 fn contact(
     parts: &Parts<'_>,

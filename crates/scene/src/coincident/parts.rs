@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape, SurfacePart, Transform, TriangleMesh};
 
 /// Most parts near other shapes that are compared.
-const MOST: usize = 1_000_000;
+const MOST: usize = 10_000;
 
 /// Most triangles and shapes that are looked at inside instances.
 const MOST_VISITED: usize = 8_000_000;
@@ -148,12 +148,13 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
         most: MOST,
     };
     let mut sizes = vec![0; shapes.len()];
+    let mut counted = 0;
     for (body, mut others) in bodies.iter().zip(others) {
         if others.is_empty() {
             continue;
         }
         others.simplify();
-        sizes[body.number] = size(&shapes[body.number], &mut 0);
+        sizes[body.number] = size(&shapes[body.number], &mut counted);
         collected.add(body.number, &shapes[body.number], None, &others)?;
     }
     Ok(Parts {
@@ -163,7 +164,13 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
     })
 }
 
-/// Elements, those in instances counted, of at most `MOST_VISITED` shapes: nested groups multiply without end.
+/// Most shapes whose elements are counted: nested groups multiply without end.
+const MOST_COUNTED: usize = 50_000;
+
+/// What a shape inside an instance costs to look at, in triangles.
+const SHAPE_COST: usize = 64;
+
+/// Elements, those in instances counted, of at most [`MOST_COUNTED`] shapes.
 fn size(shape: &Shape, visited: &mut usize) -> usize {
     *visited += 1;
     match shape {
@@ -171,7 +178,7 @@ fn size(shape: &Shape, visited: &mut usize) -> usize {
         Shape::Instance(instance) => {
             let mut sum = 0_usize;
             for inside in instance.group().geometry().shapes() {
-                if *visited > MOST_VISITED {
+                if *visited > MOST_COUNTED {
                     return usize::MAX;
                 }
                 sum = sum.saturating_add(size(inside, visited));
@@ -239,6 +246,7 @@ impl<'a> Collected<'a> {
     ) -> Result<(), String> {
         let visited = match shape {
             Shape::Triangles(mesh) if placed.is_some() => mesh.triangles.len(),
+            _ if placed.is_some() => SHAPE_COST,
             _ => 1,
         };
         self.visited += visited;
