@@ -11,8 +11,8 @@ mod chalk;
 mod fisheye;
 #[path = "../../crates/whitstone/src/commands/scaffold/moon.rs"]
 mod moon;
-#[path = "../../crates/whitstone/src/commands/scaffold/rings.rs"]
-mod rings;
+#[path = "../../crates/whitstone/src/commands/scaffold/ripples.rs"]
+mod ripples;
 
 use std::fs;
 use whitstone::core::{Cameras, Lights, Materials, Textures};
@@ -22,7 +22,7 @@ use whitstone_tests::{bits, entries, load, program, root};
 fn their_scenes_render() {
     let mut registry = whitstone::registry();
     registry.add::<Materials, chalk::Chalk>("scaffold").unwrap();
-    registry.add::<Textures, rings::Rings>("scaffold").unwrap();
+    registry.add::<Textures, ripples::Ripples>("scaffold").unwrap();
     registry.add::<Lights, moon::Moon>("scaffold").unwrap();
     registry.add::<Cameras, fisheye::Fisheye>("scaffold").unwrap();
     let folder = root().join("crates/whitstone/src/commands/scaffold");
@@ -30,7 +30,10 @@ fn their_scenes_render() {
         .into_iter()
         .filter(|name| name.ends_with(".toml"))
         .collect();
-    assert_eq!(scenes, ["chalk.toml", "fisheye.toml", "moon.toml", "rings.toml"]);
+    assert_eq!(
+        scenes,
+        ["chalk.toml", "fisheye.toml", "moon.toml", "ripples.toml"]
+    );
     for scene in scenes {
         let pipeline = load(&folder.join(&scene), &[], &registry).unwrap_or_else(|report| panic!("{report}"));
         let mut values = bits(&pipeline, 2);

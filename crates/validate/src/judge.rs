@@ -203,16 +203,18 @@ impl Validator<'_> {
                 .filter(|pixel| !unexplained.contains(pixel.x, pixel.y)),
         );
         worst.truncate(WORST);
+        let too_many = case.explained > case.explained_limit;
         for (rank, pixel) in worst.iter().enumerate() {
             let place = [pixel.x, pixel.y];
             let found = judged.iter().find(|one| one.pixel == place);
             let explanation = found.map_or(Explanation::Nothing, |one| one.explanation);
             let tried = found.and_then(|one| one.tried);
-            let first_difference = if explanation == Explanation::Nothing && rank < TREES {
-                self.first_difference(ours, place)
-            } else {
-                None
-            };
+            let first_difference =
+                if (too_many || !matches!(explanation, Explanation::Value(_))) && rank < TREES {
+                    self.first_difference(ours, place)
+                } else {
+                    None
+                };
             case.worst.push(WorstPixel {
                 x: pixel.x,
                 y: pixel.y,

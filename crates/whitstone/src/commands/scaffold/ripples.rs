@@ -1,7 +1,7 @@
 //! Two colours in turn around a point of texture space.
 //!
 //! - Twin: none; the tests hold it to the distances that it is made of.
-//! - Example: `scenes/rings.toml`.
+//! - Example: `scenes/ripples.toml`.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -44,14 +44,14 @@ fn tenth() -> Positive {
 }
 
 /// See the module.
-pub struct Rings {
+pub struct Ripples {
     colors: [Rgb; 2],
     center: DVec2,
     width: f64,
 }
 
-impl Plugin<Textures> for Rings {
-    const TYPE: &'static str = "rings";
+impl Plugin<Textures> for Ripples {
+    const TYPE: &'static str = "ripples";
     type Config = Config;
 
     fn build(config: Config, (): (), _: &mut dyn Context) -> Result<Arc<dyn Texture>, SceneErrors> {
@@ -63,7 +63,7 @@ impl Plugin<Textures> for Rings {
     }
 }
 
-impl Texture for Rings {
+impl Texture for Ripples {
     fn needs(&self) -> Needs {
         Needs::UV
     }
@@ -83,7 +83,7 @@ mod tests {
     use whitstone_testkit::build;
 
     whitstone_testkit::texture_laws!(
-        Rings,
+        Ripples,
         "",
         "a = [0, 1, 2]\nb = 0",
         "center = [-1.0..1, 0]\nwidth = 1e-3..10.0",
@@ -91,7 +91,7 @@ mod tests {
 
     #[test]
     fn colours_change_with_the_distance() {
-        let texture = build::<Textures, Rings>("a = 1\nb = 0\nwidth = 0.25", ()).unwrap();
+        let texture = build::<Textures, Ripples>("a = 1\nb = 0\nwidth = 0.25", ()).unwrap();
         for (u, expected) in [(0.5, 1.0), (0.7, 1.0), (0.8, 0.0), (0.2, 0.0), (1.1, 1.0)] {
             let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
             point.uv = DVec2::new(u, 0.5);
