@@ -401,6 +401,12 @@ fn the_pairs_are_named() {
     assert_eq!(pairs, [[0, 1], [0, 2], [1, 2]]);
     assert!(named(&(plane.clone() + &standing(-0.5, 0.5 + 1e-13))).is_empty());
     assert!(named(&(plane + &standing(-0.5, 0.4))).is_empty());
+    // Faces an ulp apart, with others in the opposite plane: -0.6 - 0.3 is not -0.9.
+    let beside = |half: f64, x: f64| cuboid([half, 0.5, 0.5], [x, 0.5, 0.0], GLASS);
+    let mut pairs =
+        named(&(beside(0.3, 0.6) + &beside(0.4, 1.3) + &beside(0.3, -0.6) + &beside(0.35, -1.25)));
+    pairs.sort_unstable();
+    assert_eq!(pairs, [[0, 1], [2, 3]]);
     // A carpet of an L: the box over its notch touches nothing.
     let ell = format!(
         "[[shape]]\ntype = \"polygon\"\nvertices = [[0, 0, 0], [3, 0, 0], [3, 1, 0], [1, 1, 0], [1, 3, 0], [0, 3, 0]]\n{RED}"

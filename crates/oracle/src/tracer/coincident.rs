@@ -7,7 +7,7 @@
 
 use crate::interval::{Decided, Undecided};
 use crate::root::Root;
-use crate::shapes::csg;
+use crate::shapes::{csg, mesh};
 use crate::vector::Line;
 use serde::Deserialize;
 use std::cmp::Ordering;
@@ -132,9 +132,13 @@ impl Faces {
         };
         if plugin.name == "csg" {
             let operands = decode::<csg::Config>(&plugin.table)?.operands(description)?;
-            let faces = operands
-                .iter()
-                .map(|(plugin, own)| Self::new(description, plugin, &(*map * *own), &[]));
+            let faces = operands.iter().map(|(plugin, own)| {
+                let triangles = match &*plugin.name {
+                    "mesh" => mesh::read(description, &decode(&plugin.table)?)?.triangles,
+                    _ => Vec::new(),
+                };
+                Self::new(description, plugin, &(*map * *own), &triangles)
+            });
             return Ok(Self::Operands(faces.collect::<Result<_, _>>()?));
         }
         Ok(match &*plugin.name {
