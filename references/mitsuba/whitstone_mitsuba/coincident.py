@@ -1,7 +1,7 @@
 """Surfaces of different shapes that coincide (model §9): shapes are built anew with gaps between such surfaces.
 
 The order along the common normal is the model's. Each flat face in a class of coincident ones moves along its normal by a number of
-gaps: bodies are inset, one of the open surfaces stays. A gap is 2^-17 of the coordinates, 32 times the offset of a ray that leaves
+gaps: bodies are inset, one of the open surfaces stays. A gap is 2^-19 of the coordinates, 8 times the offset of a ray that leaves
 a surface (`spawn`), so that neither float32 nor that offset takes a ray across it. Scenes without coincident surfaces are built once.
 """
 
@@ -17,7 +17,7 @@ from . import surfaces
 from .solids import Solid
 
 # The width of a gap, relative to the largest coordinate of the surfaces plus the largest one of at most 1 m.
-GAP = 2.0**-17
+GAP = 2.0**-19
 # Model §9: planes at most this far apart coincide, relative to the largest coordinate.
 APART = 16 * 2.0**-52
 # Faces near other shapes that are compared at most, and pairs of them.
@@ -66,10 +66,11 @@ class Outline:
 
 @dataclass
 class Change:
-    """How a shape is built anew: a map of the world, and displacements of the vertices of a mesh."""
+    """How a shape is built anew: a map of the world, displacements of the vertices of a mesh, other heights of caps."""
 
     world: np.ndarray = field(default_factory=lambda: np.eye(4))
     vertices: Optional[np.ndarray] = None
+    caps: Optional[Sequence[float]] = None
 
 
 @dataclass
@@ -450,16 +451,17 @@ def _levels(
     return [(node, (level - anchor) * (1 if along(node) else -1)) for node, level in zip(ordered, levels)]
 
 
-def _gap(nodes: Sequence[Node], shapes: Sequence[Any]) -> float:
-    largest = 0.0
-    for node in nodes:
-        outline_ = shapes[node.shape].outline
+def _gap(pairs: Sequence[Tuple[Node, Node]], shapes: Sequence[Any]) -> float:
+    """The width of the gaps of a class, by the coordinates where two surfaces coincide."""
+
+    def largest(node: Node) -> float:
         if node.parts:
-            largest = max([largest] + [face.largest for face in node.parts.values()])
-        else:
-            largest = max(largest, float(np.abs([outline_.low, outline_.high]).max()))
-    largest = largest or 1.0
-    return GAP * (largest + min(largest, 1.0))
+            return max(face.largest for face in node.parts.values()) or np.inf
+        return float(np.abs([shapes[node.shape].outline.low, shapes[node.shape].outline.high]).max())
+
+    common = max(min(largest(one), largest(other)) for one, other in pairs)
+    common = common if np.isfinite(common) else 1.0
+    return GAP * (common + min(common, 1.0))
 
 
 # ---- changes -----------------------------------------------------------------------------------------------------
@@ -479,19 +481,16 @@ def _change(kind: str, world: np.ndarray, outline_: Outline, moves: Sequence[Tup
     if kind in ("box", "cylinder", "cone", "paraboloid", "hyperboloid"):
         # By the coordinates of the shape's own space, where its faces are.
         ends = np.array([[-1.0, 1.0], [-1.0, 1.0], outline_.z])
-        moved = ends.copy()
         for node, by in moves:
             if node.form == "cylinder":
-                radius = outline_.tube[1]
-                inner[0, 0] = inner[1, 1] = 1 + by / radius
+                inner[0, 0] = inner[1, 1] = 1 + by / outline_.tube[1]
             for part in node.parts:
                 axis, side = (part // 2, part % 2) if kind == "box" else (2, part)
-                moved[axis, side] += (1 if side else -1) * by * np.linalg.norm(_gradient(world, axis))
-        for axis in range(3):
-            scale = (moved[axis, 1] - moved[axis, 0]) / (ends[axis, 1] - ends[axis, 0])
-            if scale != 1 or np.any(moved[axis] != ends[axis]):
-                inner[axis, axis], inner[axis, 3] = scale, moved[axis, 0] - scale * ends[axis, 0]
-        return Change(world @ inner @ np.linalg.inv(world))
+                ends[axis, side] += (1 if side else -1) * by * np.linalg.norm(_gradient(world, axis))
+        if kind == "box":
+            inner[:3, :3] = np.diag(0.5 * (ends[:, 1] - ends[:, 0]))
+            inner[:3, 3] = 0.5 * (ends[:, 1] + ends[:, 0])
+        return Change(world @ inner @ np.linalg.inv(world), caps=None if kind == "box" else ends[2].tolist())
     for node, by in moves:
         inner[:3, 3] += by * node.normal
     return Change(inner)
@@ -521,6 +520,11 @@ def _displaced(mesh: Tuple[np.ndarray, np.ndarray], moves: Sequence[Tuple[Node, 
     return result
 
 
+def cut(surface: surfaces.Round, caps: Sequence[float]) -> None:
+    """Moves the caps, and nothing else."""
+    surface.planes = [((0.0, 0.0, -1.0), -caps[0]), ((0.0, 0.0, 1.0), caps[1])]
+
+
 def find(shapes: Sequence[Any]) -> Found:
     """What of the shapes coincides, and how they are built anew. Each has `type`, `number`, `path`, `world` and `outline`."""
     nothing = Found({}, [])
@@ -547,7 +551,7 @@ def find(shapes: Sequence[Any]) -> Found:
     moves: Dict[int, List[Tuple[Node, float]]] = {}
     told: Dict[Tuple[int, int, str], dict] = {}
     for nodes, pairs in found:
-        levels, gap = _levels(nodes, pairs, shapes, closed), _gap(nodes, shapes)
+        levels, gap = _levels(nodes, pairs, shapes, closed), _gap(pairs, shapes)
         for node, level in levels or []:
             if level != 0:
                 moves.setdefault(node.shape, []).append((node, gap * level))

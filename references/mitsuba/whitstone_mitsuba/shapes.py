@@ -478,7 +478,10 @@ class _Reader:
     def again(self, kind: str, table: Any, place: Place, change: coincident.Change) -> Tuple[Any, Any]:
         """A shape that was read without a problem, read once more with a change."""
         changed = replace(place, around=change.world @ place.around, vertices=change.vertices)
-        return READERS[kind](Fields(table, "", []), changed, self.base)
+        what, how = READERS[kind](Fields(table, "", []), changed, self.base)
+        if change.caps is not None and isinstance(what, surfaces.Round):
+            coincident.cut(what, change.caps)
+        return what, how
 
     def draw_apart(self) -> List[dict]:
         """Builds shapes anew whose surfaces coincide with others; gives what is told of that."""
