@@ -105,6 +105,20 @@ class Coincident(Case):
         answer = self.render(HEAD + instances(0.0))[1]
         self.assertEqual([pair["shapes"] for pair in answer["coincident"]], [[0, 1], [0, 2], [1, 2]])
 
+    def test_what_lies_on_a_body_is_seen(self):
+        """A rectangle in a cap and in the face of a box, before and after them in the file; a csg is not built anew."""
+        camera = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [0.25, 0.5, 4], target = [0.25, 0.5, 0] }\n'
+        flat = shape("rectangle", "", RED)
+        operands = 'operands = [{ type = "box" }, { type = "sphere", radius = 1.5 }]\n'
+        for body in (
+            '[[shape]]\ntype = "cylinder"\nz = [-1, 0]\n',
+            shape("box", "{ translate = [0, 0, -1] }", ""),
+            '[[shape]]\ntype = "csg"\noperation = "intersection"\ntransform = { translate = [0, 0, -1] }\n' + operands,
+        ):
+            for number, scene in enumerate((flat + body, body + flat)):
+                with self.subTest(body=body, number=number):
+                    self.assertEqual(self.nodes(camera + scene)[0]["shape"], number)
+
     def test_common_edges_and_wider_gaps_are_left_alone(self):
         standing = cuboid([0.5, 0.5, 0.5], [0, 0.5 + 1e-13, 0], GLASS)
         tiles = [shape("rectangle", f"{{ scale = 0.5 }}, {UP}, {{ translate = [{x}, 0, 0] }}", RED) for x in (-0.5, 0.5)]
