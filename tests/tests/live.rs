@@ -117,8 +117,8 @@ fn far_from_the_origin_the_reference_is_called_inexact() -> Result<(), Failed> {
     )
 }
 
-/// Two rectangles in one plane, or the second one this far above it; one is turned within it. Single precision does not tell their
-/// distances apart.
+/// Two rectangles in one plane, or the second one this far above it; one is turned within it.
+/// Single precision does not tell their distances apart.
 fn coplanar(gap: f64) -> String {
     let shape = |turn: f64, reflectance: f64, above: f64| {
         format!(

@@ -1,4 +1,4 @@
-"""Surfaces that coincide: the picture is that of the same scene with gaps, and other scenes are built as they were."""
+"""Surfaces that coincide: the picture is that with gaps, and other scenes are built as they were."""
 
 import unittest
 from unittest import mock
@@ -105,8 +105,19 @@ class Coincident(Case):
         answer = self.render(HEAD + instances(0.0))[1]
         self.assertEqual([pair["shapes"] for pair in answer["coincident"]], [[0, 1], [0, 2], [1, 2]])
 
+    def test_a_lamp_in_coincident_surfaces_is_hidden_by_none(self):
+        """Both ceilings hold the lamp: the floor is as bright as under one of them."""
+        ceiling = shape("rectangle", f"{{ scale = 2 }}, {UP}, {{ translate = [0, 1.5, 0] }}", RED)
+        lamp = '[[light]]\ntype = "point"\nposition = [0.2, 1.5, 0.1]\nintensity = 9\n'
+        for head in (HEAD, HEAD.replace("max_depth = 8", 'max_depth = 8\nshadows = "filtered"')):
+            rest = head + lamp + shape("plane", UP, BLUE)
+            one, two = (self.render(rest + ceilings)[0] for ceilings in (ceiling, ceiling + ceiling.replace(RED, BLUE)))
+            dark = self.render(rest.replace(lamp, "") + ceiling)[0]
+            self.near(two["B"], one["B"], rel=1e-4)
+            self.assertGreater((one["B"] > 1.1 * dark["B"]).sum(), 100)
+
     def test_what_lies_on_a_body_is_seen(self):
-        """A rectangle in a cap and in the face of a box, before and after them in the file; a csg is not built anew."""
+        """A rectangle in the face of a body, before and after it in the file; csg is not built anew."""
         camera = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [0.25, 0.5, 4], target = [0.25, 0.5, 0] }\n'
         flat = shape("rectangle", "", RED)
         operands = 'operands = [{ type = "box" }, { type = "sphere", radius = 1.5 }]\n'

@@ -1,8 +1,10 @@
-"""Surfaces of different shapes that coincide (model §9): shapes are built anew with gaps between such surfaces.
+"""Surfaces of different shapes that coincide (model §9): shapes are built anew with gaps.
 
-The order along the common normal is the model's. Each flat face in a class of coincident ones moves along its normal by a number of
-gaps: bodies are inset, one of the open surfaces stays. A gap is 2^-19 of the coordinates, 8 times the offset of a ray that leaves
-a surface (`spawn`), so that neither float32 nor that offset takes a ray across it. Scenes without coincident surfaces are built once.
+The order along the common normal is the model's. Each flat face in a class of coincident ones moves
+along its normal by a number of gaps: bodies are inset, one of the open surfaces stays. A gap is
+2^-19 of the coordinates, 8 times the offset of a ray that leaves a surface (`spawn`), so that
+neither float32 nor that offset takes a ray across it. Scenes without coincident surfaces are built
+once.
 """
 
 from __future__ import annotations
@@ -16,12 +18,17 @@ import numpy as np
 from . import surfaces
 from .solids import Solid
 
-# The width of a gap, relative to the largest coordinate of the surfaces plus the largest one of at most 1 m.
+# The width of a gap, relative to the largest coordinate of the surfaces plus this coordinate or 1 m,
+# whichever is less.
 GAP = 2.0**-19
 # Model §9: planes at most this far apart coincide, relative to the largest coordinate.
 APART = 16 * 2.0**-52
 # Faces near other shapes that are compared at most, and pairs of them.
 MOST_FACES, MOST_PAIRS = 10000, 50000
+# A lamp lies in a plane that is at most this far away, relatively; shadow rays may come to it at a
+# slant.
+NEAR_LAMP = 64 * 2.0**-52
+SLANT = 64.0
 # Planes are sorted by a number, and compared where it differs by less than this, relatively.
 ALIKE = 1e-10
 # Corners of the polygon that stands for a disk.
@@ -30,9 +37,9 @@ ROUND = 48
 
 @dataclass
 class Face:
-    """A flat face in the world: its outward normal, and its corners (of an endless plane one point)."""
+    """A flat face in the world: its outward normal, and its corners (of a plane one point)."""
 
-    # What of the shape it is: the axis and side of a box, the cap of a cylinder, the triangle of a mesh.
+    # Which of the shape: the axis and side of a box, the cap of a cylinder, the triangle of a mesh.
     part: int
     normal: np.ndarray
     corners: np.ndarray
@@ -66,7 +73,7 @@ class Outline:
 
 @dataclass
 class Change:
-    """How a shape is built anew: a map of the world, displacements of the vertices of a mesh, other heights of caps."""
+    """How a shape is built anew: a map of the world, displaced vertices, other heights of caps."""
 
     world: np.ndarray = field(default_factory=lambda: np.eye(4))
     vertices: Optional[np.ndarray] = None
@@ -75,13 +82,21 @@ class Change:
 
 @dataclass
 class Found:
-    """Changes by the place of the shape, and what is told of pairs."""
+    """Changes by the place of the shape, what is told of pairs, and planes with their gaps."""
 
-    changes: Dict[int, Change]
-    told: List[dict]
+    changes: Dict[int, Change] = field(default_factory=dict)
+    told: List[dict] = field(default_factory=list)
+    # Normal, a point, and the room that the gaps take, in metres.
+    planes: List[Tuple[np.ndarray, np.ndarray, float]] = field(default_factory=list)
+
+    def margin(self, point: np.ndarray) -> float:
+        """How much earlier shadow rays end before a lamp, so that surfaces that hold it hide nothing."""
+        size = float(np.abs(point).max())
+        there = [room for normal, place, room in self.planes if abs((point - place) @ normal) <= NEAR_LAMP * max(size, float(np.abs(place).max()))]
+        return SLANT * max(there, default=0.0)
 
 
-# ---- outlines ----------------------------------------------------------------------------------------------------
+# ---- outlines ------------------------------------------------------------------------------------
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
@@ -192,13 +207,13 @@ def outline(kind: str, world: np.ndarray, what: Any, how: Any) -> Optional[Outli
         return None
     if kind == "sphere":
         return Outline(ball[:3] - ball[3], ball[:3] + ball[3], lambda: True, ball=(ball[:3], float(ball[3])))
-    # An open cylinder of Mitsuba's: its ends are where its texture coordinate along the axis is 0 and 1.
+    # An open cylinder of Mitsuba's: its texture coordinate along the axis is 0 and 1 at its ends.
     ends = np.array([np.linalg.solve(what.wrap[:, :3], np.array([0, 0, v]) - what.wrap[:, 3]) for v in (0.0, 1.0)])
     low, high = ends.min(axis=0) - ball[3], ends.max(axis=0) + ball[3]
     return Outline(low, high, lambda: False, tube=(ends, float(ball[3])))
 
 
-# ---- pairs -------------------------------------------------------------------------------------------------------
+# ---- pairs ---------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -405,13 +420,13 @@ def _curved(outlines: Sequence[Tuple[int, Outline]], classes: _Classes) -> None:
                 classes.join(*keys)
 
 
-# ---- order -------------------------------------------------------------------------------------------------------
+# ---- order ---------------------------------------------------------------------------------------
 
 
 def _levels(
     nodes: List[Node], pairs: Sequence[Tuple[Node, Node]], shapes: Sequence[Any], closed: Dict[int, bool]
 ) -> Optional[List[Tuple[Node, int]]]:
-    """By how many gaps each node moves along its own normal, each more along N than those behind it that it touches.
+    """By how many gaps each node moves along its own normal, more than those behind that it touches.
 
     None if two shapes that cannot be built anew would have to move.
     """
@@ -464,7 +479,7 @@ def _gap(pairs: Sequence[Tuple[Node, Node]], shapes: Sequence[Any]) -> float:
     return GAP * (common + min(common, 1.0))
 
 
-# ---- changes -----------------------------------------------------------------------------------------------------
+# ---- changes -------------------------------------------------------------------------------------
 
 
 def _change(kind: str, world: np.ndarray, outline_: Outline, moves: Sequence[Tuple[Node, float]]) -> Change:
@@ -497,7 +512,10 @@ def _change(kind: str, world: np.ndarray, outline_: Outline, moves: Sequence[Tup
 
 
 def _displaced(mesh: Tuple[np.ndarray, np.ndarray], moves: Sequence[Tuple[Node, float]]) -> np.ndarray:
-    """Displacements of the vertices: faces move by so much, the others at the same points not, by least squares."""
+    """Displacements of the vertices, by least squares.
+
+    Faces move by these distances, the others at the same points do not.
+    """
     positions, faces = mesh
     point = np.unique(positions, axis=0, return_inverse=True)[1].reshape(-1)
     by_face = {part: by for node, by in moves for part in node.parts}
@@ -526,11 +544,10 @@ def cut(surface: surfaces.Round, caps: Sequence[float]) -> None:
 
 
 def find(shapes: Sequence[Any]) -> Found:
-    """What of the shapes coincides, and how they are built anew. Each has `type`, `number`, `path`, `world` and `outline`."""
-    nothing = Found({}, [])
+    """What of some shapes (`shapes.Shape`, with outlines) coincides, and how they are built anew."""
     outlines = [(place, shape.outline) for place, shape in enumerate(shapes) if shape.outline is not None]
     if len(outlines) < 2:
-        return nothing
+        return Found()
     low, high = (np.array([getattr(one, name) for _, one in outlines]) for name in ("low", "high"))
     near = _near(outlines, low, high)
     parts = [
@@ -539,24 +556,28 @@ def find(shapes: Sequence[Any]) -> Found:
         if near[number].any()
     ]
     if not parts:
-        return nothing
+        return Found()
     flats = _Flats(*[np.concatenate([getattr(part, name) for part in parts]) for name in _Flats.__dataclass_fields__])
     classes = _Classes()
     why = _flat(flats, dict(outlines), classes) if len(flats.shape) > 0 else None
     if why is not None:
-        return Found({}, [{"not_examined": why}])
+        return Found(told=[{"not_examined": why}])
     _curved(outlines, classes)
     found = classes.all()
     closed = {node.shape: shapes[node.shape].outline.closed() for nodes, _ in found for node in nodes}
     moves: Dict[int, List[Tuple[Node, float]]] = {}
     told: Dict[Tuple[int, int, str], dict] = {}
+    planes = []
     for nodes, pairs in found:
         levels, gap = _levels(nodes, pairs, shapes, closed), _gap(pairs, shapes)
         for node, level in levels or []:
             if level != 0:
                 moves.setdefault(node.shape, []).append((node, gap * level))
+        if nodes[0].parts:
+            face = next(iter(nodes[0].parts.values()))
+            planes.append((face.normal, face.corners[0], gap * len(nodes)))
         for one, other in pairs:
             pair = sorted((shapes[one.shape].path[0], shapes[other.shape].path[0]))
             told.setdefault((*pair, one.form), {"shapes": pair, "form": one.form, "gap": None if levels is None else gap})
     changes = {place: _change(shapes[place].type, shapes[place].world, shapes[place].outline, mine) for place, mine in moves.items()}
-    return Found(changes, [told[key] for key in sorted(told)])
+    return Found(changes, [told[key] for key in sorted(told)], planes)

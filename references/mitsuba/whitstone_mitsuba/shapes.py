@@ -483,8 +483,8 @@ class _Reader:
             coincident.cut(what, change.caps)
         return what, how
 
-    def draw_apart(self) -> List[dict]:
-        """Builds shapes anew whose surfaces coincide with others; gives what is told of that."""
+    def draw_apart(self) -> coincident.Found:
+        """Builds shapes anew whose surfaces coincide with others; gives what was found."""
         outlined = [
             replace(shape, outline=coincident.outline(shape.type, shape.world, shape.surface or shape.rules, shape.build))
             for shape in self.shapes
@@ -494,7 +494,7 @@ class _Reader:
             old = self.shapes[place]
             more = {name: getattr(old, name) for name in ("type", "number", "material", "path", "world", "again")}
             self.shapes[place] = Shape.of(*old.again(change), **more)
-        return found.told
+        return found
 
     def instance(self, fields: Fields, around: np.ndarray, path: Tuple[int, ...]) -> None:
         """A copy of all shapes of a group."""
@@ -525,10 +525,10 @@ class _Reader:
 
 def read(
     document: Any, groups: Any, materials: Any, textures: Any, base: Folder, errors: List[str], unsupported: List[str]
-) -> Tuple[List[Shape], List[dict]]:
-    """The `[[shape]]` tables in the document's order; in the place of an instance, the shapes of its group.
+) -> Tuple[List[Shape], coincident.Found]:
+    """The `[[shape]]` tables in the document's order, and which of their surfaces coincide.
 
-    And what surfaces of them coincide and are drawn apart.
+    In the place of an instance are the shapes of its group.
     """
     reader = _Reader(groups, materials, textures, base, errors, unsupported)
     tables = reader.tables(document, "")
@@ -540,5 +540,5 @@ def read(
     # Each copy of a table tells the same again.
     for problems in (errors, unsupported):
         problems[:] = list(dict.fromkeys(problems))
-    told = [] if errors or unsupported else reader.draw_apart()
-    return reader.shapes, told
+    found = coincident.Found() if errors or unsupported else reader.draw_apart()
+    return reader.shapes, found

@@ -184,7 +184,8 @@ impl Scene {
             if is_left(one) || at_light.contains(&place) {
                 continue;
             }
-            // What coincides with the surface that the ray leaves is in front of it or behind it, whatever the rounding of the start.
+            // What coincides with the surface that the ray leaves is in front of it or behind it,
+            // whatever the rounding of the start.
             let order = match left {
                 Some(left) => self.meeting(left).order(self.meeting(one), line)?,
                 None if from.is_some() && self.is_at(one, ray, 0.0) => return Err(Undecided),
@@ -239,7 +240,8 @@ impl Scene {
         Ok(found)
     }
 
-    /// How a root lies to another one. Two primitives of a shape meet at their edges: the place is one, and so is the shape.
+    /// How a root lies to another one. Two primitives of a shape meet at their edges: the place is
+    /// one, and so is the shape.
     fn order(&self, one: &(usize, Root), other: &(usize, Root), line: &Line) -> Decided<Ordering> {
         if let Some(order) = self.meeting(one).order(self.meeting(other), line)? {
             return Ok(order);
@@ -404,7 +406,8 @@ impl Part {
     }
 }
 
-/// The parts that a shape is, with the maps around it, the innermost first, and its place in the lists.
+/// The parts that a shape is, with the maps around it, the innermost first, and its place in the
+/// lists.
 fn place(
     description: &Description<'_>,
     shape: &ShapeTable<'_>,
