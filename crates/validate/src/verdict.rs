@@ -116,7 +116,7 @@ impl Validator<'_> {
         let wrong: Vec<&([usize; 2], Verdict)> = (verdicts.iter())
             .filter(|(_, verdict)| matches!(verdict, Verdict::Reference | Verdict::Neither))
             .collect();
-        // Where ours says that it has not drawn coincident surfaces apart, rounding may have decided.
+        // Where ours says that surfaces that coincide are not drawn apart, rounding may decide.
         let pipeline = &our_side.pipeline;
         let not_drawn_apart = !pipeline.coincident_unknown.is_empty()
             || pipeline.coincident.iter().any(|pair| pair.gap.is_none());

@@ -1,4 +1,4 @@
-"""Surfaces that coincide: the picture is that with gaps, and other scenes are built as they were."""
+"""Surfaces that coincide: the picture is that with gaps; other scenes are built as they were."""
 
 import unittest
 from unittest import mock
@@ -117,7 +117,7 @@ class Coincident(Case):
             self.assertGreater((one["B"] > 1.1 * dark["B"]).sum(), 100)
 
     def test_what_lies_on_a_body_is_seen(self):
-        """A rectangle in the face of a body, before and after it in the file; csg is not built anew."""
+        """A rectangle in the face of a body, before and after it; csg is not built anew."""
         camera = film() + '[camera]\ntype = "perspective"\nlook_at = { origin = [0.25, 0.5, 4], target = [0.25, 0.5, 0] }\n'
         flat = shape("rectangle", "", RED)
         operands = 'operands = [{ type = "box" }, { type = "sphere", radius = 1.5 }]\n'

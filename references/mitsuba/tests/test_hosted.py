@@ -352,7 +352,7 @@ class Shading(Case):
         self.near(value, 0.96 * 0.96 / math.pi, rel=1e-5)
 
     def test_ties(self):
-        """At equal distance the lower number is seen, whoever intersects it, if no rule says else."""
+        """At equal distance the lower number is seen, where no rule says otherwise."""
         flat = shape('type = "rectangle"')
         # Caps of quadrics are not covered by the rule for coincident surfaces.
         cap = shape('type = "quadric"\ncoefficients = [1, 1, 0, 0, 0, 0, 0, 0, 0, -1]\nbox = [[-2, -2, -1], [2, 2, 0]]')

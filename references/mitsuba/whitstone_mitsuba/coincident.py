@@ -18,8 +18,8 @@ import numpy as np
 from . import surfaces
 from .solids import Solid
 
-# The width of a gap, relative to the largest coordinate of the surfaces plus this coordinate or 1 m,
-# whichever is less.
+# The width of a gap, relative to the largest coordinate of the surfaces plus this coordinate (but at
+# most 1 m).
 GAP = 2.0**-19
 # Model §9: planes at most this far apart coincide, relative to the largest coordinate.
 APART = 16 * 2.0**-52
@@ -90,7 +90,7 @@ class Found:
     planes: List[Tuple[np.ndarray, np.ndarray, float]] = field(default_factory=list)
 
     def margin(self, point: np.ndarray) -> float:
-        """How much earlier shadow rays end before a lamp, so that surfaces that hold it hide nothing."""
+        """How much earlier shadow rays end, so that no surface hides a lamp that it holds."""
         size = float(np.abs(point).max())
         there = [room for normal, place, room in self.planes if abs((point - place) @ normal) <= NEAR_LAMP * max(size, float(np.abs(place).max()))]
         return SLANT * max(there, default=0.0)
@@ -426,7 +426,7 @@ def _curved(outlines: Sequence[Tuple[int, Outline]], classes: _Classes) -> None:
 def _levels(
     nodes: List[Node], pairs: Sequence[Tuple[Node, Node]], shapes: Sequence[Any], closed: Dict[int, bool]
 ) -> Optional[List[Tuple[Node, int]]]:
-    """By how many gaps each node moves along its own normal, more than those behind that it touches.
+    """By how many gaps each node moves along its own normal: more than those behind it.
 
     None if two shapes that cannot be built anew would have to move.
     """
@@ -544,7 +544,7 @@ def cut(surface: surfaces.Round, caps: Sequence[float]) -> None:
 
 
 def find(shapes: Sequence[Any]) -> Found:
-    """What of some shapes (`shapes.Shape`, with outlines) coincides, and how they are built anew."""
+    """What of some shapes (`shapes.Shape` with outlines) coincides, and how they are built anew."""
     outlines = [(place, shape.outline) for place, shape in enumerate(shapes) if shape.outline is not None]
     if len(outlines) < 2:
         return Found()
