@@ -10,7 +10,7 @@ use whitstone::validate::environment::Environment;
 use whitstone::validate::{Mode, Options, OraclePolicy, Renderer, Status, Validator, find_scenes};
 
 /// Scenes that nobody can decide, and why. The list is tested: a scene that is decided must leave it.
-const UNDECIDED: [(&str, &str); 5] = [
+const UNDECIDED: [(&str, &str); 3] = [
     (
         "nasty_coincident_kinds",
         "neither the reference nor the oracle has the rule for coincident surfaces",
@@ -22,14 +22,6 @@ const UNDECIDED: [(&str, &str); 5] = [
     (
         "nasty_touching_boxes",
         "neither the reference nor the oracle has the rule for coincident surfaces",
-    ),
-    (
-        "pov_focal_blur",
-        "the reference's error in the blurred parts is larger than its other roundings show",
-    ),
-    (
-        "nasty_mirror_chain",
-        "the reference's error after many reflections is larger than its other roundings show",
     ),
 ];
 

@@ -9,6 +9,7 @@
 //! counts: in a trial, a rule that let it count explained away 4,003 of 4,034 wrong pixels.
 
 use crate::driver::Setting;
+use crate::renderer::Renderer;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -22,6 +23,8 @@ const SPAWN_OFFSETS: [f64; 4] = [2.0, 8.0, 16.0, 64.0];
 const PERTURBATIONS: [f64; 2] = [2.0, 8.0];
 /// Size of those that go with vertices rounded otherwise.
 const WITH_VERTICES: f64 = 2.0;
+/// Size of those that are in units of the largest component.
+const OF_LARGEST: f64 = 1.0;
 /// Perturbations of each size.
 const SEEDS: u32 = 6;
 
@@ -115,6 +118,28 @@ pub fn trials() -> Vec<Trial> {
         .chain([spawn])
         .chain(PERTURBATIONS.into_iter().map(rounding))
         .chain([vertices])
+        .collect()
+}
+
+/// The trials that change nothing but roundings and guards, for a reference whose own error is in question.
+///
+/// A small component of a direction comes from sums of larger terms, by a rotation or a reflection, and has their rounding error. So
+/// those of Mitsuba include perturbations by one unit of the largest component.
+pub(crate) fn roundings(renderer: Renderer) -> Vec<Trial> {
+    let largest = Trial {
+        reason: Reason::Rounding { ulps: OF_LARGEST },
+        settings: (1..=SEEDS)
+            .map(|seed| Setting {
+                ulps: OF_LARGEST,
+                seed,
+                largest: true,
+                ..Setting::default()
+            })
+            .collect(),
+    };
+    let is_shift = |trial: &Trial| matches!(trial.reason, Reason::Shift { .. });
+    let own = renderer.trials().into_iter().filter(|trial| !is_shift(trial));
+    own.chain((renderer == Renderer::Mitsuba).then_some(largest))
         .collect()
 }
 

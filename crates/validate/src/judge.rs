@@ -144,13 +144,13 @@ impl Validator<'_> {
                 base: &ours.flattened.base,
             };
             (self.stage)(&format!("tracing {} pixels of the reference again", asked.len()));
+            let trials = self.options.renderer.trials();
             let answer = self
                 .live
                 .as_mut()
-                .map(|live| live.probe(text, &ours.flattened.hash, asked));
+                .map(|live| live.probe(text, &ours.flattened.hash, asked, &trials));
             match answer {
                 Some(Ok(values)) => {
-                    let trials = self.options.renderer.trials();
                     for (&pixel, variants) in asked.iter().zip(&values) {
                         let nominal = color_at(reference, pixel);
                         let value = color_at(&ours.image, pixel);
