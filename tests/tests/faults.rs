@@ -51,7 +51,7 @@ fn set(text: &str) -> Vec<String> {
 
 const FAULTS: [Fault; 32] = [
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "a mixture of both sides of an edge",
         scene: CLASSIC,
         overrides: none,
@@ -59,7 +59,7 @@ const FAULTS: [Fault; 32] = [
         found: |case| case.ambiguous + case.unexplained == 1,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "light 1% brighter",
         scene: CLASSIC,
         overrides: || set("light[0].intensity=60.6"),
@@ -67,7 +67,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "normal of the glass flipped",
         scene: CLASSIC,
         overrides: || set("shape.glass.type=flipped_sphere"),
@@ -75,7 +75,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "image shifted by one pixel",
         scene: CLASSIC,
         overrides: none,
@@ -83,7 +83,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "index of refraction 1.501 for 1.5",
         scene: CLASSIC,
         overrides: || set("shape.glass.material.interior_ior=1.501"),
@@ -91,7 +91,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "spawn offset a thousand times that of the reference",
         scene: CLASSIC,
         overrides: || set("accelerator.type=far_spawn"),
@@ -99,7 +99,7 @@ const FAULTS: [Fault; 32] = [
         found: |case| case.unexplained().is_over() || case.interior().is_over(),
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "one NaN",
         scene: CLASSIC,
         overrides: none,
@@ -107,7 +107,7 @@ const FAULTS: [Fault; 32] = [
         found: |case| case.nonfinite == 1,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "one infinity",
         scene: CLASSIC,
         overrides: none,
@@ -115,7 +115,7 @@ const FAULTS: [Fault; 32] = [
         found: |case| case.nonfinite == 1,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "one wrong texel",
         scene: "scenes/showcase/textured_mesh.toml",
         overrides: || vec![format!("texture.picture.file='{}'", wrong_picture().display())],
@@ -123,7 +123,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "levels of a pyramid off by 0.02",
         scene: "scenes/showcase/horizon_trilinear.toml",
         overrides: || set("texture.ground.type=biased_image"),
@@ -131,7 +131,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "levels of ellipses off by 0.02",
         scene: "scenes/showcase/horizon_ewa.toml",
         overrides: || set("texture.ground.type=biased_image"),
@@ -139,7 +139,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "one shape casts no shadow",
         scene: CLASSIC,
         overrides: || set("accelerator.type=no_shadow"),
@@ -147,7 +147,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "one wrong pixel",
         scene: CLASSIC,
         overrides: none,
@@ -155,7 +155,7 @@ const FAULTS: [Fault; 32] = [
         found: |case| case.unexplained == 1,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "a bias below the tolerance in one block",
         scene: CLASSIC,
         overrides: none,
@@ -168,7 +168,7 @@ const FAULTS: [Fault; 32] = [
         },
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "emission 1% brighter",
         scene: "scenes/materials/emissive.toml",
         overrides: || set("shape.lamp.material.radiance=[1.515, 1.212, 0.606]"),
@@ -176,7 +176,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "k of a metal off by 1%",
         scene: "scenes/materials/conductor.toml",
         overrides: || set("shape.patterned.material.k=[2.02, 1.01, 3.03]"),
@@ -184,7 +184,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "a pane of index 1.34 for 1.33",
         scene: "scenes/materials/thin_dielectric.toml",
         overrides: || set("shape.bubble.material.interior_ior=1.34"),
@@ -192,7 +192,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "a mask without its holes",
         scene: "scenes/materials/mask.toml",
         overrides: || set("shape.ghost.material.opacity=1"),
@@ -200,7 +200,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "a mix of 0.21 for 0.2",
         scene: "scenes/materials/mix.toml",
         overrides: || set("shape.varnished.material.weight=0.21"),
@@ -208,7 +208,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "the back like the front",
         scene: "scenes/materials/two_sided.toml",
         overrides: || set("shape.sheet.material.back={ type = 'matte', reflectance = [0.1, 0.5, 0.2] }"),
@@ -216,7 +216,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "shadows that are not filtered",
         scene: "scenes/showcase/filtered_shadows.toml",
         overrides: || set("integrator.shadows=opaque"),
@@ -224,7 +224,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "a filter off by 1%",
         scene: "scenes/showcase/filtered_shadows.toml",
         overrides: || set("shape.lectures.material.k_refr=[0.9, 0.404, 0.7]"),
@@ -232,7 +232,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "a tangent off by half a degree",
         scene: "scenes/materials/normal_map.toml",
         overrides: || set("shape.wall.material.tangent=[1, 0.01, 0]"),
@@ -240,7 +240,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "bumps 2% higher",
         scene: "scenes/materials/bump.toml",
         overrides: || set("shape.orange.material.scale=0.0306"),
@@ -248,7 +248,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "vectors of bumps 2% longer",
         scene: "scenes/showcase/bump_vectors.toml",
         overrides: || set("shape.voxels.material.scale=0.408"),
@@ -256,7 +256,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "a lobe of exponent 61 for 60",
         scene: "scenes/materials/glossy.toml",
         overrides: || set("shape.brushed.material.exponent=61"),
@@ -264,7 +264,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::Mitsuba,
+        reference: Renderer::MITSUBA,
         name: "an area light with 25 points for 16",
         scene: "scenes/lights/area.toml",
         overrides: || set("light[0].samples=5"),
@@ -272,7 +272,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::PovRay,
+        reference: Renderer::POVRAY,
         name: "a colour wrong by 1%",
         scene: "scenes/showcase/lecture_phong.toml",
         overrides: || set("shape.dull.material.k_d=[0.707, 0.2, 0.15]"),
@@ -280,7 +280,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::PovRay,
+        reference: Renderer::POVRAY,
         name: "a sphere shifted by a millimetre",
         scene: "scenes/showcase/lecture_phong.toml",
         overrides: || set("shape.shiny.center=[0.151, 0.6, -0.6]"),
@@ -288,7 +288,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::PovRay,
+        reference: Renderer::POVRAY,
         name: "an exponent of 204 for 200",
         scene: "scenes/showcase/lecture_phong.toml",
         overrides: || set("shape.shiny.material.exponent=204"),
@@ -296,7 +296,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::PovRay,
+        reference: Renderer::POVRAY,
         name: "an index of refraction of 1.501 for 1.5",
         scene: "scenes/materials/dielectric.toml",
         overrides: || set("shape.clear.material.interior_ior=1.501"),
@@ -304,7 +304,7 @@ const FAULTS: [Fault; 32] = [
         found: unexplained,
     },
     Fault {
-        reference: Renderer::PovRay,
+        reference: Renderer::POVRAY,
         name: "one wrong pixel",
         scene: "scenes/materials/dielectric.toml",
         overrides: none,
@@ -558,7 +558,7 @@ fn run_shared(fault: &SharedFault, mode: Mode) -> Result<(), Failed> {
     let registry = registry();
     let options = Options {
         shared_overrides: (fault.overrides)(),
-        ..options(Renderer::Mitsuba, mode)
+        ..options(Renderer::MITSUBA, mode)
     };
     let mut validator = Validator::new(&registry, options, &|_| {})?;
     let case = validator.validate(Path::new(fault.scene));
@@ -622,8 +622,8 @@ fn main() {
                     run(fault, Mode::Live)
                 })
                 .with_ignored_flag(match fault.reference {
-                    Renderer::Mitsuba => !mitsuba,
-                    Renderer::PovRay => !has_povray(),
+                    Renderer::MITSUBA => !mitsuba,
+                    Renderer::POVRAY => !has_povray(),
                 }),
             ]
         })

@@ -23,7 +23,7 @@ fn options() -> Options {
         scenes: PathBuf::from("scenes"),
         references: PathBuf::from("references"),
         target: PathBuf::from("target/whitstone"),
-        renderer: Renderer::Mitsuba,
+        renderer: Renderer::MITSUBA,
         mode: Mode::Live,
         reuse: true,
         threads: 0,

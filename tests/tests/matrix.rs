@@ -17,7 +17,7 @@ fn cells(registry: &Registry, scene: &Path, overrides: &[&str], target: &Path) -
     let options = Options {
         scenes: root().join("scenes"),
         references: root().join("references"),
-        renderer: Renderer::Mitsuba,
+        renderer: Renderer::MITSUBA,
         target: target.to_owned(),
         mode: Mode::Stored,
         reuse: true,

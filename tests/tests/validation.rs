@@ -180,7 +180,7 @@ fn every_scene_has_a_twin_in_povray_or_a_reason() {
     let (mut twins, mut wrong) = (0, Vec::new());
     for path in scenes() {
         let flattened = flatten(&path, &[]).unwrap();
-        let changes: Vec<_> = Renderer::PovRay.adaptations(&flattened.text);
+        let changes: Vec<_> = Renderer::POVRAY.adaptations_of(&flattened.text);
         let changes: Vec<_> = changes.into_iter().map(|adaptation| adaptation.change).collect();
         let flattened = flatten(&path, &changes).unwrap();
         let request = json!({ "op": "write", "scene": flattened.text, "base": flattened.base });

@@ -62,8 +62,8 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
             "{README}: the marks {BEGIN} and {END} are missing"
         )));
     };
-    let cases = validate(registry, Renderer::Mitsuba)?;
-    let others = validate(registry, Renderer::PovRay)?;
+    let cases = validate(registry, Renderer::MITSUBA)?;
+    let others = validate(registry, Renderer::POVRAY)?;
     let readme = format!(
         "{}{BEGIN}\n\n{}\n{}",
         &readme[..begin],
@@ -145,7 +145,7 @@ fn validate(registry: &Registry, renderer: Renderer) -> Result<Vec<CaseResult>, 
         flags: String::new(),
     };
     let mut validator = Validator::new(registry, options, &|_| {}).map_err(Failure::environment)?;
-    if renderer == Renderer::Mitsuba {
+    if renderer == Renderer::MITSUBA {
         validator.set_oracle(OraclePolicy {
             when: Ask::Always,
             ..OraclePolicy::default()
@@ -259,7 +259,7 @@ fn trio_of(registry: &Registry, name: &str) -> Result<Vec<u8>, Failure> {
     let (film, hash) = render(registry, &scene, &[])?;
     let ours = film.to_image(&hash).map_err(Failure::usage)?;
     let folder = PathBuf::from(format!("references/images/showcase/{name}"));
-    let stored = Stored::read(&folder, Renderer::Mitsuba, &hash).map_err(Failure::usage)?;
+    let stored = Stored::read(&folder, Renderer::MITSUBA, &hash).map_err(Failure::usage)?;
     let raster =
         trio(&ours, &stored.image, ToneMap::default(), ErrorView::default()).map_err(Failure::usage)?;
     raster.to_png().map_err(Failure::environment)

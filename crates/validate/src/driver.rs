@@ -1,7 +1,6 @@
 //! The driver of a reference as a child process: requests and answers of `references/mitsuba/PROTOCOL.md`.
 
 use crate::environment::Environment;
-use crate::renderer::Renderer;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
@@ -191,14 +190,19 @@ pub struct SceneText<'a> {
 pub struct Rendered {
     /// Wall time.
     pub seconds: RenderedSeconds,
-    /// Rays traced.
+    /// Rays traced, where they are counted.
+    #[serde(default)]
     pub rays: Rays,
+    /// Of stock Mitsuba, its integrator.
+    #[serde(default)]
+    pub integrator: String,
     /// How independent the twin is: "native", "hosted" or "formula".
     pub twin: String,
     /// Plugins that are not native, with the reason.
     #[serde(default)]
     pub hosted: Value,
     /// Spawned rays that hit the surface they left.
+    #[serde(default)]
     pub rehits: u64,
     /// Samples a pixel.
     pub samples: u32,
@@ -220,7 +224,7 @@ pub struct RenderedSeconds {
 }
 
 /// See [`Rendered`].
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Rays {
     /// Nearest-hit queries.
     pub closest: u64,
@@ -371,12 +375,9 @@ impl Driver {
         self.ask(&json!({ "op": "hello" }))
     }
 
-    /// Versions, of the driver of any renderer.
-    pub fn versions(&mut self, renderer: Renderer) -> Result<Versions, DriverError> {
-        match renderer {
-            Renderer::Mitsuba => self.hello().map(Versions::Mitsuba),
-            Renderer::PovRay => self.ask(&json!({ "op": "hello" })).map(Versions::PovRay),
-        }
+    /// Versions, of a driver of POV-Ray.
+    pub fn hello_of_povray(&mut self) -> Result<PovRay, DriverError> {
+        self.ask(&json!({ "op": "hello" }))
     }
 
     /// Renders a scene into an EXR file.
@@ -387,15 +388,39 @@ impl Driver {
         setting: Setting,
         threads: usize,
     ) -> Result<Rendered, DriverError> {
-        let rendered = self.ask(&json!({
-            "op": "render", "scene": scene.text, "base": scene.base, "out": out,
-            "setting": setting, "threads": threads,
-        }))?;
+        self.image(
+            &json!({
+                "op": "render", "scene": scene.text, "base": scene.base, "out": out,
+                "setting": setting, "threads": threads,
+            }),
+            out,
+        )
+    }
+
+    /// Renders a scene by Mitsuba's own integrators, with so many samples of each camera ray.
+    pub fn stock(
+        &mut self,
+        scene: SceneText<'_>,
+        out: &Path,
+        setting: Setting,
+        repeats: u32,
+    ) -> Result<Rendered, DriverError> {
+        self.image(
+            &json!({
+                "op": "stock", "scene": scene.text, "base": scene.base, "out": out,
+                "setting": setting, "repeats": repeats,
+            }),
+            out,
+        )
+    }
+
+    fn image(&mut self, request: &Value, out: &Path) -> Result<Rendered, DriverError> {
+        let rendered = self.ask(request)?;
         if out.is_file() {
             Ok(rendered)
         } else {
             Err(DriverError::BadAnswer {
-                op: "render".into(),
+                op: request["op"].as_str().unwrap_or_default().to_owned(),
                 problem: format!("it wrote no image to {}", out.display()),
             })
         }

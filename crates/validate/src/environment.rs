@@ -124,12 +124,12 @@ impl Environment {
 
     /// The Python of the system with the driver of POV-Ray, which needs nothing else.
     pub fn of_povray(references: &Path) -> Result<Self, EnvironmentError> {
-        let package = references.join(Renderer::PovRay.name());
-        if !package.join(Renderer::PovRay.package()).is_dir() {
+        let package = references.join("povray");
+        if !package.join(Renderer::POVRAY.package()).is_dir() {
             return Err(EnvironmentError::NoPackage(package));
         }
         Ok(Self {
-            renderer: Renderer::PovRay,
+            renderer: Renderer::POVRAY,
             python: find_python(MINOR_OF_POVRAY)?.0,
             package,
         })
@@ -172,7 +172,7 @@ impl Place {
             version,
             key,
             environment: Environment {
-                renderer: Renderer::Mitsuba,
+                renderer: Renderer::MITSUBA,
                 python: interpreter(&folder),
                 package,
             },

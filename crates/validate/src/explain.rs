@@ -39,6 +39,8 @@ pub enum Reason {
     },
     /// Its spawn offset or its traversal.
     SpawnOffset,
+    /// Its noise.
+    Noise,
     /// Any of these, by the values kept with a stored reference.
     Stored,
     /// Its numbers, by units in the last place.
@@ -235,7 +237,7 @@ pub fn explain(
         }
         let range = match trial.reason {
             Reason::Shift { .. } => &mut ranges[0],
-            Reason::SpawnOffset | Reason::Stored => &mut ranges[1],
+            Reason::SpawnOffset | Reason::Stored | Reason::Noise => &mut ranges[1],
             Reason::Rounding { .. } => &mut ranges[2],
             Reason::Vertices { .. } => &mut ranges[3],
         };

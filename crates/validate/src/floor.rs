@@ -12,11 +12,6 @@ use whitstone_image::{CompareError, CompareOptions, Image, Tolerance, compare, m
 /// A few roundings of single precision, which every shading formula has (2^-21): no floor is taken to be below
 /// it, even if a scene's variations happen to cancel.
 pub(crate) const SMALLEST_FLOOR: f64 = 4.8e-7;
-/// Largest limit of a scene without textures.
-const LARGEST_LIMIT: f64 = 5e-5;
-/// The same of POV-Ray, whose images are half floats: the driver brackets what they round away, to
-/// an eighth of it: 2^-14 of the value, or 6e-5.
-const LARGEST_LIMIT_OF_HALVES: f64 = 1e-4;
 /// Largest limit of a scene with textures, whose coordinates the reference has in single precision.
 const LARGEST_LIMIT_TEXTURED: f64 = 2e-4;
 
@@ -104,9 +99,9 @@ pub(crate) fn bias_limit(floor: f64, cap: f64) -> f64 {
 
 /// What no limit exceeds, however inexact the reference.
 pub(crate) fn cap(renderer: Renderer, textured: bool) -> f64 {
-    match (renderer, textured) {
-        (_, true) => LARGEST_LIMIT_TEXTURED,
-        (Renderer::Mitsuba, false) => LARGEST_LIMIT,
-        (Renderer::PovRay, false) => LARGEST_LIMIT_OF_HALVES,
+    if textured {
+        LARGEST_LIMIT_TEXTURED
+    } else {
+        renderer.largest_limit()
     }
 }

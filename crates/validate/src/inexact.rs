@@ -19,7 +19,7 @@ pub(crate) fn notes(case: &CaseResult, geometry: &Geometry, renderer: Renderer, 
         .reference
         .as_ref()
         .map_or(Setting::default().k, |reference| reference.k);
-    if renderer == Renderer::Mitsuba
+    if renderer.is_single_precision()
         && let Some(worst) = worst_offset(geometry, k)
         && worst.ratio() > LARGE_OFFSET
     {
@@ -119,8 +119,8 @@ mod tests {
         notes(
             &case,
             &Geometry::new(shapes),
-            Renderer::Mitsuba,
-            floor::cap(Renderer::Mitsuba, false),
+            Renderer::MITSUBA,
+            floor::cap(Renderer::MITSUBA, false),
         )
     }
 

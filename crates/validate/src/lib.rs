@@ -10,6 +10,7 @@ mod judge;
 mod key;
 mod live;
 pub mod matrix;
+mod noisy;
 pub mod opinion;
 mod pixels;
 mod place;
@@ -28,6 +29,7 @@ mod verdict;
 
 pub use key::{find_scenes, quoted, scene_key};
 pub use live::{Live, LiveError, hash_sources};
+pub use noisy::Noisy;
 pub use opinion::{Ask, OraclePolicy};
 pub use pixels::Pictures;
 pub use renderer::Renderer;

@@ -70,7 +70,7 @@ impl Live {
         let driver_hash = hash_sources(&environment);
         let hello_path = cache.join(format!("hello-{driver_hash}.json"));
         // What is installed on the system may be another one today.
-        let is_private = environment.renderer == Renderer::Mitsuba;
+        let is_private = environment.renderer.is_private();
         let known = std::fs::read(&hello_path).ok().filter(|_| reuse && is_private);
         let mut live = Self {
             environment,
@@ -85,7 +85,7 @@ impl Live {
             Some(versions) => versions,
             None => {
                 let renderer = live.renderer();
-                let versions = live.driver()?.versions(renderer)?;
+                let versions = renderer.versions(live.driver()?)?;
                 let text =
                     serde_json::to_vec(&versions).map_err(|error| LiveError::Image(error.to_string()))?;
                 write(&hello_path, &text)?;
@@ -210,6 +210,7 @@ impl Live {
                 renderer: self.renderer().name().to_owned(),
                 version,
                 variant,
+                integrator: rendered.integrator,
                 k: Setting::default().k,
                 libllvm,
                 cpu,
@@ -237,7 +238,8 @@ impl Live {
         let folder = tempfile::tempdir_in(&self.cache).map_err(DriverError::Io)?;
         // The driver runs in this folder's parent too, but may be started elsewhere.
         let out = std::path::absolute(folder.path().join("image.exr")).map_err(DriverError::Io)?;
-        let rendered = self.ask(|driver| driver.render(scene, &out, setting, 0))?;
+        let renderer = self.renderer();
+        let rendered = self.ask(|driver| renderer.render(driver, scene, &out, setting))?;
         let image = exr_io::read(&out, Limits::IMAGE).map_err(|e| LiveError::Image(e.to_string()))?;
         Ok((image, rendered))
     }

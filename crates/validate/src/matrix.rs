@@ -176,7 +176,7 @@ impl Validator<'_> {
                     }
                     case.config = format!("{axis} {name}");
                     let (outcome, told) = judged(&case);
-                    cells.push(cell(axis, name, outcome, live_name(self.options.renderer), told));
+                    cells.push(cell(axis, name, outcome, &live_name(self.options.renderer), told));
                     cases.push(case);
                 }
             }
@@ -289,11 +289,8 @@ fn used(pipeline: &Pipeline, family: FamilyName) -> Vec<&'static str> {
         .collect()
 }
 
-const fn live_name(renderer: Renderer) -> &'static str {
-    match renderer {
-        Renderer::Mitsuba => "Mitsuba, live",
-        Renderer::PovRay => "POV-Ray, live",
-    }
+fn live_name(renderer: Renderer) -> String {
+    format!("{renderer}, live")
 }
 
 /// Pixels of which a channel or a layer has another bit.

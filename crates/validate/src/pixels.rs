@@ -185,7 +185,7 @@ pub(crate) fn judgement(reason: Option<Reason>) -> u8 {
         None => 1,
         Some(Reason::Shift { .. }) => 2,
         Some(Reason::SpawnOffset) => 3,
-        Some(Reason::Stored) => 4,
+        Some(Reason::Stored | Reason::Noise) => 4,
         Some(Reason::Rounding { .. }) => 5,
         Some(Reason::Vertices { .. }) => 6,
     }

@@ -3,6 +3,7 @@
 use crate::driver::{Hello, PovRay};
 use crate::explain::Reason;
 use crate::matrix::{Cell, Tally};
+use crate::noisy::Noisy;
 use crate::opinion::{Opinion, Verdict};
 use crate::pixels::Pictures;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -233,6 +234,8 @@ pub struct CaseResult {
     pub caveat: Option<String>,
     /// The command that runs this case alone.
     pub command: String,
+    /// How it compares with a reference that has noise.
+    pub noisy: Option<Noisy>,
     /// Pictures for the report.
     #[serde(skip)]
     pub pictures: Option<Pictures>,
@@ -373,6 +376,14 @@ impl CaseResult {
             value: None,
             limit: Some(self.explained_limit),
         })
+    }
+
+    /// Pixels that differ from stock Mitsuba.
+    pub fn stock(&self) -> Check<usize> {
+        Check {
+            value: self.noisy.as_ref().map(|noisy| noisy.significant),
+            limit: (self.noisy.as_ref()).map(|_| Noisy::limit(self.width * self.height)),
+        }
     }
 
     /// A limit of 0 stands for none before the comparison.

@@ -18,13 +18,16 @@ use whitstone_image::{Image, Limits, Tolerance, atomic, exr_io};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Meta {
-    /// "mitsuba" or "povray".
+    /// "mitsuba", "mitsuba-stock" or "povray".
     pub renderer: String,
     /// Of the renderer.
     pub version: String,
     /// Such as `llvm_ad_rgb`; none of POV-Ray.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub variant: String,
+    /// Of stock Mitsuba, its integrator.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub integrator: String,
     /// Spawn offset.
     pub k: f64,
     /// LLVM library and version; none of POV-Ray.

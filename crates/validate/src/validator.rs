@@ -1,12 +1,11 @@
 use crate::driver::{DriverError, SceneText};
-use crate::environment::Environment;
 use crate::key::{folder_of, quoted, scene_key};
 use crate::live::{Live, LiveError};
 use crate::opinion::OraclePolicy;
 use crate::renderer::{Adaptation, Renderer};
 use crate::result::{CaseResult, Status};
 use crate::stored::{Stored, StoredError};
-use crate::{floor, place};
+use crate::{floor, noisy, place};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use whitstone_core::{Registry, SceneErrors};
@@ -194,6 +193,12 @@ impl<'a> Validator<'a> {
                             "the reference cannot render this scene".to_owned(),
                         );
                     }
+                    Ok(against) if noisy::is_noisy(&against.stored.image) => {
+                        if let Err(error) = self.judge_noisy(path, &mut case, &ours, &against) {
+                            case.problems.push(error.to_string());
+                            case.settle(Status::Fail, "the images cannot be compared".to_owned());
+                        }
+                    }
                     Ok(against) => match self.judge(&mut case, &ours, &against) {
                         Err(error) => {
                             case.problems.push(error.to_string());
@@ -304,7 +309,7 @@ impl<'a> Validator<'a> {
     pub(crate) fn overrides(&self, path: &Path, told: &mut Vec<String>) -> Result<Vec<String>, String> {
         let mut overrides = self.options.overrides.clone();
         let flattened = flatten(path, &overrides)?;
-        for Adaptation { change, reason } in self.options.renderer.adaptations(&flattened.text) {
+        for Adaptation { change, reason } in self.options.renderer.adaptations_of(&flattened.text) {
             told.push(format!("{change}: {reason}"));
             overrides.push(change);
         }
@@ -321,7 +326,7 @@ impl<'a> Validator<'a> {
     fn other_reference(&self, path: &Path) -> Option<String> {
         let folder = self.stored_folder(path);
         let others = Renderer::ALL.into_iter();
-        let mut others = others.filter(|&other| other != self.options.renderer);
+        let mut others = others.filter(|&other| other != self.options.renderer && other.can_be_stored());
         let found = others.find(|&other| Stored::is_in(&folder, other));
         found.map(|other| other.to_string())
     }
@@ -429,10 +434,9 @@ fn departure(ours: &[[f32; 3]], exact: &[[f32; 3]]) -> String {
 }
 
 fn start_live(options: &Options, say: &dyn Fn(&str)) -> Result<Live, String> {
-    let environment = match options.renderer {
-        Renderer::Mitsuba => Environment::ensure(&options.target, &options.references, say),
-        Renderer::PovRay => Environment::of_povray(&options.references),
-    };
+    let environment = options
+        .renderer
+        .environment(&options.target, &options.references, say);
     let environment = environment.map_err(|error| error.to_string())?;
     let cache = options.target.join("live");
     Live::start(environment, cache, options.reuse, options.time_limit).map_err(|error| error.to_string())

@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List
 
 import numpy as np
 
-from . import aovs, check, document, exr, probes, timing, tree, usage
+from . import aovs, check, document, exr, probes, stock, timing, tree, usage
 from .driver import Tracer
 from .errors import DriverError
 from .runtime import LLVM, VARIANT, dr, mi, set_threads
@@ -33,13 +33,19 @@ def _get(request: Request, key: str, kind: type, default: Any = None) -> Any:
     return value
 
 
-def _load(request: Request, setting: Setting) -> Built:
-    """The request's scene, from the cache where neither its text nor its files changed."""
+def _parse(request: Request) -> document.Document:
+    """The request's document, from the cache where neither its text nor its files changed."""
     key = (_get(request, "scene", str), _get(request, "base", str, "."))
     parsed = _documents.get(key, lambda: document.parse(*key))
     if not parsed.folder.unchanged():
         _documents.forget(key)
         parsed = _documents.get(key, lambda: document.parse(*key))
+    return parsed
+
+
+def _load(request: Request, setting: Setting) -> Built:
+    """The request's scene, from the cache where it did not change."""
+    parsed = _parse(request)
     if setting.vertices:
         # Of use once, and there may be many seeds: not kept.
         return Built(parsed, setting)
@@ -100,10 +106,7 @@ def render(request: Request) -> Answer:
     channels = {letter: values[:, number] for number, letter in enumerate("RGB")}
     if doc.aovs:
         channels.update(aovs.render(Tracer(built, [setting]), x, y))
-    try:
-        exr.write(out, {name: plane.reshape(doc.height, doc.width) for name, plane in channels.items()})
-    except OSError as error:
-        raise DriverError(f"{out}: cannot be written: {error.strerror}") from error
+    _write(out, {name: plane.reshape(doc.height, doc.width) for name, plane in channels.items()})
     return {
         "seconds": {"load": loaded - begin, "trace": traced - loaded, "cpu": processor},
         "memory": grown,
@@ -117,6 +120,42 @@ def render(request: Request) -> Answer:
         "rehits": tracer.counts.rehits,
         "setting": setting.to_json(),
     }
+
+
+def stock_(request: Request) -> Answer:
+    """All pixels by Mitsuba's own integrators, with their noise, into an EXR."""
+    setting = Setting.read(request.get("setting"))
+    out = _get(request, "out", str)
+    repeats = _get(request, "repeats", int, 16)
+    if repeats < 2:
+        raise DriverError(f"repeats: expected at least 2, found {repeats}")
+    _threads(request)
+    begin = time.perf_counter()
+    stock.check(_parse(request))
+    built = _load(request, setting)
+    loaded = time.perf_counter()
+    image = stock.render(built, setting, repeats)
+    traced = time.perf_counter()
+    doc = built.document
+    channels = {letter: image.mean[:, number] for number, letter in enumerate("RGB")}
+    channels.update({f"variance.{letter}": image.variance[:, number] for number, letter in enumerate("RGB")})
+    channels["samples.N"] = np.full(len(image.mean), image.repeats)
+    _write(out, {name: plane.reshape(doc.height, doc.width) for name, plane in channels.items()})
+    return {
+        "seconds": {"load": loaded - begin, "trace": traced - loaded},
+        "integrator": image.integrator,
+        "repeats": image.repeats,
+        "samples": len(doc.samples),
+        "twin": doc.twin(),
+        "hosted": doc.hosted(),
+    }
+
+
+def _write(out: str, channels: Dict[str, Any]) -> None:
+    try:
+        exr.write(out, channels)
+    except OSError as error:
+        raise DriverError(f"{out}: cannot be written: {error.strerror}") from error
 
 
 def probe(request: Request) -> Answer:
@@ -208,6 +247,7 @@ def camera(request: Request) -> Answer:
 OPERATIONS: Dict[str, Callable[[Request], Answer]] = {
     "hello": hello,
     "render": render,
+    "stock": stock_,
     "probe": probe,
     "tree": tree_,
     "check": check_,

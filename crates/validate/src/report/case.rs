@@ -32,6 +32,7 @@ pub(super) struct CaseView<'a> {
     pub(super) bias: Limited,
     pub(super) explained: Limited,
     pub(super) unexplained: Limited,
+    pub(super) stock: Limited,
     pub(super) nonfinite: Limited,
     pub(super) ids: Limited,
     pub(super) rmse: Number,
@@ -178,6 +179,7 @@ impl<'a> CaseView<'a> {
     /// What the table shows of it, and no more.
     pub(super) fn row(index: usize, case: &'a CaseResult) -> Self {
         let rendered = case.width > 0;
+        let stock = Limited::count(case.stock());
         let ids = Limited::count(case.worst_ids());
         let ours = |value: f64| Number::plain(rendered.then_some(value)).or("it was not rendered");
         let source = case
@@ -222,6 +224,10 @@ impl<'a> CaseView<'a> {
                 value: ids.value.or("no layer of ids was compared"),
                 ..ids
             },
+            stock: Limited {
+                value: stock.value.or("it was not compared with stock Mitsuba"),
+                ..stock
+            },
             rmse: Number::error(case.rmse),
             render_s: ours(case.render_s),
             reference_s: Number::plain(case.reference_s).or("there is no reference"),
@@ -240,7 +246,7 @@ impl<'a> CaseView<'a> {
     }
 
     /// The cells with limits, in the order of the columns of the table.
-    pub(super) fn limited(&self) -> [&Limited; 6] {
+    pub(super) fn limited(&self) -> [&Limited; 7] {
         [
             &self.interior,
             &self.bias,
@@ -248,6 +254,7 @@ impl<'a> CaseView<'a> {
             &self.unexplained,
             &self.nonfinite,
             &self.ids,
+            &self.stock,
         ]
     }
 
@@ -527,6 +534,7 @@ fn in_words(reason: &Reason) -> String {
         Reason::SpawnOffset => {
             "the reference takes our value with another spawn offset or traversal".to_owned()
         }
+        Reason::Noise => "the noise of the reference".to_owned(),
         Reason::Stored => "one of the values that are kept with the stored reference".to_owned(),
         Reason::Rounding { ulps } => format!(
             "ill-conditioned: {} units in the last place take the reference to our value",

@@ -97,7 +97,7 @@ const fn column(label: &'static str, numeric: bool, meaning: &'static str) -> Co
 }
 
 /// In the order of the cells in `page.html`.
-const COLUMNS: [Column; 14] = [
+const COLUMNS: [Column; 15] = [
     column(
         "Verdict",
         false,
@@ -129,6 +129,11 @@ const COLUMNS: [Column; 14] = [
         "Ids differ",
         true,
         "pixels where the two see another shape or primitive, in the worst layer",
+    ),
+    column(
+        "Stock differs",
+        true,
+        "pixels whose difference from Mitsuba's own integrators its noise does not explain, at most 0.25 %",
     ),
     column("RMSE", true, "over all pixels, in units of radiance"),
     column("Twin", false, "how independent the reference is"),

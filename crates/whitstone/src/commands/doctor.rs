@@ -69,8 +69,8 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
         environments,
         live,
         povray: start_povray(arguments),
-        stored: stored_references(&images, Renderer::Mitsuba),
-        stored_of_povray: stored_references(&images, Renderer::PovRay),
+        stored: stored_references(&images, Renderer::MITSUBA),
+        stored_of_povray: stored_references(&images, Renderer::POVRAY),
     };
     print(&findings);
     if let Some(path) = &arguments.json {

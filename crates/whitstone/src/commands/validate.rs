@@ -104,18 +104,21 @@ pub enum ReferenceMode {
     PovrayLive,
     /// Stored references of POV-Ray only
     PovrayStored,
+    /// Mitsuba's own direct and path integrators, live, or exit code 3: shows that the driver is Mitsuba
+    MitsubaStock,
 }
 
 impl ReferenceMode {
     /// Who renders, and whether now.
     pub fn parts(self) -> (Renderer, Mode) {
         match self {
-            Self::Auto => (Renderer::Mitsuba, Mode::Auto),
-            Self::Live => (Renderer::Mitsuba, Mode::Live),
-            Self::Stored => (Renderer::Mitsuba, Mode::Stored),
-            Self::Povray => (Renderer::PovRay, Mode::Auto),
-            Self::PovrayLive => (Renderer::PovRay, Mode::Live),
-            Self::PovrayStored => (Renderer::PovRay, Mode::Stored),
+            Self::Auto => (Renderer::MITSUBA, Mode::Auto),
+            Self::Live => (Renderer::MITSUBA, Mode::Live),
+            Self::Stored => (Renderer::MITSUBA, Mode::Stored),
+            Self::Povray => (Renderer::POVRAY, Mode::Auto),
+            Self::PovrayLive => (Renderer::POVRAY, Mode::Live),
+            Self::PovrayStored => (Renderer::POVRAY, Mode::Stored),
+            Self::MitsubaStock => (Renderer::MITSUBA_STOCK, Mode::Live),
         }
     }
 
@@ -412,6 +415,11 @@ fn print_case(case: &CaseResult) {
     );
     if status != Status::Pass {
         println!("      {}: {}", status.word(), case.verdict);
+    }
+    if status == Status::Pass
+        && let Some(noisy) = &case.noisy
+    {
+        println!("      {noisy}");
     }
     if let Some(caveat) = &case.caveat {
         println!("      {caveat}");

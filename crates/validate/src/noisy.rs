@@ -1,0 +1,229 @@
+//! The comparison with a reference that has noise: Mitsuba's own integrators.
+//!
+//! A pixel agrees if it is within the pixel tolerance, or if noise explains the difference
+//! ([`whitstone_image::significance`]). As in Mitsuba's own `test_renders.py`, 99.75 % of the pixels must agree: single
+//! precision moves edges, and Mitsuba's own spawn offsets are larger than the driver's. The mean of all values must be
+//! unbiased too, which finds what is too faint for the single pixel.
+
+use crate::explain::Reason;
+use crate::opinion::{Ask, MOST_ASKED, Verdict, choose};
+use crate::pixels::Pictures;
+use crate::result::{CaseResult, Reference, Status, WorstPixel, counted};
+use crate::vacuous;
+use crate::validator::{Against, Ours, Validator};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use whitstone_image::significance::SignificanceError;
+use whitstone_image::{Image, Mask, Tolerance, metrics, significance};
+
+/// The probability that noise alone makes any pixel of an image significant.
+const LEVEL: f64 = 0.01;
+/// The part of the pixels that must agree.
+const AGREEING: f64 = 0.9975;
+/// The bias of the mean that rounding may cause: the relative tolerance of a pixel.
+const BIAS: f64 = 1e-3;
+/// Standard errors on each side of an interval of 95 %.
+const OF_95_PERCENT: f64 = 1.96;
+/// How many worst pixels a result lists.
+const WORST: usize = 20;
+
+/// How an image compares with one that has noise.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Noisy {
+    /// Of the reference: "direct" or "path".
+    pub integrator: String,
+    /// The part of the pixels that agree.
+    pub agreeing: f64,
+    /// Pixels whose difference noise does not explain.
+    pub significant: usize,
+    /// The smallest probability of a difference by chance.
+    pub least_p: f64,
+    /// Relative difference of the means of all values.
+    pub bias: f64,
+    /// Half the width of its interval of 95 %.
+    pub bias_interval: f64,
+}
+
+impl Noisy {
+    /// How many of so many pixels may differ.
+    pub fn limit(pixels: usize) -> usize {
+        ((1.0 - AGREEING) * pixels as f64) as usize
+    }
+
+    /// Whether the two agree by the rule.
+    pub fn agrees(&self) -> bool {
+        self.agreeing >= AGREEING && self.bias.abs() <= BIAS + self.bias_interval
+    }
+}
+
+impl std::fmt::Display for Noisy {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{:.2} % of the pixels agree with Mitsuba's `{}` (at least {} % must), bias {:+.1e}",
+            // Rounded down: what is not all must not look like it.
+            (1e4 * self.agreeing).floor() / 100.0,
+            self.integrator,
+            100.0 * AGREEING,
+            self.bias,
+        )?;
+        if self.bias_interval > 0.0 {
+            write!(f, " ± {:.0e}", self.bias_interval)?;
+        }
+        Ok(())
+    }
+}
+
+/// Whether an image has layers of noise.
+pub(crate) fn is_noisy(image: &Image) -> bool {
+    image.channel("variance.R").is_some()
+}
+
+impl Validator<'_> {
+    /// Compares with a reference that has noise, and decides.
+    pub(crate) fn judge_noisy(
+        &mut self,
+        path: &Path,
+        case: &mut CaseResult,
+        our_side: &Ours,
+        against: &Against,
+    ) -> Result<(), SignificanceError> {
+        let (ours, reference, meta) = (&our_side.image, &against.stored.image, &against.stored.meta);
+        case.reference = Some(Reference {
+            name: meta.renderer.clone(),
+            version: meta.version.clone(),
+            variant: meta.variant.clone(),
+            source: "live".to_owned(),
+            k: meta.k,
+        });
+        case.twin = meta.twin.clone();
+        case.reference_s = Some(meta.seconds);
+        let tolerance = Tolerance::default();
+        let not_finite = metrics::count_not_finite(ours, reference)?;
+        case.nonfinite = not_finite.ours + not_finite.reference;
+        let found = significance(ours, reference, LEVEL, tolerance)?;
+        let significant = found.as_ref().map_or_else(
+            || Mask::new(ours.width(), ours.height()),
+            |found| found.mask.clone(),
+        );
+        let over = metrics::over_tolerance(ours, reference, tolerance)?;
+        let (bias, bias_interval) = bias(ours, reference);
+        let noisy = Noisy {
+            integrator: meta.integrator.clone(),
+            agreeing: 1.0 - significant.count() as f64 / ours.pixel_count().max(1) as f64,
+            significant: significant.count(),
+            least_p: found.map_or(1.0, |found| found.least_p),
+            bias,
+            bias_interval,
+        };
+        crate::judge::measure(case, ours, reference, &significant)?;
+        // They have no limits here: noise is not an error of ours.
+        (case.rel_rmse_interior, case.signed_block_bias) = (None, None);
+        case.compared = true;
+        case.pixels_over_tolerance = over.count();
+        case.unexplained = if noisy.agrees() { 0 } else { significant.count() };
+        case.explained = over.count() - case.unexplained;
+        case.explained_limit = case.explained;
+        case.notes = vacuous::notes(ours, reference, &our_side.pipeline);
+        case.coincident = vacuous::coincident(&our_side.pipeline);
+        if self.pictures {
+            let reasons = over.pixels().map(|(x, y)| {
+                let reason = (!significant.contains(x, y)).then_some(Reason::Noise);
+                ([x, y], reason)
+            });
+            case.pictures = Pictures::new(ours, reference, reasons);
+        }
+        for pixel in metrics::worst(ours, reference, WORST, Some(&significant))? {
+            case.worst.push(WorstPixel {
+                x: pixel.x,
+                y: pixel.y,
+                ours: pixel.ours,
+                reference: pixel.reference,
+                ..WorstPixel::default()
+            });
+        }
+        self.decide_noisy(path, case, ours, reference, &significant, &noisy);
+        case.noisy = Some(noisy);
+        Ok(())
+    }
+
+    fn decide_noisy(
+        &self,
+        path: &Path,
+        case: &mut CaseResult,
+        ours: &Image,
+        reference: &Image,
+        significant: &Mask,
+        noisy: &Noisy,
+    ) {
+        if noisy.agrees() {
+            case.settle(Status::Pass, noisy.to_string());
+            return;
+        }
+        case.problems.push(noisy.to_string());
+        if self.oracle.when == Ask::Never {
+            let verdict = "our image differs from the reference, and the oracle was not asked who is right";
+            case.settle(Status::Undecided, verdict.to_owned());
+            return;
+        }
+        let pixels: Vec<[usize; 2]> = significant.pixels().map(|(x, y)| [x, y]).collect();
+        let hearing = self.hear(path, &choose(&pixels, MOST_ASKED), ours, reference);
+        let verdicts: Vec<([usize; 2], Verdict)> = hearing.verdicts(ours, reference).collect();
+        let opinion = hearing.opinion(&verdicts, pixels.len());
+        let of = |wanted: Verdict| verdicts.iter().filter(|(_, found)| *found == wanted).count();
+        let wrong = of(Verdict::Reference) + of(Verdict::Neither);
+        let right = of(Verdict::Ours);
+        let (status, verdict) = if wrong > 0 {
+            (
+                Status::Fail,
+                format!("the oracle contradicts our image in {}", counted(wrong, "pixel")),
+            )
+        } else if right == verdicts.len() && right == pixels.len().min(MOST_ASKED) && right > 0 {
+            (
+                Status::Confirmed,
+                format!(
+                    "stock Mitsuba differs, and the oracle confirms ours in {right} of the {} that differ",
+                    counted(pixels.len(), "pixel")
+                ),
+            )
+        } else {
+            (
+                Status::Undecided,
+                format!(
+                    "our image differs from stock Mitsuba, and the oracle confirms ours in {right} of {} only",
+                    counted(pixels.len(), "pixel")
+                ),
+            )
+        };
+        case.opinion = Some(opinion);
+        case.settle(status, verdict);
+    }
+}
+
+/// The relative difference of the means of all values, and half the width of its interval of 95 %.
+fn bias(ours: &Image, reference: &Image) -> (f64, f64) {
+    let (Ok(mine), Ok(theirs)) = (ours.rgb(), reference.rgb()) else {
+        return (f64::NAN, 0.0);
+    };
+    let sum = |planes: [&[f32]; 3]| {
+        let values = planes.into_iter().flatten();
+        values.map(|&value| f64::from(value)).sum::<f64>()
+    };
+    let (mine, theirs) = (sum(mine), sum(theirs));
+    let samples = reference
+        .channel("samples.N")
+        .map_or(1.0, |counts| f64::from(counts[0]));
+    let variance: f64 = ["variance.R", "variance.G", "variance.B"]
+        .into_iter()
+        .filter_map(|name| reference.channel(name))
+        .flatten()
+        .map(|&variance| f64::from(variance) / samples)
+        .sum();
+    if theirs == 0.0 {
+        return (if mine == 0.0 { 0.0 } else { f64::INFINITY }, 0.0);
+    }
+    (
+        (mine - theirs) / theirs.abs(),
+        OF_95_PERCENT * variance.sqrt() / theirs.abs(),
+    )
+}

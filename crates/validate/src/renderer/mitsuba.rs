@@ -1,0 +1,69 @@
+//! Mitsuba 3 as a Whitted tracer: `references/mitsuba` drives its intersections, BSDFs and emitters.
+
+use super::Reference;
+use crate::driver::{Driver, DriverError, Setting, Versions};
+use crate::environment::{Environment, EnvironmentError};
+use crate::explain::{self, Trial};
+use crate::floor;
+use std::path::Path;
+
+pub(super) struct Mitsuba;
+
+/// Largest limit of a scene without textures.
+pub(super) const LARGEST_LIMIT: f64 = 5e-5;
+
+impl Reference for Mitsuba {
+    fn title(&self) -> &'static str {
+        "Mitsuba"
+    }
+
+    fn name(&self) -> &'static str {
+        "mitsuba"
+    }
+
+    fn package(&self) -> &'static str {
+        "whitstone_mitsuba"
+    }
+
+    /// It was the first reference.
+    fn meta_file(&self) -> String {
+        "meta.toml".to_owned()
+    }
+
+    fn is_private(&self) -> bool {
+        true
+    }
+
+    fn environment(
+        &self,
+        target: &Path,
+        references: &Path,
+        say: &dyn Fn(&str),
+    ) -> Result<Environment, EnvironmentError> {
+        Environment::ensure(target, references, say)
+    }
+
+    fn versions(&self, driver: &mut Driver) -> Result<Versions, DriverError> {
+        driver.hello().map(Versions::Mitsuba)
+    }
+
+    fn tells_trees(&self) -> bool {
+        true
+    }
+
+    fn trials(&self) -> Vec<Trial> {
+        explain::trials()
+    }
+
+    fn variations(&self) -> Vec<Setting> {
+        floor::settings().to_vec()
+    }
+
+    fn largest_limit(&self) -> f64 {
+        LARGEST_LIMIT
+    }
+
+    fn is_single_precision(&self) -> bool {
+        true
+    }
+}

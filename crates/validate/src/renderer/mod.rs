@@ -1,0 +1,248 @@
+//! The renderers that serve as references. Each has a file with all in which it differs for the harness.
+
+mod mitsuba;
+mod povray;
+mod stock;
+
+use crate::driver::{Driver, DriverError, Rendered, SceneText, Setting, Versions};
+use crate::environment::{Environment, EnvironmentError};
+use crate::explain::Trial;
+use std::fmt;
+use std::ops::Deref;
+use std::path::Path;
+
+/// A renderer that serves as a reference, with a driver that speaks `references/mitsuba/PROTOCOL.md`.
+pub trait Reference: Sync {
+    /// For people.
+    fn title(&self) -> &'static str;
+
+    /// As files and results call it.
+    fn name(&self) -> &'static str;
+
+    /// The Python package of its driver.
+    fn package(&self) -> &'static str;
+
+    /// File next to a stored image that says what made it.
+    fn meta_file(&self) -> String {
+        format!("{}.toml", self.name())
+    }
+
+    /// Whether it is installed for Whitstone alone, so that its version changes with its requirements only.
+    fn is_private(&self) -> bool;
+
+    /// Where its driver runs; made on first use, of which `say` is told.
+    ///
+    /// # Errors
+    /// If it cannot run here.
+    fn environment(
+        &self,
+        target: &Path,
+        references: &Path,
+        say: &dyn Fn(&str),
+    ) -> Result<Environment, EnvironmentError>;
+
+    /// Who answers.
+    ///
+    /// # Errors
+    /// Those of the driver.
+    fn versions(&self, driver: &mut Driver) -> Result<Versions, DriverError>;
+
+    /// Renders a scene into an EXR file. An image with layers `variance.*` has noise, and is compared by a test of
+    /// significance.
+    ///
+    /// # Errors
+    /// Those of the driver.
+    fn render(
+        &self,
+        driver: &mut Driver,
+        scene: SceneText<'_>,
+        out: &Path,
+        setting: Setting,
+    ) -> Result<Rendered, DriverError> {
+        driver.render(scene, out, setting, 0)
+    }
+
+    /// Whether its driver tells ray trees.
+    fn tells_trees(&self) -> bool {
+        false
+    }
+
+    /// Whether an image of it can be stored.
+    fn can_be_stored(&self) -> bool {
+        true
+    }
+
+    /// In which ways it is made to vary, to explain pixels.
+    fn trials(&self) -> Vec<Trial>;
+
+    /// In which ways it is made to vary, to measure its own error.
+    fn variations(&self) -> Vec<Setting>;
+
+    /// What the limit of a scene without textures never exceeds.
+    fn largest_limit(&self) -> f64;
+
+    /// Whether it computes in single precision, so that far or tiny scenes show its roundings.
+    fn is_single_precision(&self) -> bool;
+
+    /// What of a scene has to be changed on both sides for it. What Mitsuba confirms of what is changed needs no second
+    /// opinion; all else of the scene then can have one.
+    fn adaptations(&self, _scene: &toml::Table) -> Vec<Adaptation> {
+        Vec::new()
+    }
+}
+
+/// Who renders the other side.
+#[derive(Clone, Copy)]
+pub struct Renderer(&'static dyn Reference);
+
+impl Renderer {
+    /// Mitsuba 3, traced by `references/mitsuba`.
+    pub const MITSUBA: Self = Self(&mitsuba::Mitsuba);
+    /// Mitsuba's own integrators, along the same camera rays.
+    pub const MITSUBA_STOCK: Self = Self(&stock::Stock);
+    /// POV-Ray 3.7, whose scenes `references/povray` writes.
+    pub const POVRAY: Self = Self(&povray::PovRay);
+
+    /// Those that come with Whitstone.
+    pub const ALL: [Self; 3] = [Self::MITSUBA, Self::MITSUBA_STOCK, Self::POVRAY];
+
+    /// One from outside.
+    pub const fn new(reference: &'static dyn Reference) -> Self {
+        Self(reference)
+    }
+
+    /// File of a stored image.
+    pub fn image_file(self) -> String {
+        format!("{}.exr", self.name())
+    }
+
+    /// File next to it with the values of the pixels that vary.
+    pub fn variants_file(self) -> String {
+        format!("{}.variants.exr", self.name())
+    }
+
+    /// Changes of a scene, as it is flattened, on both sides: see [`Reference::adaptations`].
+    pub fn adaptations_of(self, flattened: &str) -> Vec<Adaptation> {
+        let scene = flattened.parse::<toml::Table>();
+        scene.map_or_else(|_| Vec::new(), |scene| self.adaptations(&scene))
+    }
+}
+
+impl Deref for Renderer {
+    type Target = dyn Reference;
+
+    fn deref(&self) -> &Self::Target {
+        self.0
+    }
+}
+
+impl PartialEq for Renderer {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name()
+    }
+}
+
+impl Eq for Renderer {}
+
+impl fmt::Debug for Renderer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl fmt::Display for Renderer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.title())
+    }
+}
+
+/// A change that makes a scene one that the reference can show, on both sides.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Adaptation {
+    /// `path=value`, as for `--set`.
+    pub change: String,
+    /// Why.
+    pub reason: &'static str,
+}
+
+impl Adaptation {
+    fn new(change: impl Into<String>, reason: &'static str) -> Self {
+        Self {
+            change: change.into(),
+            reason,
+        }
+    }
+}
+
+/// No layers beside the radiance, where a scene has some.
+fn without_layers(scene: &toml::Table, reason: &'static str) -> Option<Adaptation> {
+    let layers = scene.get("film").and_then(|film| film.get("aovs"));
+    let some = layers
+        .and_then(toml::Value::as_array)
+        .is_some_and(|aovs| !aovs.is_empty());
+    some.then(|| Adaptation::new("film.aovs=[]", reason))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn changes(renderer: Renderer, scene: &str) -> Vec<String> {
+        let found = renderer.adaptations_of(scene);
+        found.into_iter().map(|adaptation| adaptation.change).collect()
+    }
+
+    #[test]
+    fn only_what_povray_cannot_show_is_changed() {
+        let changes = |scene: &str| changes(Renderer::POVRAY, scene);
+        assert_eq!(
+            changes("[film]\nwidth = 3\n[integrator]\ntype = \"appel\"\n"),
+            Vec::<String>::new()
+        );
+        let sky = "[[light]]\ntype = \"background\"\n";
+        assert_eq!(
+            changes(sky),
+            ["integrator={type=\"whitted\",at_max_depth=\"black\"}"]
+        );
+        assert_eq!(
+            changes(&format!("{sky}[integrator]\ntype = \"appel\"\n")),
+            Vec::<String>::new()
+        );
+        let whitted = "[integrator]\ntype = \"whitted\"\nmin_contribution = 0.1\n";
+        assert_eq!(changes(whitted), ["integrator.min_contribution=0"]);
+        assert_eq!(
+            changes(&format!("{sky}{whitted}[film]\naovs = [\"uv\"]\n")),
+            [
+                "film.aovs=[]",
+                "integrator.at_max_depth=\"black\"",
+                "integrator.min_contribution=0"
+            ]
+        );
+        assert_eq!(Renderer::MITSUBA.adaptations_of(sky), Vec::new());
+    }
+
+    #[test]
+    fn mitsubas_integrators_get_what_they_can_render() {
+        let changes = |scene: &str| changes(Renderer::MITSUBA_STOCK, scene);
+        let matte = "[material.m]\ntype = \"matte\"\n[[shape]]\nmaterial = \"m\"\n";
+        let glass = "[material.g]\ntype = \"dielectric\"\n[[shape]]\nmaterial = \"g\"\n";
+        assert_eq!(changes(matte), Vec::<String>::new());
+        assert_eq!(
+            changes(&format!(
+                "{matte}[[light]]\ntype = \"point\"\n[[light]]\ntype = \"ambient\"\n"
+            )),
+            ["light.1.radiance=0"]
+        );
+        assert_eq!(
+            changes(glass),
+            ["integrator={type=\"whitted\",at_max_depth=\"black\"}"]
+        );
+        let of_both = format!("{matte}{glass}");
+        assert_eq!(changes(&of_both), ["integrator={type=\"appel\"}"]);
+        let filtered = format!("{of_both}[integrator]\nshadows = \"filtered\"\n");
+        assert_eq!(
+            changes(&filtered),
+            ["integrator={type=\"appel\",shadows=\"filtered\"}"]
+        );
+    }
+}

@@ -1,0 +1,155 @@
+//! Mitsuba's own C++ integrators, along the driver's camera rays: is the driver really Mitsuba?
+//!
+//! `direct` renders scenes of surfaces that the lights reach, `path` those of surfaces that only reflect and refract. Of a
+//! scene with both, the reflections are left out on both sides.
+
+use super::{Adaptation, Reference, mitsuba, without_layers};
+use crate::driver::{Driver, DriverError, Rendered, SceneText, Setting, Versions};
+use crate::environment::{Environment, EnvironmentError};
+use crate::explain::Trial;
+use std::path::Path;
+use toml::Value;
+
+pub(super) struct Stock;
+
+/// Samples of each of the model's camera rays, from which the noise is estimated.
+const REPEATS: u32 = 64;
+
+/// Materials that the lights reach, and those that only send rays on.
+const LIT: [&str; 4] = ["matte", "phong", "blinn_phong", "whitted"];
+const SPECULAR: [&str; 5] = ["mirror", "conductor", "dielectric", "thin_dielectric", "glossy"];
+
+impl Reference for Stock {
+    fn title(&self) -> &'static str {
+        "stock Mitsuba"
+    }
+
+    fn name(&self) -> &'static str {
+        "mitsuba-stock"
+    }
+
+    fn package(&self) -> &'static str {
+        mitsuba::Mitsuba.package()
+    }
+
+    fn is_private(&self) -> bool {
+        true
+    }
+
+    fn environment(
+        &self,
+        target: &Path,
+        references: &Path,
+        say: &dyn Fn(&str),
+    ) -> Result<Environment, EnvironmentError> {
+        let environment = Environment::ensure(target, references, say)?;
+        Ok(Environment {
+            renderer: super::Renderer::MITSUBA_STOCK,
+            ..environment
+        })
+    }
+
+    fn versions(&self, driver: &mut Driver) -> Result<Versions, DriverError> {
+        mitsuba::Mitsuba.versions(driver)
+    }
+
+    fn render(
+        &self,
+        driver: &mut Driver,
+        scene: SceneText<'_>,
+        out: &Path,
+        setting: Setting,
+    ) -> Result<Rendered, DriverError> {
+        driver.stock(scene, out, setting, REPEATS)
+    }
+
+    /// It is held to the driver, whose images are stored.
+    fn can_be_stored(&self) -> bool {
+        false
+    }
+
+    /// Its noise takes their place.
+    fn trials(&self) -> Vec<Trial> {
+        Vec::new()
+    }
+
+    fn variations(&self) -> Vec<Setting> {
+        Vec::new()
+    }
+
+    fn largest_limit(&self) -> f64 {
+        mitsuba::LARGEST_LIMIT
+    }
+
+    fn is_single_precision(&self) -> bool {
+        true
+    }
+
+    fn adaptations(&self, scene: &toml::Table) -> Vec<Adaptation> {
+        let mut found = Vec::from_iter(without_layers(
+            scene,
+            "Mitsuba's integrators give the radiance alone",
+        ));
+        let lights = scene.get("light").and_then(Value::as_array);
+        for (number, light) in lights.into_iter().flatten().enumerate() {
+            if light.get("type").and_then(Value::as_str) == Some("ambient") {
+                found.push(Adaptation::new(
+                    format!("light.{number}.radiance=0"),
+                    "Mitsuba has no ambient light",
+                ));
+            }
+        }
+        let integrator = scene.get("integrator");
+        let key = |name: &str| {
+            integrator
+                .and_then(|table| table.get(name))
+                .and_then(Value::as_str)
+        };
+        if key("type").is_none_or(|kind| kind == "whitted") {
+            let kinds = kinds(scene);
+            let has = |some: &[&str]| kinds.iter().any(|kind| some.contains(kind));
+            let lit = has(&LIT);
+            let shadows = key("shadows").map_or_else(String::new, |how| format!(",shadows=\"{how}\""));
+            if lit && (has(&SPECULAR) || kinds.contains(&"whitted")) {
+                found.push(Adaptation::new(
+                    format!("integrator={{type=\"appel\"{shadows}}}"),
+                    "Mitsuba's `direct` follows no reflections",
+                ));
+            } else if !lit && has(&SPECULAR) {
+                let depth = integrator.and_then(|table| table.get("max_depth"));
+                let depth = depth.map_or_else(String::new, |depth| format!(",max_depth={depth}"));
+                found.push(Adaptation::new(
+                    format!("integrator={{type=\"whitted\",at_max_depth=\"black\"{depth}{shadows}}}"),
+                    "Mitsuba's `path` shows black where it goes no deeper, and cuts off no faint branches",
+                ));
+            }
+        }
+        found
+    }
+}
+
+/// The types of all materials of a scene: shared ones, and those of its shapes and groups.
+fn kinds(scene: &toml::Table) -> Vec<&str> {
+    let mut found = Vec::new();
+    let mut open: Vec<(&Value, bool)> = Vec::new();
+    open.extend(scene.get("material").map(|shared| (shared, true)));
+    open.extend(scene.get("shape").map(|shapes| (shapes, false)));
+    open.extend(scene.get("group").map(|groups| (groups, false)));
+    while let Some((value, is_material)) = open.pop() {
+        match value {
+            Value::Table(table) => {
+                if is_material && let Some(kind) = table.get("type").and_then(Value::as_str) {
+                    found.push(kind);
+                }
+                open.extend(
+                    table
+                        .iter()
+                        .map(|(key, value)| (value, is_material || key == "material")),
+                );
+            }
+            Value::Array(items) => open.extend(items.iter().map(|item| (item, is_material))),
+            _ => {}
+        }
+    }
+    found
+}
