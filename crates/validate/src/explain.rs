@@ -9,7 +9,6 @@
 //! counts: in a trial, a rule that let it count explained away 4,003 of 4,034 wrong pixels.
 
 use crate::driver::Setting;
-use crate::renderer::Renderer;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -123,12 +122,17 @@ pub fn trials() -> Vec<Trial> {
         .collect()
 }
 
-/// The trials that change nothing but roundings and guards, for a reference whose own error is in question.
+/// The trials of these that change nothing but roundings and guards.
+pub(crate) fn roundings(trials: Vec<Trial>) -> Vec<Trial> {
+    let is_shift = |trial: &Trial| matches!(trial.reason, Reason::Shift { .. });
+    trials.into_iter().filter(|trial| !is_shift(trial)).collect()
+}
+
+/// Perturbations of Mitsuba's rays by one unit of their largest component.
 ///
-/// A small component of a direction comes from sums of larger terms, by a rotation or a reflection, and has their rounding error. So
-/// those of Mitsuba include perturbations by one unit of the largest component.
-pub(crate) fn roundings(renderer: Renderer) -> Vec<Trial> {
-    let largest = Trial {
+/// A small component of a direction comes from sums of larger terms, by a rotation or a reflection, and has their rounding error.
+pub(crate) fn of_largest_component() -> Trial {
+    Trial {
         reason: Reason::Rounding { ulps: OF_LARGEST },
         settings: (1..=SEEDS)
             .map(|seed| Setting {
@@ -138,11 +142,7 @@ pub(crate) fn roundings(renderer: Renderer) -> Vec<Trial> {
                 ..Setting::default()
             })
             .collect(),
-    };
-    let is_shift = |trial: &Trial| matches!(trial.reason, Reason::Shift { .. });
-    let own = renderer.trials().into_iter().filter(|trial| !is_shift(trial));
-    own.chain((renderer == Renderer::Mitsuba).then_some(largest))
-        .collect()
+    }
 }
 
 /// Those of POV-Ray, which computes in double precision, but for the vertices of meshes.

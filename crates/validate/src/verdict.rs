@@ -10,7 +10,7 @@
 //! one of the scene ([`crate::inexact`]) counts only where no shared code is in use.
 
 use crate::driver::SceneText;
-use crate::explain::{Explanation, roundings};
+use crate::explain::Explanation;
 use crate::judge::{Judged, color_at, measure};
 use crate::opinion::{Ask, Hearing, MOST_ASKED, Opinion, Verdict, choose};
 use crate::result::{CaseResult, Status, counted};
@@ -321,7 +321,7 @@ impl Validator<'_> {
             text: &ours.flattened.text,
             base: &ours.flattened.base,
         };
-        let trials = roundings(self.options.renderer);
+        let trials = self.options.renderer.roundings();
         let Ok(values) = live.probe(text, &ours.flattened.hash, pixels, &trials) else {
             return 0;
         };
