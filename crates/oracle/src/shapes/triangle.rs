@@ -1,6 +1,6 @@
 //! Triangles; those of a shape are numbered in their order.
 
-use super::Surface;
+use super::{Surface, passes_by};
 use crate::interval::{Decided, Undecided};
 use crate::root::{Root, Roots};
 use crate::vector::Line;
@@ -46,10 +46,8 @@ impl Surface for Triangles {
 fn may_meet(vertices: &[[f64; 3]; 3], o: DVec3, d: DVec3) -> bool {
     let [a, b, c] = vertices.map(DVec3::from_array);
     let radius = (b - a).length().max((c - a).length());
-    let size = a.abs().max(b.abs()).max(c.abs()).length() + o.length();
-    let across = (a - o).cross(d).length();
-    let rounding = 1e-9 * (a.abs() + o.abs()).length() * d.length();
-    across <= 1.000_001 * radius * d.length() + rounding && !certainly_outside([a - o, b - o, c - o], d, size)
+    let size = a.abs().max(b.abs()).max(c.abs()).length();
+    !passes_by((a, radius), size, o, d) && !certainly_outside([a - o, b - o, c - o], d, size + o.length())
 }
 
 /// True only if the line through the origin in the direction d certainly passes by a triangle: on different sides of two of its edges,
