@@ -15,6 +15,7 @@ use whitstone::validate::{CaseResult, Mode, Options, Renderer, Status, Validator
 use whitstone::{Exit, Failure, wireframe};
 
 const README: &str = "README.md";
+const VALIDATION: &str = "docs/validation.md";
 const BEGIN: &str = "<!-- numbers: written by `cargo xtask readme` -->";
 const END: &str = "<!-- end of numbers -->";
 /// The scenes on the contact sheet, three a row.
@@ -56,22 +57,11 @@ pub(crate) struct Arguments {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
-    let readme = std::fs::read_to_string(README).map_err(Failure::environment)?;
-    let (Some(begin), Some(end)) = (readme.find(BEGIN), readme.find(END)) else {
-        return Err(Failure::usage(format!(
-            "{README}: the marks {BEGIN} and {END} are missing"
-        )));
-    };
     let cases = validate(registry, Renderer::MITSUBA)?;
     let others = validate(registry, Renderer::POVRAY)?;
-    let readme = format!(
-        "{}{BEGIN}\n\n{}\n{}",
-        &readme[..begin],
-        table(&cases),
-        &readme[end..]
-    );
     let mut files = vec![
-        (PathBuf::from(README), readme.into_bytes()),
+        (PathBuf::from(README), page(README, &summary(&cases))?),
+        (PathBuf::from(VALIDATION), page(VALIDATION, &table(&cases))?),
         (PathBuf::from("docs/images/showcase.png"), sheet(registry)?),
         (PathBuf::from(plugins::FILE), plugins::json(registry).into_bytes()),
     ];
@@ -109,6 +99,17 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         &problems,
         "readme: pictures and numbers are those of the stored references",
     )
+}
+
+/// A page with a text between its marks.
+fn page(path: &str, text: &str) -> Result<Vec<u8>, Failure> {
+    let page = std::fs::read_to_string(path).map_err(Failure::environment)?;
+    let (Some(begin), Some(end)) = (page.find(BEGIN), page.find(END)) else {
+        return Err(Failure::usage(format!(
+            "{path}: the marks {BEGIN} and {END} are missing"
+        )));
+    };
+    Ok(format!("{}{BEGIN}\n\n{text}\n{}", &page[..begin], &page[end..]).into_bytes())
 }
 
 /// Pages of plugins that are no more.
@@ -176,28 +177,51 @@ fn table(cases: &[CaseResult]) -> String {
             case.unexplained,
         );
     }
-    let passed = cases
-        .iter()
-        .filter(|case| case.status == Some(Status::Pass))
-        .count();
-    let unexplained: usize = cases.iter().map(|case| case.unexplained).sum();
-    let explained: usize = cases.iter().map(|case| case.explained).sum();
-    let pixels: usize = cases.iter().map(|case| case.width * case.height).sum();
-    let _ = writeln!(
-        text,
-        "\nOver all {} scenes that Mitsuba can show ({passed} pass; the others are compared with POV-Ray only): of {pixels} pixels {explained} differ by more than the tolerance and are explained by the reference's own variation, {unexplained} are unexplained.",
-        cases.len()
-    );
-    let opinions = || cases.iter().filter_map(|case| case.opinion.as_ref());
-    let sum = |of: fn(&Opinion) -> usize| opinions().map(of).sum::<usize>();
-    let asked = sum(|opinion| opinion.asked);
-    let (ours, theirs) = (sum(|opinion| opinion.ours), sum(|opinion| opinion.reference));
-    let _ = writeln!(
-        text,
-        "\nAn oracle, which computes with as many digits as it takes (`validate --oracle`), was asked who is right in {asked} of these {explained} pixels; it does not know displaced meshes or priorities. Whitstone alone is in {ours}, Mitsuba alone in {theirs}, both, neither or nobody knows who in {}.",
-        asked - ours - theirs
-    );
     text
+}
+
+/// What came out over all scenes.
+fn summary(cases: &[CaseResult]) -> String {
+    let with = |status| cases.iter().filter(|case| case.status == Some(status)).count();
+    let sum = |of: fn(&CaseResult) -> usize| cases.iter().map(of).sum::<usize>();
+    let explained = sum(|case| case.explained);
+    let twin = |kind: &str| cases.iter().filter(|case| case.twin == kind).count();
+    let opinions = || cases.iter().filter_map(|case| case.opinion.as_ref());
+    let answers = |of: fn(&Opinion) -> usize| opinions().map(of).sum::<usize>();
+    let asked = answers(|opinion| opinion.asked);
+    let (ours, theirs) = (
+        answers(|opinion| opinion.ours),
+        answers(|opinion| opinion.reference),
+    );
+    let lines = [
+        format!(
+            "{} scenes have a stored image of Mitsuba: {} pass, {} are confirmed by the oracle, {} fail, {} are",
+            cases.len(),
+            with(Status::Pass),
+            with(Status::Confirmed),
+            with(Status::Fail),
+            with(Status::Undecided)
+        ),
+        format!(
+            "undecided. Of {} pixels {explained} are explained by the reference's own variation, and {} are",
+            sum(|case| case.width * case.height),
+            sum(|case| case.unexplained)
+        ),
+        format!(
+            "unexplained. The oracle was asked about {asked} of the explained ones: it confirms Whitstone in {ours},"
+        ),
+        format!(
+            "Mitsuba in {theirs}, and neither or both in {}. The twins of {} scenes are native to Mitsuba, those of {}",
+            asked - ours - theirs,
+            twin("native"),
+            twin("hosted")
+        ),
+        format!(
+            "are partly hosted by the driver, and those of {} use formulas of the driver.",
+            twin("formula")
+        ),
+    ];
+    lines.join("\n") + "\n"
 }
 
 fn build(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<Pipeline, Failure> {

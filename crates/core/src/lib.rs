@@ -59,7 +59,7 @@ pub use path::{Medium, PathLetter, PathState};
 pub use ray::{Aabb, Interval, Ray};
 pub use registry::{
     Accelerators, Cameras, Context, Entry, Family, FamilyName, Integrators, Lights, Materials, Plugin,
-    Registry, Samplers, Shapes, Textures,
+    Registry, Samplers, Shapes, Textures, Twin,
 };
 pub use sampler::{Refinement, Sampler};
 pub use shadow::Shadowing;

@@ -233,6 +233,18 @@ pub struct Registry {
     entries: BTreeMap<(FamilyName, &'static str), Entry>,
     /// Of slim binaries: family, type and crate.
     absent: &'static [(FamilyName, &'static str, &'static str)],
+    twins: Vec<Twin>,
+}
+
+/// What a reference renderer needs to render a plugin from outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Twin {
+    /// The reference, such as `mitsuba`.
+    pub reference: &'static str,
+    /// A file name for the text.
+    pub file: &'static str,
+    /// The text, in the language of the reference's driver.
+    pub text: &'static str,
 }
 
 impl Registry {
@@ -261,6 +273,21 @@ impl Registry {
     /// names it.
     pub fn leave_out(&mut self, absent: &'static [(FamilyName, &'static str, &'static str)]) {
         self.absent = absent;
+    }
+
+    /// Adds the twin of a plugin from outside, so that its scenes can be validated: for `mitsuba` a Python file as
+    /// `references/mitsuba/whitstone_mitsuba/twins.py` describes it.
+    pub fn add_twin(&mut self, reference: &'static str, file: &'static str, text: &'static str) {
+        self.twins.push(Twin {
+            reference,
+            file,
+            text,
+        });
+    }
+
+    /// The twins of plugins from outside for a reference.
+    pub fn twins(&self, reference: &str) -> impl Iterator<Item = &Twin> {
+        self.twins.iter().filter(move |twin| twin.reference == reference)
     }
 
     /// All plugins, by family and name.

@@ -4,6 +4,7 @@ use crate::environment::Environment;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
+use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
@@ -238,6 +239,12 @@ impl Driver {
         let mut command = Command::new(&environment.python);
         command
             .args(["-m", environment.renderer.package(), "serve"])
+            .args(
+                environment
+                    .twins
+                    .iter()
+                    .flat_map(|twin| [OsStr::new("--twin"), twin.as_os_str()]),
+            )
             .env("PYTHONPATH", &environment.package)
             .env("PYTHONDONTWRITEBYTECODE", "1")
             .env("PYTHONUNBUFFERED", "1")

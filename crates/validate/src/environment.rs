@@ -8,6 +8,8 @@ use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 use thiserror::Error;
+use whitstone_core::Registry;
+use whitstone_image::atomic;
 
 /// How long installing may take: Mitsuba is some 100 MB to download.
 const INSTALL_LIMIT: Duration = Duration::from_secs(900);
@@ -26,6 +28,8 @@ pub struct Environment {
     pub python: PathBuf,
     /// Folder that holds the package of the driver.
     pub package: PathBuf,
+    /// Files with the twins of plugins from outside.
+    pub twins: Vec<PathBuf>,
 }
 
 /// Why there is no environment, and what to do about it.
@@ -132,7 +136,24 @@ impl Environment {
             renderer: Renderer::POVRAY,
             python: find_python(MINOR_OF_POVRAY)?.0,
             package,
+            twins: Vec::new(),
         })
+    }
+
+    /// With the twins of a registry's plugins from outside, which are written below `target`.
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn with_twins(mut self, registry: &Registry, target: &Path) -> std::io::Result<Self> {
+        for twin in registry.twins(self.renderer.package_folder()) {
+            let hash = blake3::hash(twin.text.as_bytes()).to_hex();
+            let folder = target.join("twins").join(&hash[..12]);
+            fs::create_dir_all(&folder)?;
+            let path = std::path::absolute(folder.join(twin.file))?;
+            atomic::write_bytes(&path, twin.text.as_bytes()).map_err(std::io::Error::other)?;
+            self.twins.push(path);
+        }
+        Ok(self)
     }
 
     /// The folder of the environment: above that of its programs.
@@ -175,6 +196,7 @@ impl Place {
                 renderer: Renderer::MITSUBA,
                 python: interpreter(&folder),
                 package,
+                twins: Vec::new(),
             },
             folder,
         })

@@ -375,9 +375,13 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
 /// Hash of the driver's Python files and requirements, and of what it is asked for a floor: its answers are reused for the same only.
 pub fn hash_sources(environment: &Environment) -> String {
     let Environment {
-        renderer, package, ..
+        renderer,
+        package,
+        twins,
+        ..
     } = environment;
     let mut files = vec![package.join("requirements.txt")];
+    files.extend_from_slice(twins);
     let mut open = vec![package.join(renderer.package())];
     while let Some(folder) = open.pop() {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {

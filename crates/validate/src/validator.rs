@@ -110,7 +110,7 @@ impl<'a> Validator<'a> {
     pub fn new(registry: &'a Registry, options: Options, say: &dyn Fn(&str)) -> Result<Self, NoLive> {
         let (live, not_live) = match options.mode {
             Mode::Stored => (None, Some("stored references were asked for".to_owned())),
-            Mode::Auto | Mode::Live => match start_live(&options, say) {
+            Mode::Auto | Mode::Live => match start_live(registry, &options, say) {
                 Ok(live) => (Some(live), None),
                 Err(problem) if options.mode == Mode::Live => return Err(NoLive(problem)),
                 Err(problem) => (None, Some(problem)),
@@ -433,11 +433,13 @@ fn departure(ours: &[[f32; 3]], exact: &[[f32; 3]]) -> String {
     )
 }
 
-fn start_live(options: &Options, say: &dyn Fn(&str)) -> Result<Live, String> {
+fn start_live(registry: &Registry, options: &Options, say: &dyn Fn(&str)) -> Result<Live, String> {
     let environment = options
         .renderer
         .environment(&options.target, &options.references, say);
     let environment = environment.map_err(|error| error.to_string())?;
+    let environment = environment.with_twins(registry, &options.target);
+    let environment = environment.map_err(|error| format!("the twins of plugins: {error}"))?;
     let cache = options.target.join("live");
     Live::start(environment, cache, options.reuse, options.time_limit).map_err(|error| error.to_string())
 }

@@ -5,7 +5,7 @@
 //! outside and goes inwards never steps over the root of a convex function: it comes to it from one side, or to where the
 //! function turns, and the ray misses. No bracket, no tolerance, and no thin part is lost.
 //!
-//! - Twin: none; the tests hold it to bisection, and to the sphere and the octahedron that it becomes.
+//! - Twin: `superquadric.py`; the tests hold it to bisection, and to the sphere and the octahedron that it becomes.
 //! - Example: `scenes/superquadric.toml`.
 
 use schemars::JsonSchema;

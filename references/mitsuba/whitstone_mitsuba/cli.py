@@ -12,7 +12,8 @@ from typing import List, Optional
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="whitstone_mitsuba", description="Mitsuba 3 as a deterministic Whitted tracer.")
     commands = parser.add_subparsers(dest="op", required=True)
-    commands.add_parser("serve", help="answer JSON requests, one a line, on standard input")
+    serve = commands.add_parser("serve", help="answer JSON requests, one a line, on standard input")
+    serve.add_argument("--twin", action="append", default=[], metavar="FILE", help="twins of plugins from outside: see twins.py")
     commands.add_parser("hello", help="versions and the machine")
 
     def add(name: str, text: str, setting: bool = True) -> argparse.ArgumentParser:
@@ -30,6 +31,9 @@ def _parser() -> argparse.ArgumentParser:
         return command
 
     add("render", "trace the scene into an EXR file").add_argument("-o", "--out", required=True)
+    stock = add("stock", "render by Mitsuba's own direct or path integrator into an EXR file, with layers of its noise")
+    stock.add_argument("-o", "--out", required=True)
+    stock.add_argument("--repeats", type=int, default=64, help="samples of each camera ray")
     add("probe", "values of some pixels").add_argument("pixels", nargs="+", metavar="X,Y")
     tree = add("tree", "the ray tree of one sample of a pixel")
     tree.add_argument("pixel", metavar="X,Y")
@@ -79,7 +83,7 @@ def main(argv: Optional[List[str]] = None) -> int:
     if arguments.op == "serve":
         from .serve import run
 
-        return run()
+        return run(arguments.twin)
     try:
         request = _request(arguments)
     except OSError as error:

@@ -5,28 +5,30 @@ from __future__ import annotations
 import json
 import os
 import sys
-from typing import Any, Callable
+from typing import Any, Callable, Sequence
 
 from .errors import DriverError
 
 
-def _answerer() -> Callable[[Any], dict]:
-    """`operations.answer`, or where Mitsuba cannot run, a function that says why to every request."""
+def _answerer(twins: Sequence[str]) -> Callable[[Any], dict]:
+    """`operations.answer`, or where Mitsuba or a twin cannot run, a function that says why to every request."""
     try:
         from .operations import answer
+        from .twins import load
 
+        load(twins)
         return answer
     except (DriverError, ImportError) as error:
         text = str(error)
         return lambda request: {"ok": False, "kind": "internal", "error": text}
 
 
-def run() -> int:
-    """Answers requests until the input ends."""
+def run(twins: Sequence[str]) -> int:
+    """Answers requests until the input ends. `twins`: files of plugins from outside."""
     # Libraries print to file descriptor 1; answers must stay alone there. So keep it for ourselves, and give them 2 in its place.
     out = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
     os.dup2(2, 1)
-    answer = _answerer()
+    answer = _answerer(twins)
     for line in sys.stdin:
         if not line.strip():
             continue

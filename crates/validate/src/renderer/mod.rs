@@ -22,6 +22,11 @@ pub trait Reference: Sync {
     /// The Python package of its driver.
     fn package(&self) -> &'static str;
 
+    /// The folder of its driver below `references/`, by which plugins from outside name it, too.
+    fn package_folder(&self) -> &'static str {
+        self.name()
+    }
+
     /// File next to a stored image that says what made it.
     fn meta_file(&self) -> String {
         format!("{}.toml", self.name())

@@ -32,6 +32,10 @@ impl Reference for Stock {
         mitsuba::Mitsuba.package()
     }
 
+    fn package_folder(&self) -> &'static str {
+        mitsuba::Mitsuba.package_folder()
+    }
+
     fn is_private(&self) -> bool {
         true
     }

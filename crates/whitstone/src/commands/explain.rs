@@ -79,7 +79,7 @@ impl Names {
 /// Runs the command.
 pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let (pipeline, names) = build_with(&arguments.scene, registry, Names::of)?;
-    let tree = arguments.pixel.trace(&pipeline, &arguments.scene)?;
+    let tree = arguments.pixel.trace(&pipeline, &arguments.scene, registry)?;
     let counted = arguments
         .measure
         .then(|| pipeline.render(RenderOptions::default()).counters);

@@ -53,7 +53,17 @@ struct Scaffold {
     name: &'static str,
     plugin: &'static str,
     scene: &'static str,
+    /// For the driver of Mitsuba.
+    twin: Option<&'static str>,
 }
+
+/// Where the files of the package speak of its twin.
+const OF_TWIN: [&str; 4] = [
+    "    registry.add_twin(\"mitsuba\", \"superquadric.py\", include_str!(\"superquadric.py\"));\n",
+    ", and what Mitsuba's driver needs to render them",
+    "cargo run --release -- validate scenes/superquadric.toml --references ../../references   # against a live Mitsuba\n",
+    "- `src/superquadric.py`: its twin for Mitsuba's driver. It is written from what the shape promises, by another method.\n  `../../references/mitsuba/whitstone_mitsuba/twins.py` says what such a file may contain.\n",
+];
 
 /// Those that there are. All are compiled and tested by the tests of the repository.
 const SCAFFOLDS: [Scaffold; 5] = [
@@ -62,30 +72,37 @@ const SCAFFOLDS: [Scaffold; 5] = [
         name: "superquadric",
         plugin: include_str!("../../../../examples/plugin-superquadric/src/superquadric.rs"),
         scene: include_str!("../../../../examples/plugin-superquadric/scenes/superquadric.toml"),
+        twin: Some(include_str!(
+            "../../../../examples/plugin-superquadric/src/superquadric.py"
+        )),
     },
     Scaffold {
         family: FamilyName::Material,
         name: "chalk",
         plugin: include_str!("scaffold/chalk.rs"),
         scene: include_str!("scaffold/chalk.toml"),
+        twin: None,
     },
     Scaffold {
         family: FamilyName::Texture,
         name: "ripples",
         plugin: include_str!("scaffold/ripples.rs"),
         scene: include_str!("scaffold/ripples.toml"),
+        twin: None,
     },
     Scaffold {
         family: FamilyName::Light,
         name: "moon",
         plugin: include_str!("scaffold/moon.rs"),
         scene: include_str!("scaffold/moon.toml"),
+        twin: None,
     },
     Scaffold {
         family: FamilyName::Camera,
         name: "fisheye",
         plugin: include_str!("scaffold/fisheye.rs"),
         scene: include_str!("scaffold/fisheye.toml"),
+        twin: None,
     },
 ];
 
@@ -95,6 +112,10 @@ impl Scaffold {
         let package = PACKAGE.into_iter().map(|(path, text)| {
             // "One shape more": the words of the package are those of the family.
             let (singular, plural) = (self.family.singular(), self.family.plural());
+            let mut text = text.to_owned();
+            if self.twin.is_none() {
+                OF_TWIN.iter().for_each(|part| text = text.replace(part, ""));
+            }
             let text = text
                 .replace("Shapes", &camel(plural))
                 .replace("shapes", plural)
@@ -102,7 +123,8 @@ impl Scaffold {
             (path.to_owned(), renamed(&text, "superquadric", name))
         });
         let own = [("src", "rs", self.plugin), ("scenes", "toml", self.scene)];
-        let own = own.into_iter().map(|(folder, extension, text)| {
+        let twin = self.twin.map(|text| ("src", "py", text));
+        let own = own.into_iter().chain(twin).map(|(folder, extension, text)| {
             (
                 format!("{folder}/{name}.{extension}"),
                 renamed(text, self.name, name),
@@ -145,6 +167,8 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     for (file, text) in scaffold.files(name) {
         let path = into.join(file);
         let text = text.replace("../../crates", &crates.display().to_string());
+        let references = crates.with_file_name("references");
+        let text = text.replace("../../references", &references.display().to_string());
         let folder = path.parent().unwrap_or(Path::new("."));
         make_folder(folder)?;
         atomic::write_bytes(&path, text.as_bytes()).map_err(Failure::environment)?;
@@ -238,7 +262,9 @@ mod tests {
     fn nothing_keeps_the_old_name_or_the_old_family() {
         for scaffold in SCAFFOLDS {
             let files = scaffold.files("half_blob");
-            assert_eq!(files.len(), 6);
+            assert_eq!(files.len(), 6 + usize::from(scaffold.twin.is_some()));
+            let of_twin = files.iter().filter(|(_, text)| text.contains("twin")).count();
+            assert_eq!(of_twin > 0, scaffold.twin.is_some(), "{:?}", files[1]);
             for (file, text) in &files {
                 let text = text.to_lowercase();
                 assert!(

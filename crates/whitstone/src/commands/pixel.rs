@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Duration;
-use whitstone_core::{InstancePath, Rgb, Scratch, TreeNode};
+use whitstone_core::{InstancePath, Registry, Rgb, Scratch, TreeNode};
 use whitstone_scene::Pipeline;
 use whitstone_validate::driver::SceneText;
 use whitstone_validate::environment::Environment;
@@ -81,6 +81,7 @@ impl PixelArguments {
         &self,
         pipeline: &Pipeline,
         scene: &SceneArguments,
+        registry: &Registry,
     ) -> Result<Option<PixelTree>, Failure> {
         let Some(pixel) = self.pixel else {
             return Ok(None);
@@ -99,7 +100,7 @@ impl PixelArguments {
                 "sample {sample}: a pixel has {count}, counted from 0"
             )));
         }
-        let theirs = self.theirs(scene, pixel);
+        let theirs = self.theirs(scene, registry, pixel);
         if let (Err(problem), Beside::Live) = (&theirs, self.reference) {
             return Err(Failure::environment(problem));
         }
@@ -113,7 +114,12 @@ impl PixelArguments {
         }))
     }
 
-    fn theirs(&self, scene: &SceneArguments, pixel: [usize; 2]) -> Result<Theirs, String> {
+    fn theirs(
+        &self,
+        scene: &SceneArguments,
+        registry: &Registry,
+        pixel: [usize; 2],
+    ) -> Result<Theirs, String> {
         let environment = match self.reference {
             Beside::None => return Err("--reference none".to_owned()),
             Beside::Live => Environment::ensure(&scene.target, &self.references, &|text| eprintln!("{text}"))
@@ -121,6 +127,9 @@ impl PixelArguments {
             Beside::Auto => Environment::existing(&scene.target, &self.references)
                 .ok_or("there is no environment of Mitsuba here; --reference live makes it")?,
         };
+        let environment = environment
+            .with_twins(registry, &scene.target)
+            .map_err(|error| error.to_string())?;
         let cache = scene.target.join("live");
         let mut live =
             Live::start(environment, cache, !scene.fresh, TIME_LIMIT).map_err(|error| error.to_string())?;

@@ -1,0 +1,88 @@
+"""Twins of plugins from outside: Python files that `serve --twin FILE` runs before the first request.
+
+A file gives the reader of a type by a decorator; it gets the keys of the table (`Fields`) and must use all that it allows:
+
+    from whitstone_mitsuba import twins
+    from whitstone_mitsuba.surfaces import Surface
+
+    @twins.shape("superquadric")
+    def read(fields, place, base):
+        return Superquadric(place.world, fields.vector("radii", (1, 1, 1)))
+
+A twin is written from what its plugin promises, by another method than the plugin's: two copies of one mistake agree.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from typing import Any, Callable, Dict, Sequence, Tuple
+
+from . import lights, materials, shapes, textures
+from .errors import DriverError
+
+Reader = Callable[..., Any]
+
+FROM_OUTSIDE = "a shape of a plugin from outside: its own twin intersects it in double precision"
+
+
+def _add(readers: Dict[str, Any], family: str, kind: str, reader: Reader) -> None:
+    if kind in readers:
+        raise DriverError(f"a twin for a {family} of type {kind!r} is there already")
+    readers[kind] = reader
+
+
+def shape(kind: str) -> Callable[[Reader], Reader]:
+    """Of a reader `(fields, place, base) -> surfaces.Surface`, in world space by `place.world`."""
+
+    def add(reader: Reader) -> Reader:
+        def read(fields: Any, place: Any, base: Any) -> Tuple[Any, str]:
+            return reader(fields, place, base), FROM_OUTSIDE
+
+        _add(shapes.READERS, "shape", kind, read)
+        return reader
+
+    return add
+
+
+def material(kind: str) -> Callable[[Reader], Reader]:
+    """Of a reader `(fields, textures) -> materials.Material`."""
+
+    def add(reader: Reader) -> Reader:
+        _add(materials.READERS, "material", kind, reader)
+        return reader
+
+    return add
+
+
+def texture(kind: str) -> Callable[[Reader], Reader]:
+    """Of a reader `(fields, base)` that returns an object with `range()` and `build()`, such as `textures.Constant`."""
+
+    def add(reader: Reader) -> Reader:
+        _add(textures.READERS, "texture", kind, reader)
+        return reader
+
+    return add
+
+
+def light(kind: str) -> Callable[[Reader], Reader]:
+    """Of a reader `(fields, index) -> lights.Lamp`."""
+
+    def add(reader: Reader) -> Reader:
+        _add(lights.LAMPS, "light", kind, reader)
+        return reader
+
+    return add
+
+
+def load(paths: Sequence[str]) -> None:
+    """Runs the files. Raises `DriverError` with the file's name where one cannot be run."""
+    for number, path in enumerate(paths):
+        name = f"whitstone_twin_{number}_{os.path.splitext(os.path.basename(path))[0]}"
+        spec = importlib.util.spec_from_file_location(name, path)
+        if spec is None or spec.loader is None:
+            raise DriverError(f"{path}: a twin is a Python file")
+        try:
+            spec.loader.exec_module(importlib.util.module_from_spec(spec))
+        except Exception as error:  # whatever a stranger's file raises
+            raise DriverError(f"the twin {path} cannot be used: {type(error).__name__}: {error}") from error
