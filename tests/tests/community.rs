@@ -10,16 +10,7 @@ use whitstone::validate::environment::Environment;
 use whitstone::validate::{Mode, Options, OraclePolicy, Renderer, Status, Validator, find_scenes};
 
 /// Scenes that nobody can decide, and why. The list is tested: a scene that is decided must leave it.
-const UNDECIDED: [(&str, &str); 2] = [
-    (
-        "pov_focal_blur",
-        "the reference's error in the blurred parts is larger than its other roundings show",
-    ),
-    (
-        "nasty_mirror_chain",
-        "the reference's error after many reflections is larger than its other roundings show",
-    ),
-];
+const UNDECIDED: [(&str, &str); 0] = [];
 
 /// Level sets: POV-Ray is their reference.
 const WITHOUT_TWIN: [&str; 2] = ["pov_blob", "pov_julia"];

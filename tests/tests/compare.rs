@@ -5,6 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Output;
 use whitstone::image::{Image, exr_io};
+use whitstone::validate::Variants;
 use whitstone_tests::{program, root};
 
 fn run(arguments: &[&str]) -> Output {
@@ -284,12 +285,12 @@ fn noise_explains_what_it_can() {
     );
 }
 
-/// What a stored reference says of its own variation explains a pixel, and no more than that.
+/// A value that a stored reference takes explains a pixel; a mixture of two does not.
 #[test]
-fn the_range_of_a_reference_explains() {
+fn the_values_of_a_reference_explain() {
     let folder = tempfile::tempdir().unwrap();
     let mut reference = wall(|_, _| 0.0);
-    for (side, value) in [("min", 0.25), ("max", 0.75)] {
+    for (side, value) in [("min", 0.25), ("max", 1.25)] {
         for channel in ["R", "G", "B"] {
             let layer = (0..256).map(|pixel| if pixel == 8 { value } else { 0.0 });
             reference
@@ -299,17 +300,70 @@ fn the_range_of_a_reference_explains() {
     }
     let stored = put(folder.path(), "stored.exr", &reference);
     let moved = |at: (usize, usize), by: f32| wall(move |x, y| if (x, y) == at { by } else { 0.0 });
-    let edge = put(folder.path(), "edge.exr", &moved((8, 0), -0.4));
-    let far = put(folder.path(), "far.exr", &moved((8, 0), 0.4));
-    let other = put(folder.path(), "other.exr", &moved((9, 0), -0.4));
-    let text = check(
-        &["compare", &edge, &stored],
-        0,
-        &["1 pixel in the reference's own range"],
-    );
+    let at = |name: &str, by: f32| put(folder.path(), name, &moved((8, 0), by));
+    let (end, middle) = (at("end.exr", -0.5), at("middle.exr", 0.25));
+    let (mixture, far) = (at("mixture.exr", -0.25), at("far.exr", 0.75));
+    let other = put(folder.path(), "other.exr", &moved((9, 0), -0.5));
+    let explained = ["explained              1 pixel with a value that the reference takes"];
+    let between = [
+        "ambiguous              1 pixel between values that the reference takes",
+        "1 pixels are over tolerance",
+    ];
+    // Of the range alone, its ends are values.
+    let text = check(&["compare", &end, &stored], 0, &explained);
     assert!(!text.contains("min.R") && !text.contains("vacuous"), "{text}");
+    for image in [&middle, &mixture] {
+        check(&["compare", image, &stored], 1, &between);
+    }
+    for image in [&far, &other] {
+        let text = check(&["compare", image, &stored], 1, &["1 pixels are over tolerance"]);
+        assert!(!text.contains("ambiguous"), "{text}");
+    }
+
+    // With all values next to it, as `reference` stores them.
+    let mut variants = Variants::default();
+    for value in [0.25, 1.0, 1.25] {
+        variants.add([8, 0], [0.75; 3], [value; 3], [1e-3; 3]);
+    }
+    put(
+        folder.path(),
+        "stored.variants.exr",
+        &variants.to_image().unwrap(),
+    );
+    for image in [&end, &middle] {
+        check(&["compare", image, &stored], 0, &explained);
+    }
+    check(&["compare", &mixture, &stored], 1, &between);
+    check(
+        &["compare", &mixture, &stored, "--max-rel-rmse-interior", "1e-6"],
+        1,
+        &["no pixel excluded"],
+    );
     check(&["compare", &far, &stored], 1, &["1 pixels are over tolerance"]);
-    check(&["compare", &other, &stored], 1, &["1 pixels are over tolerance"]);
+
+    // In a folder it is no image of its own.
+    let (ours, references) = (folder.path().join("ours"), folder.path().join("references"));
+    put(&ours, "stored.exr", &moved((8, 0), 0.25));
+    for name in ["stored.exr", "stored.variants.exr"] {
+        fs::create_dir_all(&references).unwrap();
+        fs::copy(folder.path().join(name), references.join(name)).unwrap();
+    }
+    let [ours, references] = [&ours, &references].map(|path| path.to_str().unwrap());
+    check(
+        &["compare", ours, references],
+        0,
+        &["1 image: 1 passed, 0 failed, 0 could not be compared"],
+    );
+    put(
+        folder.path(),
+        "stored.variants.exr",
+        &Image::from_fn(4, 4, |_, _| [0.0; 3]).unwrap(),
+    );
+    check(
+        &["compare", &end, &stored],
+        2,
+        &["stored.variants.exr: it lacks one"],
+    );
     let black = put(
         folder.path(),
         "black.exr",

@@ -5,6 +5,7 @@ mod bench;
 mod dependencies;
 mod features;
 mod links;
+mod oracle;
 mod pages;
 mod peers;
 mod places;
@@ -36,6 +37,7 @@ enum Verb {
     /// Write the generated meshes and pictures of scenes/assets
     Assets,
     Bench(bench::Arguments),
+    Oracle(oracle::Arguments),
     Readme(readme::Arguments),
     Slim(slim::Arguments),
 }
@@ -56,6 +58,7 @@ fn main() -> ExitCode {
         Verb::Features => features::run(&registry),
         Verb::Assets => assets::write(),
         Verb::Bench(arguments) => bench::run(arguments, &registry),
+        Verb::Oracle(arguments) => oracle::run(arguments, &registry),
         Verb::Slim(arguments) => slim::run(arguments, &registry),
         Verb::Readme(arguments) => readme::run(arguments, &registry),
     })

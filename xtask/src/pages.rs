@@ -6,7 +6,9 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use whitstone::Failure;
 use whitstone::core::{Entry, FamilyName, Registry};
+use whitstone::image::atomic;
 use whitstone::scene::table_schema;
 use whitstone::validate::CaseResult;
 
@@ -48,6 +50,20 @@ pub(crate) fn pages<E>(
     }
     files.push((PathBuf::from(SUMMARY), summary.into_bytes()));
     Ok(files)
+}
+
+/// Writes a text into a page, between two lines that stay.
+pub(crate) fn between(page: &str, [begin, end]: [&str; 2], text: &str) -> Result<(), Failure> {
+    let old = std::fs::read_to_string(page).map_err(Failure::environment)?;
+    let (Some(from), Some(to)) = (old.find(begin), old.find(end)) else {
+        return Err(Failure::usage(format!(
+            "{page}: the marks {begin} and {end} are missing"
+        )));
+    };
+    let new = format!("{}{begin}\n\n{text}\n\n{}", &old[..from], &old[to..]);
+    atomic::write_bytes(Path::new(page), new.as_bytes()).map_err(Failure::environment)?;
+    println!("{page}: written");
+    Ok(())
 }
 
 /// What stands in docs/ itself: title and file.

@@ -11,7 +11,7 @@
 //! | [`mod@flip`] | how visible a difference is |
 //! | [`mod@ssim`] | how alike two pictures are in structure |
 //! | [`mod@significance`] | whether noise explains a difference |
-//! | [`range`] | pixels that the range of values of a reference explains; vacuous comparisons |
+//! | [`range`] | the range of values that a reference takes; vacuous comparisons |
 //! | [`layers`] | numbers between two AOV layers |
 //! | [`layer_view`] | pictures of them |
 //! | [`error_map`] | pictures of the difference, with a legend |

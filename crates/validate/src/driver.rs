@@ -93,6 +93,9 @@ pub struct Setting {
     pub seed: u32,
     /// Whether the numbers of meshes are rounded to single precision at random, not to the nearest.
     pub vertices: bool,
+    /// Whether a perturbation is in units of the largest component of its vector, not of each. Mitsuba only.
+    #[serde(skip_serializing_if = "is_false")]
+    pub largest: bool,
     /// Factor on all light, divided out of the image again. POV-Ray only: its images have half precision.
     #[serde(skip_serializing_if = "is_one")]
     pub exposure: f64,
@@ -106,6 +109,14 @@ fn is_one(number: &f64) -> bool {
     *number == 1.0
 }
 
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde calls it with a reference"
+)]
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
 impl Default for Setting {
     fn default() -> Self {
         Self {
@@ -116,6 +127,7 @@ impl Default for Setting {
             ulps: 0.0,
             seed: 0,
             vertices: false,
+            largest: false,
             exposure: 1.0,
         }
     }

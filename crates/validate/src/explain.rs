@@ -22,6 +22,8 @@ const SPAWN_OFFSETS: [f64; 4] = [2.0, 8.0, 16.0, 64.0];
 const PERTURBATIONS: [f64; 2] = [2.0, 8.0];
 /// Size of those that go with vertices rounded otherwise.
 const WITH_VERTICES: f64 = 2.0;
+/// Size of those that are in units of the largest component.
+const OF_LARGEST: f64 = 1.0;
 /// Perturbations of each size.
 const SEEDS: u32 = 6;
 
@@ -118,6 +120,29 @@ pub fn trials() -> Vec<Trial> {
         .chain(PERTURBATIONS.into_iter().map(rounding))
         .chain([vertices])
         .collect()
+}
+
+/// The trials of these that change nothing but roundings and guards.
+pub(crate) fn roundings(trials: Vec<Trial>) -> Vec<Trial> {
+    let is_shift = |trial: &Trial| matches!(trial.reason, Reason::Shift { .. });
+    trials.into_iter().filter(|trial| !is_shift(trial)).collect()
+}
+
+/// Perturbations of Mitsuba's rays by one unit of their largest component.
+///
+/// A small component of a direction comes from sums of larger terms, by a rotation or a reflection, and has their rounding error.
+pub(crate) fn of_largest_component() -> Trial {
+    Trial {
+        reason: Reason::Rounding { ulps: OF_LARGEST },
+        settings: (1..=SEEDS)
+            .map(|seed| Setting {
+                ulps: OF_LARGEST,
+                seed,
+                largest: true,
+                ..Setting::default()
+            })
+            .collect(),
+    }
 }
 
 /// Those of POV-Ray, which computes in double precision, but for the vertices of meshes.

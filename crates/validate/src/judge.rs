@@ -2,7 +2,7 @@
 //! numbers that have limits. The verdict follows in [`crate::verdict`].
 
 use crate::driver::SceneText;
-use crate::explain::{Explanation, Range, Reason, Trial, explain};
+use crate::explain::{Explanation, Range, Reason, explain};
 use crate::pixels::Pictures;
 use crate::result::{CaseResult, LayerResult, Reference, WorstPixel};
 use crate::stored::Stored;
@@ -132,16 +132,10 @@ impl Validator<'_> {
         let (asked, beyond) = pixels.split_at(pixels.len().min(most));
         let mut judged: Vec<Judged> = Vec::new();
         if !against.live {
-            let trial = [Trial {
-                reason: Reason::Stored,
-                settings: Vec::new(),
-            }];
+            let variation = against.stored.variation();
             for &pixel in asked {
-                let nominal = color_at(reference, pixel);
-                let value = color_at(&ours.image, pixel);
-                let values = against.stored.values(pixel);
                 judged.push(Judged {
-                    explanation: explain(value, nominal, allowed(nominal, mean), &trial, &[values]),
+                    explanation: variation.explain(&ours.image, pixel, Tolerance::default(), mean),
                     ..Judged::unexplained(&pixel)
                 });
             }
@@ -151,13 +145,13 @@ impl Validator<'_> {
                 base: &ours.flattened.base,
             };
             (self.stage)(&format!("tracing {} pixels of the reference again", asked.len()));
+            let trials = self.options.renderer.trials();
             let answer = self
                 .live
                 .as_mut()
-                .map(|live| live.probe(text, &ours.flattened.hash, asked));
+                .map(|live| live.probe(text, &ours.flattened.hash, asked, &trials));
             match answer {
                 Some(Ok(values)) => {
-                    let trials = self.options.renderer.trials();
                     for (&pixel, variants) in asked.iter().zip(&values) {
                         let nominal = color_at(reference, pixel);
                         let value = color_at(&ours.image, pixel);

@@ -245,21 +245,23 @@ impl Live {
         Ok((image, rendered))
     }
 
-    /// The values of pixels under all trials: `[pixel][trial][setting]`.
+    /// The values of pixels under trials: `[pixel][trial][setting]`.
     pub fn probe(
         &mut self,
         scene: SceneText<'_>,
         scene_hash: &str,
         pixels: &[[usize; 2]],
+        trials: &[Trial],
     ) -> Result<Vec<Vec<Vec<[f64; 3]>>>, LiveError> {
-        let path = self.folder(scene_hash).join("probes.json");
+        let of_trials = blake3::hash(format!("{trials:?}").as_bytes()).to_hex();
+        let name = format!("probes-{}.json", &of_trials[..12]);
+        let path = self.folder(scene_hash).join(name);
         let mut cache: ProbeCache = std::fs::read(&path)
             .ok()
             .filter(|_| self.reuse)
             .and_then(|bytes| serde_json::from_slice(&bytes).ok())
             .unwrap_or_default();
         let key = |[x, y]: [usize; 2]| format!("{x},{y}");
-        let trials = self.renderer().trials();
         let missing: Vec<[usize; 2]> = pixels
             .iter()
             .copied()
@@ -267,7 +269,7 @@ impl Live {
                 cache
                     .pixels
                     .get(&key(*pixel))
-                    .is_none_or(|found| !fits(found, &trials))
+                    .is_none_or(|found| !fits(found, trials))
             })
             .collect();
         if !missing.is_empty() {

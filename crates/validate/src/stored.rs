@@ -4,16 +4,15 @@
 //! holds the values that the reference takes ([`Variants`]) and the image their range: so edges can be told from
 //! faults without a live renderer.
 
-use crate::explain::Range;
+use crate::explain::{Explanation, Range, Reason, Trial, explain};
+use crate::judge::color_at;
 use crate::renderer::Renderer;
 use crate::variants::Variants;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-use whitstone_image::{Image, Limits, atomic, exr_io};
-
-/// Channels of the ranges, smallest then largest of R, G, B.
-const RANGE_CHANNELS: [&str; 6] = ["min.R", "min.G", "min.B", "max.R", "max.G", "max.B"];
+use whitstone_image::range::{LAYERS, Ranges};
+use whitstone_image::{Image, Limits, Tolerance, atomic, exr_io};
 
 /// What made a stored reference.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -113,6 +112,18 @@ fn broken(path: &Path, problem: impl ToString) -> StoredError {
     }
 }
 
+/// The values in a file of variants; none if there is no such file.
+///
+/// # Errors
+/// If it cannot be read, or is another image.
+pub fn read_variants(path: &Path) -> Result<Variants, StoredError> {
+    if !path.is_file() {
+        return Ok(Variants::default());
+    }
+    let file = exr_io::read(path, Limits::IMAGE).map_err(|error| broken(path, error))?;
+    Variants::from_image(&file).ok_or_else(|| broken(path, "it lacks one of the channels R, G, B, X and Y"))
+}
+
 impl Stored {
     /// Reads the reference in a folder and checks that it belongs to the scene.
     pub fn read(folder: &Path, renderer: Renderer, scene_hash: &str) -> Result<Self, StoredError> {
@@ -147,14 +158,7 @@ impl Stored {
         let text = std::fs::read_to_string(&meta).map_err(|error| broken(&meta, error))?;
         let meta = toml::from_str(&text).map_err(|error| broken(&meta, error))?;
         let image = exr_io::read(&exr, Limits::IMAGE).map_err(|error| broken(&exr, error))?;
-        let path = folder.join(renderer.variants_file());
-        let variants = if path.is_file() {
-            let file = exr_io::read(&path, Limits::IMAGE).map_err(|error| broken(&path, error))?;
-            Variants::from_image(&file)
-                .ok_or_else(|| broken(&path, "it lacks one of the channels R, G, B, X and Y"))?
-        } else {
-            Variants::default()
-        };
+        let variants = read_variants(&folder.join(renderer.variants_file()))?;
         Ok(Self {
             image,
             variants,
@@ -181,7 +185,7 @@ impl Stored {
 
     /// Adds the ranges of all pixels to an image. Pixels without one are written as zeros.
     pub fn add_ranges(image: &mut Image, ranges: &[Option<Range>]) -> Result<(), StoredError> {
-        for (index, name) in RANGE_CHANNELS.into_iter().enumerate() {
+        for (index, name) in LAYERS.into_iter().enumerate() {
             let value = |range: &Option<Range>| {
                 let range = range.as_ref()?;
                 let side = if index < 3 { range.min } else { range.max };
@@ -195,27 +199,53 @@ impl Stored {
         Ok(())
     }
 
+    /// What explains our values.
+    pub fn variation(&self) -> Variation<'_> {
+        Variation {
+            reference: &self.image,
+            // Some of the layers only are none.
+            ranges: Ranges::of(&self.image).unwrap_or_default(),
+            variants: &self.variants,
+        }
+    }
+}
+
+/// How a stored reference varies, by its files.
+#[derive(Clone, Copy, Debug)]
+pub struct Variation<'a> {
+    /// The reference itself.
+    pub reference: &'a Image,
+    /// Its ranges.
+    pub ranges: Option<Ranges<'a>>,
+    /// Its values; empty where only ranges were stored.
+    pub variants: &'a Variants,
+}
+
+impl Variation<'_> {
     /// The values that the reference takes in a pixel. Where only the range was stored, they are its ends: what lies
     /// between is ambiguous.
-    pub fn values(&self, pixel: [usize; 2]) -> Vec<[f64; 3]> {
+    fn values(&self, pixel: [usize; 2]) -> Vec<[f64; 3]> {
         if let Some(values) = self.variants.of(pixel) {
             return values.to_vec();
         }
-        let range = self.range(pixel[1] * self.image.width() + pixel[0]);
-        range.map_or_else(Vec::new, |range| vec![range.min, range.max])
+        let range = self.ranges.and_then(|ranges| ranges.at(pixel));
+        range.map_or_else(Vec::new, |ends| ends.to_vec())
     }
 
-    /// The range of a pixel, by its index in the planes; `None` where the reference does not vary.
-    fn range(&self, index: usize) -> Option<Range> {
-        let mut values = [0.0; 6];
-        for (value, name) in values.iter_mut().zip(RANGE_CHANNELS) {
-            *value = f64::from(*self.image.channel(name)?.get(index)?);
-        }
-        let [a, b, c, d, e, f] = values;
-        let range = Range {
-            min: [a, b, c],
-            max: [d, e, f],
-        };
-        (range.min != range.max).then_some(range)
+    /// What the variation says about our value of a pixel over tolerance; `mean` is that of the reference.
+    pub fn explain(&self, ours: &Image, pixel: [usize; 2], tolerance: Tolerance, mean: f64) -> Explanation {
+        let trial = [Trial {
+            reason: Reason::Stored,
+            settings: Vec::new(),
+        }];
+        let nominal = color_at(self.reference, pixel);
+        let allowed = nominal.map(|v| tolerance.relative * v.abs() + tolerance.absolute * mean);
+        explain(
+            color_at(ours, pixel),
+            nominal,
+            allowed,
+            &trial,
+            &[self.values(pixel)],
+        )
     }
 }

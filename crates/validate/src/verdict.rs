@@ -10,7 +10,7 @@
 //! one of the scene ([`crate::inexact`]) counts only where no shared code is in use.
 
 use crate::driver::SceneText;
-use crate::explain::{Explanation, Reason};
+use crate::explain::Explanation;
 use crate::judge::{Judged, color_at, measure};
 use crate::opinion::{Ask, Hearing, MOST_ASKED, Opinion, Verdict, choose};
 use crate::result::{CaseResult, Status, counted};
@@ -304,7 +304,11 @@ impl Validator<'_> {
         }
         (
             Status::Confirmed,
-            format!("the reference is too inexact in this scene: {told}"),
+            format!(
+                "the reference is too inexact in this scene (with other roundings it takes our values in {varying} of the {} worst \
+                 pixels): {told}",
+                worst.len()
+            ),
         )
     }
 
@@ -319,18 +323,15 @@ impl Validator<'_> {
             text: &ours.flattened.text,
             base: &ours.flattened.base,
         };
-        let trials = self.options.renderer.trials();
-        let Ok(values) = live.probe(text, &ours.flattened.hash, pixels) else {
+        let trials = self.options.renderer.roundings();
+        let Ok(values) = live.probe(text, &ours.flattened.hash, pixels, &trials) else {
             return 0;
         };
         let varies = |(pixel, variants): (&[usize; 2], &Vec<Vec<[f64; 3]>>)| {
             let nominal = color_at(&against.stored.image, *pixel);
             let ours = color_at(&ours.image, *pixel);
-            let roundings = (trials.iter().zip(variants))
-                .filter(|(trial, _)| !matches!(trial.reason, Reason::Shift { .. }))
-                .flat_map(|(_, values)| values);
             let mut most = [0.0_f64; 3];
-            for value in roundings {
+            for value in variants.iter().flatten() {
                 for c in 0..3 {
                     most[c] = most[c].max((value[c] - nominal[c]).abs());
                 }

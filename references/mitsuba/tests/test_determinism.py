@@ -74,11 +74,11 @@ class Determinism(Case):
 
     def test_probe_is_render(self):
         scene = film(64, 48) + SCENE
-        settings = [{}, {"dx": 1e-3, "dy": -2e-3}, {"k": 16}, {"robust": False}, {"ulps": 4, "seed": 7}, {"vertices": True, "seed": 3}]
+        settings = [{}, {"dx": 1e-3, "dy": -2e-3}, {"k": 16}, {"robust": False}, {"ulps": 4, "seed": 7}, {"ulps": 1, "seed": 2, "largest": True}, {"vertices": True, "seed": 3}]
         generator = np.random.default_rng(1)
         pixels = [[int(generator.integers(64)), int(generator.integers(48))] for _ in range(40)]
         values = np.array(self.ask("probe", scene, pixels=pixels, settings=settings)["values"])
-        self.assertEqual(values.shape, (6, 40, 3))
+        self.assertEqual(values.shape, (7, 40, 3))
         for setting, found in zip(settings, values):
             channels, _ = self.render(scene, setting=setting)
             expected = np.array([[channels[letter][y, x] for letter in "RGB"] for x, y in pixels])
@@ -87,6 +87,19 @@ class Determinism(Case):
             self.assertEqual(self.value(scene, *pixels[3], **setting).tolist(), found[3].tolist())
         self.assertFalse((values[0] == values[4]).all())
         self.assertLess(np.median(np.abs(values[0] - values[4])), 1e-5 * values[0].mean())
+
+    def test_largest_moves_small_components(self):
+        """A ray along z has the component 0, which a factor leaves as it is."""
+        scene = film(1, 1) + '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 0], target = [0, 0, 1000] }\n'
+        wall = '[[shape]]\ntype = "rectangle"\ntransform = { translate = [0, 0, 1000] }\n'
+        found = []
+        for largest in (False, True):
+            setting = {"ulps": 1, "seed": 3, "largest": largest}
+            node = self.ask("tree", scene + wall, pixel=[0, 0], setting=setting)["nodes"][0]
+            found.append(max(abs(value) for value in node["p"][:2]))
+        self.assertLess(found[0], 1e-30)
+        self.assertGreater(found[1], 1e-6)
+        self.assertLess(found[1], 1000 * 2.0**-23)
 
     def test_flat_shapes_do_not_shadow_themselves(self):
         """Mitsuba's disk leaves its hits beside the surface; the driver moves them onto it."""

@@ -25,6 +25,7 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--dx", type=float, default=0.0, help="shift of every sample, in pixels")
         command.add_argument("--dy", type=float, default=0.0, help="shift of every sample, in pixels, downward")
         command.add_argument("--ulps", type=float, default=0.0, help="perturbation of every ray, in units of 2^-24")
+        command.add_argument("--largest", action="store_true", help="perturb by units of the largest component of each vector")
         command.add_argument("--vertices", action="store_true", help="round the numbers of meshes down or up, by the seed")
         command.add_argument("--seed", type=int, default=0, help="of the perturbation and of the rounding")
         return command
@@ -64,6 +65,7 @@ def _request(arguments: argparse.Namespace) -> dict:
     setting = {key: getattr(arguments, key) for key in ("k", "dx", "dy", "ulps", "seed")}
     setting["robust"] = not arguments.not_robust
     setting["vertices"] = arguments.vertices
+    setting["largest"] = arguments.largest
     request["setting"] = setting
     for key in ("out", "sample", "repeats", "path_depth"):
         if getattr(arguments, key, None) is not None:

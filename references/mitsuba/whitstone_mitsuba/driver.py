@@ -156,6 +156,7 @@ class Tracer:
         table = self.settings + [self.settings[-1]]
         self._k = mi.Float(np.array([setting.k * ULP for setting in table], dtype=np.float32))
         self._noise = mi.Float(np.array([setting.ulps * ULP for setting in table], dtype=np.float32))
+        self._largest = mi.Bool(np.array([setting.largest for setting in table]))
         self._seed = mi.UInt32(np.array([setting.seed for setting in table], dtype=np.uint32))
         self._cut = dr.opaque(mi.Float, float(self.document.integrator.min_contribution))
         self._pending: List[Any] = []
@@ -661,17 +662,22 @@ class Tracer:
         return left
 
     def _perturb(self, o: Any, d: Any, key: Any, path: Any, setting: Any) -> Tuple[Any, Any]:
-        """Origin and direction with each component times 1 + ulps * 2^-24 * r, r a hash in [-1, 1]; ulps = 0 is exact."""
+        """Origin and direction with each component times 1 + ulps * 2^-24 * r, r a hash in [-1, 1]; ulps = 0 is exact.
+
+        With `largest`, the largest component of the vector takes the place of each in what is added.
+        """
         noise = dr.gather(mi.Float, self._noise, setting)
+        largest = dr.gather(mi.Bool, self._largest, setting)
         base = mix(dr.gather(mi.UInt32, self._seed, setting) + mix(key + mix(path)))
 
-        def moved(value: Any, component: int) -> Any:
+        def moved(vector: Any, axis: int, component: int) -> Any:
             r = mi.Float(mi.Int32(mix(base + component * 0x1B873593))) * 2.0**-31
-            return value + value * (noise * r)
+            size = dr.select(largest, dr.max(dr.abs(vector)), vector[axis])
+            return vector[axis] + size * (noise * r)
 
         return (
-            mi.Point3f(*[moved(o[axis], axis) for axis in range(3)]),
-            mi.Vector3f(*[moved(d[axis], 3 + axis) for axis in range(3)]),
+            mi.Point3f(*[moved(o, axis, axis) for axis in range(3)]),
+            mi.Vector3f(*[moved(d, axis, 3 + axis) for axis in range(3)]),
         )
 
     def _count(self, name: str, mask: Any, real: int) -> None:

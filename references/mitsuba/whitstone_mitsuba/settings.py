@@ -20,6 +20,7 @@ class Setting:
     ulps: float = 0.0
     seed: int = 0
     vertices: bool = False
+    largest: bool = False
 
     @property
     def vertex_seed(self) -> Optional[int]:
@@ -37,7 +38,7 @@ class Setting:
         if unknown:
             raise DriverError(f"setting: unknown keys {', '.join(unknown)}; known: {', '.join(asdict(Setting()))}")
         for key, number in value.items():
-            good = isinstance(number, bool) if key in ("robust", "vertices") else is_number(number)
+            good = isinstance(number, bool) if key in ("robust", "vertices", "largest") else is_number(number)
             good = good and (key != "seed" or (isinstance(number, int) and 0 <= number < 2**32))
             good = good and (key not in ("k", "ulps") or number >= 0)
             if not good:

@@ -3,6 +3,7 @@
 use super::machine::load;
 use super::median;
 use super::shapes_mitsuba::Peer;
+use crate::pages::between;
 use clap::Args;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -180,7 +181,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         load()
     );
     if arguments.page {
-        write_page(&table)?;
+        between(PAGE, [BEGIN, END], &table)?;
     }
     if let Some(path) = &arguments.json {
         let mut lines: Vec<Value> = rows.iter().map(Row::json).collect();
@@ -349,17 +350,4 @@ fn table(rows: &[Row], unmeasured: &BTreeMap<&str, &str>) -> String {
 /// What a miss has none of.
 fn of_hits(row: &Row, figure: String) -> String {
     if row.hit { figure } else { "–".to_owned() }
-}
-
-fn write_page(table: &str) -> Result<(), Failure> {
-    let page = std::fs::read_to_string(PAGE).map_err(Failure::environment)?;
-    let (Some(begin), Some(end)) = (page.find(BEGIN), page.find(END)) else {
-        return Err(Failure::usage(format!(
-            "{PAGE}: the marks {BEGIN} and {END} are missing"
-        )));
-    };
-    let page = format!("{}{BEGIN}\n\n{table}\n\n{}", &page[..begin], &page[end..]);
-    atomic::write_bytes(Path::new(PAGE), page.as_bytes()).map_err(Failure::environment)?;
-    println!("{PAGE}: written");
-    Ok(())
 }

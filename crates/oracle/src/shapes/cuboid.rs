@@ -86,4 +86,8 @@ impl Surface for Cuboid {
         };
         Ok(Roots::new(vec![root(enter, -1.0)?, root(exit, 1.0)?]))
     }
+
+    fn ball(&self) -> Option<(DVec3, f64)> {
+        Some((DVec3::ZERO, 3.0_f64.sqrt()))
+    }
 }

@@ -6,6 +6,7 @@ use crate::interval::Decided;
 use crate::root::Roots;
 use crate::vector::Line;
 use serde::Deserialize;
+use whitstone_core::DVec3;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -33,5 +34,10 @@ impl Surface for Cylinder {
         let conic = Conic::straight([one.clone(), one, zero.clone()], zero, constant);
         let moves = 2.0 * self.radius * self.radius;
         conic.meet(line, &Cut::between(self.z, self.caps), |_| moves)
+    }
+
+    fn ball(&self) -> Option<(DVec3, f64)> {
+        let [bottom, top] = self.z;
+        Some((DVec3::ZERO, self.radius.hypot(bottom.abs().max(top.abs()))))
     }
 }

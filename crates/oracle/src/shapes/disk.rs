@@ -5,6 +5,7 @@ use crate::interval::Decided;
 use crate::root::Roots;
 use crate::vector::Line;
 use serde::Deserialize;
+use whitstone_core::DVec3;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -15,5 +16,9 @@ impl Surface for Disk {
         plane::part(line, |x, y| {
             (x.squared() + y.squared() - line.number(1.0)).is_at_most_zero()
         })
+    }
+
+    fn ball(&self) -> Option<(DVec3, f64)> {
+        Some((DVec3::ZERO, 1.0))
     }
 }

@@ -6,6 +6,7 @@ use crate::interval::Decided;
 use crate::root::Roots;
 use crate::vector::Line;
 use serde::Deserialize;
+use whitstone_core::DVec3;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -27,5 +28,9 @@ impl Surface for Ellipsoid {
         // Twice: of the sum of the squares, which is 1, and as many roundings as squares have.
         let moves = 2.0 * all.nearest();
         conic.meet(line, &Cut::NONE, |_| moves)
+    }
+
+    fn ball(&self) -> Option<(DVec3, f64)> {
+        Some((DVec3::ZERO, DVec3::from_array(self.radii).abs().max_element()))
     }
 }

@@ -1,12 +1,13 @@
 //! The triangles of OBJ and PLY files, with the normals and texture coordinates of their corners.
 
+mod displacement;
 mod obj;
 mod ply;
 mod subdivision;
 
 use serde::Deserialize;
-use serde::de::IgnoredAny;
 use std::path::Path;
+use subdivision::Joined;
 use whitstone_core::config::FilePath;
 use whitstone_core::{SceneError, SceneErrors};
 use whitstone_scene::Description;
@@ -16,8 +17,7 @@ pub(crate) struct Config {
     file: FilePath,
     subdivision: Option<Subdivision>,
     shading: Option<String>,
-    /// Whether there is one is all that it looks at.
-    displacement: Option<IgnoredAny>,
+    displacement: Option<displacement::Config>,
 }
 
 impl Config {
@@ -74,10 +74,6 @@ fn all<T: Copy>([a, b, c]: [Option<T>; 3]) -> Option<[T; 3]> {
 
 pub(crate) fn read(description: &Description<'_>, config: &Config) -> Result<Mesh, SceneErrors> {
     let error = |message: String| SceneErrors::from(SceneError::at(config.file.span.clone(), message));
-    if config.displacement.is_some() {
-        let message = "the oracle does not know displaced meshes".to_owned();
-        return Err(SceneError::at(config.file.span.clone(), message).into());
-    }
     let path = description.sources.base().join(Path::new(&config.file.path));
     let bytes = std::fs::read(&path).map_err(|fault| error(fault.to_string()))?;
     let mesh = match bytes.starts_with(b"ply") {
@@ -85,8 +81,13 @@ pub(crate) fn read(description: &Description<'_>, config: &Config) -> Result<Mes
         false => obj::read(&String::from_utf8_lossy(&bytes)),
     };
     let mut mesh = mesh.ok_or_else(|| error("the oracle cannot read this mesh".to_owned()))?;
-    if let Some(Subdivision { levels }) = config.subdivision {
-        mesh = subdivision::subdivided(&mesh, levels);
+    if config.subdivision.is_some() || config.displacement.is_some() {
+        let levels = config.subdivision.as_ref().map_or(0, |how| how.levels);
+        let mut joined = Joined::new(&mesh).subdivided(levels);
+        if let Some(how) = &config.displacement {
+            displacement::displace(&mut joined, how, description)?;
+        }
+        mesh = joined.mesh();
     }
     if config.shading.as_deref() == Some("flat") {
         mesh.normals.fill(None);

@@ -26,7 +26,7 @@ use crate::interval::Decided;
 use crate::root::Roots;
 use crate::vector::Line;
 use whitstone_core::config::{Table, decode};
-use whitstone_core::{DAffine3, SceneError, SceneErrors};
+use whitstone_core::{DAffine3, DVec3, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
 /// The types that the oracle knows.
@@ -59,6 +59,19 @@ pub(crate) const KNOWN: [&str; 22] = [
 pub(crate) trait Surface: Send + Sync {
     /// All places where a line meets it.
     fn meet(&self, line: &Line) -> Decided<Roots>;
+
+    /// Centre and radius of a ball around all of it, as good as doubles are; `None` where it is endless, or has none at hand.
+    fn ball(&self) -> Option<(DVec3, f64)> {
+        None
+    }
+}
+
+/// Whether a line certainly passes by a ball: by far more than the rounding of these few operations. `size` bounds the numbers
+/// that the ball comes from.
+pub(crate) fn passes_by((center, radius): (DVec3, f64), size: f64, o: DVec3, d: DVec3) -> bool {
+    let across = (center - o).cross(d).length();
+    let rounding = 1e-9 * (size + o.length()) * d.length();
+    across > 1.000_001 * radius * d.length() + rounding
 }
 
 /// A shape and where it stands.
@@ -69,11 +82,30 @@ pub(crate) struct Placed {
 
 impl Surface for Placed {
     fn meet(&self, line: &Line) -> Decided<Roots> {
+        if let Some((center, radius)) = self.ball()
+            && passes_by(
+                (center, radius),
+                self.map.translation.length() + center.length() + radius,
+                line.origin.nearest(),
+                line.direction.nearest(),
+            )
+        {
+            return Ok(Roots::default());
+        }
         let inside = line.inside(&self.map)?;
         let mut roots = self.surface.meet(&inside)?;
         let placed = roots.all.drain(..).map(|root| root.placed(&self.map, &inside));
         roots.all = placed.collect();
         Ok(roots)
+    }
+
+    fn ball(&self) -> Option<(DVec3, f64)> {
+        let (center, radius) = self.surface.ball()?;
+        let matrix = self.map.matrix3;
+        // Nothing is stretched by more than the root of the sum of all squares.
+        let stretch = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::length_squared);
+        let stretch = stretch.iter().sum::<f64>().sqrt();
+        Some((self.map.transform_point3(center), radius * stretch))
     }
 }
 

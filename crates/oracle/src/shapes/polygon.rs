@@ -56,6 +56,15 @@ impl Surface for Polygon {
         let root = Root::new(t, 0, &along, n, n.abs().dot(reach))?;
         Ok(Roots::new(vec![root]))
     }
+
+    fn ball(&self) -> Option<(DVec3, f64)> {
+        let mut all = self.vertices.iter().map(|vertex| DVec3::from_array(*vertex));
+        let center = all.next()?;
+        Some((
+            center,
+            all.map(|vertex| vertex.distance(center)).fold(0.0, f64::max),
+        ))
+    }
 }
 
 /// Whether an edge crosses the half-line from (x, y) towards growing x. A vertex at the same height counts as above it, so that of

@@ -36,4 +36,8 @@ impl Surface for Sphere {
         let all: Decided<_> = roots.into_iter().map(root).collect();
         Ok(Roots::new(all?))
     }
+
+    fn ball(&self) -> Option<(DVec3, f64)> {
+        Some((DVec3::from_array(self.center), self.radius.abs()))
+    }
 }

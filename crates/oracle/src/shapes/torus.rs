@@ -57,4 +57,8 @@ impl Surface for Torus {
         let all: Decided<_> = roots.into_iter().map(root).collect();
         Ok(Roots::new(all?))
     }
+
+    fn ball(&self) -> Option<(DVec3, f64)> {
+        Some((DVec3::ZERO, self.major_radius.abs() + self.minor_radius.abs()))
+    }
 }

@@ -24,7 +24,7 @@ mod sampler;
 mod scene;
 mod sky;
 mod synthesized;
-mod texture;
+pub(crate) mod texture;
 
 use camera::Camera;
 use footprint::Differential;

@@ -19,7 +19,7 @@ use whitstone_scene::{Description, PluginTable};
 pub(super) struct Place {
     /// Those of the shape.
     pub(super) uv: DVec2,
-    /// In world space.
+    /// In world space; of a height in that of the shape.
     pub(super) p: DVec3,
     /// The shading normal; its sign does not matter.
     pub(super) n_s: DVec3,
@@ -279,5 +279,25 @@ impl Texture {
     /// Whether it is black everywhere, and can be seen to be so.
     pub(super) fn is_black(&self) -> bool {
         matches!(self, Self::Constant(color) if *color == Rgb::splat(0.0))
+    }
+}
+
+/// A texture that says how far a mesh is displaced.
+pub(crate) struct Height(Texture);
+
+impl Height {
+    pub(crate) fn new(description: &Description<'_>, reference: &TextureRef) -> Result<Self, SceneErrors> {
+        Texture::new(description, reference).map(Self)
+    }
+
+    /// At a point of the mesh, with its normal and the texture coordinates of a corner.
+    pub(crate) fn at(&self, p: DVec3, n: DVec3, uv: [f64; 2]) -> f64 {
+        let place = Place {
+            uv: uv.into(),
+            p,
+            n_s: n,
+            footprint: Footprint::default(),
+        };
+        self.0.at(&place).to_array()[0]
     }
 }

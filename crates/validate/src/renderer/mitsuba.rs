@@ -55,6 +55,12 @@ impl Reference for Mitsuba {
         explain::trials()
     }
 
+    fn roundings(&self) -> Vec<Trial> {
+        let mut trials = explain::roundings(self.trials());
+        trials.push(explain::of_largest_component());
+        trials
+    }
+
     fn variations(&self) -> Vec<Setting> {
         floor::settings().to_vec()
     }

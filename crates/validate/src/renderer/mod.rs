@@ -6,7 +6,7 @@ mod stock;
 
 use crate::driver::{Driver, DriverError, Rendered, SceneText, Setting, Versions};
 use crate::environment::{Environment, EnvironmentError};
-use crate::explain::Trial;
+use crate::explain::{self, Trial};
 use std::fmt;
 use std::ops::Deref;
 use std::path::Path;
@@ -79,6 +79,11 @@ pub trait Reference: Sync {
 
     /// In which ways it is made to vary, to explain pixels.
     fn trials(&self) -> Vec<Trial>;
+
+    /// In which ways it is made to vary where its own error is in question: by its roundings alone.
+    fn roundings(&self) -> Vec<Trial> {
+        explain::roundings(self.trials())
+    }
 
     /// In which ways it is made to vary, to measure its own error.
     fn variations(&self) -> Vec<Setting>;

@@ -6,49 +6,71 @@ use std::f64::consts::TAU;
 use whitstone_core::DVec3;
 
 /// A triangle: the points of its corners, and their texture coordinates.
-type Face = ([usize; 3], Option<[[f64; 2]; 3]>);
+pub(super) type Face = ([usize; 3], Option<[[f64; 2]; 3]>);
 
-/// The mesh after so many levels, with normals at its points.
-pub(super) fn subdivided(mesh: &Mesh, levels: u32) -> Mesh {
-    let mut numbers: BTreeMap<[u64; 3], usize> = BTreeMap::new();
-    let mut points: Vec<DVec3> = Vec::new();
-    let mut faces: Vec<Face> = Vec::new();
-    for (triangle, uvs) in mesh.triangles.iter().zip(&mesh.uvs) {
-        let corners = triangle.map(|corner| {
-            // Zeros of both signs are one number.
-            *numbers
-                .entry(corner.map(|x| (x + 0.0).to_bits()))
-                .or_insert_with(|| {
-                    points.push(corner.into());
-                    points.len() - 1
-                })
-        });
-        let [a, b, c] = corners;
-        if a != b && b != c && c != a {
-            faces.push((corners, *uvs));
+/// A mesh whose corners at equal positions are one point.
+pub(super) struct Joined {
+    pub(super) points: Vec<DVec3>,
+    pub(super) faces: Vec<Face>,
+}
+
+impl Joined {
+    /// The mesh of level 0. Triangles two of whose corners are one point are left out.
+    pub(super) fn new(mesh: &Mesh) -> Self {
+        let mut numbers: BTreeMap<[u64; 3], usize> = BTreeMap::new();
+        let mut points: Vec<DVec3> = Vec::new();
+        let mut faces: Vec<Face> = Vec::new();
+        for (triangle, uvs) in mesh.triangles.iter().zip(&mesh.uvs) {
+            let corners = triangle.map(|corner| {
+                // Zeros of both signs are one number.
+                *numbers
+                    .entry(corner.map(|x| (x + 0.0).to_bits()))
+                    .or_insert_with(|| {
+                        points.push(corner.into());
+                        points.len() - 1
+                    })
+            });
+            let [a, b, c] = corners;
+            if a != b && b != c && c != a {
+                faces.push((corners, *uvs));
+            }
         }
+        Self { points, faces }
     }
-    for _ in 0..levels {
-        (points, faces) = level(&points, &faces);
-    }
-    let mut normals = vec![DVec3::ZERO; points.len()];
-    for (corners, _) in &faces {
-        let [a, b, c] = corners.map(|corner| points[corner]);
-        for corner in corners {
-            normals[*corner] += (b - a).cross(c - a);
+
+    /// The mesh after so many levels more.
+    pub(super) fn subdivided(mut self, levels: u32) -> Self {
+        for _ in 0..levels {
+            (self.points, self.faces) = level(&self.points, &self.faces);
         }
+        self
     }
-    let normal = |corner: usize| normals[corner].normalize_or_zero().to_array();
-    Mesh {
-        triangles: faces
-            .iter()
-            .map(|(corners, _)| corners.map(|corner| points[corner].to_array()))
-            .collect(),
-        normals: faces
-            .iter()
-            .map(|(corners, _)| Some(corners.map(normal)))
-            .collect(),
-        uvs: faces.iter().map(|(_, uvs)| *uvs).collect(),
+
+    /// Of each point, of unit length; zero where it has none.
+    pub(super) fn normals(&self) -> Vec<DVec3> {
+        let mut normals = vec![DVec3::ZERO; self.points.len()];
+        for (corners, _) in &self.faces {
+            let [a, b, c] = corners.map(|corner| self.points[corner]);
+            for corner in corners {
+                normals[*corner] += (b - a).cross(c - a);
+            }
+        }
+        normals.into_iter().map(DVec3::normalize_or_zero).collect()
+    }
+
+    /// With normals at its points.
+    pub(super) fn mesh(&self) -> Mesh {
+        let normals = self.normals();
+        let corners_of = |of: &[DVec3], corners: &[usize; 3]| corners.map(|corner| of[corner].to_array());
+        Mesh {
+            triangles: (self.faces.iter())
+                .map(|(corners, _)| corners_of(&self.points, corners))
+                .collect(),
+            normals: (self.faces.iter())
+                .map(|(corners, _)| Some(corners_of(&normals, corners)))
+                .collect(),
+            uvs: self.faces.iter().map(|(_, uvs)| *uvs).collect(),
+        }
     }
 }
 

@@ -10,10 +10,12 @@ use whitstone_image::areas::{Area, largest};
 use whitstone_image::edges::edges;
 use whitstone_image::flip::{flip, flip_ldr};
 use whitstone_image::metrics::{self, NotFinite, WorstPixel};
-use whitstone_image::range::{LAYERS, explained, is_vacuous};
+use whitstone_image::range::{LAYERS, Ranges, is_vacuous};
 use whitstone_image::significance::{Significance, Test, significance};
-use whitstone_image::{CompareOptions, Image, Mask, Metrics, compare, ssim};
-use whitstone_validate::counted;
+use whitstone_image::{CompareOptions, Image, Mask, Metrics, Tolerance, compare, ssim};
+use whitstone_validate::explain::Explanation;
+use whitstone_validate::stored::Variation;
+use whitstone_validate::{Variants, counted};
 
 /// The level of the tests where none is given, and nothing is decided by them.
 const LEVEL: f64 = 0.01;
@@ -31,10 +33,12 @@ pub(super) struct Comparison {
     pub(super) ssim: Option<Option<f64>>,
     /// Where the files have layers of variance.
     significance: Option<Significance>,
-    /// Pixels over tolerance that the range of the reference does not explain.
+    /// Pixels over tolerance that the variation of the reference does not explain.
     pub(super) over: usize,
     /// Those that it explains; absent where the reference has no range.
     pub(super) explained: Option<usize>,
+    /// Pixels over tolerance between values of the reference that equal none of them; absent where it has no range.
+    ambiguous: Option<usize>,
     /// Whether both images show one colour each.
     vacuous: bool,
     area: Option<Area>,
@@ -44,8 +48,45 @@ pub(super) struct Comparison {
     pub(super) broken: Vec<String>,
 }
 
+/// The pixels of `over` that the stored variation of the reference explains, and the number of those that are ambiguous; `None`
+/// where it has no variation.
+fn explain(
+    ours: &Image,
+    reference: &Image,
+    variants: &Variants,
+    over: &Mask,
+    tolerance: Tolerance,
+) -> Result<Option<(Mask, usize)>, Failure> {
+    let Some(ranges) = Ranges::of(reference).map_err(Failure::usage)? else {
+        return Ok(None);
+    };
+    let mean = metrics::mean_reference(reference).map_err(Failure::usage)?;
+    let variation = Variation {
+        reference,
+        ranges: Some(ranges),
+        variants,
+    };
+    let mut explained = Mask::new(ours.width(), ours.height());
+    let mut ambiguous = 0;
+    for (x, y) in over.pixels() {
+        match variation.explain(ours, [x, y], tolerance, mean) {
+            Explanation::Value(_) => {
+                explained.set(x, y, true);
+            }
+            Explanation::Between(_) => ambiguous += 1,
+            Explanation::Nothing => {}
+        }
+    }
+    Ok(Some((explained, ambiguous)))
+}
+
 /// Measures what the arguments want, and holds it to their limits.
-pub(super) fn measure(arguments: &Arguments, ours: &Image, reference: &Image) -> Result<Comparison, Failure> {
+pub(super) fn measure(
+    arguments: &Arguments,
+    ours: &Image,
+    reference: &Image,
+    variants: &Variants,
+) -> Result<Comparison, Failure> {
     let start = Instant::now();
     let tolerance = arguments.tolerance();
     let not_finite = metrics::count_not_finite(ours, reference).map_err(Failure::usage)?;
@@ -55,7 +96,7 @@ pub(super) fn measure(arguments: &Arguments, ours: &Image, reference: &Image) ->
         layers => Some(edges(ours, reference, layers).map_err(Failure::usage)?),
     };
     let over = metrics::over_tolerance(ours, reference, tolerance).map_err(Failure::usage)?;
-    let explained = explained(ours, reference, &over, tolerance).map_err(Failure::usage)?;
+    let (explained, ambiguous) = explain(ours, reference, variants, &over, tolerance)?.unzip();
     let combined = |mask: &Mask, other: &Mask, member: fn(bool, bool) -> bool| {
         Mask::from_fn(ours.width(), ours.height(), |x, y| {
             member(mask.contains(x, y), other.contains(x, y))
@@ -118,6 +159,7 @@ pub(super) fn measure(arguments: &Arguments, ours: &Image, reference: &Image) ->
         significance,
         over: over.count(),
         explained: explained.map(|mask| mask.count()),
+        ambiguous,
         vacuous: is_vacuous(ours, reference).map_err(Failure::usage)?,
         area: largest(&over),
         worst,
@@ -240,10 +282,17 @@ impl Comparison {
         );
         if let Some(explained) = self.explained {
             let value = format!(
-                "{} in the reference's own range, not counted as over tolerance",
+                "{} with a value that the reference takes, not counted as over tolerance",
                 counted(explained, "pixel")
             );
             row("explained", &value);
+        }
+        if let Some(ambiguous) = self.ambiguous.filter(|count| *count > 0) {
+            let value = format!(
+                "{} between values that the reference takes, counted as over tolerance",
+                counted(ambiguous, "pixel")
+            );
+            row("ambiguous", &value);
         }
         if self.vacuous {
             row(
@@ -349,6 +398,7 @@ impl Comparison {
             "significance": self.significance,
             "pixels_over_tolerance": self.over,
             "pixels_explained": self.explained,
+            "pixels_ambiguous": self.ambiguous,
             "vacuous": self.vacuous,
             "largest_area": self.area,
             "worst": self.worst,

@@ -10,7 +10,10 @@ use measure::{Comparison, measure};
 use std::path::{Path, PathBuf};
 use whitstone_image::edges::EdgeLayer;
 use whitstone_image::error_map::trio;
+use whitstone_image::range::Ranges;
 use whitstone_image::{ErrorView, Image, Limits, Tolerance, ToneMap, exr_io};
+use whitstone_validate::Variants;
+use whitstone_validate::stored::read_variants;
 
 /// Compare an image with a reference: all metrics, the pixels over tolerance, the worst pixels
 ///
@@ -189,7 +192,16 @@ fn run_files(arguments: &Arguments) -> Result<Exit, Failure> {
 fn pair(arguments: &Arguments, ours: &Path, reference: &Path) -> Result<(Comparison, [Image; 2]), Failure> {
     let read = |path: &Path| exr_io::read(path, Limits::IMAGE).map_err(Failure::usage);
     let images = [read(ours)?, read(reference)?];
-    Ok((measure(arguments, &images[0], &images[1])?, images))
+    let variants = match Ranges::of(&images[1]).map_err(Failure::usage)? {
+        Some(_) => read_variants(&variants_of(reference)).map_err(Failure::usage)?,
+        None => Variants::default(),
+    };
+    Ok((measure(arguments, &images[0], &images[1], &variants)?, images))
+}
+
+/// The file of the values that a stored reference takes, next to its image.
+fn variants_of(reference: &Path) -> PathBuf {
+    reference.with_extension("variants.exr")
 }
 
 fn write_trio(arguments: &Arguments, ours: &Image, reference: &Image, path: &Path) -> Result<(), Failure> {

@@ -1,0 +1,268 @@
+//! `oracle`: of how many pixels of each scene the oracle has a certain value, and in what time.
+
+use crate::pages::between;
+use clap::Args;
+use serde_json::{Value as Json, json};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use whitstone::core::Registry;
+use whitstone::image::{Tolerance, atomic};
+use whitstone::scene::{Description, Plan, Sources};
+use whitstone::validate::find_scenes;
+use whitstone::{Exit, Failure};
+use whitstone_oracle::tracer::{Care, Tracer, Value};
+
+/// Where the table is in the documentation.
+const PAGE: &str = "docs/oracle.md";
+const BEGIN: &str = "<!-- figures: written by `cargo xtask oracle --page` -->";
+const END: &str = "<!-- end of figures -->";
+
+/// Least part of the pixels that the oracle decides in a scene without a reason.
+const LEAST_DECIDED: f64 = 0.95;
+
+/// Scenes in which it decides fewer, and why.
+const EXCEPTIONS: [(&str, &str); 0] = [];
+
+/// Query the oracle about evenly chosen pixels of scenes, and print how many it decides
+///
+/// A pixel is decided where the oracle's value is certain to the tolerance of `validate`. Exit code 1 if it
+/// decides less than 95 % of the pixels of a scene that is not a known exception, or if an exception is none.
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// Scenes, or folders of scenes
+    #[arg(default_values = ["scenes", "scenes/community"], value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Pixels of each scene
+    #[arg(long, default_value_t = 200, value_name = "COUNT")]
+    pixels: usize,
+    /// Wall time for each scene
+    #[arg(long, default_value_t = 60, value_name = "SECONDS")]
+    budget: u64,
+    /// Threads
+    #[arg(long, default_value_t = 2, value_name = "COUNT")]
+    threads: usize,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the table into docs/oracle.md
+    #[arg(long)]
+    page: bool,
+}
+
+/// Steps of the additive recurrence R2 (Roberts 2018), which is even in two dimensions: 1/g and 1/g^2 with g^3 = g + 1.
+const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
+
+/// What the oracle answers about a scene.
+struct Row {
+    name: String,
+    asked: usize,
+    /// Its value is certain.
+    decided: usize,
+    /// It takes several values under roundings.
+    ill_posed: usize,
+    /// It has no value, by the reason.
+    unknown: BTreeMap<String, usize>,
+    seconds: f64,
+    /// Of the slowest pixel.
+    slowest: f64,
+}
+
+impl Row {
+    fn is_enough(&self) -> bool {
+        self.decided as f64 >= LEAST_DECIDED * self.asked as f64
+    }
+
+    fn unknown(&self) -> usize {
+        self.unknown.values().sum()
+    }
+
+    fn reason(&self) -> &str {
+        let most = self.unknown.iter().max_by_key(|(_, count)| **count);
+        most.map_or("", |(reason, _)| reason)
+    }
+
+    fn exception(&self) -> Option<&'static str> {
+        let found = EXCEPTIONS.iter().find(|(name, _)| *name == self.name);
+        found.map(|(_, reason)| *reason)
+    }
+
+    fn json(&self) -> Json {
+        json!({
+            "scene": self.name,
+            "asked": self.asked,
+            "decided": self.decided,
+            "ill_posed": self.ill_posed,
+            "unknown": self.unknown,
+            "seconds": self.seconds,
+            "slowest_pixel_s": self.slowest,
+            "exception": self.exception(),
+        })
+    }
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
+    let paths = find_scenes(&arguments.scenes).map_err(Failure::usage)?;
+    let width = paths.iter().map(|path| name(path).len()).max().unwrap_or(0);
+    println!(
+        "{:width$}  decided  ill-posed  unknown  seconds  slowest  most frequent reason",
+        "scene"
+    );
+    let mut rows = Vec::new();
+    for path in paths {
+        let row = query(&path, arguments, registry)?;
+        println!(
+            "{:width$}  {:>7}  {:>9}  {:>7}  {:>7.1}  {:>7.2}  {}",
+            row.name,
+            row.decided,
+            row.ill_posed,
+            row.unknown(),
+            row.seconds,
+            row.slowest,
+            row.reason()
+        );
+        rows.push(row);
+    }
+    let below = rows.iter().filter(|row| !row.is_enough()).count();
+    println!("{} of {} scenes are below 95 % decided", below, rows.len());
+    if let Some(path) = &arguments.json {
+        let text = serde_json::to_vec_pretty(&rows.iter().map(Row::json).collect::<Vec<_>>());
+        let text = text.map_err(Failure::environment)?;
+        atomic::write_bytes(path, &text).map_err(Failure::environment)?;
+    }
+    if arguments.page {
+        write_page(&rows)?;
+    }
+    let mut problems = Vec::new();
+    for row in &rows {
+        match (row.is_enough(), row.exception()) {
+            (false, None) => problems.push(format!(
+                "{}: decides {} of {} and is no known exception",
+                row.name, row.decided, row.asked
+            )),
+            (true, Some(_)) => problems.push(format!("{}: the exception is none", row.name)),
+            _ => {}
+        }
+    }
+    crate::verdict(&problems, "oracle: all scenes without a reason are decided")
+}
+
+fn name(path: &Path) -> String {
+    let path = path.strip_prefix("scenes").unwrap_or(path).with_extension("");
+    path.display().to_string().replace('\\', "/")
+}
+
+fn query(path: &Path, arguments: &Arguments, registry: &Registry) -> Result<Row, Failure> {
+    let sources = Sources::load(path, &[])
+        .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
+    let description = Description::parse(&sources);
+    let description = description.map_err(|errors| Failure::usage(sources.report(&errors, false)))?;
+    Plan::new(&description, registry).map_err(|errors| Failure::usage(sources.report(&errors, false)))?;
+    let start = Instant::now();
+    let deadline = start + Duration::from_secs(arguments.budget);
+    let size = description.film.size;
+    let all = size.width as usize * size.height as usize;
+    let asked = arguments.pixels.min(all);
+    let mut row = Row {
+        name: name(path),
+        asked,
+        decided: 0,
+        ill_posed: 0,
+        unknown: BTreeMap::new(),
+        seconds: 0.0,
+        slowest: 0.0,
+    };
+    let tracer = match Tracer::new(&description) {
+        Ok(tracer) => tracer,
+        Err(errors) => {
+            let why = errors.0.first().map(|error| error.message.clone());
+            row.unknown.insert(why.unwrap_or_default(), asked);
+            return Ok(row);
+        }
+    };
+    let pixel = |number: usize| {
+        let [x, y] = STEPS.map(|step| (0.5 + number as f64 * step).fract());
+        [x * f64::from(size.width), y * f64::from(size.height)].map(|part| part as u32)
+    };
+    let next = AtomicUsize::new(0);
+    let answers = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..arguments.threads.max(1) {
+            scope.spawn(|| {
+                loop {
+                    let number = next.fetch_add(1, Ordering::Relaxed);
+                    if number >= asked {
+                        return;
+                    }
+                    let begun = Instant::now();
+                    let value = tracer.pixel_before(pixel(number), Care::USUAL, deadline);
+                    let mut answers = answers.lock().unwrap_or_else(PoisonError::into_inner);
+                    answers.push((value, begun.elapsed().as_secs_f64()));
+                }
+            });
+        }
+    });
+    row.seconds = start.elapsed().as_secs_f64();
+    let answers = answers.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut sum = 0.0;
+    let mut known = Vec::new();
+    for (value, seconds) in answers {
+        row.slowest = row.slowest.max(seconds);
+        match value {
+            Value::Known { rgb, uncertainty, .. } => {
+                sum += rgb.iter().map(|v| v.abs()).sum::<f64>() / 3.0;
+                known.push((rgb, uncertainty));
+            }
+            Value::Unknown(why) => *row.unknown.entry(why).or_default() += 1,
+        }
+    }
+    // The tolerance of `validate`, with the mean of these pixels for that of the image.
+    let Tolerance { relative, absolute } = Tolerance::default();
+    let mean = sum / known.len().max(1) as f64;
+    row.decided = (known.iter())
+        .filter(|(rgb, uncertainty)| {
+            (0..3).all(|c| uncertainty[c] <= relative * rgb[c].abs() + absolute * mean)
+        })
+        .count();
+    row.ill_posed = known.len() - row.decided;
+    Ok(row)
+}
+
+/// The scenes below the bar and the slowest of the others, between the marks of the page.
+fn write_page(rows: &[Row]) -> Result<(), Failure> {
+    let mut table = String::from(
+        "| scene | decided | ill-posed | unknown | seconds | reason |\n|---|---:|---:|---:|---:|---|\n",
+    );
+    let mut shown: Vec<&Row> = rows.iter().collect();
+    shown.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
+    let enough = rows.iter().filter(|row| row.is_enough()).count();
+    for row in shown.iter().filter(|row| !row.is_enough()) {
+        let (name, reason) = (&row.name, row.exception().unwrap_or(row.reason()));
+        let _ = writeln!(
+            table,
+            "| {name} | {} of {} | {} | {} | {:.0} | {reason} |",
+            row.decided,
+            row.asked,
+            row.ill_posed,
+            row.unknown(),
+            row.seconds
+        );
+    }
+    let decided: Vec<&&Row> = shown.iter().filter(|row| row.is_enough()).collect();
+    let times: Vec<f64> = decided.iter().map(|row| row.seconds).collect();
+    let median = times.get(times.len() / 2).copied().unwrap_or(0.0);
+    let slowest: Vec<String> = (decided.iter().take(5))
+        .map(|row| format!("{} {:.0} s", row.name, row.seconds))
+        .collect();
+    let text = format!(
+        "It decides at least 95 % of the pixels of {enough} of {} scenes, in {median:.1} s in the median.\n\
+         The slowest of these: {}.\n\nThe others:\n\n{table}",
+        rows.len(),
+        slowest.join(", ")
+    );
+    between(PAGE, [BEGIN, END], &text)
+}
