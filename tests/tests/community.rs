@@ -10,20 +10,7 @@ use whitstone::validate::environment::Environment;
 use whitstone::validate::{Mode, Options, OraclePolicy, Renderer, Status, Validator, find_scenes};
 
 /// Scenes that nobody can decide, and why. The list is tested: a scene that is decided must leave it.
-const UNDECIDED: [(&str, &str); 3] = [
-    (
-        "nasty_coincident_kinds",
-        "neither the reference nor the oracle has the rule for coincident surfaces",
-    ),
-    (
-        "nasty_glass_box_on_plane",
-        "neither the reference nor the oracle has the rule for coincident surfaces",
-    ),
-    (
-        "nasty_touching_boxes",
-        "neither the reference nor the oracle has the rule for coincident surfaces",
-    ),
-];
+const UNDECIDED: [(&str, &str); 0] = [];
 
 /// Level sets: POV-Ray is their reference.
 const WITHOUT_TWIN: [&str; 2] = ["pov_blob", "pov_julia"];

@@ -167,7 +167,7 @@ fn table(cases: &[CaseResult]) -> String {
     for case in cases.iter().filter(|case| case.scene.starts_with("showcase/")) {
         let _ = writeln!(
             text,
-            "| [{0}](scenes/{0}.toml) | {1} | {2} | {3:.0e} | {4} | {5} | {6} |",
+            "| [{0}](../scenes/{0}.toml) | {1} | {2} | {3:.0e} | {4} | {5} | {6} |",
             case.scene,
             number(case.rmse),
             number(case.rel_rmse_interior),

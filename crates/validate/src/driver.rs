@@ -205,11 +205,43 @@ pub struct Rendered {
     /// Spawned rays that hit the surface they left.
     #[serde(default)]
     pub rehits: u64,
+    /// Which surfaces coincide, if the driver says so.
+    #[serde(default)]
+    pub coincident: Vec<Coincident>,
     /// Samples a pixel.
     pub samples: u32,
     /// Bytes that the driver grew by, at its highest, where the system tells.
     #[serde(default)]
     pub memory: Option<u64>,
+}
+
+/// Two shapes that coincide, or why none were looked for: see `references/mitsuba/PROTOCOL.md`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Coincident {
+    /// Their places in the list of the scene.
+    #[serde(default)]
+    pub shapes: Vec<u32>,
+    /// The width of the gap between them in metres; none if they are not drawn apart.
+    #[serde(default)]
+    pub gap: Option<f64>,
+    /// Why surfaces were not compared.
+    #[serde(default)]
+    pub not_examined: Option<String>,
+}
+
+impl Coincident {
+    /// A note, where rounding decides which surface the reference meets first.
+    pub(crate) fn note(&self) -> Option<String> {
+        match (&self.not_examined, &self.gap, &self.shapes[..]) {
+            (Some(why), _, _) => Some(format!(
+                "the reference has not looked for coincident surfaces: {why}"
+            )),
+            (None, None, [one, two]) => Some(format!(
+                "the reference has not drawn apart the shapes {one} and {two}, which coincide"
+            )),
+            _ => None,
+        }
+    }
 }
 
 /// See [`Rendered`].

@@ -115,6 +115,7 @@ impl Validator<'_> {
         measure(case, &ours.image, reference, &mask(&judged, &over))?;
         case.compared = true;
         case.notes = vacuous::notes(&ours.image, reference, &ours.pipeline);
+        case.notes.extend(meta.notes.iter().cloned());
         case.coincident = vacuous::coincident(&ours.pipeline);
         if case.ambiguous > 0 || !case.broken_limits().is_empty() {
             case.inexact = inexact::notes(case, &ours.pipeline.world.geometry, self.options.renderer, cap);

@@ -1,6 +1,6 @@
 //! A live reference, and what it rendered before.
 
-use crate::driver::{Driver, DriverError, SceneText, Setting, Versions};
+use crate::driver::{Coincident, Driver, DriverError, SceneText, Setting, Versions};
 use crate::environment::Environment;
 use crate::explain::{Range, Trial};
 use crate::floor;
@@ -222,6 +222,7 @@ impl Live {
                 seconds: rendered.seconds.trace,
                 rays: [rendered.rays.closest, rendered.rays.shadow],
                 rehits: rendered.rehits,
+                notes: rendered.coincident.iter().filter_map(Coincident::note).collect(),
             },
         };
         stored.write(&folder, self.renderer())?;

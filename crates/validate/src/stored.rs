@@ -53,6 +53,9 @@ pub struct Meta {
     /// Of these, the number that met again the surface that they had just left: such an image alone shows nothing.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub rehits: u64,
+    /// What its driver says of surfaces that coincide and are not drawn apart.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
 }
 
 #[expect(

@@ -352,12 +352,13 @@ class Shading(Case):
         self.near(value, 0.96 * 0.96 / math.pi, rel=1e-5)
 
     def test_ties(self):
-        """At equal distance the shape with the lower number is seen, whoever intersects it."""
+        """At equal distance the lower number is seen, where no rule says otherwise."""
         flat = shape('type = "rectangle"')
-        cap = shape('type = "cylinder"\nz = [-1, 0]')
+        # Caps of quadrics are not covered by the rule for coincident surfaces.
+        cap = shape('type = "quadric"\ncoefficients = [1, 1, 0, 0, 0, 0, 0, 0, 0, -1]\nbox = [[-2, -2, -1], [2, 2, 0]]')
         camera = looking((0.25, 0.5, 4), (0.25, 0.5, 0))
         self.assertEqual(self.nodes(camera + flat + cap)[0]["primitive"], 0)
-        self.assertEqual(self.nodes(camera + cap + flat)[0]["primitive"], 2)
+        self.assertEqual(self.nodes(camera + cap + flat)[0]["primitive"], 6)
 
     def test_stretched_and_sheared(self):
         """Instances that shear a disk and a plane: numbers stay those of the object."""

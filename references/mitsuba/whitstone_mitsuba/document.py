@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, List, Optional, Tuple
 
 from . import cameras, footprints, lights, materials, patterns, samplers, shapes, textures
@@ -57,6 +57,8 @@ class Document:
     folder: Folder
     # Whether a surface has a texture that is filtered by footprints.
     footprints: bool = False
+    # Which surfaces coincide: dictionaries of shapes, form and gap, or of not_examined.
+    coincident: Tuple[dict, ...] = ()
 
     def used(self) -> set:
         """Numbers of the materials of shapes, with all that they are made of."""
@@ -203,7 +205,7 @@ def parse(text: str, base: str) -> Document:
     lamps = lights.read(root.get("light", []), texture_reader, folder, errors, unsupported)
     material_reader = materials.Materials(_shared(root.get("material", {}), "material", errors), texture_reader, errors, unsupported)
     groups = _shared(root.get("group", {}), "group", errors)
-    shape_list = shapes.read(root, groups, material_reader, texture_reader, folder, errors, unsupported)
+    shape_list, found = shapes.read(root, groups, material_reader, texture_reader, folder, errors, unsupported)
     covered = False
     if integrator is not None:
         _ending(integrator, material_reader.all, shape_list, errors)
@@ -216,4 +218,8 @@ def parse(text: str, base: str) -> Document:
     if unsupported:
         raise Unsupported("\n".join(unsupported))
     assert camera is not None and integrator is not None
-    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, covered)
+    if found.planes:
+        places = [(lamp, lamp.place()) for lamp in lamps.lamps]
+        margins = tuple(lamp if place is None else replace(lamp, margin=found.margin(place)) for lamp, place in places)
+        lamps = replace(lamps, lamps=margins)
+    return Document(width, height, aovs, samplers.Samples.all(sampler, camera.lens_points()), camera, integrator, lamps, tuple(material_reader.all), tuple(shape_list), folder, covered, tuple(found.told))

@@ -32,9 +32,6 @@ LANES = 1 << 19
 # facing mirrors), fewer pixels are traced together instead.
 RECORDS = 1 << 24
 
-# Shadow rays end this much (relative) before a lamp: rounding must not put a surface at the lamp in front of it.
-BEFORE_LAMP = 1 - 4 * ULP
-
 _BRANCH_NUMBERS = {"R": 1, "T": 2}
 
 
@@ -530,7 +527,7 @@ class Tracer:
                 towards = goal - o
                 reach = dr.norm(towards)
                 d = towards / reach
-                reach = reach * BEFORE_LAMP
+                reach = shadows.end_before(self.document.lights.lamps[number], reach)
             o, d = self._perturb(o, d, key, path, setting)
             return mi.Ray3f(o, d, reach, mi.Float(0), [])
 

@@ -123,6 +123,16 @@ class Lamp:
     # Of a projector: what it throws, and its intensity.
     slide: Optional[Any] = None
     intensity: Vector = (1.0, 1.0, 1.0)
+    # How many metres before the lamp shadow rays end, where it lies in coincident surfaces.
+    margin: float = 0.0
+
+    def place(self) -> Optional[np.ndarray]:
+        """Where it is; None of lamps that are infinitely far away."""
+        if not self.finite:
+            return None
+        if "position" in self.plugin:
+            return np.array(self.plugin["position"])
+        return np.array(self.plugin["to_world"].matrix, dtype=float)[:3, 3]
 
     def hosted(self) -> Hosted:
         """(plugin type, reason) where the twin is not Mitsuba's own."""

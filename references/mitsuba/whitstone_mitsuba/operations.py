@@ -116,6 +116,7 @@ def render(request: Request) -> Answer:
         "samples": len(doc.samples),
         "twin": doc.twin(),
         "hosted": doc.hosted(),
+        "coincident": list(doc.coincident),
         "respawned": tracer.counts.respawned,
         "rehits": tracer.counts.rehits,
         "setting": setting.to_json(),

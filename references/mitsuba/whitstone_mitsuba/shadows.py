@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .runtime import dr, mi
+from .runtime import ULP, dr, mi
 
 # Less than this in every channel is no light.
 CUT = 0.002
@@ -14,10 +14,20 @@ CUT = 0.002
 # A shadow ray that has gone through so many surfaces is hidden.
 MOST_CROSSINGS = 1000
 
+# Shadow rays end this much (relative) before a lamp: rounding must not put a surface at the lamp in
+# front of it.
+BEFORE_LAMP = 1 - 4 * ULP
+
+
+def end_before(lamp: Any, reach: Any) -> Any:
+    """Where shadow rays to a lamp at this distance end."""
+    end = reach * BEFORE_LAMP
+    return end - dr.opaque(mi.Float, lamp.margin) if lamp.margin > 0 else end
+
 
 def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, l: Any, goal: Any, counts: Any) -> Any:  # noqa: E741
     """The share of a lamp's light that arrives (Color3f); `lanes` are places in the level, all else is one entry for each of them."""
-    from .driver import BEFORE_LAMP, Level, Rays, mix, pad
+    from .driver import Level, Rays, mix, pad
 
     filtered = tracer.document.integrator.filtered
     rays = level.rays
@@ -48,7 +58,7 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
             towards = target - o
             reach = dr.norm(towards)
             d = towards / reach
-            reach = reach * BEFORE_LAMP
+            reach = end_before(tracer.document.lights.lamps[number], reach)
         path = mix(path + dr.opaque(mi.UInt32, crossing))
         o, d = tracer._perturb(o, d, key, path, setting)
         ray = Rays(

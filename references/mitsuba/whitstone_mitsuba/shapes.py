@@ -6,12 +6,13 @@ shapes, v of the sphere, uv of the plane, numbers of primitives) stands in each 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from . import analytic, displacement, meshes, patches, rounding, subdivision, surfaces, transforms
+from . import analytic, coincident, displacement, meshes, patches, rounding, subdivision, surfaces, transforms
 from .errors import SceneError
 from .fields import REQUIRED, Fields, nearest
 from .files import Folder
@@ -64,6 +65,8 @@ class Place:
     unsupported: List[str]
     # What reads the values of textures.
     textures: Any = None
+    # Displacements of the vertices of a mesh, in world space.
+    vertices: Optional[np.ndarray] = None
 
     @property
     def world(self) -> np.ndarray:
@@ -89,6 +92,20 @@ class Shape:
     build: Optional[Builder]
     surface: Optional[surfaces.Surface] = None
     reason: str = ""
+    # Its place in the list of the document, then for each instance in that of its group.
+    path: Tuple[int, ...] = ()
+    world: Optional[np.ndarray] = None
+    # What of it may coincide with other shapes.
+    outline: Optional[coincident.Outline] = None
+    # Reads it once more, with a change: (rules, builder) or (surface, reason).
+    again: Optional[Callable[[coincident.Change], Tuple[Any, Any]]] = None
+
+    @staticmethod
+    def of(what: Any, how: Any, **more: Any) -> "Shape":
+        """From what a reader gives."""
+        if isinstance(what, surfaces.Surface):
+            return Shape(rules=Rules(), build=None, surface=what, reason=how, **more)
+        return Shape(rules=what, build=how, **more)
 
 
 def make_mesh(
@@ -122,11 +139,26 @@ def _native(plugin: str, matrix: np.ndarray, **keys: Any) -> Builder:
     return build
 
 
+@dataclass(frozen=True)
+class _Mesh:
+    """Builds a mesh out of arrays in world space."""
+
+    positions: np.ndarray
+    faces: np.ndarray
+    uvs: np.ndarray
+    normals: Optional[np.ndarray]
+
+    def __call__(self, bsdf: "mi.BSDF", rounded: rounding.Rounding) -> "mi.Shape":
+        return make_mesh(self.positions, self.faces, self.uvs, self.normals, bsdf, rounded)
+
+
 def _triangles(triangles: meshes.Triangles, place: Place, smooth: bool) -> Builder:
     """Triangles in object space, transformed in float64."""
     matrix = place.world
     linear = matrix[:3, :3]
     positions = triangles.positions @ linear.T + matrix[:3, 3]
+    if place.vertices is not None:
+        positions = positions + place.vertices
     faces = triangles.faces
     if transforms.mirrors(matrix):
         # The model keeps outside outside; the winding would turn it in.
@@ -140,7 +172,7 @@ def _triangles(triangles: meshes.Triangles, place: Place, smooth: bool) -> Build
         # Instances transform what is interpolated. That is linear up to its length, so it can be done before.
         normals = normals @ np.linalg.inv(place.around[:3, :3])
     uvs = triangles.uvs if triangles.uvs is not None else np.zeros((len(positions), 2))
-    return lambda bsdf, rounded: make_mesh(positions, faces, uvs, normals, bsdf, rounded)
+    return _Mesh(positions, faces, uvs, normals)
 
 
 def _similarity(fields: Fields, place: Place) -> float:
@@ -413,7 +445,7 @@ class _Reader:
             self.first[name] = following
             following += len(self.tables(self.groups[name], f"group.{name}."))
 
-    def walk(self, tables: List[Any], where: str, first: int, around: np.ndarray) -> None:
+    def walk(self, tables: List[Any], where: str, first: int, around: np.ndarray, path: Tuple[int, ...] = ()) -> None:
         """Shapes of one list; the first has the number `first`."""
         names: Dict[str, int] = {}
         for index, table in enumerate(tables):
@@ -429,21 +461,42 @@ class _Reader:
                 fields.error("id", f"{name!r} is already the id of {where}shape[{names[name]}]")
             own = transforms.read(fields.take("transform"), f"{fields.where}.transform", self.errors)
             if kind == "instance":
-                self.instance(fields, around @ own)
+                self.instance(fields, around @ own, (*path, index))
                 fields.close()
                 continue
             material = self.materials.number(fields.take("material"), f"{fields.where}.material")
             known = self.materials.all
             if where and material < len(known) and known[material].priority is not None:
                 fields.error("material", "a shape in a group must not have a priority: all copies would be one body")
-            what, how = READERS[kind](fields, Place(own, around, self.unsupported, self.textures), self.base)
+            place = Place(own, around, self.unsupported, self.textures)
+            what, how = READERS[kind](fields, place, self.base)
             fields.close()
-            if isinstance(what, surfaces.Surface):
-                self.shapes.append(Shape(kind, first + index, material, Rules(), None, what, how))
-            else:
-                self.shapes.append(Shape(kind, first + index, material, what, how))
+            again = partial(self.again, kind, table, place)
+            more = {"type": kind, "number": first + index, "material": material, "path": (*path, index), "world": place.world}
+            self.shapes.append(Shape.of(what, how, again=again, **more))
 
-    def instance(self, fields: Fields, around: np.ndarray) -> None:
+    def again(self, kind: str, table: Any, place: Place, change: coincident.Change) -> Tuple[Any, Any]:
+        """A shape that was read without a problem, read once more with a change."""
+        changed = replace(place, around=change.world @ place.around, vertices=change.vertices)
+        what, how = READERS[kind](Fields(table, "", []), changed, self.base)
+        if change.caps is not None and isinstance(what, surfaces.Round):
+            coincident.cut(what, change.caps)
+        return what, how
+
+    def draw_apart(self) -> coincident.Found:
+        """Builds shapes anew whose surfaces coincide with others; gives what was found."""
+        outlined = [
+            replace(shape, outline=coincident.outline(shape.type, shape.world, shape.surface or shape.rules, shape.build))
+            for shape in self.shapes
+        ]
+        found = coincident.find(outlined)
+        for place, change in found.changes.items():
+            old = self.shapes[place]
+            more = {name: getattr(old, name) for name in ("type", "number", "material", "path", "world", "again")}
+            self.shapes[place] = Shape.of(*old.again(change), **more)
+        return found
+
+    def instance(self, fields: Fields, around: np.ndarray, path: Tuple[int, ...]) -> None:
         """A copy of all shapes of a group."""
         name = fields.string("group", REQUIRED)
         if name is None:
@@ -466,14 +519,17 @@ class _Reader:
             if not tables:
                 group.error(None, "has no shapes")
             self.open.append(name)
-            self.walk(tables, where, self.first[name], around)
+            self.walk(tables, where, self.first[name], around, path)
             self.open.pop()
 
 
 def read(
     document: Any, groups: Any, materials: Any, textures: Any, base: Folder, errors: List[str], unsupported: List[str]
-) -> List[Shape]:
-    """The `[[shape]]` tables in the document's order; in the place of an instance, the shapes of its group."""
+) -> Tuple[List[Shape], coincident.Found]:
+    """The `[[shape]]` tables in the document's order, and which of their surfaces coincide.
+
+    In the place of an instance are the shapes of its group.
+    """
     reader = _Reader(groups, materials, textures, base, errors, unsupported)
     tables = reader.tables(document, "")
     reader.number(tables)
@@ -484,4 +540,5 @@ def read(
     # Each copy of a table tells the same again.
     for problems in (errors, unsupported):
         problems[:] = list(dict.fromkeys(problems))
-    return reader.shapes
+    found = coincident.Found() if errors or unsupported else reader.draw_apart()
+    return reader.shapes, found

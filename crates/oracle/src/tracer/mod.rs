@@ -11,6 +11,7 @@
 //! What it does not know it says: a scene with such a part has no tracer, and a ray whose hit no number of digits decides has no value.
 
 mod camera;
+mod coincident;
 mod footprint;
 mod light;
 mod material;

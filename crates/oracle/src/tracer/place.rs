@@ -146,6 +146,14 @@ impl Coordinates {
         }
     }
 
+    /// The triangles that the shape consists of, if it does.
+    pub(super) fn triangles(&self) -> &[[[f64; 3]; 3]] {
+        match self {
+            Self::Triangles(mesh) => &mesh.triangles,
+            _ => &[],
+        }
+    }
+
     /// Texture coordinates of a point of the shape, with the number of the primitive and its parameters, where it has such.
     pub(super) fn uv(&self, p: DVec3, primitive: u32, parameters: Option<[f64; 2]>) -> DVec2 {
         let turn = around(p.x, p.y) / TAU;

@@ -1,5 +1,6 @@
 //! The shapes of a scene with their materials, and what a ray meets first of them.
 
+use super::coincident::{Meeting, Standing};
 use super::footprint::{Differential, Footprint, NEAR, Sides, slope};
 use super::material::{At, Material, bodies};
 use super::place::{Coordinates, Corner};
@@ -13,12 +14,16 @@ use crate::vector::Line;
 use crate::{FIRST_BITS, MOST_BITS};
 use serde::Deserialize;
 use std::cmp::Ordering;
+use std::collections::BTreeSet;
 use whitstone_core::config::decode;
 use whitstone_core::{DAffine3, DMat3, DVec2, DVec3, Ray, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
 
 /// Of a surface that a ray leaves, a root this near to its start is that surface itself, as a part of the coordinates.
 const LEFT: f64 = 1e-11;
+
+/// A surface that holds a point is this many units in the last place from it at most.
+const AT: f64 = 64.0;
 
 /// A shape at one of the places where it stands.
 struct Part {
@@ -30,6 +35,7 @@ struct Part {
     coordinates: Coordinates,
     continues: Continues,
     material: Material,
+    standing: Standing,
 }
 
 /// How a surface continues next to a point, for derivatives.
@@ -103,13 +109,19 @@ fn check(shape: &ShapeTable<'_>) -> Result<(), SceneErrors> {
 impl Scene {
     pub(super) fn new(description: &Description<'_>) -> Result<Self, SceneErrors> {
         let mut parts = Vec::new();
-        for (shape, face) in description.shapes.iter().zip(bodies::faces(description)?) {
-            place(description, shape, &[], &mut parts)?;
+        for (number, (shape, face)) in description
+            .shapes
+            .iter()
+            .zip(bodies::faces(description)?)
+            .enumerate()
+        {
+            place(description, shape, &[], &[number], &mut parts)?;
             // No body is a group.
             if let (Some(face), Some(part)) = (face, parts.last_mut()) {
                 part.material = Material::of_body(face);
             }
         }
+        Standing::join(parts.iter_mut().map(|part| &mut part.standing).collect());
         let has_masks = parts.iter().any(|part| part.material.has_masks());
         Ok(Self { parts, has_masks })
     }
@@ -151,25 +163,93 @@ impl Scene {
         from: Option<(usize, u32)>,
         end: f64,
     ) -> Decided<Vec<(usize, Root)>> {
+        let mut met = Vec::new();
+        for (number, part) in self.parts.iter().enumerate() {
+            let roots = part.placed.meet(line)?.all;
+            met.extend(roots.into_iter().map(|root| (number, root)));
+        }
         let zero = line.number(0.0);
         let last = end.is_finite().then(|| line.number(end));
         let near = LEFT * (1.0 + ray.origin.abs().max_element());
+        let is_left = |(number, root): &(usize, Root)| {
+            from == Some((*number, root.primitive)) && root.t.nearest().abs() <= near
+        };
+        let distance = |(_, root): &(usize, Root)| root.t.nearest().abs();
+        let left = met.iter().filter(|one| is_left(one));
+        let left = left.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let at_light = self.at_light(&met, line, ray, end)?;
         let mut found = Vec::new();
-        for (number, part) in self.parts.iter().enumerate() {
-            for root in part.placed.meet(line)?.all {
-                let left = from == Some((number, root.primitive)) && root.t.nearest().abs() <= near;
-                if left || root.t.compare(&zero)? != Ordering::Greater {
-                    continue;
+        for (place, one) in met.iter().enumerate() {
+            let t = &one.1.t;
+            if is_left(one) || at_light.contains(&place) {
+                continue;
+            }
+            // What coincides with the surface that the ray leaves is in front of it or behind it,
+            // whatever the rounding of the start.
+            let order = match left {
+                Some(left) => self.meeting(left).order(self.meeting(one), line)?,
+                None if from.is_some() && self.is_at(one, ray, 0.0) => return Err(Undecided),
+                None => None,
+            };
+            if order.map_or_else(|| zero.compare(t), Ok)? != Ordering::Less {
+                continue;
+            }
+            if let Some(last) = &last
+                && t.compare(last)? != Ordering::Less
+            {
+                continue;
+            }
+            found.push(one.clone());
+        }
+        found.sort_by(|(_, a), (_, b)| a.t.nearest().total_cmp(&b.t.nearest()));
+        Ok(found)
+    }
+
+    fn meeting<'a>(&'a self, (number, root): &'a (usize, Root)) -> Meeting<'a> {
+        Meeting {
+            of: &self.parts[*number].standing,
+            root,
+        }
+    }
+
+    /// Whether the surface is nowhere farther than roundings from the point of the ray at `t`.
+    fn is_at(&self, (_, root): &(usize, Root), ray: &Ray, t: f64) -> bool {
+        let size = ray.origin.abs().max_element() + t;
+        let across = root.normal.normalize().dot(ray.direction) * (root.t.nearest() - t);
+        across.abs() <= AT * f64::EPSILON * size
+    }
+
+    /// Which of these lie in coincident surfaces that hold the light at the end.
+    fn at_light(&self, met: &[(usize, Root)], line: &Line, ray: &Ray, end: f64) -> Decided<BTreeSet<usize>> {
+        let mut found = BTreeSet::new();
+        if !end.is_finite() {
+            return Ok(found);
+        }
+        let near = met
+            .iter()
+            .enumerate()
+            .filter(|(_, one)| self.is_at(one, ray, end));
+        let near: Vec<_> = near.collect();
+        for (number, (place, one)) in near.iter().enumerate() {
+            for (other_place, other) in &near[number + 1..] {
+                if self.meeting(one).order(self.meeting(other), line)?.is_some() {
+                    found.extend([*place, *other_place]);
                 }
-                if let Some(last) = &last
-                    && root.t.compare(last)? != Ordering::Less
-                {
-                    continue;
-                }
-                found.push((number, root));
             }
         }
         Ok(found)
+    }
+
+    /// How a root lies to another one. Two primitives of a shape meet at their edges: the place is
+    /// one, and so is the shape.
+    fn order(&self, one: &(usize, Root), other: &(usize, Root), line: &Line) -> Decided<Ordering> {
+        if let Some(order) = self.meeting(one).order(self.meeting(other), line)? {
+            return Ok(order);
+        }
+        match one.1.t.compare(&other.1.t) {
+            Err(Undecided) if one.0 == other.0 && line.bits() >= MOST_BITS => Ok(Ordering::Equal),
+            order => order,
+        }
     }
 
     fn attempt(&self, ray: &Ray, from: Option<(usize, u32)>, end: f64, bits: usize) -> Decided<Option<Hit>> {
@@ -178,7 +258,7 @@ impl Scene {
         for (number, root) in self.ahead(&line, ray, from, end)? {
             let nearer = match &first {
                 None => true,
-                Some(first) => order(&root, number, first, bits)? == Ordering::Less,
+                Some(first) => self.order(&(number, root.clone()), first, &line)? == Ordering::Less,
             };
             if nearer {
                 first = Some((number, root));
@@ -192,7 +272,7 @@ impl Scene {
         let mut sorted: Vec<(usize, Root)> = Vec::new();
         'roots: for (number, root) in self.ahead(&line, ray, from, end)? {
             for place in 0..sorted.len() {
-                match order(&root, number, &sorted[place], bits)? {
+                match self.order(&(number, root.clone()), &sorted[place], &line)? {
                     Ordering::Less => {
                         sorted.insert(place, (number, root));
                         continue 'roots;
@@ -326,11 +406,13 @@ impl Part {
     }
 }
 
-/// The parts that a shape is, with the maps around it, the innermost first.
+/// The parts that a shape is, with the maps around it, the innermost first, and its place in the
+/// lists.
 fn place(
     description: &Description<'_>,
     shape: &ShapeTable<'_>,
     around: &[DAffine3],
+    path: &[usize],
     parts: &mut Vec<Part>,
 ) -> Result<(), SceneErrors> {
     check(shape)?;
@@ -339,8 +421,8 @@ fn place(
     if shape.plugin.name == "instance" {
         let copies: Copies = decode(&shape.plugin.table)?;
         let group = description.groups.get(&copies.group.id);
-        for inner in group.into_iter().flat_map(|group| &group.shapes) {
-            place(description, inner, &maps, parts)?;
+        for (number, inner) in group.into_iter().flat_map(|group| &group.shapes).enumerate() {
+            place(description, inner, &maps, &[path, &[number]].concat(), parts)?;
         }
         return Ok(());
     }
@@ -358,7 +440,10 @@ fn place(
             map: *map,
         };
     }
+    let whole = maps.iter().fold(DAffine3::IDENTITY, |whole, map| *map * whole);
+    let triangles = coordinates.triangles();
     parts.push(Part {
+        standing: Standing::new(description, &shape.plugin, path.to_vec(), &whole, triangles)?,
         placed,
         normals: maps.iter().map(|map| map.matrix3.inverse().transpose()).collect(),
         maps,
@@ -367,14 +452,6 @@ fn place(
         coordinates,
     });
     Ok(())
-}
-
-/// How a root lies to another one. Two primitives of a shape meet at their edges: the place is one, and so is the shape.
-fn order(root: &Root, number: usize, (shape, other): &(usize, Root), bits: usize) -> Decided<Ordering> {
-    match root.t.compare(&other.t) {
-        Err(Undecided) if *shape == number && bits >= MOST_BITS => Ok(Ordering::Equal),
-        order => order,
-    }
 }
 
 fn hit(shape: usize, root: &Root, line: &Line) -> Decided<Hit> {

@@ -71,9 +71,12 @@ fn contact(
 ) -> Contact {
     let largest = points.iter().map(|(p, _)| p.abs().max_element());
     let pair = [a.min(b), a.max(b)];
+    // Parts are not in the order of their shapes.
+    let mut shapes = pair.map(|part| parts.all[part].shape);
+    shapes.sort_unstable();
     Contact {
         parts: pair,
-        shapes: pair.map(|part| parts.all[part].shape),
+        shapes,
         largest: largest.fold(0.0, f64::max),
         points,
         form,
@@ -150,10 +153,12 @@ fn sweep(parts: &Parts<'_>, mut run: Vec<usize>, mut pair: impl FnMut(usize, usi
     run.sort_by(|a, b| aabb(*a).min[axis].total_cmp(&aabb(*b).min[axis]).then(a.cmp(b)));
     let mut open: Vec<usize> = Vec::new();
     for part in run {
-        open.retain(|other| aabb(*other).max[axis] >= aabb(part).min[axis]);
+        let one = aabb(part);
+        let near = 64.0 * f64::EPSILON * one.min.abs().max(one.max.abs()).max_element().min(f64::MAX);
+        // Faces across the axis may have a gap of roundings between them.
+        open.retain(|other| aabb(*other).max[axis] >= one.min[axis] - near);
         for &other in &open {
-            let (one, two) = (aabb(part), aabb(other));
-            let near = 64.0 * f64::EPSILON * one.min.abs().max(one.max.abs()).max_element().min(f64::MAX);
+            let two = aabb(other);
             let meet = (one.min.max(two.min) - near).cmple(one.max.min(two.max)).all();
             if parts.all[part].shape != parts.all[other].shape && meet {
                 pair(part.min(other), part.max(other));

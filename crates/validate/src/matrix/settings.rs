@@ -150,15 +150,19 @@ impl Facts {
         if property.is_null() {
             return Sweep::LeftOut(format!("{} has no {DEPTH}", self.integrator));
         }
-        let written = document
-            .get("integrator")
-            .and_then(|table| table.get(DEPTH)?.as_integer());
+        let table = document.get("integrator");
+        let written = table.and_then(|table| table.get(DEPTH)?.as_integer());
+        let change = |depth: i64| match table {
+            Some(_) => format!("integrator.{DEPTH}={depth}"),
+            // The default one, which a scene need not name.
+            None => format!("integrator={{type=\"{}\",{DEPTH}={depth}}}", self.integrator),
+        };
         let own = written.or(property["default"].as_i64());
         let others = DEPTHS.into_iter().filter(|depth| Some(*depth) != own);
         Sweep::Settings(
             others
                 .map(|depth| Setting {
-                    overrides: vec![format!("integrator.{DEPTH}={depth}")],
+                    overrides: vec![change(depth)],
                     ..Setting::named(depth)
                 })
                 .collect(),
@@ -234,5 +238,40 @@ impl Facts {
             .filter_map(|word| Some(word.as_str()?.to_owned()))
             .collect();
         (!values.is_empty()).then_some(values)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_that_names_no_integrator_has_depths_too() {
+        let mut registry = Registry::default();
+        whitstone_integrators::register(&mut registry).expect("they have names of their own");
+        let depths = |flattened: &str| {
+            let facts = Facts {
+                integrator: "whitted",
+                follows_branches: true,
+                branches: true,
+                ..Facts::default()
+            };
+            match facts.depths(&flattened.parse().expect("it is TOML"), &registry) {
+                Sweep::Settings(settings) => settings
+                    .into_iter()
+                    .flat_map(|setting| setting.overrides)
+                    .collect(),
+                Sweep::LeftOut(why) => vec![why],
+            }
+        };
+        let all = |form: &dyn Fn(i64) -> String| DEPTHS.map(form).to_vec();
+        assert_eq!(
+            depths(""),
+            all(&|depth| format!("integrator={{type=\"whitted\",max_depth={depth}}}"))
+        );
+        assert_eq!(
+            depths("[integrator]\ntype = \"whitted\"\n"),
+            all(&|depth| format!("integrator.max_depth={depth}"))
+        );
     }
 }
