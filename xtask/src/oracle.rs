@@ -33,10 +33,36 @@ const EXCEPTIONS: [(&str, &str); 5] = [
     ("showcase/gear", TOUCH),
 ];
 
-const TOUCH: &str = "rays that touch a surface or an edge, or meet two surface\
-                     s at one place that the order of coincident surfaces does not cover";
+const TOUCH: &str = "rays that touch a surface or an edge, or meet two surfaces at one \
+                     place that the order of coincident surfaces does not cover";
 const DOUBLED: &str =
     "every face is there twice in one mesh: which of two equal faces counts changes the pixel";
+
+/// Query the oracle about evenly chosen pixels of scenes, and print how many it decides
+///
+/// A pixel is decided where the oracle's value is certain to the tolerance of `validate`. Exit code 1 if it
+/// decides less than 95 % of the pixels of a scene that is not a known exception, or if an exception is none.
+#[derive(Args, Debug)]
+pub(crate) struct Arguments {
+    /// Scenes, or folders of scenes
+    #[arg(default_values = ["scenes", "scenes/community"], value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Pixels of each scene
+    #[arg(long, default_value_t = 200, value_name = "COUNT")]
+    pixels: usize,
+    /// Wall time for each scene
+    #[arg(long, default_value_t = 60, value_name = "SECONDS")]
+    budget: u64,
+    /// Threads
+    #[arg(long, default_value_t = 2, value_name = "COUNT")]
+    threads: usize,
+    /// Write the figures to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the table into docs/oracle.md
+    #[arg(long)]
+    page: bool,
+}
 
 /// Steps of the additive recurrence R2 (Roberts 2018), which is even in two dimensions: 1/g and 1/g^2 with g^3 = g + 1.
 const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
