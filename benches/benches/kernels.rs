@@ -1,5 +1,6 @@
-//! Instructions, by callgrind, of the kernels that pictures spend their time in: the same in every run, so that a change
-//! of 1% is seen on any machine, however busy. They are no times: callgrind knows neither AVX-512 nor what waits for memory.
+//! Instructions, by callgrind, of the kernels that pictures spend their time in: the same in every
+//! run, so that a change of 1% is seen on any machine, however busy. They are no times: callgrind
+//! knows neither AVX-512 nor what waits for memory.
 //!
 //! ```text
 //! cargo install gungraun-runner --version 0.20.0     # and valgrind

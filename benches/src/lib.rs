@@ -1,4 +1,5 @@
-//! What the benchmarks of kernels run: each is one call over a stream of 256 rays, whose preparation does not count.
+//! What the benchmarks of kernels run: each is one call over a stream of 256 rays, whose
+//! preparation does not count.
 
 use std::sync::Arc;
 use whitstone_accelerators::bvh::Bvh;
@@ -68,22 +69,23 @@ fn bvh(mesh: TriangleMesh) -> Box<dyn Accelerator> {
     build::<Accelerators, Bvh>("", geometry).expect("it is a hierarchy")
 }
 
-/// Eight leaves in the corners of a cube; the rays run between them: the test of a node, and what a search costs anyway.
+/// Eight leaves in the corners of a cube; the rays run between them: the test of a node, and what a
+/// search costs anyway.
 pub fn node() -> Traced<Box<dyn Accelerator>> {
     let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 2.0 - 1.0;
     let centers = (0..8).flat_map(|i| (0..8).map(move |k| corner(i) + 1e-3 * f64::from(k)));
     Traced::new(bvh(triangles(centers, 0.01)), 0.3)
 }
 
-/// Eight large triangles, one behind the other, whose boxes every ray meets in the half that they do not fill: the filter of
-/// triangles.
+/// Eight large triangles, one behind the other, whose boxes every ray meets in the half that they
+/// do not fill: the filter of triangles.
 pub fn leaf() -> Traced<Box<dyn Accelerator>> {
     let centers = (0..8).map(|i| DVec3::new(-9.0, -9.0, 0.1 * f64::from(i)));
     Traced::new(bvh(triangles(centers, 12.0)), 0.3)
 }
 
-/// Eight large triangles, one behind the other, that every ray hits: the filter, and one decision in double
-/// precision a ray.
+/// Eight large triangles, one behind the other, that every ray hits: the filter, and one decision
+/// in double precision a ray.
 pub fn hit() -> Traced<Box<dyn Accelerator>> {
     let centers = (0..8).map(|i| DVec3::new(-3.0, -3.0, 0.1 * f64::from(i)));
     Traced::new(bvh(triangles(centers, 12.0)), 0.3)

@@ -1,7 +1,8 @@
-//! Faulty scenes: each `bad/NAME.toml` with what the program must say about it beside it, in `bad/NAME.stderr`.
+//! Faulty scenes: each `bad/NAME.toml` with what the program must say about it beside it, in
+//! `bad/NAME.stderr`.
 //!
-//! A first line `# arguments: ...` holds further arguments, separated by spaces. `UPDATE=1` writes what the
-//! program says into the files; look at the difference before keeping it.
+//! A first line `# arguments: ...` holds further arguments, separated by spaces. `UPDATE=1` writes
+//! what the program says into the files; look at the difference before keeping it.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! Surfaces of different shapes that coincide: the picture is that of the same scene with tiny gaps between them.
+//! Surfaces of different shapes that coincide: the picture is that of the same scene with tiny gaps
+//! between them.
 
 use std::path::Path;
 use whitstone::core::{Rgb, Scratch};
@@ -254,7 +255,8 @@ fn cases() -> Vec<(&'static str, Scene)> {
                     ))
                     .replace("}]\n", "}, { rotate = { axis = [0.2, 0.1, 1], degrees = 21 } }, { translate = [0.1, 0.3, 0.2] }]\n")
                 };
-                // The first step turns about the axis of the stack only by chance; both boxes are turned alike.
+                // The first step turns about the axis of the stack only by chance; both boxes are
+                // turned alike.
                 block([1.5, 0.25, 1.5], -0.25, CHECKER)
                     .replace("{ rotate = { axis = [0.3, 1, 0.2], degrees = 33 } }, ", "")
                     + &block([0.5, 0.5, 0.5], 0.5 + gap, GLASS).replace(
@@ -396,7 +398,8 @@ fn the_pairs_are_named() {
     };
     let plane = shape("plane", UP, CHECKER);
     let standing = |x: f64, y: f64| cuboid([0.5; 3], [x, y, 0.0], GLASS);
-    // The boxes stand on the plane and touch each other; the tops, side by side, have an edge in common only.
+    // The boxes stand on the plane and touch each other; the tops, side by side, have an edge in
+    // common only.
     let pairs = named(&(plane.clone() + &standing(-0.5, 0.5) + &standing(0.5, 0.5)));
     assert_eq!(pairs, [[0, 1], [0, 2], [1, 2]]);
     assert!(named(&(plane.clone() + &standing(-0.5, 0.5 + 1e-13))).is_empty());

@@ -328,8 +328,8 @@ fn explain_says_what_is_built_and_follows_a_pixel() {
     for expected in ["accelerator", "left out", "pixel (20, 20)", "camera ray: "] {
         assert!(text.contains(expected), "no {expected} in\n{text}");
     }
-    // The pixel is what its rays add, each by its throughput: also at the depth limit, in absorbing media, and
-    // where no branch is followed.
+    // The pixel is what its rays add, each by its throughput: also at the depth limit, in absorbing
+    // media, and where no branch is followed.
     let nested = "scenes/showcase/nested_dielectrics.toml";
     for (scene, change, limits) in [
         (
@@ -381,7 +381,8 @@ fn explain_says_what_is_built_and_follows_a_pixel() {
     }
 }
 
-/// What a scene makes run, with memory and work: a part appears where the scene needs it, and its numbers are right.
+/// What a scene makes run, with memory and work: a part appears where the scene needs it, and its
+/// numbers are right.
 #[test]
 fn explain_tells_what_each_part_takes() {
     let folder = tempfile::tempdir().unwrap();
@@ -536,7 +537,8 @@ fn a_full_disk_behind_standard_output_is_told() {
     assert!(stderr(&output).contains("standard output"), "{}", stderr(&output));
 }
 
-/// A picture that takes some tenths of a second to make is made once; what is kept is not trusted, and belongs to the sample.
+/// A picture that takes some tenths of a second to make is made once; what is kept is not trusted,
+/// and belongs to the sample.
 #[test]
 fn what_took_long_to_make_is_kept_between_runs() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,6 +1,7 @@
 //! Scenes by other people against a live Mitsuba: none is judged wrong, and few are undecided.
 //!
-//! They have no stored references. Without the Python environment of Mitsuba they are listed as ignored.
+//! They have no stored references. Without the Python environment of Mitsuba they are listed as
+//! ignored.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use std::path::{Path, PathBuf};
@@ -9,7 +10,8 @@ use std::time::Duration;
 use whitstone::validate::environment::Environment;
 use whitstone::validate::{Mode, Options, OraclePolicy, Renderer, Status, Validator, find_scenes};
 
-/// Scenes that nobody can decide, and why. The list is tested: a scene that is decided must leave it.
+/// Scenes that nobody can decide, and why. The list is tested: a scene that is decided must leave
+/// it.
 const UNDECIDED: [(&str, &str); 0] = [];
 
 /// Level sets: POV-Ray is their reference.

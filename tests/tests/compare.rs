@@ -1,4 +1,5 @@
-//! `compare` of folders, of images with noise, by edges and by areas, and the JUnit XML that it writes.
+//! `compare` of folders, of images with noise, by edges and by areas, and the JUnit XML that it
+//! writes.
 
 use serde_json::Value;
 use std::fs;

@@ -1,4 +1,5 @@
-//! The same picture from any number of threads and any accelerator; every scene of the repository renders.
+//! The same picture from any number of threads and any accelerator; every scene of the repository
+//! renders.
 
 use std::fs;
 use whitstone::core::{FamilyName, Needs, Scratch};

@@ -1,5 +1,5 @@
-//! A Mitsuba that is there and does not do its work: exit code 3 where it was asked for, stored references
-//! and a warning where it was not.
+//! A Mitsuba that is there and does not do its work: exit code 3 where it was asked for, stored
+//! references and a warning where it was not.
 #![cfg(unix)]
 
 use std::fs;
@@ -10,8 +10,8 @@ use whitstone_tests::{program, root};
 
 const SCENE: &str = "scenes/shapes/sphere.toml";
 
-/// A Python that makes environments of itself, says `hello` as Mitsuba `version`, and answers everything
-/// else by `behaviour` (shell).
+/// A Python that makes environments of itself, says `hello` as Mitsuba `version`, and answers
+/// everything else by `behaviour` (shell).
 fn fake_python(folder: &Path, version: &str, behaviour: &str) {
     let script = format!(
         r#"#!/bin/sh

@@ -1,8 +1,8 @@
 //! Faults that are put in on purpose: each must be found.
 //!
-//! Every fault is tried against the stored references, and against a live Mitsuba where its environment
-//! is there (`cargo xtask validate` makes it) or a live POV-Ray where that is installed; otherwise the live tests are listed
-//! as ignored.
+//! Every fault is tried against the stored references, and against a live Mitsuba where its
+//! environment is there (`cargo xtask validate` makes it) or a live POV-Ray where that is
+//! installed; otherwise the live tests are listed as ignored.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use std::path::{Path, PathBuf};
@@ -381,7 +381,8 @@ fn wrong_picture() -> PathBuf {
     path
 }
 
-/// Sets the pixel in which the stored reference varies most to the middle of its range, which neither side of the edge has.
+/// Sets the pixel in which the stored reference varies most to the middle of its range, which
+/// neither side of the edge has.
 fn mix_an_edge(image: &mut Image) {
     let stored = Path::new("references/images/showcase/classic/mitsuba.exr");
     let stored = exr_io::read(stored, Limits::IMAGE).expect("the stored reference");
@@ -430,7 +431,8 @@ impl Primitive for FlippedSphere {
     }
 }
 
-/// A picture that counts footprints as larger than they are, so that it is looked up at a coarser level: by 0.02.
+/// A picture that counts footprints as larger than they are, so that it is looked up at a coarser
+/// level: by 0.02.
 struct BiasedImage(Arc<dyn Texture>);
 
 impl Plugin<Textures> for BiasedImage {
@@ -481,7 +483,8 @@ impl<const KIND: usize> Plugin<Accelerators> for Faulty<KIND> {
 }
 
 impl<const KIND: usize> Faulty<KIND> {
-    /// Spawned rays start a thousand times as far along as those of the reference: 4000 units of 2^-24.
+    /// Spawned rays start a thousand times as far along as those of the reference: 4000 units of
+    /// 2^-24.
     fn ray(&self, ray: &Ray, skip: Skip) -> Ray {
         if KIND == FAR_SPAWN && skip != Skip::NOTHING {
             let far = 4000.0 * (-24.0_f64).exp2() * (1.0 + ray.origin.abs().max_element());

@@ -1,4 +1,5 @@
-//! What rays carry of their neighbours is where these neighbours go: through cameras, mirrors and glass, on shapes of all kinds.
+//! What rays carry of their neighbours is where these neighbours go: through cameras, mirrors and
+//! glass, on shapes of all kinds.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -10,7 +11,8 @@ use whitstone::core::{
 use whitstone::scene::{Pipeline, RenderOptions, Sources};
 use whitstone_tests::build;
 
-/// Shows where it is looked up, or how far the neighbours are, with a factor that makes up for their smallness.
+/// Shows where it is looked up, or how far the neighbours are, with a factor that makes up for
+/// their smallness.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Config {
@@ -61,14 +63,16 @@ fn pipeline(camera: &str, film: &str, scene: &str, show: u8) -> Pipeline {
     build(&sources.unwrap(), &registry).unwrap_or_else(|report| panic!("{report}"))
 }
 
-/// The first two channels of a pixel, without what was lost on the way; none where the probe is not seen.
+/// The first two channels of a pixel, without what was lost on the way; none where the probe is not
+/// seen.
 fn shown(pipeline: &Pipeline, pixel: [u32; 2]) -> Option<DVec2> {
     let found = pipeline.pixel(pixel, &mut Scratch::default());
     (found.b > 0.0).then(|| DVec2::new(found.r, found.g) / found.b)
 }
 
-/// Compares steps with the differences between pixels, which are small: with 16000 of them across, a step and the way to the next pixel differ
-/// by about as much as neighbouring pixels differ, which is what `tolerance` is about.
+/// Compares steps with the differences between pixels, which are small: with 16000 of them across,
+/// a step and the way to the next pixel differ by about as much as neighbouring pixels differ,
+/// which is what `tolerance` is about.
 fn agree(camera: &str, scene: &str, tolerance: f64) {
     let fine = "width = 16000\nheight = 16000";
     let [place, right, down] = [0, 1, 2].map(|show| pipeline(camera, fine, scene, show));
@@ -171,7 +175,8 @@ fn neighbours_stay_neighbours_in_mirrors_and_glass() {
     }
 }
 
-/// Streams give the same footprints as single rays, after as many bounces as there are, and so does a world that leaves nothing out.
+/// Streams give the same footprints as single rays, after as many bounces as there are, and so does
+/// a world that leaves nothing out.
 #[test]
 fn streams_spread_as_single_rays_do() {
     let scene = shape("type = \"plane\"\ntransform = [{ translate = [0, 0, -4] }]")

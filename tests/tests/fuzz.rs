@@ -1,4 +1,5 @@
-//! Scenes that are cut short, damaged, or no scenes at all: an answer with a place, and never a panic.
+//! Scenes that are cut short, damaged, or no scenes at all: an answer with a place, and never a
+//! panic.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -76,7 +77,8 @@ reason = """
 two lines"""
 "#;
 
-/// Reads, plans and builds a text; checks that what is wrong with it is said, at places inside the text.
+/// Reads, plans and builds a text; checks that what is wrong with it is said, at places inside the
+/// text.
 fn answer(text: &str, registry: &Registry) -> Result<(), String> {
     let (sources, errors) = match Sources::from_text("scene.toml", text, Path::new(""), &[]) {
         Err(error) => (error.sources, error.errors),
@@ -263,8 +265,8 @@ fn bytes_that_are_no_text_and_files_that_are_none() {
     }
 }
 
-/// The digits of a number are looked at when it is used: whether that finds the fault in a file, which is taken
-/// as the parameters of a camera.
+/// The digits of a number are looked at when it is used: whether that finds the fault in a file,
+/// which is taken as the parameters of a camera.
 fn refused_as_number(path: &Path) -> bool {
     let text = fs::read_to_string(path).unwrap_or_default();
     let Ok(sources) = Sources::from_text("number.toml", &format!("[camera]\n{text}"), Path::new(""), &[])

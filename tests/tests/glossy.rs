@@ -1,4 +1,5 @@
-//! Reflections in several directions, beside those of mirrors and beside what can be said of whole scenes.
+//! Reflections in several directions, beside those of mirrors and beside what can be said of whole
+//! scenes.
 
 use std::path::Path;
 use whitstone::core::{Rgb, Scratch};
@@ -22,7 +23,8 @@ type = "background"
 radiance = [0.3, 0.5, 0.7]
 "#;
 
-/// A ball and a box over a floor; of what is `MATERIAL`, some reflects in others. Nothing touches: there rounding decides what is seen.
+/// A ball and a box over a floor; of what is `MATERIAL`, some reflects in others. Nothing touches:
+/// there rounding decides what is seen.
 const ROOM: &str = r#"
 [integrator]
 type = "whitted"
@@ -68,7 +70,8 @@ fn with_one_direction_it_is_a_mirror_to_the_bit() {
     assert_eq!(bits(&glossy, 1), bits(&mirror, 2));
 }
 
-/// The mean difference to the mirror falls as the lobe becomes narrow, and at last only rounding is left, and the edges that it moves.
+/// The mean difference to the mirror falls as the lobe becomes narrow, and at last only rounding is
+/// left, and the edges that it moves.
 #[test]
 fn large_exponents_tend_to_the_mirror() {
     let mirror = pixels(&room("type = \"mirror\", reflectance = 0.8"));
@@ -90,7 +93,8 @@ fn large_exponents_tend_to_the_mirror() {
     }
 }
 
-/// In a furnace, where the background is 1 everywhere, a surface shows its reflectance where no direction goes into it, and never more.
+/// In a furnace, where the background is 1 everywhere, a surface shows its reflectance where no
+/// direction goes into it, and never more.
 #[test]
 fn a_furnace_shows_the_reflectance() {
     let scene = |shape: &str, depth: u32| {
@@ -121,7 +125,8 @@ fn a_furnace_shows_the_reflectance() {
     assert!((0.3..0.9).contains(&least), "{least}");
 }
 
-/// The same picture by any number of threads, and by streams as by single rays; n² rays at the first hit.
+/// The same picture by any number of threads, and by streams as by single rays; n² rays at the
+/// first hit.
 #[test]
 fn rays_are_counted_and_threads_do_not_matter() {
     let glossy = room("type = \"glossy\", samples = 3, exponent = 50");
@@ -145,7 +150,8 @@ fn rays_are_counted_and_threads_do_not_matter() {
     assert_eq!(paths[1..], expected);
 }
 
-/// What may become too many rays is refused; a limit of depth or of contribution, or fewer directions, make it right.
+/// What may become too many rays is refused; a limit of depth or of contribution, or fewer
+/// directions, make it right.
 #[test]
 fn the_bounds_are_those_of_the_message() {
     let head = "[[shape]]\ntype = \"sphere\"\n";

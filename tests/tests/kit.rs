@@ -1,4 +1,5 @@
-//! The scenes that the kit prints for what breaks a law are scenes: the program accepts them, and the laws are broken again there.
+//! The scenes that the kit prints for what breaks a law are scenes: the program accepts them, and
+//! the laws are broken again there.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -49,7 +50,8 @@ fn every_family_prints_scenes_that_render() {
     }
 }
 
-/// Phong's highlight is not physical: the kit finds that, and prints the weakest highlight that shows it.
+/// Phong's highlight is not physical: the kit finds that, and prints the weakest highlight that
+/// shows it.
 #[test]
 fn what_is_not_reciprocal_is_found() {
     let law: fn(&Arc<dyn Material>) = |material| reciprocity_laws(&**material);

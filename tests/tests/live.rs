@@ -1,5 +1,5 @@
-//! What only a live Mitsuba can show; listed as ignored where its environment is not there (`cargo xtask validate`
-//! makes it).
+//! What only a live Mitsuba can show; listed as ignored where its environment is not there
+//! (`cargo xtask validate` makes it).
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use std::fmt::Write;
@@ -84,7 +84,8 @@ fn ball(rows: u32, columns: u32) -> String {
     text
 }
 
-/// Rounding a vertex turns a small facet, and the mirror doubles it. A floor that knows of rays only is 4.8e-7.
+/// Rounding a vertex turns a small facet, and the mirror doubles it. A floor that knows of rays
+/// only is 4.8e-7.
 fn small_facets_keep_their_limit() -> Result<(), Failed> {
     let scene = format!(
         "{CAMERA}look_at = {{ origin = [0, 1, 4], target = [0, 0, 0] }}\n{SKY}\
@@ -255,7 +256,8 @@ fn explain_shows_both_trees() -> Result<(), Failed> {
     )
 }
 
-/// A fault in one number, in a scene with much else in it: what is left has little but that number in it.
+/// A fault in one number, in a scene with much else in it: what is left has little but that number
+/// in it.
 fn what_fails_shrinks() -> Result<(), Failed> {
     let registry = whitstone::registry();
     let fault = Options {
@@ -289,7 +291,8 @@ fn what_fails_shrinks() -> Result<(), Failed> {
     }
 }
 
-/// All texture filters are compared with the reference; a setting that it cannot render is skipped with the reason.
+/// All texture filters are compared with the reference; a setting that it cannot render is skipped
+/// with the reason.
 fn settings_without_a_twin_are_left_out() -> Result<(), Failed> {
     let registry = whitstone::registry();
     let mut validator = Validator::new(&registry, options(), &|_| {})?;

@@ -1,5 +1,5 @@
-//! The matrix of settings: what must hold is held, what a scene does not need is left out, and what is left out would have shown
-//! nothing.
+//! The matrix of settings: what must hold is held, what a scene does not need is left out, and what
+//! is left out would have shown nothing.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -155,7 +155,8 @@ fn an_accelerator_that_changes_the_picture_fails_by_name() {
     assert!(failed[0].told.contains("pixels differ"), "{failed:?}");
 }
 
-/// The reasons are true: depth does not matter where the sweep is left out, and does in most scenes where it is not.
+/// The reasons are true: depth does not matter where the sweep is left out, and does in most scenes
+/// where it is not.
 #[test]
 fn sweeps_are_left_out_where_they_show_nothing() {
     let (registry, folder) = (whitstone::registry(), tempfile::tempdir().unwrap());

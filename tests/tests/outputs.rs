@@ -14,7 +14,8 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Whether the file system keeps this user from writing into a folder without permission; it does not keep root.
+/// Whether the file system keeps this user from writing into a folder without permission; it does
+/// not keep root.
 #[cfg(unix)]
 fn permissions_count(folder: &Path) -> bool {
     fs::write(folder.join("probe"), "").is_err()

@@ -1,5 +1,6 @@
-//! Every pair of a shape and a material, a texture, a light and a camera has a reference in Mitsuba, and passes. A scene holds all
-//! shapes side by side, with one material, texture, light or camera. Listed as ignored where Mitsuba's environment is not there.
+//! Every pair of a shape and a material, a texture, a light and a camera has a reference in
+//! Mitsuba, and passes. A scene holds all shapes side by side, with one material, texture, light or
+//! camera. Listed as ignored where Mitsuba's environment is not there.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use std::collections::BTreeMap;
@@ -304,7 +305,8 @@ fn textures() -> Scenes {
 }
 
 fn lights() -> Scenes {
-    // What the light does to the shape is seen: its background through glass, its ambient light in a texture.
+    // What the light does to the shape is seen: its background through glass, its ambient light in
+    // a texture.
     let material = |kind: &str| match kind {
         "background" => "{ type = \"dielectric\", absorption = [0.4, 0.1, 0.2] }",
         "ambient" => "{ type = \"matte\", reflectance = { type = \"noise\", scale = 2 } }",

@@ -57,8 +57,8 @@ impl Light for Shy {
     }
 }
 
-/// Of many lights only those are asked for samples that may reach a stream of points: the picture is the same, but for a light that
-/// does not say the truth.
+/// Of many lights only those are asked for samples that may reach a stream of points: the picture
+/// is the same, but for a light that does not say the truth.
 #[test]
 fn many_lights_are_culled() {
     let mut text = String::from(
@@ -95,7 +95,8 @@ fn many_lights_are_culled() {
     assert_ne!(render(false, true), all);
 }
 
-/// What is left out is what would have been black: the picture is the same as with the light in place.
+/// What is left out is what would have been black: the picture is the same as with the light in
+/// place.
 #[test]
 fn lights_that_reach_nothing_are_left_out() {
     let scene = |lights: &str, material: &str| {
@@ -117,7 +118,8 @@ fn lights_that_reach_nothing_are_left_out() {
     };
     for (light, kept) in [
         (spot("[0, 0, 0]"), 2),
-        // The ball around the box ends 35.3 degrees from the middle: a cone 63 degrees aside reaches it, one 67 degrees aside does not.
+        // The ball around the box ends 35.3 degrees from the middle: a cone 63 degrees aside
+        // reaches it, one 67 degrees aside does not.
         (spot("[5.9, 0, 0]"), 2),
         (spot("[7.1, 0, 0]"), 1),
         (spot("[0, 6, 0]"), 1),
@@ -151,7 +153,8 @@ fn lights_that_reach_nothing_are_left_out() {
     assert_eq!(why.unwrap().why, "no material in use reflects light by itself");
 }
 
-/// Heights are read while a mesh is built, and a slide only by the light that shows it: neither is kept, nor told as what shading reads.
+/// Heights are read while a mesh is built, and a slide only by the light that shows it: neither is
+/// kept, nor told as what shading reads.
 #[test]
 fn textures_that_nothing_looks_up_any_more_are_told_and_not_kept() {
     let built = |more: &str| {

@@ -86,7 +86,8 @@ fn bodies_in_bodies_are_those_whose_faces_name_both_sides() {
         // The other way round the inner one is not there.
         let hidden =
             sphere(1.5, &format!("{outer}, priority = 2")) + &sphere(0.9, &format!("{inner}, priority = 1"));
-        // At a passed face a branch is weighed once more, after what was absorbed before: what is cut off must not matter.
+        // At a passed face a branch is weighed once more, after what was absorbed before: what is
+        // cut off must not matter.
         let all = |text: &str| with_branches_above("1e-12", text, shadows);
         let (alone, hidden) = (all(&sphere(1.5, outer)), all(&hidden));
         assert_eq!(differing(&alone, &hidden, 1e-9), 0);

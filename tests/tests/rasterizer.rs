@@ -62,7 +62,8 @@ fn the_comparison_bites() {
     assert!(cast.closest > 0);
 }
 
-/// With one normal a triangle and light from one direction, colours do not change over it, and are interpolated to themselves.
+/// With one normal a triangle and light from one direction, colours do not change over it, and are
+/// interpolated to themselves.
 #[test]
 fn interpolated_colours_of_flat_triangles_are_those_of_pixels() {
     let built = |interpolation: &str| {

@@ -1,4 +1,5 @@
-//! A relief that is there beside one in the shading only: what bump mapping shows as well as displacement, and what it cannot.
+//! A relief that is there beside one in the shading only: what bump mapping shows as well as
+//! displacement, and what it cannot.
 
 use whitstone::core::DVec3;
 use whitstone::core::{Rgb, Scratch};
@@ -40,7 +41,8 @@ fn seen(pipeline: &Pipeline) -> Vec<Seen> {
 
 /// How two pictures of the ball differ.
 struct Difference {
-    /// Root of the mean squared difference over the mean, in the middle of the ball: within 60 degrees of the view.
+    /// Root of the mean squared difference over the mean, in the middle of the ball: within 60
+    /// degrees of the view.
     interior: f64,
     /// Pixels of which one shows the ball and the other what is behind it.
     outline: usize,

@@ -1,4 +1,5 @@
-//! The plugins that `new-plugin` writes: compiled here, with their own tests, and their scenes rendered.
+//! The plugins that `new-plugin` writes: compiled here, with their own tests, and their scenes
+//! rendered.
 
 #![allow(
     unreachable_pub,

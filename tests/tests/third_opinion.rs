@@ -7,15 +7,18 @@ use whitstone_tests::{load, scenes};
 
 /// Pixels of each scene along a side, from a lattice that no scene is symmetric to.
 const SIDE: u32 = 6;
-/// Relative to the largest channel, beside the uncertainty that the oracle tells: what rounding does along a tree.
+/// Relative to the largest channel, beside the uncertainty that the oracle tells: what rounding
+/// does along a tree.
 const TOLERANCE: f64 = 1e-9;
-/// The same where textures are filtered by footprints, which the pipeline finds by forward differences and holds in single precision.
+/// The same where textures are filtered by footprints, which the pipeline finds by forward
+/// differences and holds in single precision.
 const FILTERED: f64 = 1e-5;
 
 /// An uncertainty above this part of the largest channel decides nothing.
 const SHARP: f64 = 1e-6;
 
-/// With a change of our side only: how many pixels agree, differ, and are not known; `None` where the oracle does not know the scene.
+/// With a change of our side only: how many pixels agree, differ, and are not known; `None` where
+/// the oracle does not know the scene.
 fn counts(scene: &std::path::Path, ours: &[String]) -> Option<[usize; 3]> {
     let registry = whitstone::registry();
     let sources = Sources::load(scene, &[]).ok()?;

@@ -57,7 +57,8 @@ fn a_missing_stored_reference_fails_visibly() {
         target.display()
     );
     let told = validate(&[]);
-    // The words of both commands are complete, and the name is not that of a scene of the repository.
+    // The words of both commands are complete, and the name is not that of a scene of the
+    // repository.
     assert!(
         told.contains(&format!("again: whitstone validate {scene_name} {flags}\n")),
         "{told}"
@@ -172,7 +173,8 @@ fn a_missing_povray_is_told() {
     );
 }
 
-/// It is left out with a reason, or the driver understands all of it: a key that a driver does not know would be an error in the midst of a run.
+/// It is left out with a reason, or the driver understands all of it: a key that a driver does not
+/// know would be an error in the midst of a run.
 #[test]
 fn every_scene_has_a_twin_in_povray_or_a_reason() {
     let environment = Environment::of_povray(&root().join("references")).unwrap();
@@ -245,7 +247,8 @@ mod broken_drivers {
         Driver::spawn(command, limit).unwrap()
     }
 
-    /// What comes of asking. The limit is for those that would answer in time; a busy machine is slow.
+    /// What comes of asking. The limit is for those that would answer in time; a busy machine is
+    /// slow.
     fn hello(script: &str) -> DriverError {
         hello_within(script, Duration::from_secs(20))
     }

@@ -1,5 +1,5 @@
-//! What the workspace depends on: every licence is one that we allow, and the table in `Cargo.toml` is what is
-//! used.
+//! What the workspace depends on: every licence is one that we allow, and the table in `Cargo.toml`
+//! is what is used.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -107,7 +107,8 @@ fn check_table(table: &BTreeSet<&str>, metadata: &Value) -> Vec<String> {
     problems
 }
 
-/// Whether an SPDX expression can be met by allowed licences; `/` is the old way to write OR, and some write it small.
+/// Whether an SPDX expression can be met by allowed licences; `/` is the old way to write OR, and
+/// some write it small.
 fn is_allowed(expression: &str) -> bool {
     let spaced = expression
         .replace('(', " ( ")

@@ -46,7 +46,8 @@ fn problem(package: &str, feature: &str, worker: usize) -> std::io::Result<Optio
         .args(["--no-default-features", "--features", feature])
         .env("RUSTFLAGS", "-D warnings")
         .env("CARGO_INCREMENTAL", "0")
-        // Other flags would rebuild everything, and cargo locks a folder: each worker has one of its own.
+        // Other flags would rebuild everything, and cargo locks a folder: each worker has one of
+        // its own.
         .env("CARGO_TARGET_DIR", format!("target/features/{worker}"))
         .output()?;
     let text = String::from_utf8_lossy(&output.stderr);

@@ -13,6 +13,7 @@ mod plugins;
 mod readme;
 mod slim;
 mod tidy;
+mod width;
 
 use clap::{Parser, Subcommand};
 use std::path::{Path, PathBuf};

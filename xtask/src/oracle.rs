@@ -40,8 +40,9 @@ const DOUBLED: &str =
 
 /// Query the oracle about evenly chosen pixels of scenes, and print how many it decides
 ///
-/// A pixel is decided where the oracle's value is certain to the tolerance of `validate`. Exit code 1 if it
-/// decides less than 95 % of the pixels of a scene that is not a known exception, or if an exception is none.
+/// A pixel is decided where the oracle's value is certain to the tolerance of `validate`. Exit code
+/// 1 if it decides less than 95 % of the pixels of a scene that is not a known exception, or if an
+/// exception is none.
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Scenes, or folders of scenes
@@ -64,7 +65,8 @@ pub(crate) struct Arguments {
     page: bool,
 }
 
-/// Steps of the additive recurrence R2 (Roberts 2018), which is even in two dimensions: 1/g and 1/g^2 with g^3 = g + 1.
+/// Steps of the additive recurrence R2 (Roberts 2018), which is even in two dimensions: 1/g and
+/// 1/g^2 with g^3 = g + 1.
 const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
 
 /// What the oracle answers about a scene.

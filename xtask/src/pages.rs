@@ -1,4 +1,5 @@
-//! A page for every plugin, from what it says of itself: its schema, the header of its file, its example.
+//! A page for every plugin, from what it says of itself: its schema, the header of its file, its
+//! example.
 
 use crate::bench::plugins::{Costs, kept};
 use crate::{peers, plugins};

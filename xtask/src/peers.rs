@@ -1,5 +1,6 @@
-//! What `tidy` asks of the peers in place of what it asks of plugins: they have no example scene, no stored reference
-//! and no laws of accelerators, because they are not built by default and their images are not ours.
+//! What `tidy` asks of the peers in place of what it asks of plugins: they have no example scene,
+//! no stored reference and no laws of accelerators, because they are not built by default and their
+//! images are not ours.
 
 use crate::tidy::undocumented_parameters;
 use std::fs;
@@ -32,8 +33,8 @@ fn features(manifest: &str) -> impl Iterator<Item = (&str, &str)> {
     entries.filter(|(name, _)| *name != "default")
 }
 
-/// Each has a file, tests and documentation, is a feature of all that pass it on and on by default in none. `built`
-/// are those that this program has.
+/// Each has a file, tests and documentation, is a feature of all that pass it on and on by default
+/// in none. `built` are those that this program has.
 pub(crate) fn check(built: &[&Entry]) -> Vec<String> {
     let mut problems = check_names(&names(), &read);
     for entry in built {

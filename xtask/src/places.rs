@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use whitstone::core::FamilyName;
 use whitstone::{Exit, Failure};
 
-/// Check what the compiler cannot: that every plugin has its file, feature, example, twin and documentation,
-/// and that all licences of dependencies are allowed; with --plugin, list the places of one and what each lacks
+/// Check what the compiler cannot: that every plugin has its file, feature, example, twin and
+/// documentation, and that all licences of dependencies are allowed; with --plugin, list the places
+/// of one and what each lacks
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// List the places that a plugin takes, there already or not yet

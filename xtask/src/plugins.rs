@@ -1,4 +1,5 @@
-//! What the files of plugins say about them in their headers: their twin, example and laws, for `whitstone list --json`.
+//! What the files of plugins say about them in their headers: their twin, example and laws, for
+//! `whitstone list --json`.
 
 use crate::peers;
 use serde_json::{Value, json};
@@ -11,7 +12,8 @@ pub(crate) const FILE: &str = "crates/whitstone/src/plugins.json";
 
 /// The content of the file.
 pub(crate) fn json(registry: &Registry) -> String {
-    // Sorted here: a map of JSON keeps the order of insertion in some builds, by a feature that other packages turn on.
+    // Sorted here: a map of JSON keeps the order of insertion in some builds, by a feature that
+    // other packages turn on.
     let mut families: BTreeMap<&str, BTreeMap<&str, BTreeMap<&str, Value>>> = BTreeMap::new();
     for entry in registry
         .entries()

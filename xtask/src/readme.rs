@@ -46,8 +46,8 @@ const BOUNDS: [(&str, &str, usize); 9] = [
     ("bsp", "type = \"bsp\"", 6),
 ];
 
-/// Write what is generated: the pictures and numbers of README.md from the stored references, the pictures of
-/// docs/accelerators.md, a page for every plugin, and what `list --json` says of them
+/// Write what is generated: the pictures and numbers of README.md from the stored references, the
+/// pictures of docs/accelerators.md, a page for every plugin, and what `list --json` says of them
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Write nothing; exit 1 if something would change

@@ -1,8 +1,9 @@
 //! `slim`: a binary with nothing in it but what one scene needs.
 //!
-//! A package is generated that depends on `whitstone` without its features and on the families with those features that
-//! the scene needs. It has a workspace of its own, as cargo joins the features of all packages of a workspace. The full
-//! binary is made the same way, so that both have one profile.
+//! A package is generated that depends on `whitstone` without its features and on the families with
+//! those features that the scene needs. It has a workspace of its own, as cargo joins the features
+//! of all packages of a workspace. The full binary is made the same way, so that both have one
+//! profile.
 
 use crate::root;
 use clap::Args;
@@ -18,8 +19,9 @@ use whitstone::{Exit, Failure};
 
 /// Build a binary with only what a scene needs, and compare it with the full one
 ///
-/// Both are built as by `cargo build --release`, without debug information. They must write the same bytes. Start-up is the whole run with a film
-/// of one pixel; instructions are counted by valgrind where it is installed.
+/// Both are built as by `cargo build --release`, without debug information. They must write the
+/// same bytes. Start-up is the whole run with a film of one pixel; instructions are counted by
+/// valgrind where it is installed.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  cargo xtask slim scenes/shapes/sphere.toml -o sphere")]
 pub(crate) struct Arguments {

@@ -1,13 +1,14 @@
-//! What a ray costs in each structure, on one thread, over a generated mesh: steps (inner nodes or cells visited), tests of
-//! elements, and time, beside `bvh2` in the same run. The default `bvh` counts no steps.
+//! What a ray costs in each structure, on one thread, over a generated mesh: steps (inner nodes or
+//! cells visited), tests of elements, and time, beside `bvh2` in the same run. The default `bvh`
+//! counts no steps.
 //!
 //! ```text
 //! cargo run --release -p whitstone-accelerators --example structures -- [TRIANGLES] [MESH] [NAME]
 //! ```
 //!
-//! MESH is `ball` (with bumps, compact triangles, spread evenly), `needles` (long thin triangles that lie askew) or `stadium`
-//! (the ball within one of 128 triangles that is a hundred times as large). NAME keeps only the rows that contain it, and
-//! `bvh2`.
+//! MESH is `ball` (with bumps, compact triangles, spread evenly), `needles` (long thin triangles
+//! that lie askew) or `stadium` (the ball within one of 128 triangles that is a hundred times as
+//! large). NAME keeps only the rows that contain it, and `bvh2`.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -130,7 +131,8 @@ fn effort(accelerator: &dyn Accelerator, of: impl Fn(Effort) -> u64) -> String {
 /// Nanoseconds of a nearest hit and of any hit: the best of some rounds.
 fn cost(accelerator: &dyn Accelerator) -> (f64, f64) {
     let rays = rays();
-    // The best of several rounds of few rays each, so that other work of the machine disturbs little.
+    // The best of several rounds of few rays each, so that other work of the machine disturbs
+    // little.
     let best = |trace: &dyn Fn(&Ray) -> bool| {
         let chunks = rays.chunks(500).map(|rays| {
             let rounds = (0..8).map(|_| {

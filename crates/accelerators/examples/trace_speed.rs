@@ -1,5 +1,5 @@
-//! Millions of rays a second of the BVH on a mesh, on one thread, and whether it agrees with trying every
-//! triangle:
+//! Millions of rays a second of the BVH on a mesh, on one thread, and whether it agrees with trying
+//! every triangle:
 //!
 //! ```text
 //! cargo run --release -p whitstone-accelerators --example trace_speed -- MESH [RAYS_TO_COMPARE]

@@ -1,11 +1,12 @@
-//! The build of binary hierarchies, whatever volumes they then put around their nodes: top down over the
-//! centers of the elements' boxes.
+//! The build of binary hierarchies, whatever volumes they then put around their nodes: top down
+//! over the centers of the elements' boxes.
 //!
-//! - `split = "sah"`: the surface area heuristic, in bins (Wald, *On fast construction of SAH-based bounding
-//!   volume hierarchies*, 2007), by a full sweep where few elements are left.
-//! - `split = "midpoint"`: in the middle of the box of all centers. `split = "median"`: half of the elements to
-//!   each side.
-//! - `axes = "longest"` tries the axis in which the centers spread most, `"all"` takes the cheapest of three.
+//! - `split = "sah"`: the surface area heuristic, in bins (Wald, *On fast construction of SAH-based
+//!   bounding volume hierarchies*, 2007), by a full sweep where few elements are left.
+//! - `split = "midpoint"`: in the middle of the box of all centers. `split = "median"`: half of the
+//!   elements to each side.
+//! - `axes = "longest"` tries the axis in which the centers spread most, `"all"` takes the cheapest
+//!   of three.
 
 use crate::elements::{Item, bounds};
 use crate::split::{Axes, Split};
@@ -13,7 +14,8 @@ use std::cmp::Ordering;
 use std::ops::Range;
 use whitstone_core::Aabb;
 
-/// Time of a step down, in units of the time of one test of an element: measured on triangle meshes.
+/// Time of a step down, in units of the time of one test of an element: measured on triangle
+/// meshes.
 pub(crate) const STEP_COST: f64 = 0.7;
 
 /// No path from the root is longer.
@@ -71,8 +73,8 @@ enum At {
 }
 
 impl Builder {
-    /// Builds over items, of which there is at least one, and brings them into the order of the leaves. The
-    /// result depends on the items only, not on the number of threads.
+    /// Builds over items, of which there is at least one, and brings them into the order of the
+    /// leaves. The result depends on the items only, not on the number of threads.
     pub(crate) fn build(&self, items: &mut [Item]) -> Tree {
         self.tree(items, 0, 0)
     }
@@ -84,8 +86,8 @@ impl Builder {
             return leaf;
         }
         let centers = Aabb::around(items.iter().map(|item| item.center));
-        // Halving leads to single elements in as many steps as there are bits in n: from where that is all
-        // that the stack has room for, halve.
+        // Halving leads to single elements in as many steps as there are bits in n: from where that
+        // is all that the stack has room for, halve.
         let must_halve = depth + (usize::BITS - n.leading_zeros()) as usize >= MAX_DEPTH;
         let cut = if must_halve {
             None
@@ -180,7 +182,8 @@ fn halve(items: &mut [Item], axis: usize) -> usize {
     middle
 }
 
-/// Brings what `goes_left` to the front, in no particular but a reproducible order; returns how many.
+/// Brings what `goes_left` to the front, in no particular but a reproducible order; returns how
+/// many.
 fn partition(items: &mut [Item], goes_left: impl Fn(&Item) -> bool) -> usize {
     let mut middle = 0;
     for i in 0..items.len() {

@@ -39,8 +39,9 @@ impl Plugin<Accelerators> for BruteForce {
 }
 
 impl BruteForce {
-    /// Hands every hit inside the interval to `found` until that returns false. The interval is never
-    /// narrowed: the purity of the shapes is what other accelerators rely on and this one need not.
+    /// Hands every hit inside the interval to `found` until that returns false. The interval is
+    /// never narrowed: the purity of the shapes is what other accelerators rely on and this one
+    /// need not.
     #[inline(always)]
     fn hits(&self, ray: &Ray, interval: Interval, skip: Skip, mut found: impl FnMut(RawHit) -> bool) {
         // Made for the first mesh only: the divisions cost as much as a hit.

@@ -1,16 +1,20 @@
-//! A binary space partition by planes in *any* direction; `kdtree` is the one whose planes follow the axes.
+//! A binary space partition by planes in *any* direction; `kdtree` is the one whose planes follow
+//! the axes.
 //!
-//! - Build: Ize, Wald, Parker, *Ray tracing with the BSP tree*, 2008: the surface area heuristic over polyhedra
-//!   (section 3), with the planes of the triangles themselves as candidates besides axis-parallel ones, where few
-//!   elements are left. Triangles are cut into polygons at each plane (Fuchs, Kedem, Naylor, *On visible surface
-//!   generation by a priori tree structures*, 1980). `split = "midpoint"` and `"median"` cut across the principal axis
-//!   of what is in the cell; see `build`.
+//! - Build: Ize, Wald, Parker, *Ray tracing with the BSP tree*, 2008: the surface area heuristic
+//!   over polyhedra (section 3), with the planes of the triangles themselves as candidates besides
+//!   axis-parallel ones, where few elements are left. Triangles are cut into polygons at each plane
+//!   (Fuchs, Kedem, Naylor, *On visible surface generation by a priori tree structures*, 1980).
+//!   `split = "midpoint"` and `"median"` cut across the principal axis of what is in the cell; see
+//!   `build`.
 //! - Traversal: that of a kd-tree, with two products of vectors for each plane; see `tree`.
-//! - Cost model: that of `kdtree`, with the areas of the polyhedra; but a leaf costs a test for each element, and a step
-//!   1.6 tests. What it buys are cells that fit: a triangle that lies askew fills a corner of every axis-parallel box, and a plane along
-//!   it leaves empty space on one side at once. With the few candidates that are tried here that saves no tests (figures
-//!   in `docs/accelerators.md`), and the build is by far the slowest. Memory: 40 bytes a node, at most 8 references to an
-//!   element on average, after which cells stay as they are. Build: O(n log n) with a large factor.
+//! - Cost model: that of `kdtree`, with the areas of the polyhedra; but a leaf costs a test for
+//!   each element, and a step 1.6 tests. What it buys are cells that fit: a triangle that lies
+//!   askew fills a corner of every axis-parallel box, and a plane along it leaves empty space on
+//!   one side at once. With the few candidates that are tried here that saves no tests (figures in
+//!   `docs/accelerators.md`), and the build is by far the slowest. Memory: 40 bytes a node, at most
+//!   8 references to an element on average, after which cells stay as they are. Build: O(n log n)
+//!   with a large factor.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bsp.toml`.

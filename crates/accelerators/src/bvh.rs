@@ -1,11 +1,12 @@
 //! A wide bounding volume hierarchy in vector instructions: the default.
 //!
-//! - Nodes of eight boxes in `f32`, leaves of up to eight triangles in `f32`; what these tests cannot decide
-//!   for certain, and every hit that is returned, is decided by the tests in `f64`. Proof that nothing is
-//!   missed: `docs/accelerators.md`.
-//! - Build: `morton`, `binned` or `spatial`, then `wide`. Traversal: `search`; eight boxes at once, near and far planes by the signs
-//!   of the direction (Wald, Benthin, Boulos, *Getting rid of packets*, 2008; Fuetterling et al., *Accelerated
-//!   single ray tracing for wide vector units*, HPG 2017).
+//! - Nodes of eight boxes in `f32`, leaves of up to eight triangles in `f32`; what these tests
+//!   cannot decide for certain, and every hit that is returned, is decided by the tests in `f64`.
+//!   Proof that nothing is missed: `docs/accelerators.md`.
+//! - Build: `morton`, `binned` or `spatial`, then `wide`. Traversal: `search`; eight boxes at once,
+//!   near and far planes by the signs of the direction (Wald, Benthin, Boulos, *Getting rid of
+//!   packets*, 2008; Fuetterling et al., *Accelerated single ray tracing for wide vector units*,
+//!   HPG 2017).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bvh.toml`.
@@ -159,7 +160,8 @@ impl Bvh {
     #[inline(always)]
     fn find<const ANY: bool>(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
         let query = Query { ray, interval, skip };
-        // Nodes and leaves are eight wide: AVX-512 has nothing more for one ray, and is slower by 4% on some processors.
+        // Nodes and leaves are eight wide: AVX-512 has nothing more for one ray, and is slower by
+        // 4% on some processors.
         with_lanes(Level::Avx2, Search::<ANY, _>(self, &query))
     }
 }

@@ -1,13 +1,14 @@
 //! A binary bounding volume hierarchy in `f64`.
 //!
 //! - Build: top down by the surface area heuristic, in the middle, or by halves; see `binary`.
-//! - Traversal: nearer child first, with an explicit stack. Slabs by sign bits with comparisons that ignore
-//!   NaN (Ize, *Robust BVH ray traversal*, JCGT 2(2), 2013), padded so that rounding in a shape's own test
-//!   cannot put a hit outside its box; see `elements`.
-//! - Cost model: a ray that hits a box hits a box inside it with the ratio of their areas as chance (Goldsmith
-//!   and Salmon, *Automatic creation of object hierarchies for ray tracing*, 1987, section 3). So the cost
-//!   of a node is 0.7 + (A_l C_l + A_r C_r) / A tests of an element, and that of a leaf is the number of its
-//!   elements. Memory: at most one node and one slot an element. Build: O(n log n).
+//! - Traversal: nearer child first, with an explicit stack. Slabs by sign bits with comparisons
+//!   that ignore NaN (Ize, *Robust BVH ray traversal*, JCGT 2(2), 2013), padded so that rounding in
+//!   a shape's own test cannot put a hit outside its box; see `elements`.
+//! - Cost model: a ray that hits a box hits a box inside it with the ratio of their areas as chance
+//!   (Goldsmith and Salmon, *Automatic creation of object hierarchies for ray tracing*, 1987,
+//!   section 3). So the cost of a node is 0.7 + (A_l C_l + A_r C_r) / A tests of an element, and
+//!   that of a leaf is the number of its elements. Memory: at most one node and one slot an
+//!   element. Build: O(n log n).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bvh2.toml`.
@@ -287,7 +288,8 @@ impl Structure for Bvh2 {
 }
 
 impl Node {
-    /// Where the ray enters each child's box, and whether it is inside somewhere from `min` to `limit`.
+    /// Where the ray enters each child's box, and whether it is inside somewhere from `min` to
+    /// `limit`.
     #[inline]
     fn enter(&self, ray: &WideRay, min: f64, limit: f64) -> ([f64; 2], [bool; 2]) {
         let (mut near, mut far) = ([min; 2], [limit; 2]);

@@ -1,13 +1,16 @@
-//! What the readable structures share: which elements have a box, how wide a ray is, and both searches.
+//! What the readable structures share: which elements have a box, how wide a ray is, and both
+//! searches.
 //!
-//! **Why rays are wide.** A hit is where an element's own test says, and that test rounds: the point at `t`
-//! may lie a little outside of the element's box. The slab and plane tests of a structure round too. So a
-//! structure treats each ray as if it were `pad` wide in all directions, and visits every box, cell or
-//! half-space that such a ray touches. With that, for every hit there is a visited cell that holds the
-//! element: the point lies within `pad` of a point of the element, and that one lies in some cell.
+//! **Why rays are wide.** A hit is where an element's own test says, and that test rounds: the
+//! point at `t` may lie a little outside of the element's box. The slab and plane tests of a
+//! structure round too. So a structure treats each ray as if it were `pad` wide in all directions,
+//! and visits every box, cell or half-space that such a ray touches. With that, for every hit there
+//! is a visited cell that holds the element: the point lies within `pad` of a point of the element,
+//! and that one lies in some cell.
 //!
-//! **When a search may end.** Cells come roughly nearest first. A hit that was found in one may lie beyond it,
-//! so it ends nothing; a cell is left out only if the ray enters it strictly behind the best hit.
+//! **When a search may end.** Cells come roughly nearest first. A hit that was found in one may lie
+//! beyond it, so it ends nothing; a cell is left out only if the ray enters it strictly behind the
+//! best hit.
 
 use crate::vast::vast;
 use std::sync::Arc;
@@ -23,9 +26,10 @@ const FARTHEST: f64 = 1e150;
 
 /// The width of rays, relative to the largest coordinate of ray origin and boxes.
 ///
-/// The test of a box or plane itself errs by a few roundings, 2^-53 each. The test of a triangle errs by about
-/// 8 roundings times the ratio of its longest edge to its smallest height, so this pad lets hits on
-/// triangles with ratios up to a thousand stay in their boxes; [`needle_pad`] sees to the needles beyond.
+/// The test of a box or plane itself errs by a few roundings, 2^-53 each. The test of a triangle
+/// errs by about 8 roundings times the ratio of its longest edge to its smallest height, so this
+/// pad lets hits on triangles with ratios up to a thousand stay in their boxes; [`needle_pad`] sees
+/// to the needles beyond.
 pub(crate) const PAD: f64 = 1.0 / (1u64 << 40) as f64;
 
 /// [`PAD`]; tests make rays thinner, to see that the laws then fail.
@@ -36,11 +40,12 @@ fn width() -> f64 {
 #[cfg(test)]
 use tests::width;
 
-/// What a structure may lose by its own rounding when it cuts elements, relative to the largest coordinate:
-/// many roundings, and far below the pad.
+/// What a structure may lose by its own rounding when it cuts elements, relative to the largest
+/// coordinate: many roundings, and far below the pad.
 pub(crate) const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
 
-/// Fewer elements than this: they, what refers to them and the nodes over them are numbered in 32 bits.
+/// Fewer elements than this: they, what refers to them and the nodes over them are numbered in 32
+/// bits.
 pub(crate) const MOST_ELEMENTS: usize = 1 << 28;
 
 /// Refuses a geometry that does not have fewer than `most` elements.
@@ -171,8 +176,8 @@ fn corners(geometry: &Geometry, element: Element) -> Option<[DVec3; 3]> {
     }
 }
 
-/// What the box of a needle needs beyond the width of rays: the error of the triangle test, up to which a
-/// hit may seem to lie outside the box. It is never more than the longest edge.
+/// What the box of a needle needs beyond the width of rays: the error of the triangle test, up to
+/// which a hit may seem to lie outside the box. It is never more than the longest edge.
 fn needle_pad(geometry: &Geometry, element: Element, reach: f64) -> f64 {
     let Some([a, b, c]) = corners(geometry, element) else {
         return 0.0;
@@ -192,11 +197,12 @@ pub(crate) fn bounds(items: &[Item]) -> Aabb {
     items.iter().fold(Aabb::EMPTY, |aabb, item| aabb.union(item.aabb))
 }
 
-/// Whether a triangle and a box have a point in common, up to a margin: it is false only if some axis
-/// separates them.
+/// Whether a triangle and a box have a point in common, up to a margin: it is false only if some
+/// axis separates them.
 ///
-/// Akenine-Möller, *Fast 3D triangle-box overlap testing*, 2001: the axes are the normal of the triangle
-/// and the products of its edges with those of the box; the faces of the box are the caller's concern.
+/// Akenine-Möller, *Fast 3D triangle-box overlap testing*, 2001: the axes are the normal of the
+/// triangle and the products of its edges with those of the box; the faces of the box are the
+/// caller's concern.
 pub(crate) fn overlaps(corners: &[DVec3; 3], cell: &Aabb, margin: f64) -> bool {
     let center = cell.center();
     let half = 0.5 * cell.extent() + margin;
@@ -250,8 +256,8 @@ impl WideRay {
         }
     }
 
-    /// From where the ray touches what is beyond a plane. A NaN, from zero times infinity, means that it
-    /// runs in the very border: the methods `max` and `min` of numbers then ignore it.
+    /// From where the ray touches what is beyond a plane. A NaN, from zero times infinity, means
+    /// that it runs in the very border: the methods `max` and `min` of numbers then ignore it.
     #[inline]
     pub(crate) fn arrives(&self, axis: usize, plane: f64) -> f64 {
         (plane - self.near_origin[axis]) * self.reciprocal[axis]
@@ -287,8 +293,8 @@ pub(crate) struct Along {
 }
 
 impl WideRay {
-    /// Products with the normal are rounded, those of the direction too: on the way to a point of the geometry
-    /// that is a distance far below the width.
+    /// Products with the normal are rounded, those of the direction too: on the way to a point of
+    /// the geometry that is a distance far below the width.
     #[inline]
     pub(crate) fn along(&self, normal: DVec3) -> Along {
         let (origin, direction) = (normal.dot(self.ray.origin), normal.dot(self.ray.direction));
@@ -316,8 +322,8 @@ impl Along {
         (plane - self.far_origin) * self.reciprocal
     }
 
-    /// The part of an interval of the ray between two planes, the first with the smaller coordinate; empty if its
-    /// start is beyond its end.
+    /// The part of an interval of the ray between two planes, the first with the smaller
+    /// coordinate; empty if its start is beyond its end.
     #[inline]
     pub(crate) fn between(&self, min: f64, max: f64, (near, far): (f64, f64)) -> (f64, f64) {
         let (first, last) = if self.backwards { (max, min) } else { (min, max) };
@@ -326,9 +332,10 @@ impl Along {
     }
 }
 
-/// The elements that a ray was tested against last, so that one that lies in several cells is seldom tested
-/// twice ("inverse mailboxing": Shevtsov, Soupikov, Kapustin, *Highly parallel fast kd-tree construction*,
-/// 2007). It belongs to the ray, not to the elements, so threads share nothing.
+/// The elements that a ray was tested against last, so that one that lies in several cells is
+/// seldom tested twice ("inverse mailboxing": Shevtsov, Soupikov, Kapustin, *Highly parallel fast
+/// kd-tree construction*, 2007). It belongs to the ray, not to the elements, so threads share
+/// nothing.
 pub(crate) struct Mailbox([u32; Self::SIZE]);
 
 impl Mailbox {
@@ -380,14 +387,15 @@ impl<V: Visitor> Visitor for Counting<V> {
 
 /// A structure over items: what differs between the accelerators.
 pub(crate) trait Structure: Send + Sync {
-    /// Hands every element to the visitor that a hit with `min` < t <= `limit` may be on, nearer ones roughly first.
-    /// The visitor returns the new limit, or `None` to stop; so does this.
+    /// Hands every element to the visitor that a hit with `min` < t <= `limit` may be on, nearer
+    /// ones roughly first. The visitor returns the new limit, or `None` to stop; so does this.
     fn visit(&self, ray: &WideRay, min: f64, limit: f64, visitor: &mut impl Visitor) -> Option<f64>;
 
     /// What was built, with `bytes`; the rest is common to all.
     fn statistics(&self) -> Statistics;
 
-    /// The volumes down to a level, as in [`Accelerator::outlines`]; none where there are no elements.
+    /// The volumes down to a level, as in [`Accelerator::outlines`]; none where there are no
+    /// elements.
     fn outlines(&self, deepest: usize) -> Vec<Outline>;
 }
 

@@ -1,21 +1,26 @@
 //! A uniform grid: space is divided into equal cells, and a ray walks from cell to cell.
 //!
-//! - Build: as many cells as `density` times the elements, as cubic as they can be (Cleary and Wyvill, *Analysis
-//!   of an algorithm for fast ray tracing using uniform space subdivision*, 1988; Pharr, Jakob, Humphreys, *PBR*,
-//!   2nd ed., section 4.3). `levels = 2` puts a grid of its own into every cell that holds many elements (Jevans and
-//!   Wyvill, *Adaptive voxel subdivision for ray tracing*, 1989; Kalojanov, Billeter, Slusallek, *Two-level grids for
-//!   ray tracing on GPUs*, 2011); see `cells`.
-//! - Traversal: Amanatides and Woo, *A fast voxel traversal algorithm for ray tracing*, 1987. The ray is as wide as
-//!   rounding may need (see `elements`), so each plane is passed twice: the ray arrives at the cell beyond, and a
-//!   little later it leaves the cell before. Between the two both cells are visited. The distances of
-//!   planes are computed from their coordinates, not summed up, so that no error grows along the ray.
+//! - Build: as many cells as `density` times the elements, as cubic as they can be (Cleary and
+//!   Wyvill, *Analysis of an algorithm for fast ray tracing using uniform space subdivision*, 1988;
+//!   Pharr, Jakob, Humphreys, *PBR*, 2nd ed., section 4.3). `levels = 2` puts a grid of its own
+//!   into every cell that holds many elements (Jevans and Wyvill, *Adaptive voxel subdivision for
+//!   ray tracing*, 1989; Kalojanov, Billeter, Slusallek, *Two-level grids for ray tracing on GPUs*,
+//!   2011); see `cells`.
+//! - Traversal: Amanatides and Woo, *A fast voxel traversal algorithm for ray tracing*, 1987. The
+//!   ray is as wide as rounding may need (see `elements`), so each plane is passed twice: the ray
+//!   arrives at the cell beyond, and a little later it leaves the cell before. Between the two both
+//!   cells are visited. The distances of planes are computed from their coordinates, not summed up,
+//!   so that no error grows along the ray.
 //! - An element in several cells is seldom tested twice: `Mailbox`.
-//! - Cost model: a ray that passes the whole crosses about 3 c cells where there are c³, and each is a step of
-//!   about half the time of a test. More cells mean fewer tests and more steps; both balance at a few cells an
-//!   element, if these are spread evenly. Where they are not (the teapot in the stadium), one cell holds nearly all
-//!   and nothing is gained; a second level mends one such step of scale (18,000 tests a ray become 46). Memory: `density` cells an element, and
-//!   at most 16 references to it on average, else the cells are made larger. Build: O(n), the fastest of all.
-//! - From so far away that the width of the ray is half a cell (10^11 cells), every element is tried.
+//! - Cost model: a ray that passes the whole crosses about 3 c cells where there are c³, and each
+//!   is a step of about half the time of a test. More cells mean fewer tests and more steps; both
+//!   balance at a few cells an element, if these are spread evenly. Where they are not (the teapot
+//!   in the stadium), one cell holds nearly all and nothing is gained; a second level mends one
+//!   such step of scale (18,000 tests a ray become 46). Memory: `density` cells an element, and at
+//!   most 16 references to it on average, else the cells are made larger. Build: O(n), the fastest
+//!   of all.
+//! - From so far away that the width of the ray is half a cell (10^11 cells), every element is
+//!   tried.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/grid.toml`.

@@ -1,4 +1,5 @@
-//! What the hierarchies share whose nodes have volumes other than boxes along the axes: nodes, build and statistics.
+//! What the hierarchies share whose nodes have volumes other than boxes along the axes: nodes,
+//! build and statistics.
 
 use crate::binary::{Builder, Tree};
 use crate::elements::{Elements, Item};
@@ -35,7 +36,8 @@ pub(crate) struct Hierarchy<V> {
 #[derive(Clone, Copy)]
 struct Node<V> {
     volume: V,
-    /// Of an inner node, the first of two children side by side; of a leaf, the first of its elements.
+    /// Of an inner node, the first of two children side by side; of a leaf, the first of its
+    /// elements.
     first: u32,
     /// Elements of a leaf; 0 for an inner node.
     count: u32,

@@ -1,16 +1,20 @@
-//! A kd-tree: space is cut by axis-parallel planes, and an element is referred to from every cell it lies in.
+//! A kd-tree: space is cut by axis-parallel planes, and an element is referred to from every cell
+//! it lies in.
 //!
-//! - Build: Wald and Havran, *On building fast kd-trees for ray tracing, and on doing that in O(N log N)*,
-//!   2006: the surface area heuristic over the ends of the elements' boxes (section 4.2), boxes cut at each plane
-//!   ("perfect splits", section 3.3, by boxes instead of polygons), a bonus for empty space (section 3.4). Nodes of
-//!   many elements are cut at the borders of bins instead (Shevtsov, Soupikov, Kapustin 2007); see `build`.
-//! - Traversal: in order, with an interval of the ray for each cell, in single precision; see `search`. Leaves of
-//!   triangles are tested eight at once by the filter that `bvh` has too, which is never wrong; see `leaves`.
-//! - Cost model: a ray that passes a cell passes a part of it with the ratio of their areas as chance. A leaf costs
-//!   1 for each eight elements, a step down 1.4. So cells are cut at the plane of least A_l n_l + A_r n_r, a fifth
-//!   less if one side is empty, and become a leaf again where all below costs more. Cells do not overlap, so that
-//!   nearest hits end the search early, but an element is referred to several times: at most 4 times on average, after
-//!   which cells stay as they are. Memory: 8 bytes a node, 44 a reference. Build: O(n log² n).
+//! - Build: Wald and Havran, *On building fast kd-trees for ray tracing, and on doing that in O(N
+//!   log N)*, 2006: the surface area heuristic over the ends of the elements' boxes (section 4.2),
+//!   boxes cut at each plane ("perfect splits", section 3.3, by boxes instead of polygons), a bonus
+//!   for empty space (section 3.4). Nodes of many elements are cut at the borders of bins instead
+//!   (Shevtsov, Soupikov, Kapustin 2007); see `build`.
+//! - Traversal: in order, with an interval of the ray for each cell, in single precision; see
+//!   `search`. Leaves of triangles are tested eight at once by the filter that `bvh` has too, which
+//!   is never wrong; see `leaves`.
+//! - Cost model: a ray that passes a cell passes a part of it with the ratio of their areas as
+//!   chance. A leaf costs 1 for each eight elements, a step down 1.4. So cells are cut at the plane
+//!   of least A_l n_l + A_r n_r, a fifth less if one side is empty, and become a leaf again where
+//!   all below costs more. Cells do not overlap, so that nearest hits end the search early, but an
+//!   element is referred to several times: at most 4 times on average, after which cells stay as
+//!   they are. Memory: 8 bytes a node, 44 a reference. Build: O(n log² n).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/kdtree.toml`.
@@ -44,7 +48,8 @@ use whitstone_simd::{Level, with_lanes};
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Cells of so few elements are not cut, except by the surface area heuristic, which decides by cost.
+    /// Cells of so few elements are not cut, except by the surface area heuristic, which decides by
+    /// cost.
     #[serde(default = "eight")]
     max_leaf: NonZeroU32,
     /// Longest path from the root; 8 + 1.3 log2 of the number of elements if left out.
@@ -163,7 +168,8 @@ impl KdTree {
     }
 }
 
-/// Puts a subtree at a place among the nodes, what is below it behind all others, and what its leaves hold behind what others hold.
+/// Puts a subtree at a place among the nodes, what is below it behind all others, and what its
+/// leaves hold behind what others hold.
 fn flatten(tree: &Tree<AxisCut>, place: usize, nodes: &mut Vec<Node>, references: &mut Vec<u32>) {
     match &tree.content {
         Content::Leaf(held) => {

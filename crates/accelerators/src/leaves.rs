@@ -1,8 +1,10 @@
-//! Leaves of triangles in single precision behind a test that is never wrong, and the elements in them.
+//! Leaves of triangles in single precision behind a test that is never wrong, and the elements in
+//! them.
 //!
-//! A hierarchy refers to leaves of up to eight elements. Triangles are there with their corners in own coordinates
-//! (`frame`), and eight are tested at once (`filter`); what this test cannot decide for certain, and every hit that is
-//! returned, is decided by the tests in `f64` (`state`). Proof that nothing is missed: `docs/accelerators.md`.
+//! A hierarchy refers to leaves of up to eight elements. Triangles are there with their corners in
+//! own coordinates (`frame`), and eight are tested at once (`filter`); what this test cannot decide
+//! for certain, and every hit that is returned, is decided by the tests in `f64` (`state`). Proof
+//! that nothing is missed: `docs/accelerators.md`.
 
 pub(crate) mod child;
 pub(crate) mod filter;
@@ -27,7 +29,8 @@ pub(crate) struct Leaves {
     pub(crate) slots: Vec<Slot>,
     /// The corners of the triangles of `slots` in own coordinates; see `filter`.
     pub(crate) numbers: Vec<f32>,
-    /// What gives back the very corners of triangles from `numbers` as a factor, or 0 if nothing does.
+    /// What gives back the very corners of triangles from `numbers` as a factor, or 0 if nothing
+    /// does.
     pub(crate) exact: f64,
 }
 
@@ -100,7 +103,8 @@ impl Leaves {
     }
 }
 
-/// From triangle after triangle to rows of one number of every triangle: axis by axis, corner by corner.
+/// From triangle after triangle to rows of one number of every triangle: axis by axis, corner by
+/// corner.
 pub(crate) fn by_coordinate(numbers: &mut [f32], count: usize) {
     let mut old = [0.0; NUMBERS * WIDTH];
     let old = &mut old[..numbers.len()];

@@ -1,6 +1,7 @@
 //! Accelerators: one file is one plugin is one Cargo feature is one TOML `type`.
 //!
-//! None of them changes an image: all return bit for bit what trying every element in order would return.
+//! None of them changes an image: all return bit for bit what trying every element in order would
+//! return.
 
 #![cfg_attr(
     not(feature = "all"),

@@ -1,15 +1,17 @@
 //! A hierarchy of oriented boxes: each node has a frame of its own.
 //!
-//! - Fit: along the principal axes of the corners of what is inside (Gottschalk, Lin, Manocha, *OBBTree: a
-//!   hierarchical structure for rapid interference detection*, 1996, section 4), or along the coordinate axes where
-//!   that box is smaller. Each node is fitted to its own elements, not to its children.
+//! - Fit: along the principal axes of the corners of what is inside (Gottschalk, Lin, Manocha,
+//!   *OBBTree: a hierarchical structure for rapid interference detection*, 1996, section 4), or
+//!   along the coordinate axes where that box is smaller. Each node is fitted to its own elements,
+//!   not to its children.
 //! - Build: top down over axis-parallel boxes; see `binary`.
-//! - Traversal: nearer child first, with an explicit stack. The ray is expressed in the frame of each box: six
-//!   products with a vector before the three intervals.
-//! - Cost model: a step takes two to three times that of an axis-parallel box, so that an oriented one pays only where it
-//!   is hit less than a third as often. Hairs that lie askew save a third of the steps, compact meshes a sixth: neither
-//!   pays (figures in `docs/accelerators.md`). Memory: 15 numbers a node, two nodes an element at most. Build:
-//!   O(n log n), as every level is fitted anew. A moving rigid part would need no new fit, only a new frame.
+//! - Traversal: nearer child first, with an explicit stack. The ray is expressed in the frame of
+//!   each box: six products with a vector before the three intervals.
+//! - Cost model: a step takes two to three times that of an axis-parallel box, so that an oriented
+//!   one pays only where it is hit less than a third as often. Hairs that lie askew save a third of
+//!   the steps, compact meshes a sixth: neither pays (figures in `docs/accelerators.md`). Memory:
+//!   15 numbers a node, two nodes an element at most. Build: O(n log n), as every level is fitted
+//!   anew. A moving rigid part would need no new fit, only a new frame.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/obb_bvh.toml`.
@@ -27,7 +29,8 @@ use whitstone_core::{
     Aabb, Accelerator, Accelerators, Context, DVec3, Geometry, Outline, Plugin, SceneErrors, Statistics,
 };
 
-/// A hierarchy of oriented boxes: fewer steps among long thin things that lie askew, each of which takes longer.
+/// A hierarchy of oriented boxes: fewer steps among long thin things that lie askew, each of which
+/// takes longer.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -60,8 +63,8 @@ struct Oriented {
 }
 
 impl Oriented {
-    /// The box around some points along given axes. Each face is where the outermost point is, so rounding of the
-    /// axes does not matter.
+    /// The box around some points along given axes. Each face is where the outermost point is, so
+    /// rounding of the axes does not matter.
     fn along(points: &[DVec3], axes: [DVec3; 3]) -> Self {
         let end = |start: f64, choose: fn(f64, f64) -> f64| {
             axes.map(|axis| points.iter().map(|p| axis.dot(*p)).fold(start, choose))

@@ -1,15 +1,19 @@
-//! An octree: a cube is divided into eight, and each of these again, as long as many elements are in it.
+//! An octree: a cube is divided into eight, and each of these again, as long as many elements are
+//! in it.
 //!
-//! - Build: Glassner, *Space subdivision for fast ray tracing*, 1984. An element that straddles is referred to from
-//!   each cell that it lies in; triangles are tested against cells exactly (`overlaps`).
-//! - Traversal: Revelles, Ureña, Lastra, *An efficient parametric algorithm for octree traversal*, 2000: top down,
-//!   the ray's interval in a child from that in its parent and the three planes through the middle, no boxes.
-//!   Their automaton names the one next child; a ray that is as wide as rounding may need (see `elements`)
-//!   can be in two at once, so here the eight are gone through in the order of the ray.
-//! - Cost model: a cell is divided if it holds more than `max_leaf` elements. No cost is estimated: cuts are
-//!   in the middle whatever lies there, which costs 1.3 to 2.3 times the time of a kd-tree, while a step does three cuts
-//!   at once. Empty space is skipped in large cells, which is what a grid lacks. Memory: at most 8 references to
-//!   an element on average, after which cells stay as they are. Build: O(n log n).
+//! - Build: Glassner, *Space subdivision for fast ray tracing*, 1984. An element that straddles is
+//!   referred to from each cell that it lies in; triangles are tested against cells exactly
+//!   (`overlaps`).
+//! - Traversal: Revelles, Ureña, Lastra, *An efficient parametric algorithm for octree traversal*,
+//!   2000: top down, the ray's interval in a child from that in its parent and the three planes
+//!   through the middle, no boxes. Their automaton names the one next child; a ray that is as wide
+//!   as rounding may need (see `elements`) can be in two at once, so here the eight are gone
+//!   through in the order of the ray.
+//! - Cost model: a cell is divided if it holds more than `max_leaf` elements. No cost is estimated:
+//!   cuts are in the middle whatever lies there, which costs 1.3 to 2.3 times the time of a
+//!   kd-tree, while a step does three cuts at once. Empty space is skipped in large cells, which is
+//!   what a grid lacks. Memory: at most 8 references to an element on average, after which cells
+//!   stay as they are. Build: O(n log n).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/octree.toml`.
@@ -61,7 +65,8 @@ pub struct Octree {
 
 #[derive(Clone, Copy, Debug)]
 enum Node {
-    /// Eight children side by side, by the bits of their numbers: 1 for the larger x, 2 for y, 4 for z.
+    /// Eight children side by side, by the bits of their numbers: 1 for the larger x, 2 for y, 4
+    /// for z.
     Inner { children: u32 },
     /// A range of references.
     Leaf { first: u32, count: u32 },
@@ -246,7 +251,8 @@ struct Walk<'a, V> {
 }
 
 impl<V: Visitor> Walk<'_, V> {
-    /// Visits a node, which the ray touches from `near` to `far`. The recursion is as deep as the tree.
+    /// Visits a node, which the ray touches from `near` to `far`. The recursion is as deep as the
+    /// tree.
     fn descend(&mut self, node: u32, cube: Cube, near: f64, far: f64, mut limit: f64) -> Option<f64> {
         let children = match self.tree.nodes[node as usize] {
             Node::Inner { children } => {

@@ -1,8 +1,9 @@
 //! The build of the trees that cut space in two, and again, by planes of whatever kind.
 //!
-//! Top down: what lies on both sides of a plane is referred to from both, at most `MOST_REFERENCES` times on average;
-//! then cells stay as they are, so that memory is linear in the number of elements. Where the estimated costs decide, a
-//! subtree becomes one leaf again if that costs less, which is known only when the subtree is there.
+//! Top down: what lies on both sides of a plane is referred to from both, at most `MOST_REFERENCES`
+//! times on average; then cells stay as they are, so that memory is linear in the number of
+//! elements. Where the estimated costs decide, a subtree becomes one leaf again if that costs less,
+//! which is known only when the subtree is there.
 
 /// No path from the root is longer.
 pub(crate) const MAX_DEPTH: usize = 64;
@@ -104,7 +105,8 @@ pub(crate) enum Content<C> {
 }
 
 impl<C: Cut> Tree<C> {
-    /// Builds over the parts of all elements in a cell. The result depends on these only, not on the number of threads.
+    /// Builds over the parts of all elements in a cell. The result depends on these only, not on
+    /// the number of threads.
     pub(crate) fn new<K: Cutter<Cut = C>>(
         cutter: &K,
         parts: Vec<K::Part>,

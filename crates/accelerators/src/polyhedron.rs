@@ -19,8 +19,9 @@ impl Plane {
     }
 }
 
-/// The parts of a convex polygon below and above a plane (Sutherland and Hodgman, *Reentrant polygon clipping*,
-/// 1974). Corners no farther from the plane than the margin count as in it, so belong to both.
+/// The parts of a convex polygon below and above a plane (Sutherland and Hodgman, *Reentrant
+/// polygon clipping*, 1974). Corners no farther from the plane than the margin count as in it, so
+/// belong to both.
 pub(crate) fn cut_polygon(corners: &[DVec3], plane: &Plane, margin: f64) -> [Vec<DVec3>; 2] {
     let mut parts = [const { Vec::new() }; 2];
     let heights = || corners.iter().map(|&corner| (corner, plane.height(corner)));
@@ -34,7 +35,8 @@ pub(crate) fn cut_polygon(corners: &[DVec3], plane: &Plane, margin: f64) -> [Vec
         let crosses =
             height_a.abs() > margin && height_b.abs() > margin && (height_a < 0.0) != (height_b < 0.0);
         if crosses {
-            // The same point to the bit whichever way round the polygon goes, so that neighbours share it.
+            // The same point to the bit whichever way round the polygon goes, so that neighbours
+            // share it.
             let [(low, low_height), (high, high_height)] = if height_a < 0.0 {
                 [(a, height_a), (b, height_b)]
             } else {
@@ -159,7 +161,8 @@ mod tests {
         let hexagon = 0.75 * 3f64.sqrt();
         for half in &halves {
             assert!((half.half_area() - 0.5 * (3.0 + hexagon)).abs() < 1e-12);
-            // Three of the cube, six halves, six of the lid: as many as Euler says of 10 corners and 7 faces.
+            // Three of the cube, six halves, six of the lid: as many as Euler says of 10 corners
+            // and 7 faces.
             assert_eq!(half.edges().len(), 15);
         }
         // Once more, through the corners of the lid too.

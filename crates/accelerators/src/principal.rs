@@ -5,9 +5,9 @@ use whitstone_core::{Aabb, DVec3};
 /// The coordinate axes.
 pub(crate) const COORDINATE_AXES: [DVec3; 3] = [DVec3::X, DVec3::Y, DVec3::Z];
 
-/// Three orthogonal unit vectors along which points spread, the largest spread first: the eigenvectors of the
-/// covariance (Gottschalk, Lin, Manocha, *OBBTree*, 1996, section 4). The coordinate axes if that is not to be told,
-/// as for points in one place.
+/// Three orthogonal unit vectors along which points spread, the largest spread first: the
+/// eigenvectors of the covariance (Gottschalk, Lin, Manocha, *OBBTree*, 1996, section 4). The
+/// coordinate axes if that is not to be told, as for points in one place.
 pub(crate) fn principal_axes(points: &[DVec3]) -> [DVec3; 3] {
     let bounds = Aabb::around(points.iter().copied());
     let scale = bounds.extent().max_element();

@@ -1,18 +1,21 @@
-//! A hierarchy of bounding slabs: each node is the space between pairs of parallel planes in k/2 fixed
-//! directions (a discrete oriented polytope, k-DOP).
+//! A hierarchy of bounding slabs: each node is the space between pairs of parallel planes in k/2
+//! fixed directions (a discrete oriented polytope, k-DOP).
 //!
-//! - Volumes: Kay and Kajiya, *Ray tracing complex scenes*, 1986, section 2; the directions for k = 6 (the axes),
-//!   14 (with the diagonals of a cube), 26 (with those of its faces) as in Klosowski et al., *Efficient collision
-//!   detection using bounding volume hierarchies of k-DOPs*, 1998, section 4.1.
+//! - Volumes: Kay and Kajiya, *Ray tracing complex scenes*, 1986, section 2; the directions for k =
+//!   6 (the axes), 14 (with the diagonals of a cube), 26 (with those of its faces) as in Klosowski
+//!   et al., *Efficient collision detection using bounding volume hierarchies of k-DOPs*, 1998,
+//!   section 4.1.
 //! - Build: top down over boxes; see `binary`.
-//! - Traversal: section 3 of Kay and Kajiya: a heap hands out the nodes in the order in which the ray enters them,
-//!   from all over the tree, and the search ends when the next one is farther than the best hit.
-//! - Cost model: a step does k/2 interval tests in place of three, and has to save as many by hitting fewer volumes:
-//!   their areas are those of tighter hulls. Against k = 6, k = 14 saves a fifth of the steps on a compact mesh and takes as
-//!   long, and saves two fifths on hairs that lie askew, where it is faster; k = 26 saves little more (figures in
-//!   `docs/accelerators.md`). The heap visits the fewest nodes that are possible, but takes O(log n) a node, where a
-//!   stack takes O(1), and costs more than it saves; a ray that asks for any hit gains nothing from the order. Memory: k
-//!   numbers a node, two nodes an element at most. Build: O(n log n) and O(k n).
+//! - Traversal: section 3 of Kay and Kajiya: a heap hands out the nodes in the order in which the
+//!   ray enters them, from all over the tree, and the search ends when the next one is farther than
+//!   the best hit.
+//! - Cost model: a step does k/2 interval tests in place of three, and has to save as many by
+//!   hitting fewer volumes: their areas are those of tighter hulls. Against k = 6, k = 14 saves a
+//!   fifth of the steps on a compact mesh and takes as long, and saves two fifths on hairs that lie
+//!   askew, where it is faster; k = 26 saves little more (figures in `docs/accelerators.md`). The
+//!   heap visits the fewest nodes that are possible, but takes O(log n) a node, where a stack takes
+//!   O(1), and costs more than it saves; a ray that asks for any hit gains nothing from the order.
+//!   Memory: k numbers a node, two nodes an element at most. Build: O(n log n) and O(k n).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/slab_bvh.toml`.

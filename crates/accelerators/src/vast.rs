@@ -1,17 +1,20 @@
 //! Shapes beside which all others are specks.
 //!
-//! The precision of a structure is that of its largest coordinate: around a ground of a million kilometres, single precision boxes of a
-//! bunny are all of its size. Such shapes are few, and are tried for every ray, as endless ones are.
+//! The precision of a structure is that of its largest coordinate: around a ground of a million
+//! kilometres, single precision boxes of a bunny are all of its size. Such shapes are few, and are
+//! tried for every ray, as endless ones are.
 
 use whitstone_core::Aabb;
 
-/// So many times larger than all others together. Boxes in single precision still tell apart what is a thousandth of these.
+/// So many times larger than all others together. Boxes in single precision still tell apart what
+/// is a thousandth of these.
 const VAST: f64 = 16384.0;
 
 /// Most elements that are tried for every ray.
 const MOST: usize = 64;
 
-/// The numbers of the vast shapes, ascending, by the boxes and the numbers of elements of all shapes. Empty boxes count as not there.
+/// The numbers of the vast shapes, ascending, by the boxes and the numbers of elements of all
+/// shapes. Empty boxes count as not there.
 pub(crate) fn vast(shapes: &[(Aabb, usize)]) -> Vec<u32> {
     let size = |aabb: &Aabb| (aabb.max - aabb.min).max_element();
     let mut vast: Vec<u32> = Vec::new();

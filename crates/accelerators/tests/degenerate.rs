@@ -1,5 +1,5 @@
-//! Input that is hard on a build: every accelerator takes it in bounded time and memory, and answers as trying
-//! every element does.
+//! Input that is hard on a build: every accelerator takes it in bounded time and memory, and
+//! answers as trying every element does.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

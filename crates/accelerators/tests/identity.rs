@@ -1,7 +1,9 @@
-//! The identity: however it is configured, every accelerator returns, bit for bit, what trying every element returns.
+//! The identity: however it is configured, every accelerator returns, bit for bit, what trying
+//! every element returns.
 //!
-//! A million rays over twenty random scenes of mixed shapes; ten million by
-//! `cargo test --release -p whitstone-accelerators --test identity -- --ignored`, and any number with the variable `WHITSTONE_RAYS`.
+//! A million rays over twenty random scenes of mixed shapes; ten million by `cargo test --release
+//! -p whitstone-accelerators --test identity -- --ignored`, and any number with the variable
+//! `WHITSTONE_RAYS`.
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -94,7 +96,8 @@ fn every_accelerator_agrees(rays: u64) {
 
 type Named = (&'static str, &'static str, Box<dyn Accelerator>);
 
-/// Holds accelerators over a scene to trying everything; how many rays hit, or the first difference.
+/// Holds accelerators over a scene to trying everything; how many rays hit, or the first
+/// difference.
 fn agree(geometry: &Arc<Geometry>, accelerators: &[Named], rays: u64, seed: u64) -> Result<u64, String> {
     let everything = make::<BruteForce>("", geometry.clone());
     let mut hits = 0;
@@ -159,7 +162,8 @@ fn scene(number: u64) -> Geometry {
     Geometry::new(shapes.collect())
 }
 
-/// Somewhere near the center, of any shape; every third along the axes, so that faces lie in planes of boxes.
+/// Somewhere near the center, of any shape; every third along the axes, so that faces lie in planes
+/// of boxes.
 fn placement(random: &mut Random, center: DVec3, size: f64, part: f64, even: bool) -> Transform {
     let turned = if random.below(3) == 0 {
         DMat3::IDENTITY

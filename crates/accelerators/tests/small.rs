@@ -1,4 +1,5 @@
-//! `bvh` over a world that is small enough for Miri, which looks for undefined behaviour on the portable path:
+//! `bvh` over a world that is small enough for Miri, which looks for undefined behaviour on the
+//! portable path:
 //!
 //! ```text
 //! export MIRIFLAGS="-Zmiri-tree-borrows -Zmiri-permissive-provenance -Zmiri-ignore-leaks"
@@ -12,7 +13,8 @@ use whitstone_shapes::plane::Plane;
 use whitstone_shapes::sphere::Sphere;
 use whitstone_testkit::{accelerator_agrees, build};
 
-/// More triangles than one node holds, in four of five cases with numbers that are no single precision ones.
+/// More triangles than one node holds, in four of five cases with numbers that are no single
+/// precision ones.
 fn mesh() -> TriangleMesh {
     let mut mesh = TriangleMesh {
         orientation: 1.0,

@@ -1,7 +1,8 @@
 //! A camera that looks in all directions: longitude across the image, latitude down it.
 //!
-//! The plate carrée that environment maps are stored in (Blinn and Newell, *Texture and reflection in computer generated images*, 1976). Rows
-//! near the poles show little of the sphere in many pixels.
+//! The plate carrée that environment maps are stored in (Blinn and Newell, *Texture and reflection
+//! in computer generated images*, 1976). Rows near the poles show little of the sphere in many
+//! pixels.
 //!
 //! - Twin: Mitsuba through the driver, by the formula of the model.
 //! - Example: `scenes/cameras/environment.toml`.
@@ -41,7 +42,8 @@ impl Plugin<Cameras> for Environment {
 
 impl Camera for Environment {
     fn ray(&self, raster: DVec2) -> Ray {
-        // Differences of both distances from the edges: an image of something symmetrical is symmetrical to the bit.
+        // Differences of both distances from the edges: an image of something symmetrical is
+        // symmetrical to the bit.
         let from_middle = (raster - (self.film - raster)) / self.film;
         let (sin_phi, cos_phi) = (PI * from_middle.x).sin_cos();
         let (sin_theta, cos_theta) = (-FRAC_PI_2 * from_middle.y).sin_cos();

@@ -20,7 +20,8 @@ pub(crate) enum NearKind {
     Spherical,
 }
 
-/// How far along a ray to go from the camera, so that a ray without a near limit starts there to the bit: nothing is added then.
+/// How far along a ray to go from the camera, so that a ray without a near limit starts there to
+/// the bit: nothing is added then.
 pub(crate) struct Near {
     /// For a planar limit: its distance in distances of the window. Else the distance in metres.
     factor: f64,

@@ -29,7 +29,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "Window")]
     window: Option<Spanned<Window>>,
-    /// What is nearer is not seen, in metres from the plane of the camera, negative ones behind it; 0 if left out.
+    /// What is nearer is not seen, in metres from the plane of the camera, negative ones behind it;
+    /// 0 if left out.
     #[serde(default = "zero")]
     near: Finite,
 }

@@ -1,6 +1,7 @@
 //! A pinhole camera.
 //!
-//! Whitted 1980, section 2; the window (l, r, b, t, d) and the near limit, planar or spherical, are those of the lecture notes.
+//! Whitted 1980, section 2; the window (l, r, b, t, d) and the near limit, planar or spherical, are
+//! those of the lecture notes.
 //!
 //! - Twin: Mitsuba `perspective` (native).
 //! - Example: `scenes/cameras/perspective.toml`.
@@ -38,7 +39,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "NonNegative")]
     near: Option<Spanned<NonNegative>>,
-    /// From where `near` is measured: a "planar" limit across the view, or a "spherical" one around the camera.
+    /// From where `near` is measured: a "planar" limit across the view, or a "spherical" one around
+    /// the camera.
     #[serde(default)]
     near_kind: NearKind,
 }
@@ -191,8 +193,8 @@ mod tests {
         }
     }
 
-    /// Tangents of fov/2 to 20 digits, computed with mpmath at 60 digits from the exact binary values
-    /// of fov.
+    /// Tangents of fov/2 to 20 digits, computed with mpmath at 60 digits from the exact binary
+    /// values of fov.
     #[test]
     fn extreme_angles_keep_full_accuracy() {
         for (fov, tangent) in TANGENTS {

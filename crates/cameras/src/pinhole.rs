@@ -1,7 +1,8 @@
 //! What the cameras with perspective share: the window that the image is seen through.
 //!
-//! The window (l, r, b, t, d) is that of the lecture notes. The tangent of half the angle of view is taken from the complement beyond
-//! 90 degrees: 180 - fov is exact, and the tangent of a small angle is accurate where that of an angle near 90 degrees is not.
+//! The window (l, r, b, t, d) is that of the lecture notes. The tangent of half the angle of view
+//! is taken from the complement beyond 90 degrees: 180 - fov is exact, and the tangent of a small
+//! angle is accurate where that of an angle near 90 degrees is not.
 
 use crate::view::{self, Frame};
 use schemars::JsonSchema;

@@ -1,10 +1,12 @@
 //! A camera with a thin lens: what lies at the focus distance is sharp, what does not is a disk.
 //!
-//! Potmesil and Chakravarty, *A lens and aperture camera model for synthetic image generation*, 1981; the rays of Cook, Porter, Carpenter,
-//! *Distributed ray tracing*, 1984, section 4.3, through fixed points of the lens: a grid of n x n under the concentric map of
-//! Shirley and Chiu, *A low distortion map between disk and square*, 1997.
+//! Potmesil and Chakravarty, *A lens and aperture camera model for synthetic image generation*,
+//! 1981; the rays of Cook, Porter, Carpenter, *Distributed ray tracing*, 1984, section 4.3, through
+//! fixed points of the lens: a grid of n x n under the concentric map of Shirley and Chiu, *A low
+//! distortion map between disk and square*, 1997.
 //!
-//! - Twin: Mitsuba `thinlens` (native), by formula where the window is not centred or its pixels are not square.
+//! - Twin: Mitsuba `thinlens` (native), by formula where the window is not centred or its pixels
+//!   are not square.
 //! - Example: `scenes/cameras/thin_lens.toml`.
 
 use crate::pinhole::{FovAxis, Keys, Pinhole, Window, normalize};
@@ -58,7 +60,8 @@ pub struct ThinLens {
     pinhole: Pinhole,
     /// From the middle of the lens to its points, in metres.
     lens: Vec<DVec3>,
-    /// What a metre of the lens is at the window, seen from the plane in focus: distances of the window in focus distances.
+    /// What a metre of the lens is at the window, seen from the plane in focus: distances of the
+    /// window in focus distances.
     shrink: f64,
 }
 
@@ -129,8 +132,9 @@ impl Camera for ThinLens {
         self.lens.len() as u32
     }
 
-    /// Through the point in focus, which lies behind the window as often as far as the plane in focus does. Both are brought to the
-    /// window, as the window may be too large or too near to reach beyond.
+    /// Through the point in focus, which lies behind the window as often as far as the plane in
+    /// focus does. Both are brought to the window, as the window may be too large or too near to
+    /// reach beyond.
     #[inline(always)]
     fn lens_ray(&self, raster: DVec2, point: u32) -> Ray {
         let point = self.lens[point as usize];

@@ -15,8 +15,8 @@ pub(crate) struct LookAt {
     /// A point on the view axis in front of the camera, in metres; not the origin.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
-    /// A direction that is up in the image, of any length and not parallel to the view; [0, 1, 0] if
-    /// left out.
+    /// A direction that is up in the image, of any length and not parallel to the view; [0, 1, 0]
+    /// if left out.
     #[serde(default)]
     #[schemars(with = "Vector3")]
     up: Option<Spanned<Vector3>>,
@@ -35,7 +35,8 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// What turns a point, with 1 as its fourth coordinate, into how far it is to the right, up and in front.
+    /// What turns a point, with 1 as its fourth coordinate, into how far it is to the right, up and
+    /// in front.
     fn rows(&self) -> [DVec4; 3] {
         [self.right, self.up, -self.backwards].map(|axis| axis.extend(-axis.dot(self.origin)))
     }
@@ -76,8 +77,8 @@ impl LookAt {
                 .with_help("give another `up`, such as [0, 0, 1] for a view straight down")
                 .into());
         }
-        // Where `up` is nearly parallel to the view, all of its products cancel: they must be accurate,
-        // and what the rounding of the factors left along the view is taken off.
+        // Where `up` is nearly parallel to the view, all of its products cancel: they must be
+        // accurate, and what the rounding of the factors left along the view is taken off.
         let right = accurate_cross(up, back).normalize();
         let right = (right - right.dot(backwards) * backwards).normalize();
         Ok(Frame {
@@ -148,8 +149,9 @@ impl Window {
         errors.into_result(self)
     }
 
-    /// The point (a, c) of the window behind a raster position. Weighted ends rather than an end and a
-    /// step: the ends are met exactly, and an image of something symmetrical is symmetrical to the bit.
+    /// The point (a, c) of the window behind a raster position. Weighted ends rather than an end
+    /// and a step: the ends are met exactly, and an image of something symmetrical is symmetrical
+    /// to the bit.
     #[inline(always)]
     pub(crate) fn at(&self, raster: DVec2, film: DVec2) -> DVec2 {
         let (near, far) = (raster / film, (film - raster) / film);
@@ -157,7 +159,8 @@ impl Window {
     }
 }
 
-/// The projection to a window at a distance in front of the camera; parallel to the view if that is `None`.
+/// The projection to a window at a distance in front of the camera; parallel to the view if that is
+/// `None`.
 pub(crate) fn projection(frame: &Frame, window: &Window, distance: Option<f64>, film: DVec2) -> DMat4 {
     let Window { l, r, b, t } = *window;
     let [right, up, depth] = frame.rows();

@@ -95,7 +95,8 @@ impl Sums {
     }
 }
 
-/// Root mean square of an image's finite values, times half a unit in the last place of single precision: what its file cannot tell.
+/// Root mean square of an image's finite values, times half a unit in the last place of single
+/// precision: what its file cannot tell.
 pub fn rounding(image: &Image) -> f64 {
     let values = image
         .rgb()
@@ -108,7 +109,8 @@ pub fn rounding(image: &Image) -> f64 {
     mean.sqrt() * f64::from(f32::EPSILON) / 2.0
 }
 
-/// Pixels beside which, in any of eight directions, another shape is seen in the middle; `ids` row by row from the top.
+/// Pixels beside which, in any of eight directions, another shape is seen in the middle; `ids` row
+/// by row from the top.
 pub fn edges(width: usize, height: usize, ids: &[f32]) -> Mask {
     Mask::from_fn(width, height, |x, y| {
         let own = ids.get(y * width + x);

@@ -15,7 +15,8 @@ use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setti
 const SHORTEST: f64 = 0.02;
 /// Most of them at once.
 const MOST_AT_ONCE: u32 = 50;
-/// Before each repeat: the threads of what ran before, perhaps of another process, look for work for a while before they sleep.
+/// Before each repeat: the threads of what ran before, perhaps of another process, look for work
+/// for a while before they sleep.
 const REST: Duration = Duration::from_millis(20);
 /// Fewest repeats.
 const FEWEST: usize = 3;
@@ -27,7 +28,8 @@ pub struct Options {
     pub repeats: usize,
     /// Overrides what a study says of repeats.
     pub forced_repeats: Option<usize>,
-    /// Seconds that the repeats of one setting may take, in about; three repeats are taken in any case.
+    /// Seconds that the repeats of one setting may take, in about; three repeats are taken in any
+    /// case.
     pub budget: f64,
     /// Threads of both; 0 for one a core.
     pub threads: usize,
@@ -70,7 +72,8 @@ pub(crate) struct Shot {
 }
 
 impl<'a> Lab<'a> {
-    /// `mitsuba` is its driver or why there is none, `driver_hash` a text that changes with the driver.
+    /// `mitsuba` is its driver or why there is none, `driver_hash` a text that changes with the
+    /// driver.
     pub fn new(
         registry: &'a Registry,
         mitsuba: Result<Driver, String>,
@@ -178,7 +181,8 @@ impl<'a> Lab<'a> {
                 let flattened = self.flatten(study, changes)?;
                 let mut shot = self.shoot_mitsuba(&flattened)?;
                 let (build_s, memory) = (shot.build_s, shot.memory);
-                // The first one compiles kernels: how long the second one takes says how many repeats there can be.
+                // The first one compiles kernels: how long the second one takes says how many
+                // repeats there can be.
                 shot = self.shoot_mitsuba(&flattened)?;
                 (shot.build_s, shot.memory) = (build_s, memory);
                 if study.against == Against::Primitives {
@@ -322,7 +326,8 @@ fn load(study: &Study, changes: &[Change]) -> Result<Sources, String> {
         .map_err(|error| placed(study, changes, &error.sources, error.errors))
 }
 
-/// Errors of a changed scene: those in a change at the place in the study that makes it, the others where the scene has them.
+/// Errors of a changed scene: those in a change at the place in the study that makes it, the others
+/// where the scene has them.
 fn placed(study: &Study, changes: &[Change], sources: &Sources, errors: SceneErrors) -> String {
     let mut ours = SceneErrors::default();
     let mut theirs = SceneErrors::default();

@@ -1,4 +1,5 @@
-//! A study as a picture: error against time, and error against what the slope is taken of, on logarithmic axes.
+//! A study as a picture: error against time, and error against what the slope is taken of, on
+//! logarithmic axes.
 
 use crate::report::{ABOVE_FLOOR, Point, SeriesReport, StudyReport, interval};
 use crate::study::{Against, Engine};

@@ -1,4 +1,5 @@
-//! A family of stress cases as a study: the same rays by robust and by textbook forms, error against time for one of them.
+//! A family of stress cases as a study: the same rays by robust and by textbook forms, error
+//! against time for one of them.
 
 use crate::lab::Lab;
 use crate::report::{Point, SeriesReport, StudyReport, TruthReport};
@@ -12,7 +13,8 @@ const RAYS: usize = 400;
 const FLOOR: f64 = f64::EPSILON / 2.0;
 
 impl Lab<'_> {
-    /// The study of a family. What is called the root mean square elsewhere is the family's own measure here, at its largest.
+    /// The study of a family. What is called the root mean square elsewhere is the family's own
+    /// measure here, at its largest.
     pub(crate) fn measure_family(
         &mut self,
         study: &Study,

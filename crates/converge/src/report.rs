@@ -15,7 +15,8 @@ pub(crate) const ABOVE_FLOOR: f64 = 2.0;
 const NOISY: f64 = 0.3;
 /// A ratio whose bounds are farther apart than this factor is noisy.
 const NOISY_RATIO: f64 = 2.0;
-/// Where others used more than this part of the processor time, all ratios are noisy: engines suffer differently from it.
+/// Where others used more than this part of the processor time, all ratios are noisy: engines
+/// suffer differently from it.
 const OTHERS: f64 = 0.1;
 
 /// One setting of a configuration.
@@ -300,9 +301,11 @@ pub struct StudyReport {
     pub series: Vec<SeriesReport>,
     /// By error, such as `1e-2`.
     pub time_to: BTreeMap<String, TimeTo>,
-    /// Whether the times spread too much for one of the ratios or, without those, for most of the points.
+    /// Whether the times spread too much for one of the ratios or, without those, for most of the
+    /// points.
     pub noisy: bool,
-    /// The part of the processor time that others used while this was timed, where the system tells.
+    /// The part of the processor time that others used while this was timed, where the system
+    /// tells.
     #[serde(default)]
     pub others: Option<f64>,
     /// All in all.
@@ -510,7 +513,8 @@ impl StudyReport {
         fails
     }
 
-    /// Settings at which the first series has not the smaller error; or that the two have none in common.
+    /// Settings at which the first series has not the smaller error; or that the two have none in
+    /// common.
     fn not_smaller(&self, smaller: &str, greater: &str) -> Vec<String> {
         let (mut fails, mut compared) = (Vec::new(), 0);
         for engine in [Engine::Whitstone, Engine::Mitsuba] {

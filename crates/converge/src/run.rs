@@ -1,4 +1,5 @@
-//! A study measured: the truth first, then every configuration once, then all of them again and again, in turns.
+//! A study measured: the truth first, then every configuration once, then all of them again and
+//! again, in turns.
 
 use crate::cache::{Cache, Record};
 use crate::errors::{Measured, rounding};
@@ -30,8 +31,9 @@ struct True {
 }
 
 impl Lab<'_> {
-    /// Takes the first half of the times of a study and keeps them: what is measured later with [`Self::measure`] then has times of
-    /// two sittings, with everything built anew between them, and whatever else the machine did meanwhile.
+    /// Takes the first half of the times of a study and keeps them: what is measured later with
+    /// [`Self::measure`] then has times of two sittings, with everything built anew between them,
+    /// and whatever else the machine did meanwhile.
     ///
     /// # Errors
     ///
@@ -50,7 +52,8 @@ impl Lab<'_> {
     ///
     /// # Errors
     ///
-    /// If the study or its scene is wrong, or there is no truth. What fails after that is in the report.
+    /// If the study or its scene is wrong, or there is no truth. What fails after that is in the
+    /// report.
     pub fn measure(&mut self, study: &Study, told: &dyn Fn(&str)) -> Result<StudyReport, String> {
         if study.stress.is_some() {
             #[cfg(feature = "stress")]
@@ -113,7 +116,8 @@ impl Lab<'_> {
         Ok(StudyReport::new(study, truth, floor, series, problems, others))
     }
 
-    /// Builds the first and the last setting of each series: an unknown path is told before anything is rendered.
+    /// Builds the first and the last setting of each series: an unknown path is told before
+    /// anything is rendered.
     fn check(&self, study: &Study) -> Result<(), String> {
         let mut reports: Vec<String> = Vec::new();
         for series in &study.series {
@@ -222,8 +226,8 @@ impl Lab<'_> {
         Ok(record)
     }
 
-    /// Every configuration once in each round, forwards and backwards in turns, so that what disturbs the machine for a while, or
-    /// slows it down more and more, disturbs all alike.
+    /// Every configuration once in each round, forwards and backwards in turns, so that what
+    /// disturbs the machine for a while, or slows it down more and more, disturbs all alike.
     fn rounds(&mut self, jobs: &mut [Job<'_>], told: &dyn Fn(&str)) {
         let rounds = jobs
             .iter()

@@ -7,7 +7,8 @@ use serde::Serialize;
 pub struct Times {
     /// In seconds.
     pub median: f64,
-    /// Where the median of any number of such times lies with 95%, in seconds; of fewer than six times their whole range.
+    /// Where the median of any number of such times lies with 95%, in seconds; of fewer than six
+    /// times their whole range.
     pub interval: [f64; 2],
 }
 
@@ -32,9 +33,10 @@ impl Times {
     }
 }
 
-/// How many of `count` sorted values lie outside of the interval of the median with 95%, on each side: it is beyond the `k`-th one
-/// from either end with the probability that a fair coin, thrown `count` times, shows heads fewer than `k` times (Le Boudec,
-/// Performance Evaluation of Computer and Communication Systems, 2010, theorem 2.1). Whatever the distribution is, but the times must
+/// How many of `count` sorted values lie outside of the interval of the median with 95%, on each
+/// side: it is beyond the `k`-th one from either end with the probability that a fair coin, thrown
+/// `count` times, shows heads fewer than `k` times (Le Boudec, Performance Evaluation of Computer
+/// and Communication Systems, 2010, theorem 2.1). Whatever the distribution is, but the times must
 /// not depend on each other: so they are taken at two sittings.
 fn outside(count: usize) -> usize {
     let mut outside = 0;
@@ -74,7 +76,8 @@ const STUDENT: [f64; 30] = [
 ];
 
 impl Slope {
-    /// Of (x, y), all greater than 0; none for fewer than three points or a single x: two points always lie on a line.
+    /// Of (x, y), all greater than 0; none for fewer than three points or a single x: two points
+    /// always lie on a line.
     pub fn fit(points: &[[f64; 2]]) -> Option<Self> {
         let logs: Vec<[f64; 2]> = points.iter().map(|point| point.map(f64::ln)).collect();
         if logs.len() < 3 || logs.iter().flatten().any(|log| !log.is_finite()) {
@@ -123,8 +126,9 @@ pub fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
     order
 }
 
-/// The time at which the front reaches an error: between two of its points, straight on logarithmic axes. Where its fastest point is already
-/// nearer to the truth, and only slower points are not, it is that point's. `None` where the error is beyond all points on either side.
+/// The time at which the front reaches an error: between two of its points, straight on logarithmic
+/// axes. Where its fastest point is already nearer to the truth, and only slower points are not, it
+/// is that point's. `None` where the error is beyond all points on either side.
 ///
 /// Gives the points between which it lies as well.
 pub fn time_to(points: &[[f64; 2]], error: f64) -> Option<(f64, [usize; 2])> {
@@ -187,7 +191,8 @@ mod tests {
     fn the_interval_is_that_of_student() {
         let e = std::f64::consts::E;
         let fit = Slope::fit(&[[1.0, 1.0], [e, e], [e * e, e * e], [e.powi(3), e.powi(4)]]).unwrap();
-        // Residuals of (0,0), (1,1), (2,2), (3,4): slope 1.3, sum of squares 0.3, so the error is sqrt(0.15/5).
+        // Residuals of (0,0), (1,1), (2,2), (3,4): slope 1.3, sum of squares 0.3, so the error is
+        // sqrt(0.15/5).
         assert!((fit.slope - 1.3).abs() < 1e-12);
         let half = 4.303 * (0.15_f64 / 5.0).sqrt();
         assert!((fit.interval[1] - fit.slope - half).abs() < 1e-9);

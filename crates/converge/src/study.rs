@@ -1,4 +1,5 @@
-//! A study as it is written in TOML: a scene, what is swept, and what the errors are measured against.
+//! A study as it is written in TOML: a scene, what is swept, and what the errors are measured
+//! against.
 
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -307,7 +308,8 @@ impl Study {
         Self::parse(&shown, &text, path.parent().unwrap_or(Path::new("")), quick)
     }
 
-    /// A study in memory. `name` is that of its file, `base` the folder that its scene is relative to.
+    /// A study in memory. `name` is that of its file, `base` the folder that its scene is relative
+    /// to.
     ///
     /// # Errors
     ///

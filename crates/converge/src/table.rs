@@ -55,7 +55,8 @@ fn quoted(text: &str) -> String {
     }
 }
 
-/// Every study with its curves, as Markdown. `plots` is the folder of the pictures, seen from the page.
+/// Every study with its curves, as Markdown. `plots` is the folder of the pictures, seen from the
+/// page.
 pub fn table(reports: &[StudyReport], plots: &str) -> String {
     let mut text = String::new();
     for report in reports {

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 
 /// A structure over a [`crate::Geometry`] that finds hits faster than trying everything.
 ///
-/// **Same answer law**: every accelerator returns bit for bit what trying every element in order would
-/// return: the nearest hit, at equal distance the lowest (shape, primitive). A node may be left out only
-/// if it is *strictly* farther than the best hit.
+/// **Same answer law**: every accelerator returns bit for bit what trying every element in order
+/// would return: the nearest hit, at equal distance the lowest (shape, primitive). A node may be
+/// left out only if it is *strictly* farther than the best hit.
 pub trait Accelerator: Send + Sync {
     /// The nearest hit inside the interval.
     fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit>;
@@ -33,8 +33,8 @@ pub trait Accelerator: Send + Sync {
         }
     }
 
-    /// Why an image depends on this accelerator, if it does: what departs from the law is told to whoever looks at
-    /// the image. `None` for all that obey it.
+    /// Why an image depends on this accelerator, if it does: what departs from the law is told to
+    /// whoever looks at the image. `None` for all that obey it.
     fn caveat(&self) -> Option<&str> {
         None
     }
@@ -47,8 +47,8 @@ pub trait Accelerator: Send + Sync {
         None
     }
 
-    /// The volumes that space or the elements are divided into, for pictures: down to the level `deepest`, the whole
-    /// being level 0. `None` for what has none.
+    /// The volumes that space or the elements are divided into, for pictures: down to the level
+    /// `deepest`, the whole being level 0. `None` for what has none.
     fn outlines(&self, _deepest: usize) -> Option<Vec<Outline>> {
         None
     }

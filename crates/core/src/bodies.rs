@@ -1,10 +1,12 @@
 //! Which medium a ray is in where transparent bodies overlap.
 //!
-//! Schmidt and Budge, *Simple nested dielectrics in ray traced images*, JGT 7(2), 2002: every body has a priority, a ray knows which bodies it
-//! is in, and the one of the highest priority counts. Faces behind which the same body counts as in front of them are not there. So water may
-//! reach a little into the glass that holds it, and neither needs a face that names both.
+//! Schmidt and Budge, *Simple nested dielectrics in ray traced images*, JGT 7(2), 2002: every body
+//! has a priority, a ray knows which bodies it is in, and the one of the highest priority counts.
+//! Faces behind which the same body counts as in front of them are not there. So water may reach a
+//! little into the glass that holds it, and neither needs a face that names both.
 //!
-//! Only scenes with priorities pay for it: all others have no [`Bodies`], and a ray that is in nothing carries one number that nobody reads.
+//! Only scenes with priorities pay for it: all others have no [`Bodies`], and a ray that is in
+//! nothing carries one number that nobody reads.
 
 use crate::{Branch, BranchKind, Branches, DVec3, Filter, Material, Rgb, SurfacePoint};
 use std::cmp::Reverse;
@@ -35,7 +37,8 @@ pub trait Overlapping: Send + Sync {
     /// What fills the body.
     fn substance(&self) -> Substance;
 
-    /// The branches at a face between two substances, seen from the first of them, in place of [`Material::branches`].
+    /// The branches at a face between two substances, seen from the first of them, in place of
+    /// [`Material::branches`].
     fn branches_between(
         &self,
         point: &SurfacePoint,
@@ -90,8 +93,8 @@ impl Bodies {
     /// Most bodies of a scene.
     pub const MOST: usize = 64;
 
-    /// Of the materials of all shapes; `None` where none has a priority. Bodies beyond [`Self::MOST`] are left out: the pipeline
-    /// refuses such scenes.
+    /// Of the materials of all shapes; `None` where none has a priority. Bodies beyond
+    /// [`Self::MOST`] are left out: the pipeline refuses such scenes.
     pub fn of(materials: &[Arc<dyn Material>]) -> Option<Self> {
         let all = materials.iter().enumerate();
         let mut bodies: Vec<_> = all
@@ -113,9 +116,9 @@ impl Bodies {
         })
     }
 
-    /// The face of a shape as a ray in these bodies comes to it, from outside of this body or from inside; `None` where the shape
-    /// is no such body. On which side of its own face a ray is counts more than what it was in before, so that a camera may
-    /// stand in a body.
+    /// The face of a shape as a ray in these bodies comes to it, from outside of this body or from
+    /// inside; `None` where the shape is no such body. On which side of its own face a ray is
+    /// counts more than what it was in before, so that a camera may stand in a body.
     pub fn face(&self, shape: u32, inside: Inside, from_outside: bool) -> Option<Face> {
         let bit = self.bits[shape as usize];
         if bit == 0 {

@@ -13,8 +13,9 @@ pub struct FilmSize {
 
 /// Turns positions in the image into rays.
 pub trait Camera: Send + Sync {
-    /// The ray through `raster`, in pixels from the top left corner, x right and y down (section 3 of the
-    /// model). The direction is of unit length; the ray starts at the near limit, if there is one.
+    /// The ray through `raster`, in pixels from the top left corner, x right and y down (section 3
+    /// of the model). The direction is of unit length; the ray starts at the near limit, if there
+    /// is one.
     fn ray(&self, raster: DVec2) -> Ray;
 
     /// [`Self::ray`] through each of `rays.len` positions: origins and directions.
@@ -26,8 +27,8 @@ pub trait Camera: Send + Sync {
         }
     }
 
-    /// How far in front of the camera the ray through `raster` starts, in metres along it: what is nearer is not seen. Negative
-    /// for one that starts behind it.
+    /// How far in front of the camera the ray through `raster` starts, in metres along it: what is
+    /// nearer is not seen. Negative for one that starts behind it.
     fn near(&self, _raster: DVec2) -> f64 {
         0.0
     }
@@ -37,13 +38,14 @@ pub trait Camera: Send + Sync {
         1
     }
 
-    /// The ray through `raster` from a point of the lens, by its number (below [`Self::lens_points`]). [`Self::ray`]
-    /// is the one through the middle of the lens.
+    /// The ray through `raster` from a point of the lens, by its number (below
+    /// [`Self::lens_points`]). [`Self::ray`] is the one through the middle of the lens.
     fn lens_ray(&self, raster: DVec2, _point: u32) -> Ray {
         self.ray(raster)
     }
 
-    /// [`Self::lens_ray`] through each of `rays.len` positions, all from the same point of the lens.
+    /// [`Self::lens_ray`] through each of `rays.len` positions, all from the same point of the
+    /// lens.
     fn lens_stream(&self, raster: &Lanes<DVec2>, point: u32, rays: &mut RayStream) {
         if self.lens_points() == 1 {
             return self.ray_stream(raster, rays);
@@ -55,9 +57,10 @@ pub trait Camera: Send + Sync {
         }
     }
 
-    /// The way back from points to positions in the image, where that is linear: a matrix that takes a point of
-    /// the world to (x w, y w, depth, w), with x, y the raster position at which it is seen, and depth how far it is in
-    /// front of the camera, in metres along the view. `None` if straight lines are not straight in the image.
+    /// The way back from points to positions in the image, where that is linear: a matrix that
+    /// takes a point of the world to (x w, y w, depth, w), with x, y the raster position at which
+    /// it is seen, and depth how far it is in front of the camera, in metres along the view. `None`
+    /// if straight lines are not straight in the image.
     fn projection(&self) -> Option<DMat4> {
         None
     }

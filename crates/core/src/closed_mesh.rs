@@ -11,10 +11,12 @@ use std::ops::Range;
 /// Triangles in a leaf at most.
 const LEAF: usize = 4;
 
-/// A mesh that bounds a volume: inside is where its triangles go around a point more often outwards than inwards.
+/// A mesh that bounds a volume: inside is where its triangles go around a point more often outwards
+/// than inwards.
 ///
-/// The crossings of a line pair up whatever it runs through ([`ShearedRay::pierce`]); those inside of another part of the mesh do not count. Triangles are found by boxes
-/// within boxes, halved at the median of the longest side.
+/// The crossings of a line pair up whatever it runs through ([`ShearedRay::pierce`]); those inside
+/// of another part of the mesh do not count. Triangles are found by boxes within boxes, halved at
+/// the median of the longest side.
 pub struct ClosedMesh {
     mesh: TriangleMesh,
     /// Numbers of triangles, by leaves.
@@ -58,7 +60,8 @@ impl fmt::Display for NotClosed {
 }
 
 impl Shape {
-    /// As an operand of constructive solid geometry. Fails, with the reason where it is a mesh, if it bounds no volume.
+    /// As an operand of constructive solid geometry. Fails, with the reason where it is a mesh, if
+    /// it bounds no volume.
     pub fn into_solid(self) -> Result<Box<dyn Primitive>, Option<NotClosed>> {
         match self {
             Self::Opaque(primitive) if primitive.solid() => Ok(primitive),
@@ -109,7 +112,8 @@ impl ClosedMesh {
 }
 
 impl TriangleMesh {
-    /// Whether it bounds a volume: every edge runs as often in the one direction as in the other. Vertices at the same place are one.
+    /// Whether it bounds a volume: every edge runs as often in the one direction as in the other.
+    /// Vertices at the same place are one.
     pub fn is_closed(&self) -> bool {
         open_edges(self) == 0
     }
@@ -338,7 +342,8 @@ mod tests {
     }
 
     proptest! {
-        /// Lines through corners, edges and along faces: crossings pair up, and the middle of a part is inside.
+        /// Lines through corners, edges and along faces: crossings pair up, and the middle of a
+        /// part is inside.
         #[test]
         fn crossings_pair_up(
             moved in prop::array::uniform6(prop::array::uniform3(-0.2..0.2f64)),

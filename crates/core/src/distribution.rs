@@ -1,8 +1,10 @@
 //! Reflection in several directions at once.
 //!
-//! Cook, Porter and Carpenter, *Distributed ray tracing*, SIGGRAPH 1984, section 4.1: gloss is what mirrors show in many directions about that of the
-//! mirror. Here the directions are fixed, the same at every point and in every program, so that there is no noise. They turn with the mirror
-//! direction by the least rotation: where both change little, so does every direction, but for one pole.
+//! Cook, Porter and Carpenter, *Distributed ray tracing*, SIGGRAPH 1984, section 4.1: gloss is what
+//! mirrors show in many directions about that of the mirror. Here the directions are fixed, the
+//! same at every point and in every program, so that there is no noise. They turn with the mirror
+//! direction by the least rotation: where both change little, so does every direction, but for one
+//! pole.
 //!
 //! Only scenes with such materials pay for it: their rays are followed one by one.
 
@@ -17,14 +19,16 @@ pub struct Distribution<'a> {
     pub lobe: &'a [DVec3],
 }
 
-/// What is taken to the normal: the pole, its opposite, is no axis, and lies where cameras seldom see a surface face.
+/// What is taken to the normal: the pole, its opposite, is no axis, and lies where cameras seldom
+/// see a surface face.
 const AXIS: DVec3 = DVec3::new(0.48, 0.64, 0.6);
 
 /// A unit vector across it.
 const ACROSS: DVec3 = DVec3::new(0.8, -0.6, 0.0);
 
-/// Takes a vector across `a` to one across `b` by the least rotation that takes `a` to `b`, which are unit vectors: since `q` is across `a`, by a mirror.
-/// Where `b` is `-a` there is no least one, and `q` stays.
+/// Takes a vector across `a` to one across `b` by the least rotation that takes `a` to `b`, which
+/// are unit vectors: since `q` is across `a`, by a mirror. Where `b` is `-a` there is no least one,
+/// and `q` stays.
 fn carried(q: DVec3, a: DVec3, b: DVec3) -> DVec3 {
     let m = a + b;
     let length = m.length_squared();
@@ -47,8 +51,8 @@ impl Distribution<'_> {
 }
 
 impl World {
-    /// Calls `visit` with the branches of a surface from the last to the first: with all that stand for a reflected one where the
-    /// material spreads it.
+    /// Calls `visit` with the branches of a surface from the last to the first: with all that stand
+    /// for a reflected one where the material spreads it.
     pub fn backwards(
         &self,
         shape: u32,
@@ -123,7 +127,8 @@ mod tests {
         }
     }
 
-    /// Beside one another, but for the pole: a step moves a direction by no more than a few of its length.
+    /// Beside one another, but for the pole: a step moves a direction by no more than a few of its
+    /// length.
     #[test]
     fn directions_follow_the_normal() {
         let lobe = [DVec3::new(0.6, 0.0, 0.8), DVec3::new(0.0, 0.6, 0.8)];

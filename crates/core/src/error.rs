@@ -2,8 +2,9 @@ use std::fmt;
 use std::ops::Range;
 use thiserror::Error;
 
-/// A range of bytes in the scene's source text. When a scene has several files, the ranges of all of
-/// them lie behind one another; the scene crate's source map turns a range into file, line, column.
+/// A range of bytes in the scene's source text. When a scene has several files, the ranges of all
+/// of them lie behind one another; the scene crate's source map turns a range into file, line,
+/// column.
 pub type SourceSpan = Range<usize>;
 
 /// One thing that is wrong with a scene, at its place.
@@ -118,7 +119,8 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         .map(|(_, candidate)| candidate)
 }
 
-/// Letters to insert, to remove, to replace, or to swap with their neighbour (optimal string alignment).
+/// Letters to insert, to remove, to replace, or to swap with their neighbour (optimal string
+/// alignment).
 fn edit_distance(a: &str, b: &str) -> usize {
     let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
     let mut before: Vec<usize> = Vec::new();

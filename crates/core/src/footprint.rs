@@ -1,27 +1,31 @@
-//! How far apart neighbouring rays are, and what they see of a surface together: for textures that are filtered.
+//! How far apart neighbouring rays are, and what they see of a surface together: for textures that
+//! are filtered.
 //!
-//! Igehy, *Tracing ray differentials*, SIGGRAPH 1999. Where a ray goes on, its equations 9 to 17 are not written out for each material:
-//! a material is asked again for the branches of a neighbour that is nearer by [`STEP`], and a camera for its ray, so that
-//! whatever bends rays spreads them too. All of it only filters: single precision is enough, and no ray goes elsewhere for it.
+//! Igehy, *Tracing ray differentials*, SIGGRAPH 1999. Where a ray goes on, its equations 9 to 17
+//! are not written out for each material: a material is asked again for the branches of a neighbour
+//! that is nearer by [`STEP`], and a camera for its ray, so that whatever bends rays spreads them
+//! too. All of it only filters: single precision is enough, and no ray goes elsewhere for it.
 
 use crate::simd::{self, select};
 use crate::stream::{LANES, Lanes, Optional, RayStream};
 use crate::{Branches, Camera, Geometry, Inside, Needs, PathLetter, RawHit, Ray, SurfacePoint, World};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
-/// The step of the forward differences, as a part of the distance to the next sample: a power of 2. Their truncation error is of the order of
-/// the step times the curvature; at 1/256 it was ten times the error of the rest of an image. Their rounding error is 2^-36 of a coordinate, in
+/// The step of the forward differences, as a part of the distance to the next sample: a power of 2.
+/// Their truncation error is of the order of the step times the curvature; at 1/256 it was ten
+/// times the error of the rest of an image. Their rounding error is 2^-36 of a coordinate, in
 /// sample distances.
 pub const STEP: f64 = 1.0 / (1 << 17) as f64;
 
 /// The least cosine between a ray and the normal by which a footprint is prolonged.
 const GRAZING: f64 = 1.0 / (1 << 20) as f64;
 
-/// The most that a branch may spread, in radians a sample: at the critical angle there would be no bound.
+/// The most that a branch may spread, in radians a sample: at the critical angle there would be no
+/// bound.
 const WIDEST: f64 = 1.0;
 
-/// How the rays of the next sample to the right and of the next one below lie beside a ray: first derivatives, scaled to the distance of
-/// samples.
+/// How the rays of the next sample to the right and of the next one below lie beside a ray: first
+/// derivatives, scaled to the distance of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spread {
     /// Of the origins, in metres.
@@ -30,8 +34,8 @@ pub struct Spread {
     pub direction: [Vec3; 2],
 }
 
-/// What a ray and its neighbours see of a surface: how far the neighbours' points are. Zero where it is not known, so that textures show
-/// their finest level.
+/// What a ray and its neighbours see of a surface: how far the neighbours' points are. Zero where
+/// it is not known, so that textures show their finest level.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Footprint {
     /// In metres, in the tangent plane.
@@ -48,7 +52,8 @@ impl Footprint {
     };
 }
 
-// Pairs are written out below: arrays that are mapped become calls, which take longer than what is called.
+// Pairs are written out below: arrays that are mapped become calls, which take longer than what is
+// called.
 
 /// The derivative from values that are [`STEP`] apart.
 #[inline(always)]
@@ -72,15 +77,16 @@ fn between(ray: &Ray, right: &Ray, below: &Ray, scale: f64) -> Spread {
 }
 
 impl Spread {
-    /// Of the camera ray through `raster` from a point of the lens, whose neighbours are `scale` pixels away.
+    /// Of the camera ray through `raster` from a point of the lens, whose neighbours are `scale`
+    /// pixels away.
     pub fn of_camera(camera: &dyn Camera, raster: DVec2, point: u32, scale: f64) -> Self {
         let at = |raster| camera.lens_ray(raster, point);
         let (right, below) = (at(raster + DVec2::X * STEP), at(raster + DVec2::Y * STEP));
         between(&at(raster), &right, &below, scale)
     }
 
-    /// How far the neighbours are in the plane across `normal` at the point `t` of the ray, in metres (equations 10 to 12): prolonged by no more
-    /// than the reciprocal of `GRAZING`.
+    /// How far the neighbours are in the plane across `normal` at the point `t` of the ray, in
+    /// metres (equations 10 to 12): prolonged by no more than the reciprocal of `GRAZING`.
     #[inline]
     pub fn meet(&self, ray: &Ray, t: f64, normal: DVec3) -> [DVec3; 2] {
         let cosine = ray.direction.dot(normal);
@@ -118,8 +124,9 @@ impl Spread {
 }
 
 impl World {
-    /// How a branch in unit direction `direction` spreads at a point as it is seen by its ray: by what the same material does to the neighbours of the ray.
-    /// Surfaces that do not tell how they go on count as flat. `inside` are the bodies that the ray is in.
+    /// How a branch in unit direction `direction` spreads at a point as it is seen by its ray: by
+    /// what the same material does to the neighbours of the ray. Surfaces that do not tell how they
+    /// go on count as flat. `inside` are the bodies that the ray is in.
     #[allow(clippy::too_many_arguments, reason = "all that a branch depends on")]
     pub fn spread_of_branch(
         &self,
@@ -252,7 +259,8 @@ impl FootprintStream {
 }
 
 impl RayStream {
-    /// [`Spread::of_camera`] of every ray, which a camera has given for these positions. `beside` is working memory.
+    /// [`Spread::of_camera`] of every ray, which a camera has given for these positions. `beside`
+    /// is working memory.
     pub fn spread_from_camera(
         &mut self,
         camera: &dyn Camera,

@@ -17,8 +17,8 @@ pub struct TriangleMesh {
     pub uvs: Vec<DVec2>,
     /// Three vertex numbers a triangle, all below the number of positions.
     pub triangles: Vec<[u32; 3]>,
-    /// -1 if the transform that was applied to the positions mirrors, else 1: the winding says where
-    /// outside is in object space.
+    /// -1 if the transform that was applied to the positions mirrors, else 1: the winding says
+    /// where outside is in object space.
     pub orientation: f64,
 }
 
@@ -36,8 +36,8 @@ impl TriangleMesh {
         ray.intersect(a, b, c)
     }
 
-    /// The nearest hits of a stream among all triangles; `shape` is the number of this mesh. Hits that
-    /// were found before are replaced by nearer ones.
+    /// The nearest hits of a stream among all triangles; `shape` is the number of this mesh. Hits
+    /// that were found before are replaced by nearer ones.
     pub fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
         let sheared = ShearedStream::new(rays);
         simd::dispatch(
@@ -93,7 +93,8 @@ impl TriangleMesh {
         let weights = [1.0 - u - v, u, v];
         let position = weights[0] * a + weights[1] * b + weights[2] * c;
         // Pharr, Jakob, Humphreys, PBR (4th ed.), 6.8.4: gamma(7) times the sum of the absolute
-        // products; the weights are at most 1, and one unit more pays for the rounding of the leave.
+        // products; the weights are at most 1, and one unit more pays for the rounding of the
+        // leave.
         let largest = a.abs().max(b.abs()).max(c.abs()).max_element();
         let error = 8.0 * f64::EPSILON * largest;
         let n_g = (b - a).cross(c - a).normalize() * self.orientation;
@@ -173,7 +174,8 @@ impl Geometry {
         }
     }
 
-    /// How many numbers of copies ([`InstancePath`]) there are, 0 among them: no more than `u32` can count.
+    /// How many numbers of copies ([`InstancePath`]) there are, 0 among them: no more than `u32`
+    /// can count.
     pub fn paths(&self) -> u64 {
         self.paths
     }

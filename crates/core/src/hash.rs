@@ -1,6 +1,8 @@
-//! One hash of integers, for whatever is generated: the same in every renderer, as section 9 of the model states it.
+//! One hash of integers, for whatever is generated: the same in every renderer, as section 9 of the
+//! model states it.
 
-/// `lowbias32` (C. Wellons, *Prospecting for hash functions*, 2018): changes about half of all bits for each bit that differs.
+/// `lowbias32` (C. Wellons, *Prospecting for hash functions*, 2018): changes about half of all bits
+/// for each bit that differs.
 #[inline(always)]
 pub const fn mix(mut x: u32) -> u32 {
     x ^= x >> 16;

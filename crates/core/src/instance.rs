@@ -23,11 +23,12 @@ const CELLS: usize = 4;
 /// `docs/accelerators.md`. Copies that are sheared more have no box and are tried for every ray.
 const MAX_CONDITION: f64 = 32.0;
 
-/// The width of rays at the boxes of copies, relative to the largest coordinate: half of what accelerators give
-/// to rays, so that none leaves out what is a hit here.
+/// The width of rays at the boxes of copies, relative to the largest coordinate: half of what
+/// accelerators give to rays, so that none leaves out what is a hit here.
 const WIDTH: f64 = 1.0 / (1u64 << 41) as f64;
 
-/// Shapes that are placed together, any number of times, in a space of their own and with their own accelerator.
+/// Shapes that are placed together, any number of times, in a space of their own and with their own
+/// accelerator.
 pub struct Group {
     geometry: Arc<Geometry>,
     accelerator: Box<dyn Accelerator>,
@@ -38,8 +39,8 @@ pub struct Group {
 }
 
 impl Group {
-    /// From shapes in the group's space. They have the numbers from `first_shape` on in the scene; the
-    /// accelerator is built over the geometry.
+    /// From shapes in the group's space. They have the numbers from `first_shape` on in the scene;
+    /// the accelerator is built over the geometry.
     pub fn new(geometry: Arc<Geometry>, accelerator: Box<dyn Accelerator>, first_shape: u32) -> Self {
         Self {
             bounds: bounds(&geometry),
@@ -65,8 +66,8 @@ impl Group {
     }
 }
 
-/// Boxes around the parts of a geometry that lie in the cells of a coarse grid: turned, they hold less empty
-/// space than one box does.
+/// Boxes around the parts of a geometry that lie in the cells of a coarse grid: turned, they hold
+/// less empty space than one box does.
 fn bounds(geometry: &Geometry) -> Vec<Aabb> {
     let all = || {
         geometry
@@ -90,8 +91,8 @@ fn bounds(geometry: &Geometry) -> Vec<Aabb> {
     used.map(|cell| cell.padded(PAD * reach)).collect()
 }
 
-/// What the box of a needle needs besides: the error of the triangle test, up to which a hit may seem to lie
-/// outside of it. It is never more than the longest edge.
+/// What the box of a needle needs besides: the error of the triangle test, up to which a hit may
+/// seem to lie outside of it. It is never more than the longest edge.
 fn needle_pad(geometry: &Geometry, element: Element, reach: f64) -> f64 {
     let (Element::Triangle { shape, triangle }, shapes) = (element, geometry.shapes()) else {
         return 0.0;
@@ -112,16 +113,16 @@ fn needle_pad(geometry: &Geometry, element: Element, reach: f64) -> f64 {
     error.min(longest.sqrt())
 }
 
-/// A copy of a group. Rays are taken into the group's space with directions of any length, so that the parameter
-/// stays the same; what is hit there is the hit.
+/// A copy of a group. Rays are taken into the group's space with directions of any length, so that
+/// the parameter stays the same; what is hit there is the hit.
 pub struct Instance {
     group: Arc<Group>,
     transform: Transform,
     /// The number of this copy; those of copies inside the group follow.
     pub(crate) first_path: InstancePath,
     bounds: Aabb,
-    /// For each plane across an axis of the group's space: how far a unit step along each axis can lead away
-    /// from where rays meet it.
+    /// For each plane across an axis of the group's space: how far a unit step along each axis can
+    /// lead away from where rays meet it.
     tilt: DMat3,
 }
 
@@ -130,8 +131,9 @@ impl Instance {
     pub fn new(group: Arc<Group>, transform: Transform) -> Self {
         let forward = transform.world_from_object().matrix3;
         let inverse = transform.object_from_world().matrix3;
-        // Points are placed by the matrix and met through its rounded inverse: the residual says how far apart
-        // these are; then the rounding of the residual and of the origins of rays that start here.
+        // Points are placed by the matrix and met through its rounded inverse: the residual says
+        // how far apart these are; then the rounding of the residual and of the origins of rays
+        // that start here.
         let residual = inverse * forward - DMat3::IDENTITY;
         Self {
             bounds: world_bounds(&group.bounds, &transform),
@@ -199,15 +201,17 @@ impl Instance {
             .occluded(&ray, interval, self.skip_inside(skip))
     }
 
-    /// The part of an interval in which a ray touches the box. Besides saving time it makes what is outside no
-    /// hit by definition: from so far away that the group is smaller than rounding, its own tests tell nothing.
+    /// The part of an interval in which a ray touches the box. Besides saving time it makes what is
+    /// outside no hit by definition: from so far away that the group is smaller than rounding, its
+    /// own tests tell nothing.
     #[inline]
     fn inside(&self, ray: &Ray, interval: Interval) -> Option<Interval> {
         let Aabb { min, max } = self.bounds;
         let reach = min.abs().max(max.abs()).max(ray.origin.abs());
         let forward = DVec3::ONE.copysign(ray.direction) * (WIDTH * reach.max_element());
         let reciprocal = ray.direction.recip();
-        // NaN, from zero times infinity, means that the ray runs in the very border: `max` and `min` ignore it.
+        // NaN, from zero times infinity, means that the ray runs in the very border: `max` and
+        // `min` ignore it.
         let to_min = [
             (min - ray.origin - forward) * reciprocal,
             (min - ray.origin + forward) * reciprocal,
@@ -230,7 +234,8 @@ impl Instance {
         (near <= far).then_some(Interval { min: near, max: far })
     }
 
-    /// [`Self::closest`] for every ray of a stream. Hits that were found before are replaced by nearer ones.
+    /// [`Self::closest`] for every ray of a stream. Hits that were found before are replaced by
+    /// nearer ones.
     pub fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         let mut inside = Inside::default();
         self.enter(rays, |lane| Some(hits.t.0[lane]), &mut inside);
@@ -316,8 +321,8 @@ impl Instance {
 
     /// The surface at a hit of this ray.
     ///
-    /// Pharr, Jakob, Humphreys, PBR (4th ed.), 6.8.6: the error of a transformed point is the transformed error
-    /// and that of the transformation, here along the normal.
+    /// Pharr, Jakob, Humphreys, PBR (4th ed.), 6.8.6: the error of a transformed point is the
+    /// transformed error and that of the transformation, here along the normal.
     pub fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         let local = self.transform.ray_to_object(ray);
         let geometry = &self.group.geometry;
@@ -430,7 +435,8 @@ fn world_bounds(parts: &[Aabb], transform: &Transform) -> Aabb {
     let whole = parts.iter().fold(Aabb::EMPTY, |whole, part| {
         whole.union(transform.aabb_to_world(part))
     });
-    // Rounding of the corners, and of rays that are taken to the group's origin, which may lie far away.
+    // Rounding of the corners, and of rays that are taken to the group's origin, which may lie far
+    // away.
     let reach = whole
         .min
         .abs()
@@ -444,7 +450,8 @@ fn world_bounds(parts: &[Aabb], transform: &Transform) -> Aabb {
     }
 }
 
-/// The id of a group of shapes, with its place in the source. The key that holds it is always called `group`.
+/// The id of a group of shapes, with its place in the source. The key that holds it is always
+/// called `group`.
 #[derive(Clone, Debug)]
 pub struct GroupRef {
     /// Place in the source.

@@ -16,21 +16,24 @@ use std::sync::Arc;
 
 /// Computes the radiance that arrives along a camera ray.
 pub trait Integrator: Send + Sync {
-    /// Whether it follows the branches of materials: if not, the plan leaves out what only branches need.
+    /// Whether it follows the branches of materials: if not, the plan leaves out what only branches
+    /// need.
     fn follows_branches(&self) -> bool;
 
-    /// How many bounces a ray lives at most that goes on each time in so many directions, in equal shares of all light: so that scenes
-    /// without an end in sight can be refused.
+    /// How many bounces a ray lives at most that goes on each time in so many directions, in equal
+    /// shares of all light: so that scenes without an end in sight can be refused.
     fn bounces(&self, directions: u32) -> u32 {
         let _ = directions;
         0
     }
 
     /// Radiance along the ray, a pure function of world and ray. `scratch` is working memory, kept
-    /// between calls of one thread, and counts the rays; if it has a record, every ray is noted there.
+    /// between calls of one thread, and counts the rays; if it has a record, every ray is noted
+    /// there.
     fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb;
 
-    /// [`Self::radiance`] for every ray of a stream of camera rays: the same bits, and the same counts.
+    /// [`Self::radiance`] for every ray of a stream of camera rays: the same bits, and the same
+    /// counts.
     fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
         for lane in 0..rays.len {
             scratch.spread = rays.spread(lane);
@@ -38,8 +41,9 @@ pub trait Integrator: Send + Sync {
         }
     }
 
-    /// For methods that go from objects to pixels: what is asked for the radiance along camera rays instead, once it has seen the whole
-    /// scene; or why it cannot show it. `None` for those that trace rays from pixels to objects.
+    /// For methods that go from objects to pixels: what is asked for the radiance along camera rays
+    /// instead, once it has seen the whole scene; or why it cannot show it. `None` for those that
+    /// trace rays from pixels to objects.
     fn object_order(
         &self,
         view: &View<'_>,
@@ -65,12 +69,13 @@ pub struct World {
     pub lights: Vec<Arc<dyn Light>>,
     /// Lights that are seen behind everything.
     pub backgrounds: Vec<Arc<dyn Light>>,
-    /// Whether lights are asked, before they give their samples for a stream of points, if they reach any of them. The image is the same.
+    /// Whether lights are asked, before they give their samples for a stream of points, if they
+    /// reach any of them. The image is the same.
     pub culls_lights: bool,
     /// Sum of the ambient radiances.
     pub ambient: Rgb,
-    /// By how much earlier shadow rays end before lights than rounding asks for, in metres: more than 0 where surfaces that
-    /// hold lights have been moved.
+    /// By how much earlier shadow rays end before lights than rounding asks for, in metres: more
+    /// than 0 where surfaces that hold lights have been moved.
     pub light_margin: f64,
     /// The bodies that may overlap, if there are any: then rays are followed one by one.
     pub bodies: Option<Bodies>,
@@ -136,9 +141,9 @@ impl World {
         }
     }
 
-    /// The same world without what was found out about it: as if every material read everything and answered in every way that
-    /// does no harm, and as if shadow rays might go through surfaces. The same image, by more work: what it costs beside this world is what leaving
-    /// out saves.
+    /// The same world without what was found out about it: as if every material read everything and
+    /// answered in every way that does no harm, and as if shadow rays might go through surfaces.
+    /// The same image, by more work: what it costs beside this world is what leaving out saves.
     #[must_use]
     pub fn one_size_fits_all(mut self) -> Self {
         self.needs.fill(Needs::EVERYTHING);
@@ -161,12 +166,14 @@ impl World {
         self.needs[shape as usize]
     }
 
-    /// Whether rays must be followed one by one: what they carry, or into how many they branch, has no column in streams.
+    /// Whether rays must be followed one by one: what they carry, or into how many they branch, has
+    /// no column in streams.
     pub fn one_by_one(&self) -> bool {
         self.one_by_one
     }
 
-    /// Whether some texture in use reads footprints, so that rays must carry how far apart they are.
+    /// Whether some texture in use reads footprints, so that rays must carry how far apart they
+    /// are.
     pub fn reads_footprints(&self) -> bool {
         self.footprints
     }
@@ -181,7 +188,8 @@ impl World {
         counters.textured += counted(Needs::TEXTURE);
     }
 
-    /// The face of a body that may overlap others, as a ray in these bodies comes to it; `None` of all other surfaces.
+    /// The face of a body that may overlap others, as a ray in these bodies comes to it; `None` of
+    /// all other surfaces.
     pub fn face(&self, shape: u32, inside: Inside, point: &SurfacePoint, view: DVec3) -> Option<Face> {
         let bodies = self.bodies.as_ref()?;
         bodies.face(shape, inside, point.n_g.dot(view) > 0.0)
@@ -232,7 +240,8 @@ impl World {
         self.geometry.surface(ray, hit, self.needs[hit.shape as usize])
     }
 
-    /// The footprint of a ray at its hit, with what the material reads of it; none if the ray does not carry how far apart it is from others.
+    /// The footprint of a ray at its hit, with what the material reads of it; none if the ray does
+    /// not carry how far apart it is from others.
     pub fn footprint(
         &self,
         ray: &Ray,
@@ -249,7 +258,8 @@ impl World {
         }
     }
 
-    /// [`Self::surface`] for every ray of a stream, all of which hit this shape, as its viewers see it.
+    /// [`Self::surface`] for every ray of a stream, all of which hit this shape, as its viewers see
+    /// it.
     pub fn surface_stream(&self, shape: u32, rays: &RayStream, hits: &HitStream, points: &mut PointStream) {
         points.len = rays.len;
         let needs = self.needs[shape as usize];
@@ -286,7 +296,8 @@ impl World {
         self.needs.iter().fold(Needs::NOTHING, |all, needs| all | *needs)
     }
 
-    /// The lights that reach a surface point on the side of `view`, into `scratch.incoming`. `medium` is that on this side.
+    /// The lights that reach a surface point on the side of `view`, into `scratch.incoming`.
+    /// `medium` is that on this side.
     pub fn gather_lights(
         &self,
         point: &SurfacePoint,
@@ -356,14 +367,16 @@ impl Default for Hidden {
 /// Working memory for the lights of a stream of points.
 #[derive(Default)]
 pub struct LightMemory {
-    /// Light samples; after [`World::gather_lights_stream`] black where they do not reach their points.
+    /// Light samples; after [`World::gather_lights_stream`] black where they do not reach their
+    /// points.
     pub samples: SampleStreams,
     shadows: Box<ShadowRays>,
 }
 
 impl World {
-    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`. `leaves` names the
-    /// primitives that the points lie on, `media` the absorption coefficients on their viewers' sides.
+    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`. `leaves` names
+    /// the primitives that the points lie on, `media` the absorption coefficients on their viewers'
+    /// sides.
     pub fn gather_lights_stream(
         &self,
         points: &PointStream,
@@ -466,8 +479,8 @@ pub struct Scratch {
     pub counters: Counters,
     /// Working memory of the integrator's own kind; see [`Scratch::take_memory`].
     memory: Option<Box<dyn Any + Send>>,
-    /// How far the camera ray of the next call of [`Integrator::radiance`] is from its neighbours, where textures ask for it
-    /// ([`World::reads_footprints`]): taken by that call.
+    /// How far the camera ray of the next call of [`Integrator::radiance`] is from its neighbours,
+    /// where textures ask for it ([`World::reads_footprints`]): taken by that call.
     pub spread: Option<Spread>,
     /// Where integrators note every ray of the tree, if there is a list: for finding faults.
     pub record: Option<Vec<TreeNode>>,
@@ -508,8 +521,8 @@ impl Scratch {
         }
     }
 
-    /// Notes in the record, if there is one, a branch that is not followed because it lies beyond the depth
-    /// limit, with the radiance that stands for it.
+    /// Notes in the record, if there is one, a branch that is not followed because it lies beyond
+    /// the depth limit, with the radiance that stands for it.
     #[inline]
     pub fn note_limit(&mut self, path: &PathState, local: Rgb) {
         if let Some(nodes) = &mut self.record {
@@ -546,12 +559,13 @@ impl Scratch {
     }
 }
 
-/// A ray of the tree under a camera ray and what it found. The sum of `throughput * local` over all nodes is the
-/// radiance along the camera ray.
+/// A ray of the tree under a camera ray and what it found. The sum of `throughput * local` over all
+/// nodes is the radiance along the camera ray.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TreeNode {
-    /// "" for the camera ray, then a letter for each branch: R for reflection, T for transmission. Where a reflection is spread over
-    /// directions, R and the number of the direction in two digits.
+    /// "" for the camera ray, then a letter for each branch: R for reflection, T for transmission.
+    /// Where a reflection is spread over directions, R and the number of the direction in two
+    /// digits.
     pub path: String,
     /// Number of the shape that was hit; -1 for none.
     pub shape: i64,
@@ -569,7 +583,8 @@ pub struct TreeNode {
     pub throughput: Rgb,
     /// Radiance that the node adds by itself: lights at a surface, or the background.
     pub local: Rgb,
-    /// Whether this is a branch beyond the depth limit, which was not traced: a leaf with what stands for it.
+    /// Whether this is a branch beyond the depth limit, which was not traced: a leaf with what
+    /// stands for it.
     pub limit: bool,
 }
 

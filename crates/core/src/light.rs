@@ -3,8 +3,8 @@ use crate::{Aabb, Rgb};
 use glam::DVec3;
 use std::ops::{BitOr, BitOrAssign};
 
-/// A source of light. A light gives some of: samples that reach a point along a direction, a uniform
-/// ambient radiance, the radiance of what lies behind everything.
+/// A source of light. A light gives some of: samples that reach a point along a direction, a
+/// uniform ambient radiance, the radiance of what lies behind everything.
 pub trait Light: Send + Sync {
     /// Which of the methods below give something.
     fn gives(&self) -> LightGives;
@@ -14,8 +14,8 @@ pub trait Light: Send + Sync {
         let _ = (point, out);
     }
 
-    /// [`Self::samples`] for the first `len` points of a stream. What arrives at different points as the
-    /// k-th sample shares a stream; where there is none, its irradiance is black.
+    /// [`Self::samples`] for the first `len` points of a stream. What arrives at different points
+    /// as the k-th sample shares a stream; where there is none, its irradiance is black.
     fn samples_stream(&self, len: usize, points: &Vectors, out: &mut SampleStreams) {
         let mut streams: Vec<usize> = Vec::new();
         let mut samples = Vec::new();
@@ -32,9 +32,10 @@ pub trait Light: Send + Sync {
         }
     }
 
-    /// Whether [`Self::samples`] may give anything but black at any point of a box, which may be endless. `true` where that is not known:
-    /// a light is left out of a scene if this is `false` for all that could show it, and, where there are many lights, of a stream of points if it
-    /// is `false` for the box around them. That box may be a point: rounding is on the side of `true`.
+    /// Whether [`Self::samples`] may give anything but black at any point of a box, which may be
+    /// endless. `true` where that is not known: a light is left out of a scene if this is `false`
+    /// for all that could show it, and, where there are many lights, of a stream of points if it is
+    /// `false` for the box around them. That box may be a point: rounding is on the side of `true`.
     fn reaches(&self, bounds: &Aabb) -> bool {
         let _ = bounds;
         true

@@ -12,8 +12,8 @@ use toml::Spanned;
 
 /// How a surface answers light.
 ///
-/// The surface points passed in have been through rule S ([`SurfacePoint::seen_from`]); rule G is the
-/// integrator's business for lights and branches alike.
+/// The surface points passed in have been through rule S ([`SurfacePoint::seen_from`]); rule G is
+/// the integrator's business for lights and branches alike.
 pub trait Material: Send + Sync {
     /// Which of the methods below can give something.
     fn lobes(&self) -> Lobes;
@@ -28,8 +28,8 @@ pub trait Material: Send + Sync {
         Rgb::BLACK
     }
 
-    /// [`Self::local`] for every point of a stream. Lanes of light samples that are black do not reach
-    /// their points.
+    /// [`Self::local`] for every point of a stream. Lanes of light samples that are black do not
+    /// reach their points.
     fn local_stream(&self, points: &PointStream, ambient: Rgb, lights: &SampleStreams, out: &mut Colors) {
         let mut incoming = Vec::with_capacity(lights.len());
         for lane in 0..points.len {
@@ -64,14 +64,16 @@ pub trait Material: Send + Sync {
         }
     }
 
-    /// What a shadow ray in this direction keeps when it goes straight on through the surface. The point is as a viewer sees it
-    /// where the ray comes from. `filtered`: also what is transparent, not holes only.
+    /// What a shadow ray in this direction keeps when it goes straight on through the surface. The
+    /// point is as a viewer sees it where the ray comes from. `filtered`: also what is transparent,
+    /// not holes only.
     fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
         let _ = (point, direction, filtered);
         Filter::OPAQUE
     }
 
-    /// Itself as a body that may overlap others, if it has a priority among them: then what its faces do depends on what a ray is in.
+    /// Itself as a body that may overlap others, if it has a priority among them: then what its
+    /// faces do depends on what a ray is in.
     fn overlapping(&self) -> Option<&dyn Overlapping> {
         None
     }
@@ -93,12 +95,14 @@ pub trait Material: Send + Sync {
         let _ = (point, view, out);
     }
 
-    /// Over how many directions the reflected branch is spread at most: over 1, its own, but by what is glossy.
+    /// Over how many directions the reflected branch is spread at most: over 1, its own, but by
+    /// what is glossy.
     fn reflections(&self) -> u32 {
         1
     }
 
-    /// How the reflected branch, which goes in the mirror direction, is spread over directions; `None` where it is not.
+    /// How the reflected branch, which goes in the mirror direction, is spread over directions;
+    /// `None` where it is not.
     fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
         let _ = (point, view);
         None
@@ -148,7 +152,8 @@ impl Lobes {
     pub const BRANCHES: Self = Self(2 + 4 + 8);
     /// Everything that the surface shows without following a ray.
     pub const SHOWN: Self = Self(1 + 16);
-    /// What a material can be asked for although it says that it has none of it, and the answer is nothing.
+    /// What a material can be asked for although it says that it has none of it, and the answer is
+    /// nothing.
     pub const HARMLESS: Self = Self(1 + 2 + 4 + 16);
     /// No response at all.
     pub const NOTHING: Self = Self(0);
@@ -187,7 +192,8 @@ pub enum BranchKind {
         /// Per metre, each channel at least 0.
         absorption: Rgb,
     },
-    /// Straight on to the other side, staying in the medium that the ray travels in: there is no body behind the surface.
+    /// Straight on to the other side, staying in the medium that the ray travels in: there is no
+    /// body behind the surface.
     Straight,
 }
 
@@ -196,7 +202,8 @@ pub enum BranchKind {
 pub struct Filter {
     /// Factor on the light.
     pub weight: Rgb,
-    /// The medium behind the surface, by its absorption coefficient (per metre), if it is another one.
+    /// The medium behind the surface, by its absorption coefficient (per metre), if it is another
+    /// one.
     pub medium: Option<Rgb>,
 }
 
@@ -210,7 +217,8 @@ impl Filter {
     }
 }
 
-/// The value of a parameter where a material is expected inside another one: one written where it stands, or the id of a shared one.
+/// The value of a parameter where a material is expected inside another one: one written where it
+/// stands, or the id of a shared one.
 #[derive(Clone, Debug)]
 pub struct MaterialRef {
     /// Place in the source.
@@ -294,7 +302,8 @@ impl Branches {
         *slot = Some(branch);
     }
 
-    /// Adds a share of the branches of a part of the material; one that is there already in the same direction takes it up.
+    /// Adds a share of the branches of a part of the material; one that is there already in the
+    /// same direction takes it up.
     pub fn merge(&mut self, parts: &Self, share: Rgb) {
         for part in parts.iter() {
             let weight = part.weight * share;
@@ -334,8 +343,8 @@ pub struct BranchStreams {
     pub transmission: BranchStream,
     /// Absorption coefficients (per metre) of the media that transmitted rays travel in.
     pub absorption: Colors,
-    /// Whether the transmitted ray goes straight on in its medium, instead of in that of `absorption`. Read only of materials that
-    /// have this lobe.
+    /// Whether the transmitted ray goes straight on in its medium, instead of in that of
+    /// `absorption`. Read only of materials that have this lobe.
     pub straight: Flags,
 }
 

@@ -1,11 +1,12 @@
-//! Defects of meshes that bound a body: what refracts at them goes in and never comes out, or comes out twice.
+//! Defects of meshes that bound a body: what refracts at them goes in and never comes out, or comes
+//! out twice.
 
 use crate::{Lobes, Shape, TriangleMesh, World};
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
-/// What keeps a mesh from bounding a body. Vertices at the same place are one; triangles that have two corners at one place are
-/// never hit and do not count.
+/// What keeps a mesh from bounding a body. Vertices at the same place are one; triangles that have
+/// two corners at one place are never hit and do not count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshDefects {
     /// Edges of one face only.
@@ -19,11 +20,13 @@ pub struct MeshDefects {
 }
 
 impl MeshDefects {
-    /// Counts them. A duplicate is counted as such and then left out: its edges are those of the face that it repeats.
+    /// Counts them. A duplicate is counted as such and then left out: its edges are those of the
+    /// face that it repeats.
     pub fn of(mesh: &TriangleMesh) -> Self {
         let mut places = HashMap::new();
         let mut faces = HashMap::new();
-        // How many faces run along an edge, and how many more in the one direction than in the other.
+        // How many faces run along an edge, and how many more in the one direction than in the
+        // other.
         let mut edges: HashMap<[usize; 2], (usize, i64)> = HashMap::new();
         let mut defects = Self::default();
         for triangle in &mesh.triangles {
@@ -92,7 +95,8 @@ impl fmt::Display for MeshDefects {
 }
 
 impl World {
-    /// The meshes, by the numbers of their shapes, that refract and do not bound a body. Meshes in groups count once, however often they are placed.
+    /// The meshes, by the numbers of their shapes, that refract and do not bound a body. Meshes in
+    /// groups count once, however often they are placed.
     pub fn open_refracting_meshes(&self) -> Vec<(u32, MeshDefects)> {
         let mut found = BTreeMap::new();
         self.find_open(self.geometry.shapes(), 0, &mut found);
@@ -143,7 +147,8 @@ mod tests {
                         p[(axis + 2) % 3] = f64::from(j + b);
                         DVec3::from_array(p)
                     };
-                    // Each square has vertices of its own, as files with normals at vertices have them.
+                    // Each square has vertices of its own, as files with normals at vertices have
+                    // them.
                     let first = mesh.positions.len() as u32;
                     mesh.positions
                         .extend([corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)]);

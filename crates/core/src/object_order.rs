@@ -13,10 +13,12 @@ pub struct View<'a> {
     pub film: FilmSize,
 }
 
-/// Finds what camera rays meet from the objects: each is brought to the image, instead of the image to all of them.
+/// Finds what camera rays meet from the objects: each is brought to the image, instead of the image
+/// to all of them.
 pub trait ObjectOrder: Send + Sync {
-    /// Radiance along the camera rays through these positions of the image. What it finds and counts may differ from
-    /// [`crate::Integrator::radiance_stream`] only where rounding decides: at edges.
+    /// Radiance along the camera rays through these positions of the image. What it finds and
+    /// counts may differ from [`crate::Integrator::radiance_stream`] only where rounding decides:
+    /// at edges.
     fn radiance_stream(
         &self,
         world: &World,

@@ -18,8 +18,8 @@ pub struct PathState {
     pub inside: Inside,
     /// Bounces before it: 0 for a camera ray.
     pub depth: u32,
-    /// For [`Scratch::record`](crate::Scratch::record): the number there of the node that it comes from, and the letter of the
-    /// branch; `None` for a camera ray.
+    /// For [`Scratch::record`](crate::Scratch::record): the number there of the node that it comes
+    /// from, and the letter of the branch; `None` for a camera ray.
     pub origin: Option<(u32, PathLetter)>,
     /// How far apart it is from its neighbours, where textures ask for it.
     pub spread: Option<Spread>,

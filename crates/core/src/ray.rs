@@ -51,8 +51,8 @@ impl Interval {
     }
 }
 
-/// An axis-aligned bounding box in world space. `EMPTY` holds nothing; a box of an endless shape has
-/// infinite corners.
+/// An axis-aligned bounding box in world space. `EMPTY` holds nothing; a box of an endless shape
+/// has infinite corners.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aabb {
     /// Smallest coordinates.

@@ -121,7 +121,8 @@ families! {
 pub trait Plugin<F: Family> {
     /// The TOML `type`; also the stem of its file, its Cargo feature and its example scene.
     const TYPE: &'static str;
-    /// Its parameters. The first line of its documentation is the one-line summary in `whitstone list`.
+    /// Its parameters. The first line of its documentation is the one-line summary in
+    /// `whitstone list`.
     type Config: DeserializeOwned + JsonSchema;
 
     /// Builds it. Errors without a place are shown at the plugin's table.
@@ -137,7 +138,8 @@ pub trait Context {
     /// The texture or constant that a parameter names. Built once, however often it is named.
     fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors>;
 
-    /// The material that is a part of another one. Built once if it is shared; one that contains itself is an error.
+    /// The material that is a part of another one. Built once if it is shared; one that contains
+    /// itself is an error.
     fn material(&mut self, reference: &MaterialRef) -> Result<Arc<dyn Material>, SceneErrors> {
         Err(SceneError::at(reference.span.clone(), "no materials here").into())
     }
@@ -145,12 +147,14 @@ pub trait Context {
     /// The path of a file that a parameter names; the file exists and is a regular file.
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError>;
 
-    /// The picture in a file: what the texture `image` makes of it with its border around it, with its errors at the file.
+    /// The picture in a file: what the texture `image` makes of it with its border around it, with
+    /// its errors at the file.
     fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
         Err(SceneError::at(file.span.clone(), "no pictures here").into())
     }
 
-    /// The triangles of a mesh file where they stand: what the shape `mesh` makes of it, with its errors at the file.
+    /// The triangles of a mesh file where they stand: what the shape `mesh` makes of it, with its
+    /// errors at the file.
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
         let _ = transform;
         Err(SceneError::at(file.span.clone(), "no meshes here").into())
@@ -161,27 +165,30 @@ pub trait Context {
         Err(group.no_groups().into())
     }
 
-    /// The solid that is an operand of a shape which stands at `around`: the operand's own transform comes before it.
-    /// What bounds no volume is an error at the operand.
+    /// The solid that is an operand of a shape which stands at `around`: the operand's own
+    /// transform comes before it. What bounds no volume is an error at the operand.
     fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Primitive>, SceneErrors> {
         let _ = around;
         Err(SceneError::at(operand.span.clone(), "no operands here").into())
     }
 
-    /// Says before so many bytes are allocated that they will be: an error where the scene may not have them. What
-    /// grows with a number in the scene or with a file asks; what is small need not.
+    /// Says before so many bytes are allocated that they will be: an error where the scene may not
+    /// have them. What grows with a number in the scene or with a file asks; what is small need
+    /// not.
     fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
         let _ = bytes;
         Ok(())
     }
 
-    /// What was kept of these parts, if it is so many bytes. The parts are all that it is made from, and a name with a version.
+    /// What was kept of these parts, if it is so many bytes. The parts are all that it is made
+    /// from, and a name with a version.
     fn recall(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
         let _ = (parts, length);
         None
     }
 
-    /// Keeps what was made of these parts for later runs, if anything is kept at all: for what takes longer to make than to read.
+    /// Keeps what was made of these parts for later runs, if anything is kept at all: for what
+    /// takes longer to make than to read.
     fn keep(&mut self, parts: &[&[u8]], made: &[u8]) {
         let _ = (parts, made);
     }
@@ -269,14 +276,14 @@ impl Registry {
         }
     }
 
-    /// Tells what this program was built without, as family, type and crate, for the message about a scene that
-    /// names it.
+    /// Tells what this program was built without, as family, type and crate, for the message about
+    /// a scene that names it.
     pub fn leave_out(&mut self, absent: &'static [(FamilyName, &'static str, &'static str)]) {
         self.absent = absent;
     }
 
-    /// Adds the twin of a plugin from outside, so that its scenes can be validated: for `mitsuba` a Python file as
-    /// `references/mitsuba/whitstone_mitsuba/twins.py` describes it.
+    /// Adds the twin of a plugin from outside, so that its scenes can be validated: for `mitsuba` a
+    /// Python file as `references/mitsuba/whitstone_mitsuba/twins.py` describes it.
     pub fn add_twin(&mut self, reference: &'static str, file: &'static str, text: &'static str) {
         self.twins.push(Twin {
             reference,
@@ -295,7 +302,8 @@ impl Registry {
         self.entries.values()
     }
 
-    /// The plugin of a type. The error says which types there are and which is nearest; it has no place.
+    /// The plugin of a type. The error says which types there are and which is nearest; it has no
+    /// place.
     pub fn get(&self, family: FamilyName, name: &str) -> Result<&Entry, SceneError> {
         if let Some((_, entry)) = self.entries.iter().find(|((f, n), _)| *f == family && *n == name) {
             return Ok(entry);

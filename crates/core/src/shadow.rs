@@ -3,7 +3,8 @@
 use crate::{Counters, Interval, LightSample, Lobes, Medium, Ray, Rgb, Skip, SurfacePoint, World};
 use glam::DVec3;
 
-/// Light of which less than this is left in every channel counts as none: the cut of the lecture notes.
+/// Light of which less than this is left in every channel counts as none: the cut of the lecture
+/// notes.
 const CUT: f64 = 0.002;
 
 /// A shadow ray that has gone through so many surfaces is hidden.
@@ -31,9 +32,9 @@ impl Shadowing {
     }
 }
 
-/// The ray from a point to a light, and how far it must be free: some roundings of the coordinates less than to the light. So a surface that
-/// holds the light does not hide it, as the model demands of anything that is not strictly between. `margin`: see
-/// [`World::light_margin`].
+/// The ray from a point to a light, and how far it must be free: some roundings of the coordinates
+/// less than to the light. So a surface that holds the light does not hide it, as the model demands
+/// of anything that is not strictly between. `margin`: see [`World::light_margin`].
 #[inline(always)]
 pub(crate) fn shadow_ray(point: &SurfacePoint, sample: &LightSample, margin: f64) -> (Ray, f64) {
     let coordinates = point.position.abs().max_element() + sample.distance;
@@ -46,8 +47,9 @@ pub(crate) fn shadow_ray(point: &SurfacePoint, sample: &LightSample, margin: f64
     aim(&ray, free, point.leave(sample.direction))
 }
 
-/// The ray from `start` to where another one, that begins nearly there, is after `free` metres, and its length. In the direction of the
-/// other one it would cross a plane through that place earlier, by the way between the two over the slope.
+/// The ray from `start` to where another one, that begins nearly there, is after `free` metres, and
+/// its length. In the direction of the other one it would cross a plane through that place earlier,
+/// by the way between the two over the slope.
 #[inline(always)]
 fn aim(ray: &Ray, free: f64, start: DVec3) -> (Ray, f64) {
     let moved = start - ray.origin;
@@ -67,8 +69,8 @@ impl World {
         self.lobes.intersects(shadowing.passing())
     }
 
-    /// The share of light that comes along a shadow ray from `free` metres away. `medium` is what the ray starts in; only filtered
-    /// shadows see it.
+    /// The share of light that comes along a shadow ray from `free` metres away. `medium` is what
+    /// the ray starts in; only filtered shadows see it.
     pub(crate) fn light_through(
         &self,
         ray: Ray,

@@ -3,8 +3,9 @@ use crate::{Aabb, Footprint, Instance, Interval, Ray, Spans, SurfacePart, Triang
 use glam::{DVec2, DVec3};
 use std::ops::{BitOr, BitOrAssign};
 
-/// What a shape turns itself into: all that an accelerator sees. Its number in the scene (`shape_id`) is the
-/// place of its table in the file; the shapes of groups are numbered behind all others.
+/// What a shape turns itself into: all that an accelerator sees. Its number in the scene
+/// (`shape_id`) is the place of its table in the file; the shapes of groups are numbered behind all
+/// others.
 #[non_exhaustive]
 pub enum Shape {
     /// Triangles in world space.
@@ -17,26 +18,28 @@ pub enum Shape {
 
 /// A thing that rays hit and that is not made of triangles, in world space.
 ///
-/// **Purity law**: what is returned depends on the ray, the skipped primitive and the object only; the
-/// interval merely filters. Without it, images would depend on the order in which an accelerator visits
-/// its nodes.
+/// **Purity law**: what is returned depends on the ray, the skipped primitive and the object only;
+/// the interval merely filters. Without it, images would depend on the order in which an
+/// accelerator visits its nodes.
 pub trait Primitive: Send + Sync {
     /// A box that holds every point that a ray can hit; infinite for endless shapes.
     fn bounds(&self) -> Aabb;
 
-    /// The nearest hit inside the interval. `leaves` names the sub-primitive that the ray was spawned
-    /// on, if it is one of this object's: a planar one is not hit again; a curved one ignores the root
-    /// that is the start itself.
+    /// The nearest hit inside the interval. `leaves` names the sub-primitive that the ray was
+    /// spawned on, if it is one of this object's: a planar one is not hit again; a curved one
+    /// ignores the root that is the start itself.
     fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit>;
 
     /// The surface at a hit that `closest` returned for this ray. Only what `needs` names must be
     /// right in the result.
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
 
-    /// The surface next to a hit, nearest to `q`, which is beside it in its tangent plane: the same sub-primitive, which goes on beyond its border, with
-    /// texture coordinates that go on too where they start anew. Of `point`, the surface at the hit, only position and
-    /// texture coordinates are read; of the result only the shading normal and what `needs` names.
-    /// `None` from shapes that cannot tell: textures of (u, v) show their finest level there, and mirrors count as flat.
+    /// The surface next to a hit, nearest to `q`, which is beside it in its tangent plane: the same
+    /// sub-primitive, which goes on beyond its border, with texture coordinates that go on too
+    /// where they start anew. Of `point`, the surface at the hit, only position and texture
+    /// coordinates are read; of the result only the shading normal and what `needs` names. `None`
+    /// from shapes that cannot tell: textures of (u, v) show their finest level there, and mirrors
+    /// count as flat.
     fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
         let _ = (point, hit, q, needs);
         None
@@ -47,8 +50,9 @@ pub trait Primitive: Send + Sync {
         false
     }
 
-    /// Adds the parts of the *whole line* of the ray that lie inside, if this is a solid. What lies in front of the ray's
-    /// start are the hits of [`Self::closest`], bit for bit, but for those that touch at a single point.
+    /// Adds the parts of the *whole line* of the ray that lie inside, if this is a solid. What lies
+    /// in front of the ray's start are the hits of [`Self::closest`], bit for bit, but for those
+    /// that touch at a single point.
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
         let _ = (ray, spans);
     }
@@ -58,8 +62,8 @@ pub trait Primitive: Send + Sync {
         1
     }
 
-    /// Whether a ray that starts on this sub-primitive of a solid goes inside. By default what the normal at the start
-    /// says, for solids whose normal follows from point and number.
+    /// Whether a ray that starts on this sub-primitive of a solid goes inside. By default what the
+    /// normal at the start says, for solids whose normal follows from point and number.
     fn goes_inside(&self, ray: &Ray, primitive: u32) -> bool {
         let start = PrimitiveHit {
             t: 0.0,
@@ -70,14 +74,15 @@ pub trait Primitive: Send + Sync {
         point.n_g.dot(ray.direction) < 0.0
     }
 
-    /// The parts of its surface that are flat, spherical or cylindrical, which may coincide with those of other shapes. By
-    /// default none: surfaces that nobody knows of are met in the order of the distances as they are computed.
+    /// The parts of its surface that are flat, spherical or cylindrical, which may coincide with
+    /// those of other shapes. By default none: surfaces that nobody knows of are met in the order
+    /// of the distances as they are computed.
     fn parts(&self) -> Vec<SurfacePart> {
         Vec::new()
     }
 
-    /// [`Self::closest`] for every ray of a stream; `shape` is the number of this object. Hits that were
-    /// found before are replaced by nearer ones.
+    /// [`Self::closest`] for every ray of a stream; `shape` is the number of this object. Hits that
+    /// were found before are replaced by nearer ones.
     fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
         for lane in 0..rays.len {
             let interval = Interval::up_to(hits.t.0[lane]);
@@ -132,8 +137,8 @@ impl PrimitiveHit {
     }
 }
 
-/// Which copy of a shape was hit: [`InstancePath::WORLD`] for what is not instanced. Copies are numbered depth first in
-/// the order of the scene, copies within a copy right behind it.
+/// Which copy of a shape was hit: [`InstancePath::WORLD`] for what is not instanced. Copies are
+/// numbered depth first in the order of the scene, copies within a copy right behind it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct InstancePath(pub u32);
 
@@ -147,7 +152,8 @@ impl InstancePath {
 pub struct RawHit {
     /// Ray parameter.
     pub t: f64,
-    /// Two surface parameters; for triangles the barycentric weights of the second and third vertex.
+    /// Two surface parameters; for triangles the barycentric weights of the second and third
+    /// vertex.
     pub params: DVec2,
     /// Copy of the shape.
     pub instance: InstancePath,
@@ -215,9 +221,11 @@ impl Needs {
     pub const SHADING_NORMAL: Self = Self(1);
     /// Texture coordinates.
     pub const UV: Self = Self(2);
-    /// Some texture is asked: nothing that a shape computes, but the counters of `explain --measure` tell it.
+    /// Some texture is asked: nothing that a shape computes, but the counters of
+    /// `explain --measure` tell it.
     pub const TEXTURE: Self = Self(4);
-    /// What neighbouring rays see: nothing that a shape computes in `surface`, but rays then carry how far apart they are.
+    /// What neighbouring rays see: nothing that a shape computes in `surface`, but rays then carry
+    /// how far apart they are.
     pub const FOOTPRINT: Self = Self(8);
     /// All of these.
     pub const EVERYTHING: Self = Self(15);
@@ -246,8 +254,8 @@ impl BitOrAssign for Needs {
 pub struct SurfacePoint {
     /// On the surface up to `error`.
     pub position: DVec3,
-    /// Bound on the distance of `position` from the surface, in metres, along its normal: rays leave
-    /// from this far above the surface.
+    /// Bound on the distance of `position` from the surface, in metres, along its normal: rays
+    /// leave from this far above the surface.
     pub error: f64,
     /// Unit normal of the geometry; it points outside.
     pub n_g: DVec3,

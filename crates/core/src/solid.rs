@@ -11,8 +11,8 @@ use std::borrow::Cow;
 use std::fmt;
 use toml::Spanned;
 
-/// A part of a line that lies in a solid. The line goes on before the start of the ray, so parameters may be
-/// negative, and infinite where the solid is endless.
+/// A part of a line that lies in a solid. The line goes on before the start of the ray, so
+/// parameters may be negative, and infinite where the solid is endless.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
     /// Where the line enters.
@@ -21,7 +21,8 @@ pub struct Span {
     pub exit: PrimitiveHit,
 }
 
-/// The parts of a line that lie in a solid: in order, none of them empty, no two with a common point.
+/// The parts of a line that lie in a solid: in order, none of them empty, no two with a common
+/// point.
 pub type Spans = SmallVec<[Span; 4]>;
 
 impl Span {
@@ -43,8 +44,8 @@ impl PrimitiveHit {
     }
 }
 
-/// The spans between crossings of a closed surface, which are sorted: every other one is an entry. Those at the
-/// same place cancel each other, and so does what has no partner.
+/// The spans between crossings of a closed surface, which are sorted: every other one is an entry.
+/// Those at the same place cancel each other, and so does what has no partner.
 pub fn pair_up(crossings: &[PrimitiveHit]) -> Spans {
     let mut spans = Spans::new();
     for pair in crossings.chunks_exact(2) {
@@ -53,8 +54,8 @@ pub fn pair_up(crossings: &[PrimitiveHit]) -> Spans {
     spans
 }
 
-/// Adds a span that begins no sooner than the last one ends. Where it begins just there, both become one; an empty
-/// one is left out.
+/// Adds a span that begins no sooner than the last one ends. Where it begins just there, both
+/// become one; an empty one is left out.
 pub fn push(spans: &mut Spans, enter: PrimitiveHit, exit: PrimitiveHit) {
     let Some(span) = Span::new(enter, exit) else {
         return;
@@ -65,9 +66,9 @@ pub fn push(spans: &mut Spans, enter: PrimitiveHit, exit: PrimitiveHit) {
     }
 }
 
-/// The nearest end of a span inside the interval. `inside` says of a ray that starts on the surface whether it goes
-/// into the solid: then the first end beyond its start is an exit, else an entry. If it is not, it is the start
-/// itself, moved in front by rounding.
+/// The nearest end of a span inside the interval. `inside` says of a ray that starts on the surface
+/// whether it goes into the solid: then the first end beyond its start is an exit, else an entry.
+/// If it is not, it is the start itself, moved in front by rounding.
 pub fn first_end(spans: &[Span], interval: Interval, inside: Option<bool>) -> Option<PrimitiveHit> {
     let ends = spans
         .iter()

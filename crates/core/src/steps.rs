@@ -1,4 +1,5 @@
-//! A `transform` as it is written: one step, or a list of steps in the order in which they are applied.
+//! A `transform` as it is written: one step, or a list of steps in the order in which they are
+//! applied.
 
 use crate::Transform;
 use crate::config::{Finite, Vector3};
@@ -97,7 +98,8 @@ fn rotation(axis: DVec3, degrees: f64) -> DMat3 {
     DMat3::IDENTITY * cos + cross * sin + outer * (1.0 - cos)
 }
 
-/// The `transform` of a part of a plugin's table, such as the mapping of a texture: an invertible map.
+/// The `transform` of a part of a plugin's table, such as the mapping of a texture: an invertible
+/// map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steps(Transform);
 
@@ -105,7 +107,8 @@ impl Steps {
     /// No steps.
     pub const NONE: Self = Self(Transform::IDENTITY);
 
-    /// The map of all steps together; its `world_from_object` is that of the space where the steps start to that where they end.
+    /// The map of all steps together; its `world_from_object` is that of the space where the steps
+    /// start to that where they end.
     pub const fn get(self) -> Transform {
         self.0
     }

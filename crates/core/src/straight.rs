@@ -9,23 +9,23 @@ use glam::{DVec2, DVec3};
 /// The number of no sub-primitive.
 pub const LEAVES_NOTHING: u32 = u32::MAX;
 
-/// A [`Primitive`] whose arithmetic is straight-line: it is written once, for one ray, and runs in vector
-/// registers for streams of rays.
+/// A [`Primitive`] whose arithmetic is straight-line: it is written once, for one ray, and runs in
+/// vector registers for streams of rays.
 ///
-/// Mark every method `#[inline(always)]`, choose with `if a { b } else { c }` between *values* that are
-/// both computed, join conditions with `&` and `|`, and return NaN instead of leaving early. The methods
-/// are also called for lanes that mean nothing; they must not panic. (`if` on the same condition again and
-/// again may become a jump: [`simd::select`] never does.)
+/// Mark every method `#[inline(always)]`, choose with `if a { b } else { c }` between *values* that
+/// are both computed, join conditions with `&` and `|`, and return NaN instead of leaving early.
+/// The methods are also called for lanes that mean nothing; they must not panic. (`if` on the same
+/// condition again and again may become a jump: [`simd::select`] never does.)
 pub trait Straight: Clone + Send + Sync {
     /// See [`Primitive::bounds`].
     fn bounds(&self) -> Aabb;
 
-    /// A cheap test: false only if the ray has no hit at all. A group of rays of which none comes near is
-    /// done with it.
+    /// A cheap test: false only if the ray has no hit at all. A group of rays of which none comes
+    /// near is done with it.
     fn comes_near(&self, ray: &Ray) -> bool;
 
-    /// The nearest hit beyond `min`; its `t` is NaN where there is none. `leaves` is the sub-primitive of
-    /// this object that the ray leaves, or [`LEAVES_NOTHING`].
+    /// The nearest hit beyond `min`; its `t` is NaN where there is none. `leaves` is the
+    /// sub-primitive of this object that the ray leaves, or [`LEAVES_NOTHING`].
     fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit;
 
     /// See [`Primitive::surface`].
@@ -168,7 +168,8 @@ impl<P: Straight> Primitive for P {
         simd::dispatch(
             #[inline(always)]
             || {
-                // Not in whole groups: what a lane without a hit holds may be no primitive of this shape.
+                // Not in whole groups: what a lane without a hit holds may be no primitive of this
+                // shape.
                 for lane in 0..len {
                     let (ray, hit) = (rays.ray(lane), hits.hit(lane));
                     points.set(lane, &Straight::surface(&primitive, &ray, &hit, Needs::NOTHING));

@@ -1,13 +1,14 @@
-//! Rays side by side: structures of arrays in which lane `i` of every array belongs to the same ray.
+//! Rays side by side: structures of arrays in which lane `i` of every array belongs to the same
+//! ray.
 //!
-//! Plugins are asked about a whole stream at once, so that a virtual call is paid once for many rays and
-//! the arithmetic between runs in vector registers. A plugin whose arithmetic is straight-line writes it once, for one
-//! lane, marks it `#[inline(always)]`, and loops over the lanes inside [`crate::simd::dispatch`]; one that
-//! is not inherits a loop over its scalar method. **Both give the same bits**: that is a law of every trait
-//! with a stream method.
+//! Plugins are asked about a whole stream at once, so that a virtual call is paid once for many
+//! rays and the arithmetic between runs in vector registers. A plugin whose arithmetic is
+//! straight-line writes it once, for one lane, marks it `#[inline(always)]`, and loops over the
+//! lanes inside [`crate::simd::dispatch`]; one that is not inherits a loop over its scalar method.
+//! **Both give the same bits**: that is a law of every trait with a stream method.
 //!
-//! Lanes from `len` on hold whatever was there before: arithmetic on them is harmless and its result is
-//! never read.
+//! Lanes from `len` on hold whatever was there before: arithmetic on them is harmless and its
+//! result is never read.
 
 use crate::footprint::{FootprintStream, SpreadStream};
 use crate::simd::{self, prefetch, select};
@@ -26,8 +27,8 @@ const _: () = assert!(LANES.is_multiple_of(GROUP));
 
 /// The first lanes of the groups that hold so many; the last group may hold lanes of no meaning.
 ///
-/// A loop over a group has a fixed length: it needs no second loop for what does not fill a register, which takes longer than
-/// the first one where streams are short.
+/// A loop over a group has a fixed length: it needs no second loop for what does not fill a
+/// register, which takes longer than the first one where streams are short.
 #[inline(always)]
 pub fn groups(len: usize) -> impl Iterator<Item = usize> {
     (0..len.min(LANES).div_ceil(GROUP)).map(|group| group * GROUP)
@@ -146,8 +147,8 @@ impl Vectors {
         self.z[..len].copy_from_slice(&from.z[..len]);
     }
 
-    /// Copies some lanes of another stream, in this order, behind the first `start`: column by column, which is faster than
-    /// lane by lane.
+    /// Copies some lanes of another stream, in this order, behind the first `start`: column by
+    /// column, which is faster than lane by lane.
     #[inline(always)]
     pub fn gather(&mut self, start: usize, from: &Self, lanes: &[u16]) {
         gather(&mut self.x, start, &from.x, lanes);
@@ -302,7 +303,8 @@ impl RayStream {
         Ray::new(self.origin.get(lane), self.direction.get(lane))
     }
 
-    /// The first lanes of the groups that hold the rays; the last group may hold lanes of no meaning.
+    /// The first lanes of the groups that hold the rays; the last group may hold lanes of no
+    /// meaning.
     #[inline(always)]
     pub fn groups(&self) -> impl Iterator<Item = usize> + use<> {
         groups(self.len)
@@ -314,7 +316,8 @@ impl RayStream {
         Interval::up_to(self.limit[lane])
     }
 
-    /// Asks for the group that begins at `start`, which will be needed soon; if there is none, for nothing.
+    /// Asks for the group that begins at `start`, which will be needed soon; if there is none, for
+    /// nothing.
     #[inline(always)]
     pub fn prefetch(&self, start: usize) {
         let Self {
@@ -441,9 +444,9 @@ impl HitStream {
         self.id.primitive[lane] = hit.primitive;
     }
 
-    /// Takes a hit of a shape into a lane if it is the nearest there so far. Shapes are offered in the
-    /// order of their numbers, so that the lowest one stays where distances are equal. `counts` is false
-    /// for what is no hit at all.
+    /// Takes a hit of a shape into a lane if it is the nearest there so far. Shapes are offered in
+    /// the order of their numbers, so that the lowest one stays where distances are equal. `counts`
+    /// is false for what is no hit at all.
     #[inline(always)]
     pub fn offer(&mut self, lane: usize, counts: bool, shape: u32, hit: &PrimitiveHit) {
         let nearer = counts & (hit.t > 0.0) & (hit.t < self.t.0[lane]);

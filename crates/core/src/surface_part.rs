@@ -1,8 +1,9 @@
 use crate::{Aabb, Transform};
 use glam::DVec3;
 
-/// A part of the surface of a shape that has a simple form, in world space. What [`crate::Primitive::parts`] returns is
-/// compared between shapes at build, to find surfaces that coincide.
+/// A part of the surface of a shape that has a simple form, in world space. What
+/// [`crate::Primitive::parts`] returns is compared between shapes at build, to find surfaces that
+/// coincide.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum SurfacePart {
@@ -19,8 +20,8 @@ pub enum SurfacePart {
         normal: DVec3,
         /// Corners of a convex polygon that holds the face, in order around it.
         corners: Vec<DVec3>,
-        /// Whether the face fills the polygon, up to a thousandth of its size. If not, whoever needs to know where the face is
-        /// sends rays.
+        /// Whether the face fills the polygon, up to a thousandth of its size. If not, whoever
+        /// needs to know where the face is sends rays.
         filled: bool,
     },
     /// A whole sphere; outside is away from the center.

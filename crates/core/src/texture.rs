@@ -27,7 +27,8 @@ pub trait Texture: Send + Sync {
         None
     }
 
-    /// The value if it is the same everywhere: the pipeline then puts the colour in the texture's place.
+    /// The value if it is the same everywhere: the pipeline then puts the colour in the texture's
+    /// place.
     fn constant(&self) -> Option<Rgb> {
         None
     }

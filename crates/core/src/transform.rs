@@ -30,7 +30,8 @@ impl Transform {
         })
     }
 
-    /// This map after `first`: for what stands in a space that stands in another. `None` as in [`Self::new`].
+    /// This map after `first`: for what stands in a space that stands in another. `None` as in
+    /// [`Self::new`].
     pub fn after(&self, first: &Self) -> Option<Self> {
         if *self == Self::IDENTITY {
             return Some(*first);
@@ -68,8 +69,9 @@ impl Transform {
     #[inline(always)]
     pub fn ray_to_object(&self, ray: &Ray) -> Ray {
         Ray {
-            // Relative to the object's own origin first: far from the world's origin this difference is
-            // exact, while the inverse's translation would cancel only up to a rounding of its size.
+            // Relative to the object's own origin first: far from the world's origin this
+            // difference is exact, while the inverse's translation would cancel only up to a
+            // rounding of its size.
             origin: self.object_from_world.matrix3 * (ray.origin - self.world_from_object.translation),
             direction: self.object_from_world.transform_vector3(ray.direction),
         }

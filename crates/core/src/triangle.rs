@@ -1,13 +1,13 @@
 //! The watertight ray-triangle test, the one place where the workspace intersects triangles.
 //!
-//! Woop, Benthin, Wald, *Watertight Ray/Triangle Intersection*, JCGT 2(1), 2013, in `f64`. The ray is
-//! turned into +z by a permutation and a shear that depend on the ray alone, so an edge shared by two
-//! triangles is seen at the same two points by both, and its edge function differs only in sign. Rust
-//! never contracts `a * b - c * d` into a fused multiply-add by itself, which would break that symmetry
-//! (one fused operation lets 1.6% of the rays at edges through).
+//! Woop, Benthin, Wald, *Watertight Ray/Triangle Intersection*, JCGT 2(1), 2013, in `f64`. The ray
+//! is turned into +z by a permutation and a shear that depend on the ray alone, so an edge shared
+//! by two triangles is seen at the same two points by both, and its edge function differs only in
+//! sign. Rust never contracts `a * b - c * d` into a fused multiply-add by itself, which would
+//! break that symmetry (one fused operation lets 1.6% of the rays at edges through).
 //!
-//! A ray exactly through an edge or a vertex hits every triangle there; accelerators keep the lowest
-//! (shape, primitive).
+//! A ray exactly through an edge or a vertex hits every triangle there; accelerators keep the
+//! lowest (shape, primitive).
 
 use crate::Ray;
 use crate::simd::{self, select};
@@ -37,8 +37,8 @@ pub enum Axis {
 }
 
 impl Axis {
-    /// The one along which a vector is longest, the last of those that are equal. Without jumps: directions of scattered rays cannot be
-    /// foreseen.
+    /// The one along which a vector is longest, the last of those that are equal. Without jumps:
+    /// directions of scattered rays cannot be foreseen.
     #[inline]
     pub fn longest(v: DVec3) -> Self {
         let a = v.abs();
@@ -71,8 +71,8 @@ pub struct TriangleHit {
 }
 
 impl ShearedRay {
-    /// Section 3.2 of the paper: the axis in which the direction is largest becomes z; the other two
-    /// keep their handedness.
+    /// Section 3.2 of the paper: the axis in which the direction is largest becomes z; the other
+    /// two keep their handedness.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
         Self::along(ray, Axis::longest(ray.direction))
@@ -97,8 +97,8 @@ impl ShearedRay {
         self.axes
     }
 
-    /// A point as the test sees it: beside the ray in x and y, along it in z. What else is cut out by edges is
-    /// watertight beside triangles if it uses the same coordinates.
+    /// A point as the test sees it: beside the ray in x and y, along it in z. What else is cut out
+    /// by edges is watertight beside triangles if it uses the same coordinates.
     #[inline]
     pub fn beside(&self, p: DVec3) -> DVec3 {
         self.beside_turned(along(self.axes, p.to_array()))
@@ -111,8 +111,8 @@ impl ShearedRay {
         DVec3::new(x - self.shear.x * z, y - self.shear.y * z, z)
     }
 
-    /// The hit with the plane of the triangle if it lies inside or on the border; either side counts.
-    /// `None` for a degenerate triangle and for one seen edge-on.
+    /// The hit with the plane of the triangle if it lies inside or on the border; either side
+    /// counts. `None` for a degenerate triangle and for one seen edge-on.
     #[inline]
     pub fn intersect(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<TriangleHit> {
         self.intersect_turned([a, b, c].map(|p| along(self.axes, p.to_array())))
@@ -129,7 +129,8 @@ impl ShearedRay {
         let lowest = less(less(weight_a, weight_b), weight_c);
         let highest = greater(greater(weight_a, weight_b), weight_c);
         let determinant = weight_a + weight_b + weight_c;
-        // Of one sign and not all zero; written so that a NaN (from infinite coordinates) is no hit either.
+        // Of one sign and not all zero; written so that a NaN (from infinite coordinates) is no hit
+        // either.
         let one_side = (lowest < 0.0) != (highest > 0.0);
         if !(one_side & (determinant.abs() < f64::INFINITY)) {
             return None;
@@ -149,7 +150,8 @@ fn along(axes: &[Axis; 3], v: [f64; 3]) -> [f64; 3] {
     [v[axes[0] as usize], v[axes[1] as usize], v[axes[2] as usize]]
 }
 
-/// The smaller one; one instruction, and no doubt about the sign of zero. If it cannot be said, the second.
+/// The smaller one; one instruction, and no doubt about the sign of zero. If it cannot be said, the
+/// second.
 #[inline(always)]
 fn less(x: f64, y: f64) -> f64 {
     select(x < y, x, y)
@@ -161,7 +163,8 @@ fn greater(x: f64, y: f64) -> f64 {
     select(x > y, x, y)
 }
 
-/// Where a line runs through a triangle (a, b, c), and whether it comes from the side that the corners run counter-clockwise on.
+/// Where a line runs through a triangle (a, b, c), and whether it comes from the side that the
+/// corners run counter-clockwise on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Piercing {
     /// As of a ray.
@@ -171,11 +174,13 @@ pub struct Piercing {
 }
 
 impl ShearedRay {
-    /// The crossing of the whole line with the triangle. Of the triangles around an edge or a vertex that the line runs through, as many are crossed
-    /// from the front as from behind by any line that begins and ends outside, so that the crossings of a closed mesh always pair up.
+    /// The crossing of the whole line with the triangle. Of the triangles around an edge or a
+    /// vertex that the line runs through, as many are crossed from the front as from behind by any
+    /// line that begins and ends outside, so that the crossings of a closed mesh always pair up.
     ///
-    /// The sides of edges are decided by exact signs of their functions, and where these are 0, as for a line that passes by at an infinitely small distance
-    /// (Edelsbrunner and Mücke, *Simulation of simplicity*, ACM Transactions on Graphics 9(1), 1990).
+    /// The sides of edges are decided by exact signs of their functions, and where these are 0, as
+    /// for a line that passes by at an infinitely small distance (Edelsbrunner and Mücke,
+    /// *Simulation of simplicity*, ACM Transactions on Graphics 9(1), 1990).
     pub fn pierce(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<Piercing> {
         let (a, b, c) = (self.beside(a), self.beside(b), self.beside(c));
         let [of_a, of_b, of_c] = [side(b, c)?, side(c, a)?, side(a, b)?];
@@ -206,14 +211,16 @@ impl ShearedRay {
     }
 }
 
-/// Whether the line, at (0, 0) in x and y, is to the left of the edge from p to q; `None` if that has no length beside the line.
+/// Whether the line, at (0, 0) in x and y, is to the left of the edge from p to q; `None` if that
+/// has no length beside the line.
 fn side(p: DVec3, q: DVec3) -> Option<bool> {
     let (one, other) = (p.x * q.y, p.y * q.x);
     // Products that differ are in the order of their roundings.
     if one != other {
         return Some(one > other);
     }
-    // What rounding took from them; then the line moved by (e, e²): the function grows by e (p.y - q.y) + e² (q.x - p.x).
+    // What rounding took from them; then the line moved by (e, e²): the function grows by e (p.y -
+    // q.y) + e² (q.x - p.x).
     let rest = (p.x.mul_add(q.y, -one), p.y.mul_add(q.x, -other));
     let (greater, less) = [rest, (p.y, q.y), (q.x, p.x)].into_iter().find(|(a, b)| a != b)?;
     Some(greater > less)
@@ -221,10 +228,11 @@ fn side(p: DVec3, q: DVec3) -> Option<bool> {
 
 /// Weights of b and c, and the depth, where the ray passes a triangle.
 ///
-/// The edge functions are off by the rounding of products as large as the triangle is long; over a sliver's area that puts the
-/// point beside the ray, along the sliver, and so at another depth: by 1e-10 where it is a million times as long as
-/// wide. How far beside the ray the weights lead is known to 1e-16, so one step of Newton's method takes that out again. The depth stays
-/// that of a point of the triangle, which the bounds of filters rely on.
+/// The edge functions are off by the rounding of products as large as the triangle is long; over a
+/// sliver's area that puts the point beside the ray, along the sliver, and so at another depth: by
+/// 1e-10 where it is a million times as long as wide. How far beside the ray the weights lead is
+/// known to 1e-16, so one step of Newton's method takes that out again. The depth stays that of a
+/// point of the triangle, which the bounds of filters rely on.
 #[inline(always)]
 fn place([a, b, c]: [DVec3; 3], weights: [f64; 3], determinant: f64) -> DVec3 {
     let reciprocal = 1.0 / determinant;
@@ -282,7 +290,8 @@ impl ShearedStream {
         sheared
     }
 
-    /// [`ShearedRay::intersect`] for one lane, as straight-line code: `t` is NaN where there is no hit.
+    /// [`ShearedRay::intersect`] for one lane, as straight-line code: `t` is NaN where there is no
+    /// hit.
     #[inline(always)]
     pub fn intersect(&self, rays: &RayStream, lane: usize, corners: [DVec3; 3]) -> TriangleHit {
         let (origin, shear) = (rays.origin.get(lane), self.shear.get(lane));

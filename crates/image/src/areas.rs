@@ -14,8 +14,8 @@ pub struct Area {
     pub to: [usize; 2],
 }
 
-/// The part with the most pixels, `None` of an empty set; of equals, that with the uppermost and then leftmost pixel. Pixels
-/// that share a side or a corner are connected.
+/// The part with the most pixels, `None` of an empty set; of equals, that with the uppermost and
+/// then leftmost pixel. Pixels that share a side or a corner are connected.
 #[must_use]
 pub fn largest(mask: &Mask) -> Option<Area> {
     let mut rest = mask.clone();

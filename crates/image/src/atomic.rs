@@ -4,7 +4,8 @@ use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-/// A file could not be written. What was at the path before is still there, unless `step` is [`Step::SyncFolder`].
+/// A file could not be written. What was at the path before is still there, unless `step` is
+/// [`Step::SyncFolder`].
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot {step}: {source}", path.display())]
 pub struct WriteError {
@@ -57,17 +58,17 @@ impl std::fmt::Display for Step {
     }
 }
 
-/// Writes a file as a whole: `fill` writes a temporary file in the same folder (open for reading and writing, at its
-/// start), which is then synced and renamed to `path`. Whoever looks at `path` sees the old contents or the new, never
-/// a part.
+/// Writes a file as a whole: `fill` writes a temporary file in the same folder (open for reading
+/// and writing, at its start), which is then synced and renamed to `path`. Whoever looks at `path`
+/// sees the old contents or the new, never a part.
 ///
-/// The new file has the permissions that a plain creation gives (0666 less the umask, on Unix), also where it replaces
-/// a file with others. A symbolic link stays, and the file that it points to is replaced. What is neither a regular
-/// file nor absent (a folder, a device, a pipe) is refused.
+/// The new file has the permissions that a plain creation gives (0666 less the umask, on Unix),
+/// also where it replaces a file with others. A symbolic link stays, and the file that it points to
+/// is replaced. What is neither a regular file nor absent (a folder, a device, a pipe) is refused.
 ///
 /// # Errors
-/// [`WriteError`], which names the path and the step that failed; an error of `fill` is passed on as that of
-/// [`Step::Fill`].
+/// [`WriteError`], which names the path and the step that failed; an error of `fill` is passed on
+/// as that of [`Step::Fill`].
 pub fn write(
     path: impl AsRef<Path>,
     fill: impl FnOnce(&mut File) -> io::Result<()>,
@@ -83,7 +84,8 @@ pub fn write(
     sync_folder(folder_of(&target)).map_err(failed(Step::SyncFolder))
 }
 
-/// Whether [`write()`] could begin: to be asked before long work of which a file is the result. Leaves nothing behind.
+/// Whether [`write()`] could begin: to be asked before long work of which a file is the result.
+/// Leaves nothing behind.
 ///
 /// # Errors
 /// As [`write()`].
@@ -148,7 +150,8 @@ fn create_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        // Temporary files are private by default, these are to become ordinary ones; the system applies the umask.
+        // Temporary files are private by default, these are to become ordinary ones; the system
+        // applies the umask.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     builder.tempfile_in(folder)

@@ -1,7 +1,7 @@
 //! Pixels at the edges of what a layer shows: where it differs between neighbours.
 //!
-//! Two renderers may differ there because a sample lies on the one or the other side; what is left is the interior, in which
-//! they must agree.
+//! Two renderers may differ there because a sample lies on the one or the other side; what is left
+//! is the interior, in which they must agree.
 
 use crate::mask::Mask;
 use crate::metrics::{CompareError, Side, check_geometry};
@@ -12,12 +12,13 @@ use crate::planes::{Image, ImageError};
 pub struct EdgeLayer {
     /// The channel, such as `shape_id.I` or `depth.Z`.
     pub channel: String,
-    /// Neighbours that differ by more than this are at an edge; 0 for ids, of which any other is another.
+    /// Neighbours that differ by more than this are at an edge; 0 for ids, of which any other is
+    /// another.
     pub step: f64,
 }
 
-/// The pixels of either image that have one of their eight neighbours on the other side of an edge of any layer. NaN differs
-/// from everything.
+/// The pixels of either image that have one of their eight neighbours on the other side of an edge
+/// of any layer. NaN differs from everything.
 ///
 /// # Errors
 /// [`CompareError`]: sizes or placements that differ, a layer missing on either side.

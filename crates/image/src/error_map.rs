@@ -1,9 +1,10 @@
 //! Pictures of the difference between an image and its reference.
 //!
-//! A map shows one number for each pixel, made from the channel (R, G, B) whose difference has the largest magnitude:
-//! the difference itself, or the relative residual of [`metrics`](crate::metrics). What is not finite on either side is
-//! [magenta](crate::png::NOT_FINITE), which is in no colour map. The range is always stated, in the legend and by
-//! [`ErrorView::scale`]; values beyond it get the colour of its end.
+//! A map shows one number for each pixel, made from the channel (R, G, B) whose difference has the
+//! largest magnitude: the difference itself, or the relative residual of
+//! [`metrics`](crate::metrics). What is not finite on either side is
+//! [magenta](crate::png::NOT_FINITE), which is in no colour map. The range is always stated, in the
+//! legend and by [`ErrorView::scale`]; values beyond it get the colour of its end.
 
 use serde::Serialize;
 
@@ -32,12 +33,14 @@ pub enum Scale {
         /// Upper end, finite and > 0.
         max: f64,
     },
-    /// With sign, linear from `-max` to `max`: blue where ours is darker, nearly white at 0, red where ours is brighter.
+    /// With sign, linear from `-max` to `max`: blue where ours is darker, nearly white at 0, red
+    /// where ours is brighter.
     Signed {
         /// Upper end, finite and > 0.
         max: f64,
     },
-    /// The magnitude, logarithmic from `min` to `max`: as `Absolute`. What is below `min`, 0 included, has the colour of `min`.
+    /// The magnitude, logarithmic from `min` to `max`: as `Absolute`. What is below `min`, 0
+    /// included, has the colour of `min`.
     Log {
         /// Lower end, finite and > 0.
         min: f64,
@@ -165,7 +168,8 @@ fn shown(pair: &Pair, index: usize, quantity: Quantity, mean: f64) -> f64 {
         })
 }
 
-/// The differences ours - reference themselves, as channels R, G, B rounded to `f32`, to be written as an EXR file.
+/// The differences ours - reference themselves, as channels R, G, B rounded to `f32`, to be written
+/// as an EXR file.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ.
@@ -194,8 +198,9 @@ const GAP: usize = 8;
 const BACKGROUND: [u8; 3] = [32, 32, 32];
 const INK: [u8; 3] = [230, 230, 230];
 
-/// A strip with all colours of a scale, from its left end to its right, and the numbers at the ends and (if there is room)
-/// in the middle. `width` is at least 1; below about 60 pixels the numbers are cut off.
+/// A strip with all colours of a scale, from its left end to its right, and the numbers at the ends
+/// and (if there is room) in the middle. `width` is at least 1; below about 60 pixels the numbers
+/// are cut off.
 ///
 /// # Errors
 /// [`CompareError::Option`]: a scale out of range.
@@ -225,8 +230,8 @@ pub fn legend(scale: Scale, width: usize) -> Result<Raster, CompareError> {
     Ok(raster)
 }
 
-/// Ours, the reference and the error map side by side (in this order), previews with the same exposure, with the legend
-/// below the map.
+/// Ours, the reference and the error map side by side (in this order), previews with the same
+/// exposure, with the legend below the map.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, a scale out of range.
@@ -265,7 +270,8 @@ const GLYPH_WIDTH: usize = 3;
 const GLYPH_HEIGHT: usize = 5;
 const GLYPH_SCALE: usize = 2;
 
-/// Rows of a glyph from the top, three bits each, the left pixel being the highest bit. Numbers need no more.
+/// Rows of a glyph from the top, three bits each, the left pixel being the highest bit. Numbers
+/// need no more.
 fn glyph(character: char) -> [u8; GLYPH_HEIGHT] {
     match character {
         '0' => [0b111, 0b101, 0b101, 0b101, 0b111],

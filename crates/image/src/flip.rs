@@ -1,8 +1,10 @@
 //! FLIP: how visible the difference of two images is when one flips between them on a screen.
 //!
-//! Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild, *FLIP: A Difference Evaluator for Alternating Images*,
-//! PACMCGIT 3(2), 2020 (section 4: colour and feature pipelines), and Andersson, Nilsson, Shirley, Akenine-Möller, *Visualizing Errors
-//! in Rendered High Dynamic Range Images*, Eurographics 2021 short papers, for [`flip`]: the largest value over tone-mapped exposures.
+//! Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild, *FLIP: A Difference Evaluator
+//! for Alternating Images*, PACMCGIT 3(2), 2020 (section 4: colour and feature pipelines), and
+//! Andersson, Nilsson, Shirley, Akenine-Möller, *Visualizing Errors in Rendered High Dynamic Range
+//! Images*, Eurographics 2021 short papers, for [`flip`]: the largest value over tone-mapped
+//! exposures.
 //!
 //! Written from the papers, in double precision; the tests hold values of `flip-evaluator` 1.7.
 
@@ -12,7 +14,8 @@ use crate::sum::Sum;
 use serde::Serialize;
 use std::f64::consts::PI;
 
-/// Pixels in a degree of the visual field that the values are meant for: a screen of 3840 pixels and 0.7 m seen from 0.7 m.
+/// Pixels in a degree of the visual field that the values are meant for: a screen of 3840 pixels
+/// and 0.7 m seen from 0.7 m.
 pub const PIXELS_PER_DEGREE: f64 = 0.7 * (3840.0 / 0.7) * (PI / 180.0);
 
 /// How visible a difference is.
@@ -92,7 +95,8 @@ fn mean(map: &[f64]) -> f64 {
     sum.total() / map.len().max(1) as f64
 }
 
-/// The fit to the ACES curve by Narkowicz (2016), with the exposure of 0.6 that belongs to it: numerator and denominator.
+/// The fit to the ACES curve by Narkowicz (2016), with the exposure of 0.6 that belongs to it:
+/// numerator and denominator.
 const ACES: [f64; 6] = [0.36 * 2.51, 0.6 * 0.03, 0.0, 0.36 * 2.43, 0.6 * 0.59, 0.14];
 
 fn tone(x: f64) -> f64 {
@@ -100,7 +104,8 @@ fn tone(x: f64) -> f64 {
     ((a * x * x + b * x + c) / (d * x * x + e * x + f)).clamp(0.0, 1.0)
 }
 
-/// The exposures in stops at which the brightest and the median pixel are shown at 0.85 (2021, section 3.1).
+/// The exposures in stops at which the brightest and the median pixel are shown at 0.85 (2021,
+/// section 3.1).
 fn exposures(reference: &[Vec3]) -> (f64, f64) {
     const SHOWN: f64 = 0.85;
     let [a, b, c] = [0, 1, 2].map(|i| ACES[i] - SHOWN * ACES[i + 3]);
@@ -176,7 +181,8 @@ fn hunt_lab(rgb: Vec3) -> Vec3 {
     [l, 0.01 * l * 500.0 * (x - y), 0.01 * l * 200.0 * (y - z)]
 }
 
-/// The distance of Abasi, Amani Tehrani and Fairchild (2020), for large differences, to the power of 0.7.
+/// The distance of Abasi, Amani Tehrani and Fairchild (2020), for large differences, to the power
+/// of 0.7.
 fn distance(a: Vec3, b: Vec3) -> f64 {
     ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
 }
@@ -186,7 +192,8 @@ type Kernel = Vec<f64>;
 
 /// The filters for one distance from the screen.
 struct Filters {
-    /// Contrast sensitivity: for each channel, sums of products of a kernel across and the same down.
+    /// Contrast sensitivity: for each channel, sums of products of a kernel across and the same
+    /// down.
     sensitivity: [Vec<(f64, Kernel)>; 3],
     /// A Gaussian and its first two derivatives, as wide as a feature that is noticed.
     feature: [Kernel; 3],
@@ -196,7 +203,8 @@ struct Filters {
 
 impl Filters {
     fn new(per_degree: f64) -> Self {
-        // Movshon and Kiorpes (1988), as in table 1 of the paper: amplitude and width of each Gaussian.
+        // Movshon and Kiorpes (1988), as in table 1 of the paper: amplitude and width of each
+        // Gaussian.
         const SENSITIVITY: [&[(f64, f64)]; 3] =
             [&[(1.0, 0.0047)], &[(1.0, 0.0053)], &[(34.1, 0.04), (13.5, 0.025)]];
         let widest = 0.04_f64;
@@ -376,8 +384,8 @@ mod tests {
         move |x, y, c| (of(x, y, c) * 8.0).powi(2) + 0.01
     }
 
-    /// The mean, three pixels and the largest value, as `flip_evaluator.evaluate(reference, test, range, inputsRGB=False,
-    /// applyMagma=False)` of version 1.7 tells them.
+    /// The mean, three pixels and the largest value, as `flip_evaluator.evaluate(reference, test,
+    /// range, inputsRGB=False, applyMagma=False)` of version 1.7 tells them.
     fn agrees(found: &Flip, expected: [f64; 5]) {
         let at = |x: usize, y: usize| found.map[y * SIZE.0 + x];
         let largest = found.map.iter().copied().fold(0.0, f64::max);

@@ -8,7 +8,8 @@ const NOTHING: [u8; 3] = [0; 3];
 /// The darkest grey of a depth; below is [`NOTHING`].
 const DARKEST: f64 = 40.0;
 
-/// Names of the layers of an image, each once: what stands before the last point of its channels, those of colour left out.
+/// Names of the layers of an image, each once: what stands before the last point of its channels,
+/// those of colour left out.
 #[must_use]
 pub fn layers(image: &Image) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
@@ -24,9 +25,10 @@ pub fn layers(image: &Image) -> Vec<&str> {
 
 /// A layer of two images in the same colours. `None` if either lacks it or it is of no known kind.
 ///
-/// Channel `I` is an id, each with a colour of its own, negative ones black; `Z` a distance, grey on a logarithmic scale over what
-/// the second image holds, near ones bright, infinite ones black; `X`, `Y`, `Z` a direction as `0.5 + 0.5 v`; `U`, `V` texture
-/// coordinates by their fraction. NaN is [`NOT_FINITE`].
+/// Channel `I` is an id, each with a colour of its own, negative ones black; `Z` a distance, grey
+/// on a logarithmic scale over what the second image holds, near ones bright, infinite ones black;
+/// `X`, `Y`, `Z` a direction as `0.5 + 0.5 v`; `U`, `V` texture coordinates by their fraction. NaN
+/// is [`NOT_FINITE`].
 #[must_use]
 pub fn layer_views(ours: &Image, reference: &Image, layer: &str) -> Option<[Raster; 2]> {
     let planes = |image: &'_ Image, channels: &[&str]| -> Option<Vec<Vec<f32>>> {
@@ -90,7 +92,8 @@ fn id_color(id: f64) -> [u8; 3] {
     let golden = (5.0_f64.sqrt() - 1.0) / 2.0;
     let hue = (id * golden + 0.11).fract();
     let bright = [1.0, 0.8, 0.6][(id % 3.0) as usize];
-    // Of hue, saturation 0.6 and brightness: https://en.wikipedia.org/wiki/HSL_and_HSV#HSV_to_RGB_alternative
+    // Of hue, saturation 0.6 and brightness:
+    // https://en.wikipedia.org/wiki/HSL_and_HSV#HSV_to_RGB_alternative
     [5.0, 3.0, 1.0].map(|n: f64| {
         let k = (n + hue * 6.0) % 6.0;
         byte(bright * (1.0 - 0.6 * k.min(4.0 - k).clamp(0.0, 1.0)))

@@ -1,6 +1,7 @@
 //! Numbers between two AOV layers: how many ids differ, how far floats are apart.
 //!
-//! A layer is one channel, such as `shape_id.I` or `depth.Z`. Ids must be equal exactly; floats are measured.
+//! A layer is one channel, such as `shape_id.I` or `depth.Z`. Ids must be equal exactly; floats are
+//! measured.
 
 use serde::Serialize;
 
@@ -38,9 +39,11 @@ pub struct IdDifference {
 pub struct FloatDifference {
     /// Pixels that were compared.
     pub pixels: usize,
-    /// Pixels with a NaN or an infinity on either side. They play no part in the other numbers, and should fail.
+    /// Pixels with a NaN or an infinity on either side. They play no part in the other numbers, and
+    /// should fail.
     pub not_finite: NotFinite,
-    /// Root of the mean squared difference, in units of the layer; 0 if no pixel is finite on both sides.
+    /// Root of the mean squared difference, in units of the layer; 0 if no pixel is finite on both
+    /// sides.
     pub rms: f64,
     /// Largest absolute difference, in units of the layer.
     pub max_abs: f64,
@@ -51,7 +54,8 @@ pub struct FloatDifference {
 /// Compares a layer of ids, exactly. NaN equals nothing. Pixels of `exclude` are not looked at.
 ///
 /// # Errors
-/// [`CompareError`]: sizes or placements that differ, the channel missing on either side, a mask of another size.
+/// [`CompareError`]: sizes or placements that differ, the channel missing on either side, a mask of
+/// another size.
 pub fn compare_ids(
     ours: &Image,
     reference: &Image,
@@ -76,7 +80,8 @@ pub fn compare_ids(
     Ok(found)
 }
 
-/// Compares a layer of floats. Pixels of `exclude` are not looked at (for depths and normals, those where ids differ).
+/// Compares a layer of floats. Pixels of `exclude` are not looked at (for depths and normals, those
+/// where ids differ).
 ///
 /// # Errors
 /// As [`compare_ids`].

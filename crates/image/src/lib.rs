@@ -22,10 +22,12 @@
 //! | [`sum`] | compensated sums |
 //! | [`atomic`] | files that are either complete or absent |
 //!
-//! Pixel `(x, y)` counts x to the right and y *down* from the top left corner, as everywhere in Whitstone; its sample
-//! in a plane is at `y * width + x`. Colours are linear Rec. 709 RGB with D65 white.
+//! Pixel `(x, y)` counts x to the right and y *down* from the top left corner, as everywhere in
+//! Whitstone; its sample in a plane is at `y * width + x`. Colours are linear Rec. 709 RGB with D65
+//! white.
 //!
-//! Nothing here panics on the contents of a file, resamples, or changes colours except where its name says so.
+//! Nothing here panics on the contents of a file, resamples, or changes colours except where its
+//! name says so.
 
 #![forbid(unsafe_code)]
 

@@ -12,7 +12,8 @@ pub struct Limits {
     pub max_width: usize,
     /// Most rows.
     pub max_height: usize,
-    /// Most bytes of the *decoded* values: 4 bytes for each sample of an image, 12 for each texel of a texture.
+    /// Most bytes of the *decoded* values: 4 bytes for each sample of an image, 12 for each texel
+    /// of a texture.
     pub max_bytes: u64,
 }
 
@@ -141,8 +142,8 @@ impl ReadFault {
 
 /// Runs a decoder of another crate, a panic in which is damage to the file and no more.
 ///
-/// The panic's message still goes through the program's panic hook (that is, to standard error), because the hook
-/// belongs to the whole program and not to this library.
+/// The panic's message still goes through the program's panic hook (that is, to standard error),
+/// because the hook belongs to the whole program and not to this library.
 pub(crate) fn no_panic<T>(decoder: impl FnOnce() -> Result<T, ReadFault>) -> Result<T, ReadFault> {
     // Nothing that the closure borrows is used again after a panic.
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(decoder)).unwrap_or_else(|payload| {

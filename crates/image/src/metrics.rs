@@ -1,7 +1,7 @@
 //! Numbers between an image and its reference.
 //!
-//! Everything is computed in `f64` over the channels R, G, B with compensated sums, in one fixed order. With
-//! `d = ours - reference` at one channel of one pixel, `N` = 3 * pixels, and
+//! Everything is computed in `f64` over the channels R, G, B with compensated sums, in one fixed
+//! order. With `d = ours - reference` at one channel of one pixel, `N` = 3 * pixels, and
 //! `mean_reference` = (1/N) * sum |reference|:
 //!
 //! | name | definition |
@@ -19,8 +19,8 @@
 //! | `signed_block_bias` | of the means of r over blocks of 16 x 16 pixels and one channel, that with the largest magnitude |
 //! | over tolerance | on any channel \|d\| > rel*\|reference\| + abs*mean_reference, or a value that is not finite |
 //!
-//! In `r`, a denominator below the smallest normal `f32` (about 1.2e-38) counts as that, so that `r` stays finite for a
-//! black reference.
+//! In `r`, a denominator below the smallest normal `f32` (about 1.2e-38) counts as that, so that
+//! `r` stays finite for a black reference.
 
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -28,8 +28,8 @@ use crate::mask::Mask;
 use crate::planes::{Image, ImageError, Placement, RGB};
 use crate::sum::Sum;
 
-/// Side of the square blocks of [`Metrics::signed_block_bias`], in pixels. Blocks are aligned to the top left corner; those
-/// at the right and the bottom may be smaller.
+/// Side of the square blocks of [`Metrics::signed_block_bias`], in pixels. Blocks are aligned to
+/// the top left corner; those at the right and the bottom may be smaller.
 pub const BLOCK: usize = 16;
 
 /// Added to the squared reference in `relmse`.
@@ -143,7 +143,8 @@ pub struct FirstNotFinite {
     pub y: usize,
 }
 
-/// When a pixel counts as different: |ours - reference| > relative*|reference| + absolute*mean_reference on any channel.
+/// When a pixel counts as different: |ours - reference| > relative*|reference| +
+/// absolute*mean_reference on any channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tolerance {
     /// Fraction of the reference's value at the pixel, >= 0; 1e-3 by default.
@@ -166,7 +167,8 @@ impl Default for Tolerance {
 pub struct CompareOptions<'a> {
     /// For counting pixels.
     pub tolerance: Tolerance,
-    /// Pixels left out of `rel_rmse_interior` and `signed_block_bias` (explained edges), of no other number.
+    /// Pixels left out of `rel_rmse_interior` and `signed_block_bias` (explained edges), of no
+    /// other number.
     pub exclude: Option<&'a Mask>,
     /// The peak of `psnr`, > 0; by default the largest value of the reference.
     pub psnr_peak: Option<f64>,
@@ -181,7 +183,8 @@ pub struct Metrics {
     pub height: usize,
     /// Root of the mean squared difference, in units of radiance, over all pixels.
     pub rmse: f64,
-    /// Relative residual's root mean square over the pixels not excluded; `None` if there are none, which is not a pass.
+    /// Relative residual's root mean square over the pixels not excluded; `None` if there are none,
+    /// which is not a pass.
     pub rel_rmse_interior: Option<f64>,
     /// Pixels that `rel_rmse_interior` is over.
     pub interior_pixels: usize,
@@ -197,7 +200,8 @@ pub struct Metrics {
     pub max_abs: f64,
     /// Mean of the difference, positive where ours is brighter.
     pub signed_mean: f64,
-    /// Peak signal to noise ratio in dB; `None` if there is no difference or the peak is not above 0.
+    /// Peak signal to noise ratio in dB; `None` if there is no difference or the peak is not
+    /// above 0.
     pub psnr: Option<f64>,
     /// The peak that `psnr` refers to.
     pub psnr_peak: f64,
@@ -235,7 +239,8 @@ struct WrittenBias {
 }
 
 impl<'de> Deserialize<'de> for BlockBias {
-    /// What is no name of a channel counts as `R`: it is read to be shown, and nothing is decided by it.
+    /// What is no name of a channel counts as `R`: it is read to be shown, and nothing is decided
+    /// by it.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let written = WrittenBias::deserialize(deserializer)?;
         let known = RGB.into_iter().find(|name| *name == written.channel);
@@ -260,14 +265,17 @@ pub struct WorstPixel {
     pub ours: [f32; 3],
     /// The reference's values (R, G, B).
     pub reference: [f32; 3],
-    /// Largest magnitude of the relative residual over the channels; infinite if a value is not finite.
+    /// Largest magnitude of the relative residual over the channels; infinite if a value is not
+    /// finite.
     pub residual: f64,
 }
 
-/// Measures the difference of two images over R, G, B. Other channels play no part; see [`layers`](crate::layers).
+/// Measures the difference of two images over R, G, B. Other channels play no part; see
+/// [`layers`](crate::layers).
 ///
 /// # Errors
-/// [`CompareError`]: sizes, placements or channels that differ, values that are not finite, options out of range.
+/// [`CompareError`]: sizes, placements or channels that differ, values that are not finite, options
+/// out of range.
 pub fn compare(ours: &Image, reference: &Image, options: &CompareOptions) -> Result<Metrics, CompareError> {
     let pair = Pair::new(ours, reference)?;
     check_tolerance(options.tolerance)?;
@@ -330,8 +338,9 @@ pub fn compare(ours: &Image, reference: &Image, options: &CompareOptions) -> Res
     })
 }
 
-/// The pixels over a tolerance. Unlike [`compare`], this takes images with values that are not finite: pixels with such
-/// a value in either image are over, and the mean is that of the reference's finite values.
+/// The pixels over a tolerance. Unlike [`compare`], this takes images with values that are not
+/// finite: pixels with such a value in either image are over, and the mean is that of the
+/// reference's finite values.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, a tolerance out of range.
@@ -341,8 +350,9 @@ pub fn over_tolerance(ours: &Image, reference: &Image, tolerance: Tolerance) -> 
     Ok(pair.over(tolerance, pair.mean_reference()))
 }
 
-/// The `count` pixels with the largest relative residuals, worst first, only pixels of `within` where that is given.
-/// Pixels with a value that is not finite come first; of equals, the upper left one. Takes images as [`over_tolerance`].
+/// The `count` pixels with the largest relative residuals, worst first, only pixels of `within`
+/// where that is given. Pixels with a value that is not finite come first; of equals, the upper
+/// left one. Takes images as [`over_tolerance`].
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, a mask of another size.
@@ -391,7 +401,8 @@ pub fn mean_reference(reference: &Image) -> Result<f64, ImageError> {
     Ok(mean_absolute(reference.rgb()?))
 }
 
-/// (ours - reference)/(|reference| + mean_reference), the denominator being at least the smallest normal `f32`.
+/// (ours - reference)/(|reference| + mean_reference), the denominator being at least the smallest
+/// normal `f32`.
 #[must_use]
 pub fn relative_residual(ours: f64, reference: f64, mean_reference: f64) -> f64 {
     (ours - reference) / (reference.abs() + mean_reference).max(SMALLEST_DENOMINATOR)

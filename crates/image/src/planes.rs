@@ -59,8 +59,8 @@ pub enum ImageError {
 
 /// Where the pixels of an image lie in the frame that they were cut from.
 ///
-/// In terms of OpenEXR: the position of the data window relative to the display window, and the size of the latter.
-/// A whole frame has `x = y = 0` and the size of the image itself.
+/// In terms of OpenEXR: the position of the data window relative to the display window, and the
+/// size of the latter. A whole frame has `x = y = 0` and the size of the image itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Placement {
     /// Column of the frame in which column 0 of the image lies, in pixels; may be negative.
@@ -75,9 +75,10 @@ pub struct Placement {
 
 /// Named planes of `f32` samples over `width * height` pixels, row-major, top row first.
 ///
-/// Colour lies in the channels `R`, `G`, `B` (linear Rec. 709); other layers are channels such as `depth.Z`.
-/// Channels and attributes are kept sorted by name, so that equal images give equal files. Samples may be anything,
-/// NaN and infinities included: the metrics count them, they are not hidden here.
+/// Colour lies in the channels `R`, `G`, `B` (linear Rec. 709); other layers are channels such as
+/// `depth.Z`. Channels and attributes are kept sorted by name, so that equal images give equal
+/// files. Samples may be anything, NaN and infinities included: the metrics count them, they are
+/// not hidden here.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
     width: usize,
@@ -252,7 +253,8 @@ impl Image {
         &self.attributes
     }
 
-    /// Sets an attribute, for example `scene_hash`, `samples` or `version`, replacing one of the same name.
+    /// Sets an attribute, for example `scene_hash`, `samples` or `version`, replacing one of the
+    /// same name.
     ///
     /// # Errors
     /// [`ImageError::Name`] if the name does not fit into an EXR file.

@@ -12,7 +12,8 @@ use crate::atomic::{self, WriteError};
 use crate::planes::{Image, ImageError};
 use crate::tone::ToneMap;
 
-/// Colour of pixels that are NaN or infinite in any channel: magenta, which no colour map here contains.
+/// Colour of pixels that are NaN or infinite in any channel: magenta, which no colour map here
+/// contains.
 pub const NOT_FINITE: [u8; 3] = [255, 0, 255];
 
 /// An 8-bit sRGB picture, row-major, top row first.
@@ -45,7 +46,8 @@ impl Raster {
         raster
     }
 
-    /// What a screen shows of an image. A pixel with a channel that is NaN or infinite is [`NOT_FINITE`].
+    /// What a screen shows of an image. A pixel with a channel that is NaN or infinite is
+    /// [`NOT_FINITE`].
     ///
     /// # Errors
     /// [`ImageError::MissingChannel`] if R, G or B is missing.
@@ -92,7 +94,8 @@ impl Raster {
         }
     }
 
-    /// Copies another picture into this one with its top left corner at `(x, y)`; what reaches outside is cut off.
+    /// Copies another picture into this one with its top left corner at `(x, y)`; what reaches
+    /// outside is cut off.
     pub fn draw(&mut self, other: &Self, x: usize, y: usize) {
         for (index, &color) in other.pixels.iter().enumerate() {
             self.set(

@@ -1,7 +1,8 @@
 //! The range of values that a reference takes under its own variations, kept with it.
 //!
-//! A stored reference has six more layers: `min.R` to `max.B`. Where they differ, the reference itself took
-//! these values when its sample position or its rounding was varied: an edge, or an ill-conditioned pixel.
+//! A stored reference has six more layers: `min.R` to `max.B`. Where they differ, the reference
+//! itself took these values when its sample position or its rounding was varied: an edge, or an
+//! ill-conditioned pixel.
 
 use crate::metrics::{CompareError, Pair, Side};
 use crate::planes::Image;
@@ -40,7 +41,8 @@ impl<'a> Ranges<'a> {
         }))
     }
 
-    /// Smallest and largest value of each channel in a pixel; `None` where the reference does not vary.
+    /// Smallest and largest value of each channel in a pixel; `None` where the reference does not
+    /// vary.
     pub fn at(&self, [x, y]: [usize; 2]) -> Option<[[f64; 3]; 2]> {
         let index = y * self.width + x;
         let [a, b, c, d, e, f] = self.layers.map(|layer| f64::from(layer[index]));
@@ -49,7 +51,8 @@ impl<'a> Ranges<'a> {
     }
 }
 
-/// Whether both images show the same colour in all pixels, each its own: then nothing but this colour is compared.
+/// Whether both images show the same colour in all pixels, each its own: then nothing but this
+/// colour is compared.
 ///
 /// # Errors
 /// [`CompareError`]: images that cannot be compared.

@@ -1,4 +1,5 @@
-//! Whether noise explains a difference: a test for each pixel and channel, where the files say how much noise there is.
+//! Whether noise explains a difference: a test for each pixel and channel, where the files say how
+//! much noise there is.
 //!
 //! An image of random samples says it by layers, for each channel C of R, G, B:
 //!
@@ -8,21 +9,26 @@
 //! | `m2.C`, in its place | the mean of the squared samples |
 //! | `samples.N` | the samples n of the pixel; else the text attribute `whitstone:samples` counts for all |
 //!
-//! The variance of a pixel's mean is then that of one sample over n. With layers on both sides this is Welch's test
-//! (*The generalization of "Student's" problem when several different population variances are involved*, Biometrika 34, 1947,
-//! with the degrees of freedom of Satterthwaite 1946); with layers on one side, the other one counts as exact and this is
-//! Student's test with n - 1 degrees of freedom.
+//! The variance of a pixel's mean is then that of one sample over n. With layers on both sides this
+//! is Welch's test (*The generalization of "Student's" problem when several different population
+//! variances are involved*, Biometrika 34, 1947, with the degrees of freedom of Satterthwaite
+//! 1946); with layers on one side, the other one counts as exact and this is Student's test with
+//! n - 1 degrees of freedom.
 //!
-//! A sample variance misses events that are rarer than 1 in n: a pixel that no such event hit has a mean that is too low and a variance near 0.
-//! On one side, where nothing else contains the events, the variance is therefore at least the mean of those of the
-//! [`WINDOW`] x [`WINDOW`] pixels around it. If an event hits a pixel with n samples lambda times on average, lambda < 1, and was missed in one, the difference is at most
-//! sqrt(lambda) standard errors of the pooled variance, which is never significant; the pooled variance contains no event with a probability of
-//! exp(-225 lambda), so the level holds for events that hit at least one pixel in 14 (225/14 > 16 = -ln(1e-7), a usual threshold).
-//! Where pixels near by are noisier, a fault must be larger to be found.
+//! A sample variance misses events that are rarer than 1 in n: a pixel that no such event hit has a
+//! mean that is too low and a variance near 0. On one side, where nothing else contains the events,
+//! the variance is therefore at least the mean of those of the [`WINDOW`] x [`WINDOW`] pixels
+//! around it. If an event hits a pixel with n samples lambda times on average, lambda < 1, and was
+//! missed in one, the difference is at most sqrt(lambda) standard errors of the pooled variance,
+//! which is never significant; the pooled variance contains no event with a probability of exp(-225
+//! lambda), so the level holds for events that hit at least one pixel in 14 (225/14 > 16 =
+//! -ln(1e-7), a usual threshold). Where pixels near by are noisier, a fault must be larger to be
+//! found.
 //!
-//! So many tests find something by chance. A value is *significant* where its p is below 1 - (1 - level)^(1/N), N being the
-//! number of tests (Šidák 1967), as in Mitsuba 3's `test_renders.py`: then any significant value at all has a probability of at most
-//! the level if the two renderers agree. What is within the pixel tolerance is not tested, since the rounding of a picture without
+//! So many tests find something by chance. A value is *significant* where its p is below 1 - (1 -
+//! level)^(1/N), N being the number of tests (Šidák 1967), as in Mitsuba 3's `test_renders.py`:
+//! then any significant value at all has a probability of at most the level if the two renderers
+//! agree. What is within the pixel tolerance is not tested, since the rounding of a picture without
 //! noise is significant at any level.
 
 use crate::mask::Mask;
@@ -30,7 +36,8 @@ use crate::metrics::{CompareError, Pair, Side, Tolerance};
 use crate::planes::{Image, ImageError, RGB};
 use serde::Serialize;
 
-/// Side of the window of pixels whose mean variance is the least one of the pixel in its middle, where only one side has noise.
+/// Side of the window of pixels whose mean variance is the least one of the pixel in its middle,
+/// where only one side has noise.
 pub const WINDOW: usize = 15;
 
 /// Which test was made.
@@ -105,7 +112,8 @@ pub enum SignificanceError {
 /// Tests every value at a `level` between 0 and 1; `None` if neither image has the layers.
 ///
 /// # Errors
-/// [`SignificanceError`]: what cannot be compared at all, layers that are incomplete or have impossible values, a level out of range.
+/// [`SignificanceError`]: what cannot be compared at all, layers that are incomplete or have
+/// impossible values, a level out of range.
 pub fn significance(
     ours: &Image,
     reference: &Image,
@@ -305,7 +313,8 @@ fn window(position: usize, size: usize) -> (usize, usize) {
     )
 }
 
-/// The probability of at least this difference from an exact value by chance; `floor`: the least variance of one sample.
+/// The probability of at least this difference from an exact value by chance; `floor`: the least
+/// variance of one sample.
 fn one_sided(difference: f64, part: Part, floor: f64) -> f64 {
     let variance = part.variance.max(floor) / part.samples;
     if variance == 0.0 {
@@ -332,7 +341,8 @@ fn welch(difference: f64, ours: Part, reference: Part) -> f64 {
     student(difference / (a + b).sqrt(), degrees)
 }
 
-/// Both tails of Student's distribution: I of degrees/(degrees + t²) with degrees/2 and 1/2 (DLMF 8.17).
+/// Both tails of Student's distribution: I of degrees/(degrees + t²) with degrees/2 and 1/2 (DLMF
+/// 8.17).
 fn student(t: f64, degrees: f64) -> f64 {
     let x = degrees / (degrees + t * t);
     incomplete_beta(x, 1.0 - x, 0.5 * degrees, 0.5)

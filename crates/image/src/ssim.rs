@@ -1,12 +1,14 @@
 //! SSIM: how alike two pictures are in structure, as they are shown on a screen.
 //!
-//! Wang, Bovik, Sheikh, Simoncelli, *Image Quality Assessment: From Error Visibility to Structural Similarity*, IEEE
-//! Transactions on Image Processing 13(4), 2004, section III.B: a Gaussian window of 11 x 11 pixels with a deviation of
-//! 1.5, K1 = 0.01 and K2 = 0.03. Only windows that lie in the image count, so there are none at its border.
+//! Wang, Bovik, Sheikh, Simoncelli, *Image Quality Assessment: From Error Visibility to Structural
+//! Similarity*, IEEE Transactions on Image Processing 13(4), 2004, section III.B: a Gaussian window
+//! of 11 x 11 pixels with a deviation of 1.5, K1 = 0.01 and K2 = 0.03. Only windows that lie in the
+//! image count, so there are none at its border.
 //!
-//! The paper is about what a screen shows, so values are tone mapped as previews are (limited to [0, 1], then encoded as
-//! sRGB), but not rounded to codes. The result is the mean over the windows and over R, G, B. Written from the paper;
-//! the tests hold values of scikit-image 0.26 (`gaussian_weights`, population covariance).
+//! The paper is about what a screen shows, so values are tone mapped as previews are (limited to
+//! [0, 1], then encoded as sRGB), but not rounded to codes. The result is the mean over the windows
+//! and over R, G, B. Written from the paper; the tests hold values of scikit-image 0.26
+//! (`gaussian_weights`, population covariance).
 
 use crate::metrics::{CompareError, Pair};
 use crate::planes::Image;
@@ -22,7 +24,8 @@ const DEVIATION: f64 = 1.5;
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// The mean similarity, at most 1, which only equal pictures have; `None` for an image smaller than the window.
+/// The mean similarity, at most 1, which only equal pictures have; `None` for an image smaller than
+/// the window.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, values that are not finite.
@@ -109,7 +112,8 @@ mod tests {
     #[test]
     fn as_scikit_image_has_it() {
         // structural_similarity(srgb(a), srgb(b), data_range=1, gaussian_weights=True, sigma=1.5,
-        // use_sample_covariance=False, channel_axis=-1), version 0.26.0, of the same values in double precision.
+        // use_sample_covariance=False, channel_axis=-1), version 0.26.0, of the same values in
+        // double precision.
         let reference = image(pattern(0));
         let of = |other: &Image, exposure: f64| {
             let found = ssim(other, &reference, ToneMap { exposure });

@@ -1,9 +1,10 @@
 //! Compensated sums, so that a mean over millions of pixels does not depend on their order.
 
-/// Sum of `f64` with a running compensation (Neumaier 1974, *Rundungsfehleranalyse einiger Verfahren zur Summation
-/// endlicher Summen*, "improved Kahan-Babuska").
+/// Sum of `f64` with a running compensation (Neumaier 1974, *Rundungsfehleranalyse einiger
+/// Verfahren zur Summation endlicher Summen*, "improved Kahan-Babuska").
 ///
-/// For terms of one sign the relative error is about 2^-53 whatever their number (below 10^15) and order.
+/// For terms of one sign the relative error is about 2^-53 whatever their number (below 10^15) and
+/// order.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sum {
     sum: f64,

@@ -15,8 +15,8 @@ use crate::planes::{Image, RGB};
 /// How the values of a texture file are meant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
-    /// From 8-bit codes: values are `code / 255`, to be decoded with [`srgb_to_linear`](crate::tone::srgb_to_linear)
-    /// unless the scene says that they are linear.
+    /// From 8-bit codes: values are `code / 255`, to be decoded with
+    /// [`srgb_to_linear`](crate::tone::srgb_to_linear) unless the scene says that they are linear.
     Srgb8,
     /// From 16-bit codes: values are `code / 65535`, otherwise as `Srgb8`.
     Srgb16,
@@ -37,24 +37,29 @@ pub struct Texels {
     pub encoding: Encoding,
 }
 
-/// Reads a PNG, JPEG or EXR file; the kind is known by the first bytes, not by the name. [`Limits::TEXTURE`] are the
-/// usual limits.
+/// Reads a PNG, JPEG or EXR file; the kind is known by the first bytes, not by the name.
+/// [`Limits::TEXTURE`] are the usual limits.
 ///
-/// - Alpha is ignored (colours are not multiplied by it, see [`read_alpha`]), grey is repeated to RGB, palettes and codes of fewer than 8 bits
-///   are expanded to 8.
-/// - Colour profiles, gamma chunks and EXIF orientation are ignored: the scene says what the values mean.
-/// - Of an animated PNG, the default image. Of an EXR file, the data window and the channels R, G, B, or else Y.
+/// - Alpha is ignored (colours are not multiplied by it, see [`read_alpha`]), grey is repeated to
+///   RGB, palettes and codes of fewer than 8 bits are expanded to 8.
+/// - Colour profiles, gamma chunks and EXIF orientation are ignored: the scene says what the values
+///   mean.
+/// - Of an animated PNG, the default image. Of an EXR file, the data window and the channels R, G,
+///   B, or else Y.
 ///
 /// # Errors
-/// [`ReadError`] with a [`ReadFault`]: no such file, an unknown format, an empty, damaged or truncated one, sizes beyond
-/// the limits, no colour channels, or (EXR) values that are NaN or infinite.
+/// [`ReadError`] with a [`ReadFault`]: no such file, an unknown format, an empty, damaged or
+/// truncated one, sizes beyond the limits, no colour channels, or (EXR) values that are NaN or
+/// infinite.
 pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Texels, ReadError> {
     read_part(path.as_ref(), limits, Part::Color)
 }
 
-/// The alpha channel of a file as [`read`] reads them, repeated to three channels; its codes are never those of sRGB.
+/// The alpha channel of a file as [`read`] reads them, repeated to three channels; its codes are
+/// never those of sRGB.
 ///
-/// Of an EXR file it is the channel A. A palette has one where a chunk says what is transparent; a JPEG has none.
+/// Of an EXR file it is the channel A. A palette has one where a chunk says what is transparent; a
+/// JPEG has none.
 ///
 /// # Errors
 /// As [`read`], and [`ReadFault::NoAlpha`].
@@ -141,8 +146,8 @@ fn decode_jpeg<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> 
         .read_to_end(&mut bytes)?;
     let decoder = JpegDecoder::new(Cursor::new(&bytes)).map_err(to_fault)?;
     let texels = from_integers(decoder, limits, part)?;
-    // The decoder paints what is missing at the end grey. The end marker cannot occur inside a scan, where 0xff is
-    // followed by 0 or a restart marker.
+    // The decoder paints what is missing at the end grey. The end marker cannot occur inside a
+    // scan, where 0xff is followed by 0 or a restart marker.
     let scan = bytes
         .windows(2)
         .position(|pair| pair == [0xff, 0xda])

@@ -1,9 +1,11 @@
-//! From scene-referred linear values to what an 8-bit screen shows, and the sRGB transfer functions.
+//! From scene-referred linear values to what an 8-bit screen shows, and the sRGB transfer
+//! functions.
 
-/// Exposure for previews. The steps, for each channel by itself: multiply by 2^exposure, limit to [0, 1], encode with
-/// [`linear_to_srgb`], multiply by 255 and round half up.
+/// Exposure for previews. The steps, for each channel by itself: multiply by 2^exposure, limit to
+/// [0, 1], encode with [`linear_to_srgb`], multiply by 255 and round half up.
 ///
-/// There is no curve: what is above 1 after the exposure is white, so that equal pixels mean equal values.
+/// There is no curve: what is above 1 after the exposure is white, so that equal pixels mean equal
+/// values.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ToneMap {
     /// Exposure in stops: 0 leaves values as they are, 1 doubles them.
@@ -11,8 +13,8 @@ pub struct ToneMap {
 }
 
 impl ToneMap {
-    /// The 8-bit code of a linear value. NaN gives 0 here; [`Raster::preview`](crate::Raster::preview) shows it as an
-    /// unmistakable colour.
+    /// The 8-bit code of a linear value. NaN gives 0 here;
+    /// [`Raster::preview`](crate::Raster::preview) shows it as an unmistakable colour.
     #[must_use]
     pub fn encode(&self, linear: f64) -> u8 {
         let shown = (linear * self.exposure.exp2()).clamp(0.0, 1.0);

@@ -1,4 +1,5 @@
-//! The rays of a wave, those that wait for a later one, and how both are moved: column by column, by lists of lanes.
+//! The rays of a wave, those that wait for a later one, and how both are moved: column by column,
+//! by lists of lanes.
 
 use whitstone_core::stream::{Colors, Ids, LANES, Lanes, RayStream, gather};
 use whitstone_core::{DVec3, Rgb, Spread, simd};
@@ -104,7 +105,8 @@ impl Paths {
         );
     }
 
-    /// Adds some branches of the rays of a group that leave these primitives, in these media (`None`: none that absorbs).
+    /// Adds some branches of the rays of a group that leave these primitives, in these media
+    /// (`None`: none that absorbs).
     pub(crate) fn append(
         &mut self,
         group: &Self,
@@ -153,12 +155,14 @@ struct Later {
 /// The end of a stack.
 const BOTTOM: u32 = u32::MAX;
 
-/// The rays that were put off, a stack for each camera ray. All stacks are in one list, whose places are used again.
+/// The rays that were put off, a stack for each camera ray. All stacks are in one list, whose
+/// places are used again.
 pub(crate) struct Waiting {
     rows: Vec<Later>,
     /// How far apart the rays of the rows are, where textures ask for it; else empty.
     spreads: Vec<Spread>,
-    /// What the media that the rays of the rows are in absorb; empty while none of them absorbs anything.
+    /// What the media that the rays of the rows are in absorb; empty while none of them absorbs
+    /// anything.
     absorptions: Vec<Rgb>,
     free: Vec<u32>,
     tops: Lanes<u32>,
@@ -228,7 +232,8 @@ impl Waiting {
         }
     }
 
-    /// Goes on with the rays that were put off last of the camera rays that these lanes of a group belong to, where any is left.
+    /// Goes on with the rays that were put off last of the camera rays that these lanes of a group
+    /// belong to, where any is left.
     pub(crate) fn resume(&mut self, next: &mut Paths, group: &Paths, lanes: impl Iterator<Item = usize>) {
         if self.count == 0 {
             return;
@@ -286,7 +291,8 @@ fn side_by_side(len: usize, mut each: impl FnMut(usize, usize)) {
 /// The lanes of a wave by the shape that they hit.
 #[derive(Default)]
 pub(crate) struct ByShape {
-    /// By shape and part of the wave: how many lanes hit it, and then where the next of them goes in `order`. Zero between two waves.
+    /// By shape and part of the wave: how many lanes hit it, and then where the next of them goes
+    /// in `order`. Zero between two waves.
     counts: Vec<[u16; PARTS]>,
     /// Whether a shape is in `hit`.
     is_hit: Vec<bool>,

@@ -1,9 +1,12 @@
-//! Rasterization: each triangle is projected to the image, and a depth buffer keeps the nearest at each pixel; shading as ray casting.
+//! Rasterization: each triangle is projected to the image, and a depth buffer keeps the nearest at
+//! each pixel; shading as ray casting.
 //!
-//! Catmull, *A subdivision algorithm for computer display of curved surfaces*, 1974 (the depth buffer); Pineda, *A parallel algorithm for
-//! polygon rasterization*, 1988 (edge functions); Olano and Greer, *Triangle scan conversion using 2D homogeneous coordinates*,
-//! 1997 (their form before the division); Gouraud, *Continuous shading of curved surfaces*, 1971; Blinn and Newell, *Clipping using homogeneous coordinates*, 1978. The steps of the
-//! lecture notes, one after the other: `project`, `Bins`, `Depths::draw`, and `Depths::hits` with what is shaded.
+//! Catmull, *A subdivision algorithm for computer display of curved surfaces*, 1974 (the depth
+//! buffer); Pineda, *A parallel algorithm for polygon rasterization*, 1988 (edge functions); Olano
+//! and Greer, *Triangle scan conversion using 2D homogeneous coordinates*, 1997 (their form before
+//! the division); Gouraud, *Continuous shading of curved surfaces*, 1971; Blinn and Newell,
+//! *Clipping using homogeneous coordinates*, 1978. The steps of the lecture notes, one after the
+//! other: `project`, `Bins`, `Depths::draw`, and `Depths::hits` with what is shaded.
 //!
 //! - Twin: the driver at depth 0, without branches: what is seen is the same.
 //! - Example: `scenes/integrators/rasterizer.toml`.
@@ -32,7 +35,8 @@ pub struct Config {
     /// "opaque": surfaces hide lights; "none": every light is visible.
     #[serde(default)]
     shadows: Shadows,
-    /// What is interpolated over a triangle: "phong", normals, or "gouraud", colours, which goes with `shadows = "none"` only.
+    /// What is interpolated over a triangle: "phong", normals, or "gouraud", colours, which goes
+    /// with `shadows = "none"` only.
     #[serde(default)]
     #[schemars(with = "Interpolation")]
     interpolation: Option<Spanned<Interpolation>>,

@@ -49,7 +49,8 @@ impl Rules {
         sum
     }
 
-    /// What this ray alone adds to the pixel. Its first branch is left in `next`, the others on the stack.
+    /// What this ray alone adds to the pixel. Its first branch is left in `next`, the others on the
+    /// stack.
     fn trace(
         &self,
         world: &World,
@@ -101,7 +102,8 @@ impl Rules {
                 child.inside = face.map_or(path.inside, |face| face.inside(branch.kind));
                 if path.depth < limits.max_depth {
                     child.spread = path.spread.map(|spread| {
-                        // All directions of a reflection that is spread are as far apart as that of the mirror.
+                        // All directions of a reflection that is spread are as far apart as that of
+                        // the mirror.
                         let mut own = branches.iter().filter(|own| own.kind == branch.kind);
                         let direction = own.next().map_or(branch.direction, |own| own.direction);
                         let branch = (branch.kind.into(), direction);

@@ -35,7 +35,8 @@ impl Shadows {
         self != Self::None
     }
 
-    /// Radiance towards `view` from the surface itself and from the lights that reach the point. `medium` is that on the viewer's side.
+    /// Radiance towards `view` from the surface itself and from the lights that reach the point.
+    /// `medium` is that on the viewer's side.
     #[allow(clippy::too_many_arguments, reason = "all that shading depends on")]
     pub(crate) fn local(
         self,

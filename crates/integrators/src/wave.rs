@@ -1,8 +1,9 @@
-//! Streams of camera rays, wave by wave: each wave traces the next ray of every pixel that has one left.
+//! Streams of camera rays, wave by wave: each wave traces the next ray of every pixel that has one
+//! left.
 //!
-//! A pixel's rays come in the same order as from the explicit stack of the single-ray code, depth first and
-//! reflection before transmission, so that sums have the same bits and memory stays bounded: what waits is
-//! one ray a level and pixel.
+//! A pixel's rays come in the same order as from the explicit stack of the single-ray code, depth
+//! first and reflection before transmission, so that sums have the same bits and memory stays
+//! bounded: what waits is one ray a level and pixel.
 
 use crate::paths::{ByShape, Followed, List, Paths, Values, Waiting};
 use crate::rules::{Beyond, Limits, Rules};
@@ -66,7 +67,8 @@ impl Rules {
         out: &mut Colors,
     ) {
         if world.one_by_one() {
-            // What a ray is in has no column here, nor has a third branch a place: scenes of which that matters are rare.
+            // What a ray is in has no column here, nor has a third branch a place: scenes of which
+            // that matters are rare.
             for lane in 0..rays.len {
                 scratch.spread = rays.spread(lane);
                 out.set(lane, self.radiance(world, &rays.ray(lane), scratch));
@@ -111,7 +113,8 @@ impl Rules {
         }
     }
 
-    /// Shades the hits of the current rays and leaves in `next` the ray of each pixel that comes after.
+    /// Shades the hits of the current rays and leaves in `next` the ray of each pixel that comes
+    /// after.
     fn wave(&self, world: &World, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
         m.next.clear();
         let len = m.current.rays.len;
@@ -137,8 +140,8 @@ impl Rules {
         m.by_shape = by_shape;
     }
 
-    /// What the rays in `group`, all of which hit this shape or none, add to their pixels, and the rays that
-    /// come after them.
+    /// What the rays in `group`, all of which hit this shape or none, add to their pixels, and the
+    /// rays that come after them.
     fn shade(&self, world: &World, shape: u32, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
         if shape == NO_SHAPE {
             background(world, &m.group, &mut m.radiance);
@@ -254,7 +257,8 @@ impl Memory {
         }
     }
 
-    /// Puts the background in the place of branches beyond the depth limit. Says whether there is any.
+    /// Puts the background in the place of branches beyond the depth limit. Says whether there is
+    /// any.
     fn stop_at_limit(&mut self, world: &World, limits: Limits) -> bool {
         let depths = &self.group.depth.0[..self.group.rays.len];
         if depths.iter().all(|depth| *depth < limits.max_depth) {
@@ -317,8 +321,8 @@ impl Memory {
         }
     }
 
-    /// Takes the first branch of each ray into the next wave and puts its second one off. The order of the rays in a wave has no
-    /// part in the result.
+    /// Takes the first branch of each ray into the next wave and puts its second one off. The order
+    /// of the rays in a wave has no part in the result.
     fn go_on(&mut self) {
         let Self {
             group,

@@ -1,10 +1,12 @@
-//! Recursive ray tracing: local shading, and a reflected and a refracted ray at each surface that has them.
+//! Recursive ray tracing: local shading, and a reflected and a refracted ray at each surface that
+//! has them.
 //!
-//! Whitted 1980, *An improved illumination model for shaded display*. The tree of rays is walked depth
-//! first, reflection before transmission, on an explicit stack: a hundred thousand bounces must not
-//! exhaust that of the thread. Since a ray is replaced by its two branches, of which one is followed
-//! first, the stack never holds more than `max_depth + 1` of them; where a glossy surface has n² reflections instead of one,
-//! n² for each bounce at such surfaces. See `rules` for one ray and `wave` for streams of them.
+//! Whitted 1980, *An improved illumination model for shaded display*. The tree of rays is walked
+//! depth first, reflection before transmission, on an explicit stack: a hundred thousand bounces
+//! must not exhaust that of the thread. Since a ray is replaced by its two branches, of which one
+//! is followed first, the stack never holds more than `max_depth + 1` of them; where a glossy
+//! surface has n² reflections instead of one, n² for each bounce at such surfaces. See `rules` for
+//! one ray and `wave` for streams of them.
 //!
 //! - Twin: Mitsuba through the driver, which walks the same tree by levels.
 //! - Example: `scenes/integrators/whitted.toml`.
@@ -17,7 +19,8 @@ use whitstone_core::config::{IntegerIn, NonNegative};
 use whitstone_core::stream::{Colors, RayStream};
 use whitstone_core::{Context, Integrator, Integrators, Plugin, Ray, Rgb, SceneErrors, Scratch, World};
 
-/// Recursive ray tracing: local shading, and a reflected and a refracted ray at each surface that has them.
+/// Recursive ray tracing: local shading, and a reflected and a refracted ray at each surface that
+/// has them.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -27,7 +30,8 @@ pub struct Config {
     /// A branch is left out if its factor in the pixel is below this in every channel.
     #[serde(default = "zero")]
     min_contribution: NonNegative,
-    /// What a branch beyond `max_depth` sees: the "background", as in the lecture notes, or "black".
+    /// What a branch beyond `max_depth` sees: the "background", as in the lecture notes, or
+    /// "black".
     #[serde(default)]
     at_max_depth: Beyond,
     /// "opaque": surfaces hide lights; "none": every light is visible.
@@ -136,7 +140,8 @@ mod tests {
 
     #[test]
     fn bounces_are_counted_from_zero() {
-        // The sum of 0.5^k up to the limit, and the background beyond: the ray goes up at odd depths.
+        // The sum of 0.5^k up to the limit, and the background beyond: the ray goes up at odd
+        // depths.
         for depth in 0..8 {
             let (found, scratch) = render(&format!("max_depth = {depth}"), &corridor(1.0, 0.5), DVec3::NEG_Y);
             let local: f64 = (0..=depth).map(|k| f64::powi(0.5, k)).sum();
@@ -155,7 +160,8 @@ mod tests {
     fn a_hundred_thousand_bounces_need_no_memory_and_lose_no_energy() {
         let text = "max_depth = 100000\nat_max_depth = \"background\"";
         let (found, scratch) = render(text, &corridor(0.0, 0.9999), DVec3::NEG_Y);
-        // 0.9999^100001, to 20 digits by mpmath from the exact binary value of 0.9999; the last branch goes up.
+        // 0.9999^100001, to 20 digits by mpmath from the exact binary value of 0.9999; the last
+        // branch goes up.
         let expected = 0.000045372696235615253296;
         assert!(
             (found.g / expected - 1.0).abs() < 1e-11,
@@ -184,7 +190,8 @@ mod tests {
         assert!(found.g > 0.5 && found.g < 1.0);
     }
 
-    /// What explains a pixel must be all of it: also branches beyond the limit, and hits that absorption hides.
+    /// What explains a pixel must be all of it: also branches beyond the limit, and hits that
+    /// absorption hides.
     #[test]
     fn the_record_sums_to_the_radiance() {
         let glass = |absorption| Simple {
@@ -277,7 +284,8 @@ mod tests {
         }
     }
 
-    /// Rays straight on through a pane in a medium that absorbs stay in it, and what glows is seen through both.
+    /// Rays straight on through a pane in a medium that absorbs stay in it, and what glows is seen
+    /// through both.
     #[test]
     fn rays_straight_on_stay_in_their_medium() {
         let absorption = Rgb::new(0.0, 1.0, 8.0);
@@ -324,7 +332,8 @@ mod tests {
         }
     }
 
-    /// A lamp above two surfaces above a floor: what each leaves of the light, the media between them, and the cut.
+    /// A lamp above two surfaces above a floor: what each leaves of the light, the media between
+    /// them, and the cut.
     #[test]
     fn shadow_rays_go_through_holes_and_filters() {
         let white = Simple {

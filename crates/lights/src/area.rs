@@ -1,10 +1,12 @@
 //! A surface that shines: as many points of it, each with its share of the area.
 //!
-//! The soft shadows of Cook, Porter and Carpenter, *Distributed ray tracing*, 1984, by a fixed quadrature instead of random points, so that two
-//! renderers that agree on the points must agree on the picture. Each point shines with the cosine to the normal and
-//! falls off with the square of the distance. The surface itself is not seen: a shape of material `emissive` in its place is.
-//! Of a mesh, each triangle is cut into equal ones, which shine from their centroids: exact in the area, and without a choice of triangles
-//! that rounding could make otherwise elsewhere. One is in `scenes/showcase/mesh_light.toml`.
+//! The soft shadows of Cook, Porter and Carpenter, *Distributed ray tracing*, 1984, by a fixed
+//! quadrature instead of random points, so that two renderers that agree on the points must agree
+//! on the picture. Each point shines with the cosine to the normal and falls off with the square of
+//! the distance. The surface itself is not seen: a shape of material `emissive` in its place is. Of
+//! a mesh, each triangle is cut into equal ones, which shine from their centroids: exact in the
+//! area, and without a choice of triangles that rounding could make otherwise elsewhere. One is in
+//! `scenes/showcase/mesh_light.toml`.
 //!
 //! - Twin: Mitsuba `point` at the same points, through the driver.
 //! - Example: `scenes/lights/area.toml`.
@@ -29,23 +31,26 @@ const MAX_POINTS: usize = 4096;
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// What shines, in the size of the shape of that type: "rectangle" and "disk" along +z, "sphere" outwards; "mesh", the triangles of `file`,
-    /// along the normals of their winding.
+    /// What shines, in the size of the shape of that type: "rectangle" and "disk" along +z,
+    /// "sphere" outwards; "mesh", the triangles of `file`, along the normals of their winding.
     #[serde(default = "rectangle")]
     #[schemars(with = "Surface")]
     shape: Spanned<Surface>,
-    /// Of "mesh" only: a file as of the shape mesh, that ends in .obj or .ply; its vertex normals do not count. It need not be closed.
+    /// Of "mesh" only: a file as of the shape mesh, that ends in .obj or .ply; its vertex normals
+    /// do not count. It need not be closed.
     #[serde(default)]
     #[schemars(with = "FilePath")]
     file: Option<FilePath>,
-    /// Where it stands: one step, or steps in the order in which they are applied. That of a sphere must be a similarity.
+    /// Where it stands: one step, or steps in the order in which they are applied. That of a sphere
+    /// must be a similarity.
     #[serde(default = "none")]
     #[schemars(with = "Steps")]
     transform: Spanned<Steps>,
     /// Radiance in W/(m² sr), the same in all directions.
     radiance: Color,
-    /// Points along each side of the grid, 4 if left out; of a mesh parts of each side of a triangle, 1 if left out. Their square is the number
-    /// of shadow rays at each surface point, of a mesh for each triangle, which may be 4096 in all.
+    /// Points along each side of the grid, 4 if left out; of a mesh parts of each side of a
+    /// triangle, 1 if left out. Their square is the number of shadow rays at each surface point, of
+    /// a mesh for each triangle, which may be 4096 in all.
     #[serde(default)]
     #[schemars(with = "IntegerIn<1, 32>")]
     samples: Option<Spanned<IntegerIn<1, 32>>>,
@@ -73,8 +78,9 @@ enum Surface {
     Mesh,
 }
 
-/// How far points are moved off their surface, along its normal, as a part of the size of the light (model, section 7): more than the
-/// rounding of the point and of a shape in the same place, so that the shape never hides the light.
+/// How far points are moved off their surface, along its normal, as a part of the size of the light
+/// (model, section 7): more than the rounding of the point and of a shape in the same place, so
+/// that the shape never hides the light.
 const OFF_SURFACE: f64 = 32.0 * f64::EPSILON;
 
 /// A point of the surface, moved off it by [`OFF_SURFACE`].
@@ -195,14 +201,16 @@ fn mesh(
     Ok(spots)
 }
 
-/// The centroids of the n² equal parts of a triangle, those that stand like it first; `None` where it has no area.
+/// The centroids of the n² equal parts of a triangle, those that stand like it first; `None` where
+/// it has no area.
 fn centroids(mesh: &TriangleMesh, triangle: u32, n: u32) -> Option<impl Iterator<Item = Spot>> {
     let [a, b, c] = mesh.corners(triangle);
     let (b, c) = (b - a, c - a);
     let across = b.cross(c);
     let normal = across.try_normalize()? * mesh.orientation;
     let area = 0.5 * across.length() / f64::from(n * n);
-    // In thirds of a part: 1 is the centroid of one that stands like the triangle, 2 that of one upside down.
+    // In thirds of a part: 1 is the centroid of one that stands like the triangle, 2 that of one
+    // upside down.
     let parts = [(1, n), (2, n - 1)].into_iter().flat_map(|(third, rows)| {
         let row = move |j: u32| (0..rows - j).map(move |i| (3 * i + third, 3 * j + third));
         (0..rows).flat_map(row)
@@ -230,7 +238,8 @@ fn area(surface: Surface, transform: &Transform) -> Option<f64> {
     }
 }
 
-/// The point at (u, v) of a unit square that is mapped to the surface so that equal areas stay equal.
+/// The point at (u, v) of a unit square that is mapped to the surface so that equal areas stay
+/// equal.
 fn spot(surface: Surface, transform: &Transform, u: f64, v: f64, area: f64) -> Spot {
     let (sin, cos) = (TAU * u).sin_cos();
     let (point, normal) = match surface {
@@ -290,7 +299,8 @@ impl Light for Area {
         }
     }
 
-    /// A point of it shines to the side of its normal: whether the ball around the box reaches there.
+    /// A point of it shines to the side of its normal: whether the ball around the box reaches
+    /// there.
     fn reaches(&self, bounds: &Aabb) -> bool {
         let (center, radius) = emission::ball_around(bounds);
         let before = |spot: &Spot| {
@@ -331,10 +341,12 @@ mod tests {
         }
     }
 
-    /// Against closed forms of the irradiance below the middle: the error of the quadrature falls with the square of the distance of points.
+    /// Against closed forms of the irradiance below the middle: the error of the quadrature falls
+    /// with the square of the distance of points.
     #[test]
     fn it_converges_to_the_integral() {
-        // A disk of radius 1 at height 1 gives pi L/(1 + h²); a sphere of radius 1 with its middle at height 2 gives pi L (r/d)².
+        // A disk of radius 1 at height 1 gives pi L/(1 + h²); a sphere of radius 1 with its middle
+        // at height 2 gives pi L (r/d)².
         let below = "transform = { rotate = { axis = [1, 0, 0], degrees = 180 } }";
         for (shape, height, expected) in [("disk", 1.0, PI), ("sphere", 2.0, 2.0 * PI / 4.0)] {
             let error = |n: u32| {
@@ -347,7 +359,8 @@ mod tests {
         }
     }
 
-    /// A square of side 2 that faces +z as two triangles, one of them cut off by a sliver without an area, and the corner of a cube.
+    /// A square of side 2 that faces +z as two triangles, one of them cut off by a sliver without
+    /// an area, and the corner of a cube.
     fn meshes() -> TestContext {
         let square = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
         let square = square.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
@@ -400,7 +413,8 @@ mod tests {
         let far = 1e7;
         for n in [1, 2, 5] {
             for (axis, scale, expected) in [
-                // The slanted face alone has a part that faces +x; the face across x is turned to -x.
+                // The slanted face alone has a part that faces +x; the face across x is turned to
+                // -x.
                 (DVec3::X, "[1, 1, 1]", 0.5),
                 (DVec3::NEG_X, "[1, 1, 1]", 0.5),
                 (DVec3::NEG_Y, "[2, 5, 3]", 3.0),
@@ -439,8 +453,9 @@ mod tests {
         assert_eq!(places, expected);
     }
 
-    /// Against the closed form of a square seen from a point on its axis (Howell, *A catalog of radiation heat transfer configuration
-    /// factors*, B-4, four times a corner): the error falls with the square of the number of parts.
+    /// Against the closed form of a square seen from a point on its axis (Howell, *A catalog of
+    /// radiation heat transfer configuration factors*, B-4, four times a corner): the error falls
+    /// with the square of the number of parts.
     #[test]
     fn a_square_of_triangles_converges_to_its_closed_form() {
         let height: f64 = 0.8;

@@ -31,7 +31,8 @@ pub(crate) fn direction_and_length(v: DVec3) -> Option<(DVec3, f64)> {
     Some((scaled / length, length * largest))
 }
 
-/// Centre and radius of the ball around a box; the radius is infinite, and nothing else a number, where the box is endless.
+/// Centre and radius of the ball around a box; the radius is infinite, and nothing else a number,
+/// where the box is endless.
 pub(crate) fn ball_around(bounds: &Aabb) -> (DVec3, f64) {
     let center = bounds.center();
     // Points of a surface may lie outside of its box by their rounding.
@@ -91,8 +92,8 @@ pub(crate) fn sample(position: DVec3, point: DVec3, intensity: Rgb, falloff: Fal
     }
     let (direction, distance) = direction_and_length(to_light)?;
     let irradiance = match falloff {
-        // Divided twice, since d² may underflow where the quotient is still a number; what then exceeds
-        // all numbers is the largest one, lest an infinity meet a zero.
+        // Divided twice, since d² may underflow where the quotient is still a number; what then
+        // exceeds all numbers is the largest one, lest an infinity meet a zero.
         Falloff::InverseSquare => intensity.map(|i| (i / distance / distance).min(f64::MAX)),
         Falloff::None => intensity,
     };

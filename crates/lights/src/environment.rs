@@ -1,8 +1,10 @@
-//! What lies all around, as a texture on the sphere of directions: seen behind everything and in mirrors, and a light if asked for.
+//! What lies all around, as a texture on the sphere of directions: seen behind everything and in
+//! mirrors, and a light if asked for.
 //!
-//! Blinn and Newell, *Texture and reflection in computer generated images*, 1976 (the picture by latitude and longitude); Greene, *Environment
-//! mapping and other applications of world projections*, 1986 (also the six faces of a cube). It lights by a fixed quadrature: directions that
-//! are placed by its luminance (`sky.rs`). A cube is in `scenes/showcase/cube_map.toml`.
+//! Blinn and Newell, *Texture and reflection in computer generated images*, 1976 (the picture by
+//! latitude and longitude); Greene, *Environment mapping and other applications of world
+//! projections*, 1986 (also the six faces of a cube). It lights by a fixed quadrature: directions
+//! that are placed by its luminance (`sky.rs`). A cube is in `scenes/showcase/cube_map.toml`.
 //!
 //! - Twin: through the driver, which looks up the same texture.
 //! - Example: `scenes/lights/environment.toml`.
@@ -40,16 +42,18 @@ impl TryFrom<Keys> for Config {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Keys {
-    /// Radiance in W/(m² sr); a texture on the sphere of directions, such as a picture by latitude and longitude, or a colour. Either this or `faces`.
+    /// Radiance in W/(m² sr); a texture on the sphere of directions, such as a picture by latitude
+    /// and longitude, or a colour. Either this or `faces`.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
     radiance: Option<TextureRef>,
-    /// Radiance in W/(m² sr) as six square pictures of one size, each on a face of a cube around everything.
+    /// Radiance in W/(m² sr) as six square pictures of one size, each on a face of a cube around
+    /// everything.
     #[serde(default)]
     #[schemars(with = "Faces")]
     faces: Option<Spanned<Faces>>,
-    /// Number of directions from which it lights: twice the square of this, placed by luminance, each a shadow ray at each surface point. 0: it
-    /// is seen and lights nothing.
+    /// Number of directions from which it lights: twice the square of this, placed by luminance,
+    /// each a shadow ray at each surface point. 0: it is seen and lights nothing.
     #[serde(default = "zero")]
     samples: IntegerIn<0, 32>,
 }
@@ -212,7 +216,8 @@ fn on_cube(d: DVec3) -> (usize, DVec2) {
     (face, 0.5 + 0.5 * DVec2::new(right, up) / distance)
 }
 
-/// (u, v) of a direction: v is 1 straight up, u is 1/2 towards -z and grows to the right from there.
+/// (u, v) of a direction: v is 1 straight up, u is 1/2 towards -z and grows to the right from
+/// there.
 fn place(direction: DVec3) -> DVec2 {
     let DVec3 { x, y, z } = direction;
     let u = 0.5 + 0.5 * FRAC_1_PI * x.atan2(-z);
@@ -390,7 +395,8 @@ mod tests {
         assert_eq!(light.background(DVec3::NEG_Y).g, 0.0);
     }
 
-    /// An even sky gives pi times its radiance; the energy is that of the whole sphere for any number of directions.
+    /// An even sky gives pi times its radiance; the energy is that of the whole sphere for any
+    /// number of directions.
     #[test]
     fn an_even_sky() {
         for n in [1, 4, 31] {

@@ -1,8 +1,9 @@
 //! A point that throws a slide into a pyramid.
 //!
-//! A projective texture as in Segal, Korobkin, van Widenfelt, Foran, Haeberli, *Fast shadows and lighting effects using texture mapping*, 1992, as a
-//! light: what a pinhole camera at its place would see through the slide is lit by it. Light is stronger to the sides, as
-//! behind a projector's lens, so that a slide of one colour lights a screen across the axis evenly.
+//! A projective texture as in Segal, Korobkin, van Widenfelt, Foran, Haeberli, *Fast shadows and
+//! lighting effects using texture mapping*, 1992, as a light: what a pinhole camera at its place
+//! would see through the slide is lit by it. Light is stronger to the sides, as behind a
+//! projector's lens, so that a slide of one colour lights a screen across the axis evenly.
 //!
 //! - Twin: Mitsuba `projector` (native frame and falloff); slide and colour through the driver.
 //! - Example: `scenes/lights/projector.toml`.
@@ -28,7 +29,8 @@ pub struct Config {
     /// A point on the axis, where the middle of the slide falls, in metres; not the position.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
-    /// A direction that is up in the slide, of any length and not parallel to the axis; [0, 1, 0] if left out.
+    /// A direction that is up in the slide, of any length and not parallel to the axis; [0, 1, 0]
+    /// if left out.
     #[serde(default)]
     #[schemars(with = "Vector3")]
     up: Option<Spanned<Vector3>>,
@@ -36,13 +38,16 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
     fov: Option<Spanned<Finite>>,
-    /// Width of the slide divided by its height, from 0.001 to 1000; 1 if left out. A picture is stretched to it.
+    /// Width of the slide divided by its height, from 0.001 to 1000; 1 if left out. A picture is
+    /// stretched to it.
     #[serde(default)]
     #[schemars(with = "Finite", extend("minimum" = 0.001, "maximum" = 1000))]
     aspect: Option<Spanned<Finite>>,
-    /// What it throws, a share of the intensity: a texture over the slide, whose left bottom corner is (0, 0), or a colour.
+    /// What it throws, a share of the intensity: a texture over the slide, whose left bottom corner
+    /// is (0, 0), or a colour.
     slide: TextureRef,
-    /// Radiant intensity in W/sr along the axis where the slide is 1; the irradiance in W/m² of a screen across the axis at 1 m.
+    /// Radiant intensity in W/sr along the axis where the slide is 1; the irradiance in W/m² of a
+    /// screen across the axis at 1 m.
     intensity: Color,
 }
 
@@ -159,12 +164,14 @@ impl Light for Projector {
         }
     }
 
-    /// The five planes that bound the pyramid, the one through the light included, against the ball around the box.
+    /// The five planes that bound the pyramid, the one through the light included, against the ball
+    /// around the box.
     fn reaches(&self, bounds: &Aabb) -> bool {
         let (center, radius) = emission::ball_around(bounds);
         let out = center - self.position;
         let (x, y, depth) = (self.right.dot(out), self.up.dot(out), self.axis.dot(out));
-        // How far the middle is outside of a plane that leans away from the axis by this much in a metre.
+        // How far the middle is outside of a plane that leans away from the axis by this much in a
+        // metre.
         let beyond = |across: f64, half: f64| (across.abs() - half * depth) / half.hypot(1.0);
         let farthest = beyond(x, self.half.x).max(beyond(y, self.half.y)).max(-depth);
         // Where that is no number, it may reach.
@@ -253,7 +260,8 @@ mod tests {
             (-2.0 + 1e-9, -0.5, 0.0, 0.25),
         ] {
             let p = DVec3::new(x, y, -2.0);
-            // 1/z² on a screen, and of a surface that faces the light as much more as its cosine is less.
+            // 1/z² on a screen, and of a surface that faces the light as much more as its cosine is
+            // less.
             let cosine = 2.0 / p.length();
             let found = irradiance(&*light, p) * (4.0 * cosine);
             for (found, expected) in found.to_array().into_iter().zip([u, v, u + 2.0 * v]) {
@@ -270,7 +278,8 @@ mod tests {
         }
     }
 
-    /// All light of a slide of one colour falls on a screen: as much as the screen is large, times the irradiance.
+    /// All light of a slide of one colour falls on a screen: as much as the screen is large, times
+    /// the irradiance.
     #[test]
     fn a_screen_is_lit_evenly_and_spheres_receive_the_flux() {
         let text = "position = [0, 0, 0]\ntarget = [0, 0, -1]\nintensity = 3\nslide = 1\nfov = 90";
@@ -280,7 +289,8 @@ mod tests {
             let found = irradiance(&*light, p).g / p.length();
             assert!((found - 3.0).abs() < 1e-12, "{p}: {found}");
         }
-        // Over the unit sphere, which faces the light everywhere: the flux through it is that through the screen, 3 times 2 times 2.
+        // Over the unit sphere, which faces the light everywhere: the flux through it is that
+        // through the screen, 3 times 2 times 2.
         let n = 400;
         let mut flux = 0.0;
         for k in 0..n * n {

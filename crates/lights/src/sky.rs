@@ -1,8 +1,10 @@
 //! Where the light of a sky comes from: directions placed by its luminance.
 //!
-//! Debevec, *A median cut algorithm for light probe sampling*, 2005. Differences: the weight of the sphere is a power of the luminance and not the
-//! luminance, because a small sun needs few directions whatever its energy is; cuts go through cells, so directions move continuously with
-//! the radiance and no rounding error makes them jump; and each direction is the centroid of its region.
+//! Debevec, *A median cut algorithm for light probe sampling*, 2005. Differences: the weight of the
+//! sphere is a power of the luminance and not the luminance, because a small sun needs few
+//! directions whatever its energy is; cuts go through cells, so directions move continuously with
+//! the radiance and no rounding error makes them jump; and each direction is the centroid of its
+//! region.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::ops::Range;
@@ -12,17 +14,19 @@ use whitstone_core::{DVec2, DVec3, LightSample, Rgb};
 const ROWS: usize = 512;
 /// Columns of the table, equal in longitude.
 const COLUMNS: usize = 2 * ROWS;
-/// Power of the luminance that is divided equally among directions. A region that the horizon of a surface cuts has an error of about
-/// its energy times its diameter. With a density of rho directions, the sum of the squared errors is proportional to the integral of
-/// `L² rho^(-5/2)`, which is least for rho proportional to `L^(4/7)`.
+/// Power of the luminance that is divided equally among directions. A region that the horizon of a
+/// surface cuts has an error of about its energy times its diameter. With a density of rho
+/// directions, the sum of the squared errors is proportional to the integral of `L² rho^(-5/2)`,
+/// which is least for rho proportional to `L^(4/7)`.
 const POWER: f64 = 4.0 / 7.0;
-/// Part of the mean weight that is added everywhere, so that the position of every cut is unique, also in black areas.
+/// Part of the mean weight that is added everywhere, so that the position of every cut is unique,
+/// also in black areas.
 const FLOOR: f64 = 0.01;
 /// A region is cut across its longitudes if they span more than its latitudes over this.
 const ASPECT: f64 = 0.65;
 
-/// The directions of a sky for `count` of them at most. `look` gives the radiance (>= 0) at (u, v), where the direction is also given; each cell of the
-/// table is the mean of `parts`² lookups.
+/// The directions of a sky for `count` of them at most. `look` gives the radiance (>= 0) at (u, v),
+/// where the direction is also given; each cell of the table is the mean of `parts`² lookups.
 pub(crate) fn directions(count: usize, parts: usize, look: impl Fn(DVec2, DVec3) -> Rgb) -> Vec<LightSample> {
     let Some((table, peak)) = Table::new(parts, look) else {
         return Vec::new();

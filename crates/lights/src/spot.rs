@@ -1,7 +1,7 @@
 //! A point that shines into a cone.
 //!
-//! The angle from the axis comes from the lengths of the cross and the dot product: an arc cosine would
-//! lose half the digits in a narrow beam.
+//! The angle from the axis comes from the lengths of the cross and the dot product: an arc cosine
+//! would lose half the digits in a narrow beam.
 //!
 //! - Twin: Mitsuba `spot` (native); `falloff = "none"` through the driver.
 //! - Example: `scenes/lights/spot.toml`.
@@ -32,8 +32,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 90))]
     cutoff_angle: Option<Spanned<Finite>>,
-    /// Half angle in degrees up to which the intensity is full, at least 0 and less than `cutoff_angle`;
-    /// three quarters of that if left out.
+    /// Half angle in degrees up to which the intensity is full, at least 0 and less than
+    /// `cutoff_angle`; three quarters of that if left out.
     #[serde(default)]
     #[schemars(with = "Finite", extend("minimum" = 0, "exclusiveMaximum" = 90))]
     beam_width: Option<Spanned<Finite>>,
@@ -137,7 +137,8 @@ impl Light for Spot {
         let (center, radius) = emission::ball_around(bounds);
         let out = center - self.position;
         let (along, across) = (self.axis.dot(out), self.axis.cross(out).length());
-        // Beyond the cone's edge, seen from the light, by more than the ball's half width. Where a distance is no number, the light may reach.
+        // Beyond the cone's edge, seen from the light, by more than the ball's half width. Where a
+        // distance is no number, the light may reach.
         let beyond = across.atan2(along) - self.cutoff - ANGLE_MARGIN;
         let misses = beyond > 0.0 && (radius / out.length()).asin() < beyond;
         !(self.intensity.is_black() || misses)
@@ -150,8 +151,8 @@ impl Spot {
     fn inside_cone(&self, sample: &LightSample) -> Option<Rgb> {
         let travel = -sample.direction;
         let cosine = self.axis.dot(travel);
-        // The angle, which takes longer, is needed in the soft edge only, and where rounding makes the
-        // cosine doubtful.
+        // The angle, which takes longer, is needed in the soft edge only, and where rounding makes
+        // the cosine doubtful.
         if cosine > self.cos_beam + COSINE_MARGIN {
             return Some(sample.irradiance);
         }

@@ -1,7 +1,7 @@
 //! Diffuse reflection and a highlight around the half vector.
 //!
-//! Blinn 1977, *Models of light reflection for computer synthesized pictures*, in the form of the lecture notes: no
-//! 1/pi, and the highlight is not multiplied by n·l.
+//! Blinn 1977, *Models of light reflection for computer synthesized pictures*, in the form of the
+//! lecture notes: no 1/pi, and the highlight is not multiplied by n·l.
 //!
 //! - Twin: through the driver, by the formula; POV-Ray `specular` (native).
 //! - Example: `scenes/materials/blinn_phong.toml`.

@@ -52,8 +52,8 @@ impl Body {
         }
     }
 
-    /// The share of light that goes through without being bent: as seen from the side of the lower index, where there is no
-    /// total reflection, so that both faces of a plate take as much.
+    /// The share of light that goes through without being bent: as seen from the side of the lower
+    /// index, where there is no total reflection, so that both faces of a plate take as much.
     pub(crate) fn unbent(&self, point: &SurfacePoint, direction: DVec3) -> f64 {
         let upward = if self.outside.eta() <= 1.0 {
             &self.outside

@@ -1,10 +1,13 @@
-//! Bumps over the surface that are seen in the shading only: a height, or vectors that are added to the normals.
+//! Bumps over the surface that are seen in the shading only: a height, or vectors that are added to
+//! the normals.
 //!
-//! Blinn 1978, *Simulation of wrinkled surfaces*: the normal is that of the surface raised by the height, of which only the slope is
-//! taken over. Here the height is a function of the place in the world (Perlin 1985, *An image synthesizer*, section "Texture"), so no
-//! tangents are asked of shapes; its slope is the difference quotient that the model says, so that two programs agree. The lecture notes have
-//! "a 2D or 3D array of vectors which are added to the normals at the points for which we do shading calculations" instead, which are here
-//! colours of an image or of a block of voxels, or of any other texture.
+//! Blinn 1978, *Simulation of wrinkled surfaces*: the normal is that of the surface raised by the
+//! height, of which only the slope is taken over. Here the height is a function of the place in the
+//! world (Perlin 1985, *An image synthesizer*, section "Texture"), so no tangents are asked of
+//! shapes; its slope is the difference quotient that the model says, so that two programs agree.
+//! The lecture notes have "a 2D or 3D array of vectors which are added to the normals at the points
+//! for which we do shading calculations" instead, which are here colours of an image or of a block
+//! of voxels, or of any other texture.
 //!
 //! - Twin: through the driver, which turns the frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/bump.toml`.
@@ -21,25 +24,30 @@ use whitstone_core::{
 
 /// A height over the surface, or vectors added to its normals, seen in the shading only.
 ///
-/// Outlines and shadows stay those of the smooth surface. Of the showcase's `bump_sphere` and `displacement`, which has the same relief in its triangles,
-/// the shades differ by 11% of the mean in the middle of the ball, by 29% where there is no bump; 156 pixels at the outline and 77 in the shadow are wrong.
+/// Outlines and shadows stay those of the smooth surface. Of the showcase's `bump_sphere` and
+/// `displacement`, which has the same relief in its triangles, the shades differ by 11% of the mean
+/// in the middle of the ball, by 29% where there is no bump; 156 pixels at the outline and 77 in
+/// the shadow are wrong.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The height: a texture that lies by the place in the world, of which the first channel counts.
+    /// The height: a texture that lies by the place in the world, of which the first channel
+    /// counts.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
     height: Option<TextureRef>,
-    /// Instead of it, vectors: twice a colour less 1, so that mid grey, 0.5, is none. An image should be read with `color_space = "linear"`; of 8 bits, none
-    /// of its codes is 0.5 exactly.
+    /// Instead of it, vectors: twice a colour less 1, so that mid grey, 0.5, is none. An image
+    /// should be read with `color_space = "linear"`; of 8 bits, none of its codes is 0.5 exactly.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
     vectors: Option<TextureRef>,
-    /// Where the vectors point: "world", along its axes, or "tangent", along tangent, bitangent and normal of the surface.
+    /// Where the vectors point: "world", along its axes, or "tangent", along tangent, bitangent and
+    /// normal of the surface.
     #[serde(default)]
     #[schemars(with = "Space")]
     space: Option<Spanned<Space>>,
-    /// Of the space "tangent", as of a normal_map: direction of the tangent in the world; [1, 0, 0] if neither is given.
+    /// Of the space "tangent", as of a normal_map: direction of the tangent in the world; [1, 0, 0]
+    /// if neither is given.
     #[serde(default)]
     #[schemars(with = "Vector3")]
     tangent: Option<Spanned<Vector3>>,

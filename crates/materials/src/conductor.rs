@@ -1,13 +1,16 @@
 //! A metal: the mirror direction, weakened by Fresnel's equations for conductors.
 //!
-//! Born and Wolf, *Principles of Optics*, section 14.2, with a complex index of refraction `eta + i k`. With s and c the sine and the
-//! cosine of incidence, `(a + i b)² = (eta + i k)² - s²` is found without cancellation: of `a² - b² = eta² - k² - s²` and
-//! `a b = eta k`, the larger square comes from a sum and the other one from the product. Then
+//! Born and Wolf, *Principles of Optics*, section 14.2, with a complex index of refraction
+//! `eta + i k`. With s and c the sine and the cosine of incidence, `(a + i b)² = (eta + i k)² - s²`
+//! is found without cancellation: of `a² - b² = eta² - k² - s²` and `a b = eta k`, the larger
+//! square comes from a sum and the other one from the product. Then
 //!
 //! - `R_s = ((a - c)² + b²)/((a + c)² + b²)`,
-//! - `R_p = R_s ((a c - s²)² + b² c²)/((a c + s²)² + b² c²)`, which is `|(n² c - (a + i b))/(n² c + (a + i b))|²` written out.
+//! - `R_p = R_s ((a c - s²)² + b² c²)/((a c + s²)² + b² c²)`, which is
+//!   `|(n² c - (a + i b))/(n² c + (a + i b))|²` written out.
 //!
-//! The measured indices are those that Mitsuba integrates for linear Rec. 709 from its tables of spectra, to five decimals.
+//! The measured indices are those that Mitsuba integrates for linear Rec. 709 from its tables of
+//! spectra, to five decimals.
 //!
 //! - Twin: Mitsuba `conductor` in `twosided` (native).
 //! - Example: `scenes/materials/conductor.toml`.
@@ -36,7 +39,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "Metal")]
     metal: Option<Spanned<Metal>>,
-    /// Real part of the index of refraction, relative to the outside: a colour above 0, at most 1000.
+    /// Real part of the index of refraction, relative to the outside: a colour above 0, at
+    /// most 1000.
     #[serde(default)]
     #[schemars(with = "Color")]
     eta: Option<Spanned<Color>>,
@@ -188,7 +192,8 @@ impl Conductor {
     #[inline(always)]
     fn reflected(&self, point: &SurfacePoint, view: DVec3) -> (DVec3, Rgb) {
         let n = point.n_towards(view);
-        // A view along the geometry may see the normal from behind by rounding; rule G drops that branch.
+        // A view along the geometry may see the normal from behind by rounding; rule G drops that
+        // branch.
         let (c, s) = (n.dot(view).abs(), n.cross(view).length());
         let [r, g, b] = self.channels.map(|index| index.reflectance(c, s));
         (reflect(n, view), Rgb::new(r, g, b))
@@ -239,7 +244,8 @@ mod tests {
     use super::*;
     use whitstone_testkit::{build, furnace_laws, material_laws};
 
-    /// The textbook form, in complex numbers written out: r = (n_1 c_1 - n_2 c_2)/(n_1 c_1 + n_2 c_2) and its like.
+    /// The textbook form, in complex numbers written out: r = (n_1 c_1 - n_2 c_2)/(n_1 c_1 + n_2
+    /// c_2) and its like.
     fn textbook(eta: f64, k: f64, c: f64) -> f64 {
         type C = (f64, f64);
         let mul = |a: C, b: C| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);

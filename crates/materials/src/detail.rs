@@ -45,7 +45,8 @@ impl Frame {
         })
     }
 
-    /// The vector whose parts are coded as a colour, in the world; `None` where there is no tangent.
+    /// The vector whose parts are coded as a colour, in the world; `None` where there is no
+    /// tangent.
     pub(crate) fn vector(&self, parts: &ColorSource, point: &SurfacePoint) -> Option<DVec3> {
         let n = point.n_s;
         let t = match self {
@@ -74,7 +75,8 @@ pub(crate) struct Detailed<D> {
 }
 
 impl<D: Detail> Detailed<D> {
-    /// The point with the other normal, unless a viewer who sees one side of the surface would see the other one of the normal.
+    /// The point with the other normal, unless a viewer who sees one side of the surface would see
+    /// the other one of the normal.
     fn at(&self, point: &SurfacePoint, view: DVec3) -> SurfacePoint {
         let mut turned = *point;
         if let Some(n) = self.detail.normal(point)

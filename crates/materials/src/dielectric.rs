@@ -1,8 +1,9 @@
 //! Glass, water, diamond: reflection and refraction by Fresnel's equations.
 //!
-//! Cook and Torrance 1982 (Fresnel); the forms that do not cancel are derived in `optics.rs`. Transmitted
-//! radiance is scaled by the squared relative index: what is kept is L/n². Bodies with a priority may overlap (Schmidt and Budge 2002,
-//! *Simple nested dielectrics in ray traced images*): the core says which media a face is between, as in `scenes/showcase/priorities.toml`.
+//! Cook and Torrance 1982 (Fresnel); the forms that do not cancel are derived in `optics.rs`.
+//! Transmitted radiance is scaled by the squared relative index: what is kept is L/n². Bodies with
+//! a priority may overlap (Schmidt and Budge 2002, *Simple nested dielectrics in ray traced
+//! images*): the core says which media a face is between, as in `scenes/showcase/priorities.toml`.
 //!
 //! - Twin: Mitsuba `dielectric` (native); absorption through the driver.
 //! - Example: `scenes/materials/dielectric.toml`.
@@ -37,8 +38,9 @@ pub struct Config {
     #[serde(default = "clear_outside")]
     #[schemars(with = "Color")]
     exterior_absorption: Spanned<Color>,
-    /// Lets the body overlap others that have one: where they do, that of the highest priority counts, of equal ones the first in the scene,
-    /// and faces between what does not count are not there. What is outside then follows from the bodies around.
+    /// Lets the body overlap others that have one: where they do, that of the highest priority
+    /// counts, of equal ones the first in the scene, and faces between what does not count are not
+    /// there. What is outside then follows from the bodies around.
     #[schemars(with = "Option<IntegerIn<0, 65535>>")]
     priority: Option<IntegerIn<0, 65535>>,
 }
@@ -196,7 +198,8 @@ impl Split {
     }
 }
 
-/// The body whose face is between two substances, as the one in front of it is seen in this direction.
+/// The body whose face is between two substances, as the one in front of it is seen in this
+/// direction.
 fn between(point: &SurfacePoint, view: DVec3, from: Substance, to: Substance) -> Body {
     let [from, to] = [from, to].map(|substance| (substance.ior, substance.absorption));
     if point.n_g.dot(view) > 0.0 {

@@ -1,7 +1,8 @@
 //! A surface that glows by itself, over any other material.
 //!
-//! The incandescence term of the lecture notes: radiance that does not depend on light. It is seen by the camera and in reflections
-//! and refractions, and lights nothing: that would be the business of a light.
+//! The incandescence term of the lecture notes: radiance that does not depend on light. It is seen
+//! by the camera and in reflections and refractions, and lights nothing: that would be the business
+//! of a light.
 //!
 //! - Twin: through the driver, from the texture.
 //! - Example: `scenes/materials/emissive.toml`.

@@ -1,4 +1,5 @@
-//! The shading sum of the lecture notes, shared by the three materials that differ in their highlight.
+//! The shading sum of the lecture notes, shared by the three materials that differ in their
+//! highlight.
 
 use crate::optics::{cosine_power, reflect};
 use whitstone_core::config::TextureRef;

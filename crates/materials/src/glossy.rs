@@ -1,9 +1,11 @@
 //! A mirror that is not quite smooth: what it shows is blurred.
 //!
-//! Distribution ray tracing: Cook, Porter and Carpenter, *Distributed ray tracing*, SIGGRAPH 1984, section 4.1, "Gloss". The lobe is that of Phong,
-//! `cos^exponent` about the mirror direction, cut into parts of equal share (Lafortune and Willems, *Using the modified Phong reflectance
-//! model for physically based rendering*, 1994, for the share inside a cone; Shirley and Chiu, *A low discrepancy map between disk and square*, 1997, for
-//! the square). One ray goes through the middle of each part, the same ones everywhere: instead of noise there are, with few of them, several
+//! Distribution ray tracing: Cook, Porter and Carpenter, *Distributed ray tracing*, SIGGRAPH 1984,
+//! section 4.1, "Gloss". The lobe is that of Phong, `cos^exponent` about the mirror direction, cut
+//! into parts of equal share (Lafortune and Willems, *Using the modified Phong reflectance model
+//! for physically based rendering*, 1994, for the share inside a cone; Shirley and Chiu, *A low
+//! discrepancy map between disk and square*, 1997, for the square). One ray goes through the middle
+//! of each part, the same ones everywhere: instead of noise there are, with few of them, several
 //! weaker mirror images.
 //!
 //! - Twin: through the driver, which spreads what Mitsuba's mirror answers.
@@ -23,16 +25,18 @@ use whitstone_core::{
 
 /// A mirror on both sides that blurs, by samples² fixed directions about that of the mirror.
 ///
-/// Each bounce multiplies the rays by samples², up to `max_depth` bounces: `min_contribution` ends those that no longer count. More than 2^24 rays
-/// from one camera ray, glossy bounces alone counted, are an error. Directions that go into the surface are lost: it darkens at grazing angles.
+/// Each bounce multiplies the rays by samples², up to `max_depth` bounces: `min_contribution` ends
+/// those that no longer count. More than 2^24 rays from one camera ray, glossy bounces alone
+/// counted, are an error. Directions that go into the surface are lost: it darkens at grazing
+/// angles.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// Factor on what is seen in it, from 0 to 1; a texture or a colour.
     #[serde(default = "one")]
     reflectance: TextureRef,
-    /// Of the cosine of the angle to the mirror direction, above 0: the larger, the sharper. Half of the light is within 7 degrees with 100, within
-    /// 2 with 1000.
+    /// Of the cosine of the angle to the mirror direction, above 0: the larger, the sharper. Half
+    /// of the light is within 7 degrees with 100, within 2 with 1000.
     #[serde(default = "hundred")]
     exponent: Positive,
     /// Side of the square of directions, 1 to 8: so many times so many rays. With 1 it is a mirror.
@@ -76,7 +80,8 @@ fn lobe(n: u32, exponent: f64) -> Vec<DVec3> {
     let middle = |index: u32| (2.0 * f64::from(index) + 1.0 - f64::from(n)) / f64::from(n);
     let at = |index: u32| {
         let (s, phi) = on_disk(middle(index % n), middle(index / n));
-        // cos^(exponent + 1) is what lies outside of a cone; near 1 the sine keeps its digits this way.
+        // cos^(exponent + 1) is what lies outside of a cone; near 1 the sine keeps its digits this
+        // way.
         let log_cos = (-s * s).ln_1p() / (exponent + 1.0);
         let sin = (-(2.0 * log_cos).exp_m1()).sqrt().copysign(s);
         DVec3::new(sin * phi.cos(), sin * phi.sin(), log_cos.exp())
@@ -163,7 +168,8 @@ mod tests {
         spread.map_or_else(|| vec![mirrored], |spread| spread.directions(mirrored).collect())
     }
 
-    /// Of each ring of the concentric map, the share of the lobe inside is the area of the disk inside.
+    /// Of each ring of the concentric map, the share of the lobe inside is the area of the disk
+    /// inside.
     #[test]
     fn parts_are_of_equal_share() {
         for exponent in [0.5, 20.0, 1e5] {

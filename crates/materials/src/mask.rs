@@ -1,7 +1,8 @@
 //! A material with holes: where it is not opaque, rays go straight on, shadow rays as well.
 //!
-//! Both what is there and what lies behind count, by their shares, as two branches of Whitted's tree do. A threshold would be cheaper
-//! and would move with the rounding of the texture; a choice at random is no part of this model.
+//! Both what is there and what lies behind count, by their shares, as two branches of Whitted's
+//! tree do. A threshold would be cheaper and would move with the rounding of the texture; a choice
+//! at random is no part of this model.
 //!
 //! - Twin: through the driver, which weighs what Mitsuba answers for the material.
 //! - Example: `scenes/materials/mask.toml`.

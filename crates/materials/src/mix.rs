@@ -1,7 +1,8 @@
 //! Two materials in one place, each by its share.
 //!
-//! A linear blend of all that they answer: local light, branches, and what they let through to lights. Branches in one direction
-//! become one, so that the tree of rays has at most two at each surface, as that of Whitted.
+//! A linear blend of all that they answer: local light, branches, and what they let through to
+//! lights. Branches in one direction become one, so that the tree of rays has at most two at each
+//! surface, as that of Whitted.
 //!
 //! - Twin: through the driver, which weighs what Mitsuba answers for both.
 //! - Example: `scenes/materials/mix.toml`.

@@ -1,7 +1,8 @@
 //! Normals from the colours of a texture.
 //!
-//! Cohen, Olano and Manocha 1998, *Appearance-preserving simplification* (normals in tangent space, coded as colours). The frame
-//! is said by the scene, by a direction in the world or by an axis to go around, so that it is exact for any shape.
+//! Cohen, Olano and Manocha 1998, *Appearance-preserving simplification* (normals in tangent space,
+//! coded as colours). The frame is said by the scene, by a direction in the world or by an axis to
+//! go around, so that it is exact for any shape.
 //!
 //! - Twin: through the driver, which turns the frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/normal_map.toml`.
@@ -20,10 +21,11 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Twice a colour less 1 are the parts of the normal along tangent, bitangent and normal. An image should be read with
-    /// `color_space = "linear"`.
+    /// Twice a colour less 1 are the parts of the normal along tangent, bitangent and normal. An
+    /// image should be read with `color_space = "linear"`.
     map: TextureRef,
-    /// Direction of the tangent in the world, of which the part along the surface counts; [1, 0, 0] if neither is given.
+    /// Direction of the tangent in the world, of which the part along the surface counts; [1, 0, 0]
+    /// if neither is given.
     #[serde(default)]
     #[schemars(with = "Vector3")]
     tangent: Option<Spanned<Vector3>>,

@@ -1,19 +1,22 @@
 //! Reflection, refraction, Fresnel's equations and powers of cosines, without cancellation.
 //!
-//! Notation of the model: `n` is the normal on the viewer's side, `v` points to the viewer, `eta = n_i/n_t`,
-//! `s = |n x v|` the sine and `c_i = n·v` the cosine of the angle of incidence, `c_t` that of refraction.
-//! Sine and cosine come from the vectors independently, each accurate where it is small.
+//! Notation of the model: `n` is the normal on the viewer's side, `v` points to the viewer,
+//! `eta = n_i/n_t`, `s = |n x v|` the sine and `c_i = n·v` the cosine of the angle of incidence,
+//! `c_t` that of refraction. Sine and cosine come from the vectors independently, each accurate
+//! where it is small.
 //!
-//! **Cosine of refraction.** `c_t² = 1 - eta² s²` is `(1 - eta s)(1 + eta s)`, which cancels only where
-//! `eta s` is near 1. There, since `s² + c_i² = 1`, with `g = 1 - eta² = (n_t - n_i)(n_t + n_i)/n_t²`, which is
-//! exact up to rounding because the difference of near numbers is exact:
+//! **Cosine of refraction.** `c_t² = 1 - eta² s²` is `(1 - eta s)(1 + eta s)`, which cancels only
+//! where `eta s` is near 1. There, since `s² + c_i² = 1`, with
+//! `g = 1 - eta² = (n_t - n_i)(n_t + n_i)/n_t²`, which is exact up to rounding because the
+//! difference of near numbers is exact:
 //!
 //! - into the denser medium (`eta <= 1`): `c_t² = g + (eta c_i)²`, a sum of positive numbers;
-//! - `1 < eta² < 2`: `c_t² = (eta c_i - q)(eta c_i + q)`, `q = sqrt(-g)`: the critical angle is at a small
-//!   `c_i`, which carries it to full relative accuracy even if the indices differ by 1e-12;
+//! - `1 < eta² < 2`: `c_t² = (eta c_i - q)(eta c_i + q)`, `q = sqrt(-g)`: the critical angle is at
+//!   a small `c_i`, which carries it to full relative accuracy even if the indices differ by 1e-12;
 //! - beyond, the first form stays: there the critical angle is at a small s.
 //!
-//! **Fresnel.** The numerators of the textbook form cancel for near indices. Multiplied by their conjugates,
+//! **Fresnel.** The numerators of the textbook form cancel for near indices. Multiplied by their
+//! conjugates,
 //!
 //! - `(n_i c_i - n_t c_t)(n_i c_i + n_t c_t) = n_i² (1 - s²) - n_t² (1 - eta² s²) = n_i² - n_t²`,
 //! - `(n_t c_i - n_i c_t)(n_t c_i + n_i c_t) = n_t² (1 - s²) - n_i² (1 - eta² s²)
@@ -40,8 +43,8 @@ fn nearly_unit(v: DVec3) -> DVec3 {
     v * (1.5 - 0.5 * v.length_squared())
 }
 
-/// `[a·b]+` to a power, for unit vectors. Near 1 the cosine has lost what a high exponent reads: there
-/// it is taken from the sine.
+/// `[a·b]+` to a power, for unit vectors. Near 1 the cosine has lost what a high exponent reads:
+/// there it is taken from the sine.
 pub(crate) fn cosine_power(a: DVec3, b: DVec3, exponent: f64) -> f64 {
     let cosine = a.dot(b);
     if cosine <= 0.0 {
@@ -94,12 +97,12 @@ pub(crate) struct Fresnel {
 }
 
 impl Interface {
-    /// From the index on the viewer's side and that on the other one, both positive. Ratios beyond 1e150
-    /// are taken for that, so that squares stay numbers.
+    /// From the index on the viewer's side and that on the other one, both positive. Ratios beyond
+    /// 1e150 are taken for that, so that squares stay numbers.
     pub(crate) fn new(n_i: f64, n_t: f64) -> Self {
         let unit = n_i.max(n_t);
-        // Subtracted before scaling: the difference of near numbers is exact, that of rounded quotients
-        // is not.
+        // Subtracted before scaling: the difference of near numbers is exact, that of rounded
+        // quotients is not.
         let difference = (n_i - n_t) / unit;
         let (n_i, n_t) = ((n_i / unit).max(1e-150), (n_t / unit).max(1e-150));
         let g = -difference * ((n_i + n_t) / n_t / n_t);
@@ -143,8 +146,8 @@ impl Interface {
     #[inline(always)]
     pub(crate) fn cross(&self, n: DVec3, v: DVec3) -> Crossing {
         let cosine = n.dot(v);
-        // A normal that looks away can only come from a view along the geometry, where rule G drops the
-        // branch: any unit direction will do.
+        // A normal that looks away can only come from a view along the geometry, where rule G drops
+        // the branch: any unit direction will do.
         let (n, cos_i) = if cosine < 0.0 { (-n, -cosine) } else { (n, cosine) };
         let sine = n.cross(v);
         let sin_i = sine.length();
@@ -157,8 +160,8 @@ impl Interface {
         let sine_will_do = (a * a < 0.5) | (g <= -1.0);
         let cos_t_squared = select(sine_will_do, by_sine, by_cosine);
         let cos_t = cos_t_squared.max(0.0).sqrt();
-        // (n x v) x n is v without its part along n, and as long as the sine: a unit vector even for a
-        // huge eta.
+        // (n x v) x n is v without its part along n, and as long as the sine: a unit vector even
+        // for a huge eta.
         let bent = nearly_unit(-(cos_t * n + eta * sine.cross(n)));
         let open = self.is_open();
         Crossing {

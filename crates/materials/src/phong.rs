@@ -1,9 +1,10 @@
 //! Diffuse reflection and a highlight around the mirror direction.
 //!
-//! Phong 1975, *Illumination for computer generated pictures*, in the form of the lecture notes: no 1/pi, and the
-//! highlight is not multiplied by n·l.
+//! Phong 1975, *Illumination for computer generated pictures*, in the form of the lecture notes: no
+//! 1/pi, and the highlight is not multiplied by n·l.
 //!
-//! - Twin: through the driver, by the formula (Mitsuba's own `phong` is normalised); POV-Ray `phong` (native).
+//! - Twin: through the driver, by the formula (Mitsuba's own `phong` is normalised); POV-Ray
+//!   `phong` (native).
 //! - Example: `scenes/materials/phong.toml`.
 
 use crate::gloss::{Gloss, Highlight};

@@ -1,8 +1,9 @@
 //! A pane without thickness: a window, a soap bubble, the wall of an empty glass.
 //!
-//! Stokes 1862, *On the intensity of the light reflected from or transmitted through a pile of plates*: with Fresnel's R at each of
-//! both faces and `T = 1 - R`, all that is reflected between them sums up to `R + T² R (1 + R² + R⁴ + ...) = 2R/(1 + R)`, and
-//! what goes through to `T²/(1 - R²) = (1 - R)/(1 + R)`. The ray leaves in the direction in which it came.
+//! Stokes 1862, *On the intensity of the light reflected from or transmitted through a pile of
+//! plates*: with Fresnel's R at each of both faces and `T = 1 - R`, all that is reflected between
+//! them sums up to `R + T² R (1 + R² + R⁴ + ...) = 2R/(1 + R)`, and what goes through to
+//! `T²/(1 - R²) = (1 - R)/(1 + R)`. The ray leaves in the direction in which it came.
 //!
 //! - Twin: Mitsuba `thindielectric` (native).
 //! - Example: `scenes/materials/thin_dielectric.toml`.

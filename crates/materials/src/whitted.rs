@@ -1,8 +1,8 @@
-//! The material of the lecture notes: Phong shading plus constant shares of the reflected and of the
-//! refracted ray.
+//! The material of the lecture notes: Phong shading plus constant shares of the reflected and of
+//! the refracted ray.
 //!
-//! Whitted 1980, *An improved illumination model for shaded display*: `k_refl` and `k_refr` do not depend on
-//! the angle, and the refracted ray is not scaled by the squared index.
+//! Whitted 1980, *An improved illumination model for shaded display*: `k_refl` and `k_refr` do not
+//! depend on the angle, and the refracted ray is not scaled by the squared index.
 //!
 //! - Twin: through the driver, by the formula; POV-Ray `phong`, `reflection` and a filter (native).
 //! - Example: `scenes/materials/whitted.toml`.

@@ -20,7 +20,8 @@ impl Mitsuba {
     ///
     /// # Errors
     ///
-    /// If the environment is of another Python than this program; what Python says if the driver or Mitsuba cannot be imported.
+    /// If the environment is of another Python than this program; what Python says if the driver or
+    /// Mitsuba cannot be imported.
     pub fn start(environment: &Environment) -> Result<Self, String> {
         Python::initialize();
         Python::attach(|python| {
@@ -45,8 +46,8 @@ impl Mitsuba {
         })
     }
 
-    /// Ends the process with this code, and at once: the libraries of Mitsuba ask Python for its state when they are unloaded, and then there
-    /// is none.
+    /// Ends the process with this code, and at once: the libraries of Mitsuba ask Python for its
+    /// state when they are unloaded, and then there is none.
     pub fn exit(&self, code: u8) -> ! {
         let _ = std::io::stdout().flush();
         Python::attach(|python| {
@@ -56,8 +57,8 @@ impl Mitsuba {
         std::process::abort()
     }
 
-    /// The nearest hit of every ray, in single precision, with the shapes of a scene; `None` where the driver has no twin
-    /// of one of them.
+    /// The nearest hit of every ray, in single precision, with the shapes of a scene; `None` where
+    /// the driver has no twin of one of them.
     ///
     /// # Errors
     ///

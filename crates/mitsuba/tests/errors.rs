@@ -1,5 +1,6 @@
-//! Where both have the shape, our largest error against the oracle is never above Mitsuba's. No harness, as the process must end by
-//! [`Mitsuba::exit`]. Where there is no environment for Mitsuba and none can be made, it says so and compares nothing.
+//! Where both have the shape, our largest error against the oracle is never above Mitsuba's. No
+//! harness, as the process must end by [`Mitsuba::exit`]. Where there is no environment for Mitsuba
+//! and none can be made, it says so and compares nothing.
 
 use std::fmt::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,7 +12,8 @@ use whitstone_oracle::agreement::{Errors, Subject};
 use whitstone_oracle::cases::CASES;
 use whitstone_testkit::{Aim, Random, placements};
 
-/// Rays of one case at one place; of a patch, for which the oracle takes some hundredth of a second each, a tenth.
+/// Rays of one case at one place; of a patch, for which the oracle takes some hundredth of a second
+/// each, a tenth.
 const RAYS: u32 = 600;
 
 fn repository() -> PathBuf {

@@ -27,8 +27,8 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// From the text of a scene whose only shape that is not in a group it is; `base` is the folder that its files are
-    /// relative to. A camera need not be there.
+    /// From the text of a scene whose only shape that is not in a group it is; `base` is the folder
+    /// that its files are relative to. A camera need not be there.
     ///
     /// # Errors
     ///
@@ -62,7 +62,8 @@ pub struct Agreement {
     pub ill_posed: u64,
     /// Rays with a wrong answer.
     pub wrong: u64,
-    /// The largest error of t where both hit and neither of the two above applies, in units in the last place of t.
+    /// The largest error of t where both hit and neither of the two above applies, in units in the
+    /// last place of t.
     pub most_ulps: f64,
     /// The largest quotient of such an error and the condition.
     pub most_ulps_by_condition: f64,
@@ -71,12 +72,14 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// Counts one ray. `found` is the ray parameter that someone else says, `bounds` those of the shape.
+    /// Counts one ray. `found` is the ray parameter that someone else says, `bounds` those of the
+    /// shape.
     ///
-    /// An answer is right if hit or miss is, and t is off by at most [`MOST_ULPS`] units in the last place times the
-    /// condition. One that is not is *ill-posed*, which is no fault, if it is right for a ray that starts beside this
-    /// one: so far away as so many units in the last place of all coordinates involved, in one of 26 directions. That is what
-    /// any backward stable method may do where a ray touches a surface or passes an edge.
+    /// An answer is right if hit or miss is, and t is off by at most [`MOST_ULPS`] units in the
+    /// last place times the condition. One that is not is *ill-posed*, which is no fault, if it is
+    /// right for a ray that starts beside this one: so far away as so many units in the last place
+    /// of all coordinates involved, in one of 26 directions. That is what any backward stable
+    /// method may do where a ray touches a surface or passes an edge.
     pub fn add(&mut self, oracle: &Oracle, ray: &Ray, found: Option<f64>, bounds: &Aabb) {
         let truth = oracle.nearest(ray, Interval::FORWARD);
         match &truth {

@@ -1,8 +1,9 @@
 //! Intervals of multi-precision numbers, rounded outward: what is computed lies in them.
 //!
-//! Moore, Kearfott, Cloud, *Introduction to Interval Analysis* (2009), ch. 2. The numbers are those of `dashu-float`: binary, of
-//! any precision, each operation correctly rounded downwards or upwards as asked. What is exact stays a single point, so
-//! with enough digits the sign of any polynomial in doubles is known, zero included.
+//! Moore, Kearfott, Cloud, *Introduction to Interval Analysis* (2009), ch. 2. The numbers are those
+//! of `dashu-float`: binary, of any precision, each operation correctly rounded downwards or
+//! upwards as asked. What is exact stays a single point, so with enough digits the sign of any
+//! polynomial in doubles is known, zero included.
 
 use dashu_float::round::mode::{Down, Up};
 use dashu_float::{Context, FBig, FpResult, Repr};
@@ -10,8 +11,8 @@ use std::cmp::Ordering;
 use std::fmt;
 use std::ops::{Add, Mul, Neg, Sub};
 
-/// Two to the power of minus this, relative, is how wide a decided number may be: 1/256 of a unit in the last place of a
-/// double.
+/// Two to the power of minus this, relative, is how wide a decided number may be: 1/256 of a unit
+/// in the last place of a double.
 const NARROW: isize = 60;
 
 /// The digits did not suffice to tell: ask again with more.
@@ -82,8 +83,8 @@ impl Interval {
         self.low == self.high
     }
 
-    /// The results for the pairs of ends that give the least and the greatest value; where both pairs are of single points and
-    /// the result is exact, it is one.
+    /// The results for the pairs of ends that give the least and the greatest value; where both
+    /// pairs are of single points and the result is exact, it is one.
     fn ends(
         &self,
         least: [&Repr<2>; 2],

@@ -1,10 +1,11 @@
 //! The oracle: what is true of rays and shapes, with as many digits as it takes.
 //!
-//! Written from `docs/whitted-model.md`, like every other side of a comparison; it shares no code of intersection with the
-//! plugins, only the words: rays, transforms, and the tables of a scene. A ray, the numbers of a shape and its
-//! `world_from_object` are taken for exactly the doubles that they are. All roots along the line are enclosed in
-//! intervals, first with 128 bits, then with more, until the class of the hit is certain and t is known to 1/256 of a unit in
-//! the last place of a double; where even [`MOST_BITS`] do not suffice, the line touches a surface or an edge, and
+//! Written from `docs/whitted-model.md`, like every other side of a comparison; it shares no code
+//! of intersection with the plugins, only the words: rays, transforms, and the tables of a scene. A
+//! ray, the numbers of a shape and its `world_from_object` are taken for exactly the doubles that
+//! they are. All roots along the line are enclosed in intervals, first with 128 bits, then with
+//! more, until the class of the hit is certain and t is known to 1/256 of a unit in the last place
+//! of a double; where even [`MOST_BITS`] do not suffice, the line touches a surface or an edge, and
 //! the answer is [`Nearest::Unknown`], never a guess.
 
 pub mod agreement;
@@ -44,13 +45,14 @@ pub enum Nearest {
         t: Enclosure,
         /// Number of the primitive; at an edge that of one of those that meet there.
         primitive: u32,
-        /// See [`Root`]: how much t changes, relatively, for a relative change of one of all numbers that it follows from; at least
-        /// 1.
+        /// See [`Root`]: how much t changes, relatively, for a relative change of one of all
+        /// numbers that it follows from; at least 1.
         condition: f64,
     },
     /// The ray certainly meets nothing.
     Miss,
-    /// The ray touches a surface, lies in one, or meets an edge so nearly that no number of digits tells.
+    /// The ray touches a surface, lies in one, or meets an edge so nearly that no number of digits
+    /// tells.
     Unknown,
 }
 
@@ -94,7 +96,8 @@ impl Oracle {
         }
     }
 
-    /// All roots on the line of the ray, also those behind it, in ascending order; `None` where they are not all certain.
+    /// All roots on the line of the ray, also those behind it, in ascending order; `None` where
+    /// they are not all certain.
     pub fn roots(&self, ray: &Ray) -> Option<Vec<Root>> {
         let mut bits = FIRST_BITS;
         while bits <= MOST_BITS {
@@ -122,7 +125,8 @@ impl Oracle {
                 ahead.push(root);
             }
         }
-        // Where two roots are not told apart, as on an edge that two triangles share, the nearest one is still enclosed.
+        // Where two roots are not told apart, as on an edge that two triangles share, the nearest
+        // one is still enclosed.
         let Some(t) = ahead.iter().map(|root| root.t.clone()).reduce(|a, b| a.min(&b)) else {
             return Ok(Nearest::Miss);
         };

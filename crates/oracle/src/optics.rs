@@ -1,7 +1,9 @@
-//! What light does at surfaces and on its way, with 400 bits: Fresnel's equations, refraction, powers of cosines, absorption.
+//! What light does at surfaces and on its way, with 400 bits: Fresnel's equations, refraction,
+//! powers of cosines, absorption.
 //!
-//! Formulas of `docs/whitted-model.md`, in their plainest form: with so many digits nothing cancels that matters to a double. All
-//! inputs are taken for exactly the doubles that they are; directions need not have unit length.
+//! Formulas of `docs/whitted-model.md`, in their plainest form: with so many digits nothing cancels
+//! that matters to a double. All inputs are taken for exactly the doubles that they are; directions
+//! need not have unit length.
 
 use dashu_float::{Context, FBig, round::mode::HalfEven};
 use whitstone_core::DVec3;
@@ -39,8 +41,8 @@ pub struct Refraction {
     pub cosine: f64,
 }
 
-/// A ray with this direction on a surface with this normal (of unit length, exactly), whose index over there is `ior` times that
-/// over here; `None` for total reflection.
+/// A ray with this direction on a surface with this normal (of unit length, exactly), whose index
+/// over there is `ior` times that over here; `None` for total reflection.
 pub fn refract(direction: DVec3, normal: DVec3, ior: f64) -> Option<Refraction> {
     let (length, along) = (dot(direction, direction), dot(direction, normal));
     let square = &along * &along / &length;
@@ -98,7 +100,8 @@ mod tests {
         assert_eq!(head_on.reflectance, 0.04);
         assert_eq!(head_on.cosine, 1.0);
         assert_eq!(refract(DVec3::new(1.0, 0.0, -0.1), DVec3::Z, 0.5), None);
-        // Brewster's angle, 60 degrees for the root of three: only one polarisation is left, (1 - 3)² / (1 + 3)² / 2.
+        // Brewster's angle, 60 degrees for the root of three: only one polarisation is left, (1 -
+        // 3)² / (1 + 3)² / 2.
         let brewster = refract(DVec3::new(3f64.sqrt(), 0.0, -1.0), DVec3::Z, 3f64.sqrt());
         assert!((brewster.expect("no total reflection").reflectance - 0.125).abs() < 1e-15);
         assert_eq!(lobe(DVec3::X, DVec3::new(1.0, 1.0, 0.0), 2.0), 0.5);
@@ -112,7 +115,8 @@ mod tests {
 
     #[test]
     fn the_plain_form_in_double_precision_is_worse() {
-        // (eta - 1)² / (eta + 1)² of an index so near one that the plain form loses half of its digits.
+        // (eta - 1)² / (eta + 1)² of an index so near one that the plain form loses half of its
+        // digits.
         let ior = 1.0 + 1e-9;
         let exact = refract(DVec3::new(1.0, 0.0, -1.0), DVec3::Z, ior).expect("no total reflection");
         let (here, there) = (0.5f64.sqrt(), (1.0 - 0.5 / (ior * ior)).sqrt());

@@ -1,8 +1,9 @@
 //! Real roots of polynomials of any degree.
 //!
-//! Descartes' rule of signs in the Bernstein basis tells how many roots a piece may hold, and pieces with more than one are cut
-//! in two (Rouillier and Zimmermann, *Efficient isolation of polynomial's real roots*, 2004, and the references there);
-//! then the interval form of Newton's method (Moore, Kearfott, Cloud 2009, ch. 8).
+//! Descartes' rule of signs in the Bernstein basis tells how many roots a piece may hold, and
+//! pieces with more than one are cut in two (Rouillier and Zimmermann, *Efficient isolation of
+//! polynomial's real roots*, 2004, and the references there); then the interval form of Newton's
+//! method (Moore, Kearfott, Cloud 2009, ch. 8).
 
 use crate::interval::{Decided, Interval, Undecided};
 use std::cmp::Ordering;
@@ -44,7 +45,8 @@ impl Polynomial {
         self
     }
 
-    /// The roots between two points that are none, in ascending order, with the sign of the slope there.
+    /// The roots between two points that are none, in ascending order, with the sign of the slope
+    /// there.
     pub(crate) fn roots(&self, from: &Interval, to: &Interval) -> Decided<Vec<(Interval, Interval)>> {
         let mut found = Vec::new();
         let piece = Piece {
@@ -74,7 +76,8 @@ impl Polynomial {
         Ok(found)
     }
 
-    /// The Bernstein coefficients over a piece, all times the same positive number: no quotient is rounded.
+    /// The Bernstein coefficients over a piece, all times the same positive number: no quotient is
+    /// rounded.
     fn bernstein(&self, from: &Interval, to: &Interval) -> Vec<Interval> {
         let n = self.0.len() - 1;
         let width = to - from;
@@ -238,7 +241,8 @@ mod tests {
         assert_eq!(roots(&[1.0, 0.0, 1.0]), Ok(vec![]));
         // A triple root is one without a slope; a double one is no crossing. Both are not decided.
         assert_eq!(roots(&[1.0, -2.0, 1.0]), Err(Undecided));
-        // 2^60 t² - 2 t + 2^-60 (1 - 2^-40): two roots that doubles of a parabola cannot tell apart.
+        // 2^60 t² - 2 t + 2^-60 (1 - 2^-40): two roots that doubles of a parabola cannot tell
+        // apart.
         let close = roots(&[(1.0 - 2f64.powi(-40)) * 2f64.powi(-60), -2.0, 2f64.powi(60)]).unwrap();
         let expected = [-1.0, 1.0].map(|side| (1.0 + side * 2f64.powi(-20)) * 2f64.powi(-60));
         assert_eq!(close, expected);

@@ -3,7 +3,8 @@
 use crate::interval::{Decided, Interval, Undecided};
 use std::cmp::Ordering;
 
-/// The roots with the sign of the slope there, which is that of the second number; none of them is double.
+/// The roots with the sign of the slope there, which is that of the second number; none of them is
+/// double.
 pub(crate) fn roots(a: &Interval, b: &Interval, c: &Interval) -> Decided<Vec<(Interval, Interval)>> {
     if a.sign()? == Ordering::Equal {
         if b.sign()? == Ordering::Equal {

@@ -12,19 +12,22 @@ pub struct Root {
     pub t: Interval,
     /// Number of the primitive; at an edge that of any of those that meet there.
     pub primitive: u32,
-    /// Whether the line goes from the outside to the inside here, by the side that the normal is on.
+    /// Whether the line goes from the outside to the inside here, by the side that the normal is
+    /// on.
     pub enters: bool,
     /// Along the outward normal, of any length; as good as doubles are.
     pub(crate) normal: DVec3,
-    /// By how much the surface moves, along the normal and times its length, for a relative change of one of all its
-    /// numbers: of those of the shape, and of the maps that place it, those around the present space not counted.
+    /// By how much the surface moves, along the normal and times its length, for a relative change
+    /// of one of all its numbers: of those of the shape, and of the maps that place it, those
+    /// around the present space not counted.
     pub(crate) moves: f64,
     /// Of a surface that is given by two parameters: which they are here.
     pub(crate) parameters: Option<[f64; 2]>,
 }
 
 impl Root {
-    /// `along` is how the line and the outward normal, of any length, lie to each other: its sign is that of their product.
+    /// `along` is how the line and the outward normal, of any length, lie to each other: its sign
+    /// is that of their product.
     pub(crate) fn new(
         t: Interval,
         primitive: u32,
@@ -48,7 +51,8 @@ impl Root {
         })
     }
 
-    /// The same seen from the space that the map leads to; `line` is that of the space it leads from.
+    /// The same seen from the space that the map leads to; `line` is that of the space it leads
+    /// from.
     pub(crate) fn placed(mut self, map: &DAffine3, line: &Line) -> Self {
         if *map == DAffine3::IDENTITY {
             return self;
@@ -60,10 +64,11 @@ impl Root {
         self
     }
 
-    /// The *condition* of the ray parameter: its relative change for a relative change of one, by the worst signs, of every number
-    /// that it follows from: those of the ray, of the shape and of the maps that place it. At least one. Higham, *Accuracy
-    /// and Stability of Numerical Algorithms* (2002), 1.6, component by component. Infinite where the line
-    /// touches the surface.
+    /// The *condition* of the ray parameter: its relative change for a relative change of one, by
+    /// the worst signs, of every number that it follows from: those of the ray, of the shape and of
+    /// the maps that place it. At least one. Higham, *Accuracy and Stability of Numerical
+    /// Algorithms* (2002), 1.6, component by component. Infinite where the line touches the
+    /// surface.
     ///
     /// `line` is in the space that the root was placed in.
     pub(crate) fn condition(&self, line: &Line) -> f64 {

@@ -200,7 +200,8 @@ fn exactly(x: f64) -> Number {
     Number::try_from(x).unwrap().with_precision(0).value()
 }
 
-/// Functions that are zero on the surface, of x, y and z, in exact arithmetic and not in that of the oracle.
+/// Functions that are zero on the surface, of x, y and z, in exact arithmetic and not in that of
+/// the oracle.
 const FUNCTIONS: [(&str, Function); 6] = [
     ("type = \"sphere\"\nradius = 1.5", |[x, y, z]| {
         &x * &x + &y * &y + &z * &z - exactly(2.25)
@@ -326,7 +327,8 @@ fn textbook_forms_are_found_wrong() {
     }
 }
 
-/// A textbook form in double precision is held to the bound of 16 ulp times the condition, and breaks it.
+/// A textbook form in double precision is held to the bound of 16 ulp times the condition, and
+/// breaks it.
 #[test]
 fn agreement_bites() {
     let keys = "[[shape]]\ntype = \"torus\"\nminor_radius = 0.01";

@@ -1,8 +1,10 @@
 //! Intel's Embree, as it is installed.
 //!
-//! - Wald, Woop, Benthin, Johnson, Ernst, *Embree: a kernel framework for efficient CPU ray tracing*, SIGGRAPH 2014.
+//! - Wald, Woop, Benthin, Johnson, Ernst, *Embree: a kernel framework for efficient CPU ray
+//!   tracing*, SIGGRAPH 2014.
 //! - Version 3 or 4, loaded when a scene first names it; nothing of it is linked or shipped.
-//! - Single rays: `rtcIntersect1`, `rtcOccluded1`. All meshes are one Embree scene; their numbers are those of ours.
+//! - Single rays: `rtcIntersect1`, `rtcOccluded1`. All meshes are one Embree scene; their numbers
+//!   are those of ours.
 //!
 //! - Example: `--set accelerator.type=embree` with any scene.
 
@@ -98,7 +100,8 @@ impl Triangles for Embree {
             if skip != Some(hit.id) {
                 return Some(hit);
             }
-            // On from there: a plane is hit once only. A filter function would have its price for every ray.
+            // On from there: a plane is hit once only. A filter function would have its price for
+            // every ray.
             ray.min = hit.t.next_up();
         }
     }

@@ -1,9 +1,10 @@
-//! Ray tracing kernels of others as accelerators: one file is one peer is one Cargo feature is one TOML `type`.
+//! Ray tracing kernels of others as accelerators: one file is one peer is one Cargo feature is one
+//! TOML `type`.
 //!
-//! They render the same scenes by the same code around them, so that their errors and times stand on the same
-//! axes as ours. Triangles are theirs alone, **in single precision**: they do not obey the law of accelerators, and
-//! say so ([`whitstone_core::Accelerator::caveat`]). All other shapes are tried one by one in double precision.
-//! `docs/peers.md` says what differs and by how much.
+//! They render the same scenes by the same code around them, so that their errors and times stand
+//! on the same axes as ours. Triangles are theirs alone, **in single precision**: they do not obey
+//! the law of accelerators, and say so ([`whitstone_core::Accelerator::caveat`]). All other shapes
+//! are tried one by one in double precision. `docs/peers.md` says what differs and by how much.
 
 use whitstone_core::{DuplicateType, Registry};
 

@@ -1,8 +1,9 @@
 //! The crate obvhs: the quickest rays of all hierarchies in Rust that we measured beside ours.
 //!
-//! - Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide BVHs*, HPG 2017.
-//! - Its boxes are widened by absolute numbers (1e-4), its triangle test is that of Möller and Trumbore, without a
-//!   guarantee at edges: on models of small units it misses more.
+//! - Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide
+//!   BVHs*, HPG 2017.
+//! - Its boxes are widened by absolute numbers (1e-4), its triangle test is that of Möller and
+//!   Trumbore, without a guarantee at edges: on models of small units it misses more.
 //!
 //! - Example: `--set accelerator.type=obvhs` with any scene.
 

@@ -1,4 +1,5 @@
-//! What the peers share: triangles in single precision beside all other elements in double precision.
+//! What the peers share: triangles in single precision beside all other elements in double
+//! precision.
 
 use std::sync::Arc;
 use whitstone_core::triangle::ShearedRay;
@@ -53,8 +54,8 @@ pub(crate) fn others(geometry: &Geometry) -> Vec<Element> {
     geometry.elements().filter(is_other).collect()
 }
 
-/// The meshes with their numbers. Single precision holds coordinates up to about 10^38, and peers multiply them: larger
-/// ones than `limit` are refused.
+/// The meshes with their numbers. Single precision holds coordinates up to about 10^38, and peers
+/// multiply them: larger ones than `limit` are refused.
 pub(crate) fn meshes(geometry: &Geometry, limit: f64) -> Result<Vec<(u32, &TriangleMesh)>, SceneErrors> {
     let shapes = geometry.shapes().iter().zip(0u32..);
     let meshes: Vec<_> = shapes
@@ -80,8 +81,8 @@ fn single(ray: &Ray, interval: Interval, skip: Skip) -> Option<SingleRay> {
     if !(origin.is_finite() && direction.is_finite()) {
         return None;
     }
-    // The origin of a ray that leaves a surface was rounded to either side of it, and with it all triangles
-    // near the one that is left: hits within that rounding are none.
+    // The origin of a ray that leaves a surface was rounded to either side of it, and with it all
+    // triangles near the one that is left: hits within that rounding are none.
     let rounding = match skip.id() {
         Some(_) => 8.0 * f32::EPSILON * origin.abs().max_element(),
         None => 0.0,

@@ -25,7 +25,8 @@ mod peers {
         registry
     }
 
-    /// A small picture of a scene with an accelerator, and what is said of it; or the report of what is wrong.
+    /// A small picture of a scene with an accelerator, and what is said of it; or the report of
+    /// what is wrong.
     fn picture(scene: &str, accelerator: &str) -> Result<(Vec<[f32; 3]>, Option<String>), String> {
         let registry = registry();
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -59,7 +60,8 @@ mod peers {
         if others as f64 > MOST_OTHERS * all as f64 {
             return Err(format!("{others} of {all} pixels are not close").into());
         }
-        // If a mesh looked exactly as ours, it would not be the peer that rendered it; all else must.
+        // If a mesh looked exactly as ours, it would not be the peer that rendered it; all else
+        // must.
         if (differ == 0) == has_mesh {
             return Err(format!("{differ} pixels differ").into());
         }

@@ -1,6 +1,7 @@
 //! Diagrams with logarithmic axes as SVG, without dependencies.
 //!
-//! Readable on light and dark pages: ink and paper follow the reader's colour scheme. Every point has a `<title>`, which browsers show.
+//! Readable on light and dark pages: ink and paper follow the reader's colour scheme. Every point
+//! has a `<title>`, which browsers show.
 
 #![forbid(unsafe_code)]
 
@@ -37,7 +38,8 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Whole decades around all finite values, of which zero and what is as good as zero are drawn at 1e-18.
+    /// Whole decades around all finite values, of which zero and what is as good as zero are drawn
+    /// at 1e-18.
     pub fn around(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         Self::above(LEAST, values, from, to)
     }
@@ -121,7 +123,8 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// `title` is for those who cannot see it, `heading` stands above; `below` are the lines of text under the panels.
+    /// `title` is for those who cannot see it, `heading` stands above; `below` are the lines of
+    /// text under the panels.
     pub fn new(title: &str, heading: &str, below: usize) -> Self {
         let (wide, high) = (
             SECOND + WIDTH + 16.0,

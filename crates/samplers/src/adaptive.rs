@@ -1,9 +1,11 @@
 //! As many samples as a pixel needs: few where it shows one thing, more at edges.
 //!
-//! Whitted 1980, *An improved illumination model for shaded display*, section "Anti-aliasing": a pixel is sampled more finely where its samples
-//! differ. Which ones are, is decided as in Mitchell 1987, *Generating antialiased images at low sampling densities*, by
-//! their contrast, here in units of the error that is left; that of the neighbours counts, too, as an edge may pass between the
-//! samples of a pixel. The points are those of `sobol`, so that what is taken later adds to what is there.
+//! Whitted 1980, *An improved illumination model for shaded display*, section "Anti-aliasing": a
+//! pixel is sampled more finely where its samples differ. Which ones are, is decided as in Mitchell
+//! 1987, *Generating antialiased images at low sampling densities*, by their contrast, here in
+//! units of the error that is left; that of the neighbours counts, too, as an edge may pass between
+//! the samples of a pixel. The points are those of `sobol`, so that what is taken later adds to
+//! what is there.
 //!
 //! - Twin: Mitsuba through the driver, which traces the same positions in as many rounds.
 //! - Example: `scenes/samplers/adaptive.toml`.
@@ -22,11 +24,13 @@ pub struct Config {
     /// Samples a pixel at most.
     #[serde(default = "most")]
     samples: IntegerIn<1, 65536>,
-    /// Samples that every pixel takes, at most `samples`; 8 if left out, or all where those are fewer.
+    /// Samples that every pixel takes, at most `samples`; 8 if left out, or all where those are
+    /// fewer.
     #[serde(default)]
     #[schemars(with = "IntegerIn<1, 65536>")]
     first: Option<Spanned<IntegerIn<1, 65536>>>,
-    /// The error, a radiance in W/(m² sr), that a pixel is estimated to have when it takes no more samples; greater than 0.
+    /// The error, a radiance in W/(m² sr), that a pixel is estimated to have when it takes no more
+    /// samples; greater than 0.
     #[serde(default = "threshold")]
     threshold: Positive,
     /// Of the scrambling: another one gives other points.

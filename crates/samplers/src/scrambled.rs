@@ -1,9 +1,11 @@
 //! Sobol' points, scrambled after Owen.
 //!
-//! Sources: Sobol' 1967, of whose sequence these are the first two dimensions (van der Corput's and the one of x + 1, whose matrix is Pascal's
-//! triangle modulo 2); Owen 1995, *Randomly permuted (t,m,s)-nets and (t,s)-sequences*; Burley 2020, *Practical hash-based Owen
-//! scrambling*, Journal of Computer Graphics Techniques 9(4), listing 2, with the permutation of Laine and Karras. The points are computed here and not by a
-//! library, because the model has to say exactly which they are, and libraries use hashes of their own.
+//! Sources: Sobol' 1967, of whose sequence these are the first two dimensions (van der Corput's and
+//! the one of x + 1, whose matrix is Pascal's triangle modulo 2); Owen 1995, *Randomly permuted
+//! (t,m,s)-nets and (t,s)-sequences*; Burley 2020, *Practical hash-based Owen scrambling*, Journal
+//! of Computer Graphics Techniques 9(4), listing 2, with the permutation of Laine and Karras. The
+//! points are computed here and not by a library, because the model has to say exactly which they
+//! are, and libraries use hashes of their own.
 
 use crate::hash_of_pixel;
 use whitstone_core::DVec2;
@@ -19,7 +21,8 @@ pub(crate) fn position(seed: u32, pixel: [u32; 2], index: u32) -> DVec2 {
     DVec2::new(place(index, 1), place(second(index), 2))
 }
 
-/// The second dimension with its bits reversed, as the permutation wants them: of the first dimension that is the index itself.
+/// The second dimension with its bits reversed, as the permutation wants them: of the first
+/// dimension that is the index itself.
 pub(crate) fn second(index: u32) -> u32 {
     let mut direction = 1_u32;
     let mut sum = 0;

@@ -93,8 +93,9 @@ mod tests {
         assert_eq!([0, 1, 2, 3, 4, 5, 6, 7].map(plain), known);
     }
 
-    /// Of 2^m points, each box of the area 2^-m whose sides are powers of two holds one: no other property makes them better than random
-    /// ones, and a scrambling that is not Owen's would lose it.
+    /// Of 2^m points, each box of the area 2^-m whose sides are powers of two holds one: no other
+    /// property makes them better than random ones, and a scrambling that is not Owen's would lose
+    /// it.
     #[test]
     fn every_elementary_box_holds_one_point() {
         let m = 8;
@@ -116,7 +117,8 @@ mod tests {
         }
     }
 
-    /// The driver's own test has the same numbers, from other code: `references/mitsuba/tests/test_samplers.py`.
+    /// The driver's own test has the same numbers, from other code:
+    /// `references/mitsuba/tests/test_samplers.py`.
     #[test]
     fn the_points_are_those_of_the_driver() {
         let sampler = build::<Samplers, Sobol>("samples = 8\nseed = 4294967295", ()).unwrap();

@@ -1,8 +1,9 @@
 //! One sample at a random place in each cell of a square grid, another place in each pixel.
 //!
-//! Where a pixel's content has an edge, the error of n² such samples falls as n^-1.5, where it is smooth as n^-2 (Mitchell 1996,
-//! *Consequences of stratified sampling in graphics*); a regular grid falls as n^-1 along edges that lie along its rows. The places come from
-//! the hash of the model's section 9, so they are the same in every renderer and in every run.
+//! Where a pixel's content has an edge, the error of n² such samples falls as n^-1.5, where it is
+//! smooth as n^-2 (Mitchell 1996, *Consequences of stratified sampling in graphics*); a regular
+//! grid falls as n^-1 along edges that lie along its rows. The places come from the hash of the
+//! model's section 9, so they are the same in every renderer and in every run.
 //!
 //! - Twin: Mitsuba, through the driver, which traces the same positions.
 //! - Example: `scenes/samplers/stratified.toml`.
@@ -96,7 +97,8 @@ mod tests {
         assert_ne!(a.position([0, 0], 0), b.position([0, 0], 0));
     }
 
-    /// The driver's own test has the same numbers, from other code: `references/mitsuba/tests/test_samplers.py`.
+    /// The driver's own test has the same numbers, from other code:
+    /// `references/mitsuba/tests/test_samplers.py`.
     #[test]
     fn the_places_are_those_of_the_driver() {
         let sampler = build::<Samplers, Stratified>("n = 3\nseed = 4294967295", ()).unwrap();

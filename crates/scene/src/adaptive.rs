@@ -1,7 +1,8 @@
 //! More samples for those pixels that need them.
 //!
-//! Whitted 1980 subdivides a pixel where the colours at its corners differ; here a pixel takes as many samples again as it has as long as
-//! its own, or the first ones of its neighbours, are far apart. Section 5 of `docs/whitted-model.md`.
+//! Whitted 1980 subdivides a pixel where the colours at its corners differ; here a pixel takes as
+//! many samples again as it has as long as its own, or the first ones of its neighbours, are far
+//! apart. Section 5 of `docs/whitted-model.md`.
 
 use crate::film::SampleMemory;
 use crate::{Film, Pipeline, Progress};

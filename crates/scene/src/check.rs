@@ -3,9 +3,9 @@
 use crate::{BuildOptions, Description, Pipeline, Plan, Sources};
 use whitstone_core::{Registry, SceneErrors};
 
-/// Every error of every step. [`Description::parse`], [`Plan::new`] and [`Pipeline::build`] each report all
-/// their own errors, but the first of them that fails leaves those of the next ones unknown; this goes on with
-/// what is right. Empty exactly if the three succeed.
+/// Every error of every step. [`Description::parse`], [`Plan::new`] and [`Pipeline::build`] each
+/// report all their own errors, but the first of them that fails leaves those of the next ones
+/// unknown; this goes on with what is right. Empty exactly if the three succeed.
 pub fn all_errors(sources: &Sources, registry: &Registry) -> SceneErrors {
     all_errors_with(sources, registry, BuildOptions::default())
 }

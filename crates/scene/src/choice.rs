@@ -3,9 +3,9 @@
 use crate::PluginTable;
 use whitstone_core::{Element, FamilyName, Geometry, Registry, Shape};
 
-/// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over them.
-/// Measured with random spheres, boxes and triangles: the rates cross at about 160 whole shapes or 40
-/// triangles.
+/// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over
+/// them. Measured with random spheres, boxes and triangles: the rates cross at about 160 whole
+/// shapes or 40 triangles.
 const BRUTE_FORCE_LIMIT: usize = 128;
 
 /// What needs no structure.

@@ -49,7 +49,8 @@ pub struct Description<'s> {
     pub(crate) faulty: Faulty,
 }
 
-/// Parts of a scene that are there but could not be read: that they are missing is no further fault.
+/// Parts of a scene that are there but could not be read: that they are missing is no further
+/// fault.
 #[derive(Debug, Default)]
 pub(crate) struct Faulty {
     /// Tables that are there once, by their name: an empty one stands in their place.
@@ -79,7 +80,8 @@ impl PluginTable<'_> {
         }
     }
 
-    /// A type that another plugin builds of a file, and words for other keys; what is wrong is told at the file.
+    /// A type that another plugin builds of a file, and words for other keys; what is wrong is told
+    /// at the file.
     pub(crate) fn of_file(name: &str, file: &FilePath, words: &[(&'static str, &'static str)]) -> Self {
         let span = || file.span.clone();
         let mut table = DeTable::new();
@@ -175,7 +177,8 @@ pub enum Aov {
     PrimitiveId,
 }
 
-/// The `[expect]` table: where a scene must differ from the default limits, the number and the reason.
+/// The `[expect]` table: where a scene must differ from the default limits, the number and the
+/// reason.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Expect {

@@ -31,7 +31,8 @@ const LISTS: [&str; 2] = ["shape", "light"];
 /// Those that are one table each.
 const SINGLE: [&str; 6] = ["film", "camera", "sampler", "integrator", "accelerator", "expect"];
 
-/// Most keys in the path of an override: tables nest no deeper in a file either, as far as the parser goes.
+/// Most keys in the path of an override: tables nest no deeper in a file either, as far as the
+/// parser goes.
 const MAX_PATH: usize = 64;
 
 /// The top-level table nearest in name, if `name` is none of them.
@@ -74,7 +75,8 @@ fn parse(padded: &str) -> (DeTable<'_>, SceneErrors) {
     (table.into_inner(), SceneErrors(errors))
 }
 
-/// What is meant by a second `[shape]` or `[light]`, at whose name the parser finds a duplicate key.
+/// What is meant by a second `[shape]` or `[light]`, at whose name the parser finds a duplicate
+/// key.
 fn list_help(text: &str, span: &SourceSpan) -> Option<String> {
     let name = text.get(span.clone())?;
     let in_brackets = text[..span.start].ends_with('[') && text[span.end..].starts_with(']');
@@ -87,8 +89,9 @@ fn two_brackets(name: &str) -> String {
 
 /// All files merged, overrides applied.
 ///
-/// A file comes after what it includes: its `[[shape]]`s and `[[light]]`s are added behind, its shared
-/// materials, textures and groups replace those of the same id, its other tables replace whole tables.
+/// A file comes after what it includes: its `[[shape]]`s and `[[light]]`s are added behind, its
+/// shared materials, textures and groups replace those of the same id, its other tables replace
+/// whole tables.
 ///
 /// With all that is wrong at the top level.
 ///
@@ -191,8 +194,8 @@ fn insert_all<'s>(
     }
 }
 
-/// Applies `path=value`: the path is keys and indices with dots; a list is entered by index or by the
-/// `id` of an element. The value is TOML; what is not is taken as a string.
+/// Applies `path=value`: the path is keys and indices with dots; a list is entered by index or by
+/// the `id` of an element. The value is TOML; what is not is taken as a string.
 fn apply<'s>(
     merged: &mut DeTable<'s>,
     start: usize,
@@ -325,8 +328,8 @@ pub struct Flattened {
     pub text: String,
     /// Folder that the paths are relative to; absolute if the working folder is known.
     pub base: PathBuf,
-    /// Of everything that the image depends on: the document without `accelerator` and `expect`, and the
-    /// bytes of every file that it names.
+    /// Of everything that the image depends on: the document without `accelerator` and `expect`,
+    /// and the bytes of every file that it names.
     pub hash: String,
     /// These files, from the working folder.
     pub files: Vec<PathBuf>,

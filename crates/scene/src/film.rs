@@ -53,7 +53,8 @@ struct Tile {
 }
 
 impl Tile {
-    /// The pixels, from the tile's corner, in small squares: rays of one register stay close together.
+    /// The pixels, from the tile's corner, in small squares: rays of one register stay close
+    /// together.
     fn order(&self, order: &mut Vec<[u32; 2]>) {
         let square = |k: u32| [k % (TILE / SQUARE) * SQUARE, k / (TILE / SQUARE) * SQUARE];
         let squares = (0..(TILE / SQUARE).pow(2)).map(square);
@@ -156,8 +157,8 @@ impl Aov {
 }
 
 impl Pipeline {
-    /// Renders the image. The result is the same for any number of threads: a pixel depends on nothing
-    /// but the scene.
+    /// Renders the image. The result is the same for any number of threads: a pixel depends on
+    /// nothing but the scene.
     pub fn render(&self, options: RenderOptions<'_>) -> Film {
         if options.threads == 0 {
             return self.render_on_current_pool(options.progress);
@@ -203,7 +204,8 @@ impl Pipeline {
         });
         let adaptive = self.sampler.refinement().map(|rule| Adaptive::new(rule, size));
         let first = adaptive.as_ref().map_or(self.sampler.count(), Adaptive::first);
-        // Each thread takes the next tile when it is done with one: parts of the image that are handed out beforehand take unequal times.
+        // Each thread takes the next tile when it is done with one: parts of the image that are
+        // handed out beforehand take unequal times.
         let next = AtomicUsize::new(0);
         rayon::broadcast(|_| {
             let mut scratch = TileScratch::default();
@@ -288,8 +290,8 @@ impl Pipeline {
         }
     }
 
-    /// Radiance at some positions of some pixels, as many as a stream has lanes, through each point of the lens: told lane by lane, one sample
-    /// after another.
+    /// Radiance at some positions of some pixels, as many as a stream has lanes, through each point
+    /// of the lens: told lane by lane, one sample after another.
     #[inline]
     pub(crate) fn sample(
         &self,
@@ -328,7 +330,8 @@ impl Pipeline {
         }
     }
 
-    /// Samples a pixel, at most: each position of the sampler through each point of the camera's lens, one position after another.
+    /// Samples a pixel, at most: each position of the sampler through each point of the camera's
+    /// lens, one position after another.
     pub fn samples(&self) -> u32 {
         self.sampler.count() * self.camera.lens_points()
     }
@@ -338,14 +341,16 @@ impl Pipeline {
         pixel_corner(pixel) + self.sampler.position(pixel, position)
     }
 
-    /// How far apart samples are, in pixels, as if they lay in a grid; `None` if no texture asks for it.
+    /// How far apart samples are, in pixels, as if they lay in a grid; `None` if no texture asks
+    /// for it.
     fn sample_distance(&self) -> Option<f64> {
         let refined = || self.sampler.refinement().map(|rule| rule.first);
         let count = || f64::from(refined().unwrap_or_else(|| self.sampler.count()));
         self.world.reads_footprints().then(|| 1.0 / count().sqrt())
     }
 
-    /// How far apart the camera ray of a sample of a pixel is from its neighbours, if any texture asks for it.
+    /// How far apart the camera ray of a sample of a pixel is from its neighbours, if any texture
+    /// asks for it.
     pub fn camera_spread(&self, pixel: [u32; 2], sample: u32) -> Option<Spread> {
         let lens = self.camera.lens_points();
         let raster = self.raster(pixel, sample / lens);

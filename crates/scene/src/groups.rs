@@ -6,7 +6,8 @@ use std::sync::Arc;
 use whitstone_core::config::GroupRef;
 use whitstone_core::{Group, SceneError, SceneErrors, SourceSpan, nearest};
 
-/// Deepest nesting of groups: a ray passes a transformation at each level, and no scene by hand comes near.
+/// Deepest nesting of groups: a ray passes a transformation at each level, and no scene by hand
+/// comes near.
 const MAX_NESTING: usize = 16;
 
 /// A group that some instance places.

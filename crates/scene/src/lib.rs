@@ -1,6 +1,6 @@
-//! From a scene file to a picture, in steps that each have a type:
-//! [`Sources`] (text) -> [`Description`] (tables) -> [`Plan`] (what is needed) -> [`Pipeline`] (built)
-//! -> [`Film`] (rendered).
+//! From a scene file to a picture, in steps that each have a type: [`Sources`] (text) ->
+//! [`Description`] (tables) -> [`Plan`] (what is needed) -> [`Pipeline`] (built) -> [`Film`]
+//! (rendered).
 //!
 //! This crate knows the registry, not the plugins.
 

@@ -7,7 +7,8 @@ use whitstone_core::{Bodies, Integrator, Material, SceneError, SceneErrors, Sour
 /// So many rays may come of one by reflections that are spread over directions.
 const MOST_REFLECTIONS: f64 = (1 << 24) as f64;
 
-/// Bodies that may overlap: not too many, and none that could be copied. The materials are those of all shapes.
+/// Bodies that may overlap: not too many, and none that could be copied. The materials are those of
+/// all shapes.
 pub(crate) fn overlapping(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], errors: &mut SceneErrors) {
     let alone = plan.description.shapes.len();
     let all = plan.shapes().into_iter().zip(materials).enumerate();
@@ -32,7 +33,8 @@ pub(crate) fn overlapping(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], 
     }
 }
 
-/// That the reflections of reflections in what is glossy have an end in sight. The materials are those of all shapes, if there are no errors.
+/// That the reflections of reflections in what is glossy have an end in sight. The materials are
+/// those of all shapes, if there are no errors.
 pub(crate) fn ending(
     plan: &Plan<'_, '_>,
     materials: &[Arc<dyn Material>],

@@ -4,8 +4,8 @@ use crate::FilmTable;
 use std::fs;
 use whitstone_core::{SceneError, SceneErrors};
 
-/// What a structure takes while it is built, in bytes an element: measured for `bvh` (`docs/accelerators.md`), about
-/// right for the others.
+/// What a structure takes while it is built, in bytes an element: measured for `bvh`
+/// (`docs/accelerators.md`), about right for the others.
 const BUILD_BYTES: u64 = 200;
 
 /// What of it stays.

@@ -21,8 +21,8 @@ pub(crate) struct Operands {
 }
 
 impl Operands {
-    /// The table of an operand without its transform, and where it stands in the world. [`Self::leave`] must follow if
-    /// this succeeds.
+    /// The table of an operand without its transform, and where it stands in the world.
+    /// [`Self::leave`] must follow if this succeeds.
     pub(crate) fn enter<'s>(
         &mut self,
         table: &PluginTable<'s>,

@@ -66,7 +66,8 @@ pub struct Pipeline {
 /// How to build; what is rendered does not depend on it.
 #[derive(Clone, Copy, Default)]
 pub struct BuildOptions<'a> {
-    /// Bytes that meshes and accelerators may take, also while they are built; by default what the machine has left.
+    /// Bytes that meshes and accelerators may take, also while they are built; by default what the
+    /// machine has left.
     pub max_memory: Option<u64>,
     /// Where what took long to make is kept; by default nowhere.
     pub cache: Option<Cache<'a>>,
@@ -386,8 +387,8 @@ impl<'d, 's> Builder<'d, 's, '_> {
         complete
     }
 
-    /// The shapes and the accelerator over them; none where any shape is missing, as it would be built for
-    /// nothing.
+    /// The shapes and the accelerator over them; none where any shape is missing, as it would be
+    /// built for nothing.
     fn structure(
         &mut self,
         tables: &[ShapeTable<'s>],
@@ -440,7 +441,8 @@ impl<'d, 's> Builder<'d, 's, '_> {
         })
     }
 
-    /// Puts gaps between surfaces that coincide, and says how much earlier shadow rays end before lights.
+    /// Puts gaps between surfaces that coincide, and says how much earlier shadow rays end before
+    /// lights.
     fn draw_apart(
         &mut self,
         geometry: Geometry,
@@ -466,7 +468,8 @@ impl<'d, 's> Builder<'d, 's, '_> {
         (geometry, found.light_margin)
     }
 
-    /// What an object-order method makes of the scene, or why it cannot show it, at the shape or at its own name.
+    /// What an object-order method makes of the scene, or why it cannot show it, at the shape or at
+    /// its own name.
     fn object_order(
         &mut self,
         integrator: &dyn Integrator,
@@ -552,7 +555,8 @@ impl<'d, 's> Builder<'d, 's, '_> {
         result
     }
 
-    /// Builds a plugin that another one may name as a part of it. The outer error is one of naming it, the inner one its own.
+    /// Builds a plugin that another one may name as a part of it. The outer error is one of naming
+    /// it, the inner one its own.
     #[allow(clippy::type_complexity, reason = "two kinds of errors")]
     fn nested<F>(
         &mut self,

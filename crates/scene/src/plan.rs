@@ -11,7 +11,8 @@ pub struct Plan<'d, 's> {
     pub groups: Vec<PlannedGroup<'d>>,
     /// What will not be built, loaded or run.
     pub left_out: Vec<LeftOut>,
-    /// Every plugin that the scene names, whether it is built for it or not: without them it is not accepted.
+    /// Every plugin that the scene names, whether it is built for it or not: without them it is not
+    /// accepted.
     pub named: BTreeSet<(FamilyName, &'static str)>,
 }
 

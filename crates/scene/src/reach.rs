@@ -4,7 +4,8 @@ use crate::{LeftOut, PluginTable};
 use std::sync::Arc;
 use whitstone_core::{Aabb, Element, Geometry, Light, LightGives, Lobes, Material, Shape};
 
-/// Drops the lights that no surface that reflects light could receive; `lights` are beside their tables. The image is the same: what is dropped would be black.
+/// Drops the lights that no surface that reflects light could receive; `lights` are beside their
+/// tables. The image is the same: what is dropped would be black.
 pub(crate) fn leave_out_lights(
     tables: &[PluginTable<'_>],
     lights: &mut Vec<Arc<dyn Light>>,

@@ -10,8 +10,9 @@ const FAMILY_MARK: &str = "x-family";
 /// The definition of a step of a transform.
 const STEP: &str = "transform_step";
 
-/// The schema of a scene file with the plugins of a registry. A file that is only included by others has no
-/// camera, so none is required here; for the rest, what the schema refuses the loader refuses as well.
+/// The schema of a scene file with the plugins of a registry. A file that is only included by
+/// others has no camera, so none is required here; for the rest, what the schema refuses the loader
+/// refuses as well.
 pub fn scene_schema(registry: &Registry) -> Value {
     let mut definitions = Map::new();
     for family in FamilyName::ALL {
@@ -30,7 +31,8 @@ pub fn scene_schema(registry: &Registry) -> Value {
                 &["type"],
             ));
         }
-        // The fitting one is found by its `type`: with `anyOf`, editors would offer the keys of all.
+        // The fitting one is found by its `type`: with `anyOf`, editors would offer the keys of
+        // all.
         definitions.insert(family.singular().to_owned(), json!({ "oneOf": choices }));
     }
     definitions.insert(STEP.to_owned(), transform_step());
@@ -45,8 +47,8 @@ pub fn scene_schema(registry: &Registry) -> Value {
     })
 }
 
-/// The schema of the table of one plugin, with the keys that every plugin of its family has. Inline plugins in it
-/// are any table with a `type`: which ones there are, the schema of scenes says.
+/// The schema of the table of one plugin, with the keys that every plugin of its family has. Inline
+/// plugins in it are any table with a `type`: which ones there are, the schema of scenes says.
 pub fn table_schema(entry: &Entry) -> Value {
     let mut definitions = Map::new();
     let mut schema = plugin_schema(entry, &mut definitions);
@@ -237,8 +239,8 @@ fn plugin_schema(entry: &Entry, definitions: &mut Map<String, Value>) -> Value {
     schema
 }
 
-/// Makes references to the plugin's own definitions point to where they are put, and puts references to
-/// families where a plugin may stand.
+/// Makes references to the plugin's own definitions point to where they are put, and puts
+/// references to families where a plugin may stand.
 fn relocate(schema: &mut Value, prefix: &str) {
     match schema {
         Value::Array(items) => items.iter_mut().for_each(|item| relocate(item, prefix)),

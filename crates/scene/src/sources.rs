@@ -20,8 +20,9 @@ const MAX_DEPTH: usize = 32;
 
 /// The text of a scene: the file, what it includes, and the overrides of the command line.
 ///
-/// Places in the text are byte ranges over all of them, one behind the other. To get such places from
-/// the TOML parser, each text is parsed behind as many spaces as the texts before it have bytes.
+/// Places in the text are byte ranges over all of them, one behind the other. To get such places
+/// from the TOML parser, each text is parsed behind as many spaces as the texts before it have
+/// bytes.
 #[derive(Debug, Default)]
 pub struct Sources {
     /// In the order of merging: a file comes after what it includes, overrides last.
@@ -74,8 +75,8 @@ pub struct Position {
 }
 
 impl Sources {
-    /// Reads a scene file and, recursively, what it includes. `overrides` are `path=value`, as given
-    /// to `--set`.
+    /// Reads a scene file and, recursively, what it includes. `overrides` are `path=value`, as
+    /// given to `--set`.
     pub fn load(path: &Path, overrides: &[String]) -> Result<Self, Box<LoadError>> {
         let mut loader = Loader {
             sources: Self {
@@ -181,7 +182,8 @@ impl Sources {
         })
     }
 
-    /// The errors for people, each with its place, the line, and advice. With `color` in ANSI colours.
+    /// The errors for people, each with its place, the line, and advice. With `color` in ANSI
+    /// colours.
     pub fn report(&self, errors: &SceneErrors, color: bool) -> String {
         self.report_at(Level::ERROR, errors.0.iter(), color)
     }

@@ -9,7 +9,8 @@ use whitstone_core::{DAffine3, SceneError, SceneErrors, Transform};
 
 use crate::document::Value;
 
-/// The transform that a value of the key `transform` says. Steps are applied in the order in which they are written.
+/// The transform that a value of the key `transform` says. Steps are applied in the order in which
+/// they are written.
 ///
 /// # Errors
 ///

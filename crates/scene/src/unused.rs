@@ -25,7 +25,8 @@ impl LookedUp {
         });
     }
 
-    /// Those that others hold, with their types. The rest were read while the scene was built, as heights are, or belong to what is left out.
+    /// Those that others hold, with their types. The rest were read while the scene was built, as
+    /// heights are, or belong to what is left out.
     pub(crate) fn kept(self, left_out: &mut Vec<LeftOut>) -> Vec<(String, Arc<dyn Texture>)> {
         let mut kept = Vec::new();
         for Built { id, kind, texture } in self.0 {

@@ -1,8 +1,9 @@
 //! A box, or any parallelepiped by its transform.
 //!
-//! The slab test of Kay and Kajiya (1986) in object space, with near and far faces told by the *sign bit*
-//! of the direction and comparisons that ignore NaN (Ize, *Robust BVH ray traversal*, JCGT 2(2), 2013):
-//! rays that run in a face, with either sign of zero, are answered like their neighbours inside.
+//! The slab test of Kay and Kajiya (1986) in object space, with near and far faces told by the
+//! *sign bit* of the direction and comparisons that ignore NaN (Ize, *Robust BVH ray traversal*,
+//! JCGT 2(2), 2013): rays that run in a face, with either sign of zero, are answered like their
+//! neighbours inside.
 //!
 //! - Twin: Mitsuba `cube` (native).
 //! - Example: `scenes/shapes/box.toml`.
@@ -124,9 +125,9 @@ impl Straight for Cuboid {
         let ray = self.frame.ray_to_object(ray);
         let [entry, exit] = crossings(&ray);
         let leaving = leaves != LEAVES_NOTHING;
-        // The box is convex: what leaves a face outward meets no other, what goes inward meets the exit
-        // only. That is the rule "this face is skipped" without its rounding: a start on an edge may lie
-        // beyond the neighbour's plane by an ulp.
+        // The box is convex: what leaves a face outward meets no other, what goes inward meets the
+        // exit only. That is the rule "this face is skipped" without its rounding: a start on an
+        // edge may lie beyond the neighbour's plane by an ulp.
         let outward = turned(ray.direction, leaves >> 1).x * side(leaves) >= 0.0;
         let meets = (entry.t <= exit.t) & !(leaving & (outward | (exit.face == leaves)));
         // An edge or a corner is touched: the lowest face wins.

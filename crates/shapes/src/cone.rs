@@ -1,7 +1,8 @@
 //! A cone or a frustum about the z axis.
 //!
-//! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2, 5.2;
-//! heights count from the apex, where the squares of the radii do not cancel; arithmetic in `conic.rs`.
+//! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing*
+//! (1989), ch. 2, 5.2; heights count from the apex, where the squares of the radii do not cancel;
+//! arithmetic in `conic.rs`.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `cone` (native).
 //! - Example: `scenes/shapes/cone.toml`.
@@ -16,7 +17,8 @@ use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transfo
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// At the lower and at the upper end, in metres, at least 0; one of them may be 0, which makes that end an apex.
+    /// At the lower and at the upper end, in metres, at least 0; one of them may be 0, which makes
+    /// that end an apex.
     #[serde(default = "radii")]
     #[schemars(with = "Vector2")]
     radii: Radii,
@@ -71,7 +73,8 @@ impl Plugin<Shapes> for Cone {
         } else {
             high - at_high / slope
         };
-        // Counted from the apex, if that is not so far away that heights would lose their digits there.
+        // Counted from the apex, if that is not so far away that heights would lose their digits
+        // there.
         let near = (apex - low).abs() <= 1e3 * (high - low);
         let (origin, radius) = if near { (apex, 0.0) } else { (low, at_low) };
         let cone = Revolution {

@@ -1,10 +1,11 @@
-//! What the quadrics have in common: `sum of l_i y_i² + 2 g_i y_i + k = 0` in canonical space, cut by a box of object
-//! space, open or closed where it is cut.
+//! What the quadrics have in common: `sum of l_i y_i² + 2 g_i y_i + k = 0` in canonical space, cut
+//! by a box of object space, open or closed where it is cut.
 //!
-//! The ray is taken into canonical space instead of the matrix into the world, which loses all digits of what is
-//! stretched. Its start is moved to where it comes nearest to the center, or into the box, so that squares of far
-//! eyes do not cancel. The discriminant is Kahan's (*On the cost of floating-point computation without extra-precise
-//! arithmetic*, 2004), the roots are those that do not cancel (Press et al., *Numerical Recipes*, 5.6).
+//! The ray is taken into canonical space instead of the matrix into the world, which loses all
+//! digits of what is stretched. Its start is moved to where it comes nearest to the center, or into
+//! the box, so that squares of far eyes do not cancel. The discriminant is Kahan's (*On the cost of
+//! floating-point computation without extra-precise arithmetic*, 2004), the roots are those that do
+//! not cancel (Press et al., *Numerical Recipes*, 5.6).
 
 use crate::frame::{Frame, UNIT};
 use crate::near::{comes_near_ball, goes_on};
@@ -118,8 +119,8 @@ impl Conic {
         let nearest = -(weight * start).dot(d) / (weight * d).dot(d);
         // NaN, where no square tells what is near, is ignored.
         let moved = nearest.max(entry.t).min(exit.t);
-        // All parameters are from there on, lest they have the rounding of a long way: which of two comes first would be chance where
-        // the box is thin.
+        // All parameters are from there on, lest they have the rounding of a long way: which of two
+        // comes first would be chance where the box is thin.
         let near = ray.origin + moved * ray.direction;
         let [entry, exit] = self.slabs(near, ray.direction);
         let y = self.turn * (near - self.center);
@@ -130,7 +131,8 @@ impl Conic {
         let ac = a * c;
         let discriminant = b.mul_add(b, -ac) + (-a).mul_add(c, ac);
         let q = -(b + discriminant.sqrt().copysign(b));
-        // One of them is infinite for a line that meets the surface once only, NaN where both are the same.
+        // One of them is infinite for a line that meets the surface once only, NaN where both are
+        // the same.
         let (one, other) = (c / q, q / a);
         let (first, last) = (one.min(other), one.max(other));
 
@@ -152,9 +154,11 @@ impl Conic {
                 primitive: select(surface, 0, exit.primitive),
             }
         };
-        // What is touched from outside counts, but not a point between two parts: that is no way in.
+        // What is touched from outside counts, but not a point between two parts: that is no way
+        // in.
         let part = |enter: End, exit: End| {
-            // Where a face and the quadric meet at a flat angle, equal parameters of a ray from far away say nothing: the place does.
+            // Where a face and the quadric meet at a flat angle, equal parameters of a ray from far
+            // away say nothing: the place does.
             let rim = (enter.primitive == 0) != (exit.primitive == 0);
             let touched = (enter.t == exit.t) & !around & (!rim | self.holds(near + enter.t * ray.direction));
             let there = (enter.t < exit.t) | touched;
@@ -208,12 +212,13 @@ impl Conic {
         DVec3::new(along(0), along(1), along(2))
     }
 
-    /// The point of the surface near `p`, half the gradient there, and a bound on how far half the function is off zero
-    /// there: all in object space.
+    /// The point of the surface near `p`, half the gradient there, and a bound on how far half the
+    /// function is off zero there: all in object space.
     ///
-    /// Newton's method along the gradient: two steps leave only rounding, four also where `p` is off by a tenth of what is
-    /// thinnest, as from very far away. In the function that is at
-    /// most six roundings of the sum of its absolute terms; in the point, those of two rotations and a sum.
+    /// Newton's method along the gradient: two steps leave only rounding, four also where `p` is
+    /// off by a tenth of what is thinnest, as from very far away. In the function that is at most
+    /// six roundings of the sum of its absolute terms; in the point, those of two rotations and a
+    /// sum.
     #[inline(always)]
     fn project(&self, p: DVec3) -> (DVec3, DVec3, f64) {
         let mut y = self.turn * (p - self.center);
@@ -278,8 +283,8 @@ impl<M: Mapping> Straight for Clipped<M> {
         let ray = self.frame.ray_to_object(ray);
         let [first, again] = conic.parts(&ray);
         let (one, two) = (first.there, again.there);
-        // What leaves for the inside meets an exit first, what leaves for the outside an entry: this tells the start
-        // from the far end without asking how far rounding has moved it.
+        // What leaves for the inside meets an exit first, what leaves for the outside an entry:
+        // this tells the start from the far end without asking how far rounding has moved it.
         let leaving = leaves != LEAVES_NOTHING;
         let inward = leaving & conic.goes_inside(&ray, leaves);
         let outward = leaving & !inward;
@@ -377,8 +382,8 @@ mod tests {
         (-b - (b * b - a * (ray.origin.length_squared() - 1.0)).sqrt()) / a
     }
 
-    /// From far away, where a sphere is known to be hit in front of its center by a little less than its radius: squares of
-    /// distances that are not brought near lose what is looked for.
+    /// From far away, where a sphere is known to be hit in front of its center by a little less
+    /// than its radius: squares of distances that are not brought near lose what is looked for.
     #[test]
     fn far_eyes_see_where_the_surface_is_and_the_naive_form_does_not() {
         let Shape::Opaque(sphere) = build::<Shapes, Ellipsoid>("", Transform::IDENTITY).unwrap() else {

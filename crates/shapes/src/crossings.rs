@@ -1,8 +1,8 @@
 //! Where a function of one variable changes its sign: all places, in order, by bisection of ranges.
 //!
-//! Mitchell, *Robust ray intersection with interval arithmetic*, Graphics Interface 1990: a range on which the function
-//! keeps its sign is left out, one on which its slope does is a bracket with at most one root, for Newton's method; all
-//! others are halved.
+//! Mitchell, *Robust ray intersection with interval arithmetic*, Graphics Interface 1990: a range
+//! on which the function keeps its sign is left out, one on which its slope does is a bracket with
+//! at most one root, for Newton's method; all others are halved.
 
 use std::ops::ControlFlow;
 
@@ -33,9 +33,11 @@ pub(crate) struct Crossing {
     pub enters: bool,
 }
 
-/// So many ranges are looked at in full; of those that are still open then, what is not wider than [`COARSE`] is searched for one root.
+/// So many ranges are looked at in full; of those that are still open then, what is not wider than
+/// [`COARSE`] is searched for one root.
 const STEPS: u32 = 1 << 13;
-/// What comes late may be as thin as this and is still seen: along the axis of a mandelbulb, where nothing is known of slopes, all steps go into one place.
+/// What comes late may be as thin as this and is still seen: along the axis of a mandelbulb, where
+/// nothing is known of slopes, all steps go into one place.
 const COARSE: f64 = 1.0 / (1u64 << 14) as f64;
 /// Halvings of one range at most.
 const DEPTH: usize = 46;
@@ -44,10 +46,11 @@ const NARROWEST: f64 = 1.0 / (1u64 << DEPTH) as f64;
 /// Steps to a root: every third one halves the bracket, whatever the slopes are, to its 53 digits.
 const REFINEMENTS: u32 = 159;
 
-/// Calls `visit` for every crossing in order, until it breaks. Crossings alternate. At most [`STEPS`] + 2^15 + [`DEPTH`] + 1 ranges and
-/// [`REFINEMENTS`] values for each crossing.
+/// Calls `visit` for every crossing in order, until it breaks. Crossings alternate. At most
+/// [`STEPS`] + 2^15 + [`DEPTH`] + 1 ranges and [`REFINEMENTS`] values for each crossing.
 pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> ControlFlow<()>) -> u32 {
-    // The range in work reaches from `lo` to the last of the ends, the next one to the one before, ...
+    // The range in work reaches from `lo` to the last of the ends, the next one to the one before,
+    // ...
     let mut ends = [1.0; DEPTH + 1];
     let (mut last, mut lo, mut steps) = (0, 0.0, 0);
     let mut inside = f.at(lo).0 < 0.0;
@@ -119,7 +122,8 @@ mod tests {
     use crate::enclosure::{Dual, Enclosure, Number};
     use whitstone_testkit::Random;
 
-    /// Ranges at most: behind the steps as many coarse ones as there are in all of [0, 1], and those around them.
+    /// Ranges at most: behind the steps as many coarse ones as there are in all of [0, 1], and
+    /// those around them.
     const MOST_STEPS: u32 = STEPS + (1 << 15) + DEPTH as u32 + 1;
 
     /// The product of s - root over some roots.

@@ -1,10 +1,12 @@
 //! Constructive solid geometry: union, intersection and difference of solids.
 //!
-//! Roth, *Ray casting for modeling solids*, Computer Graphics and Image Processing 18 (1982): each operand says which parts
-//! of the line lie inside, and the operation joins these parts. There is no epsilon: where operands have an end at the same
-//! place, no part between is taken for real, and the first operand gives the normal.
+//! Roth, *Ray casting for modeling solids*, Computer Graphics and Image Processing 18 (1982): each
+//! operand says which parts of the line lie inside, and the operation joins these parts. There is
+//! no epsilon: where operands have an end at the same place, no part between is taken for real, and
+//! the first operand gives the normal.
 //!
-//! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `merge`, `intersection`, `difference` (native).
+//! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `merge`, `intersection`,
+//!   `difference` (native).
 //! - Example: `scenes/shapes/csg.toml`.
 
 use schemars::JsonSchema;
@@ -18,14 +20,16 @@ use whitstone_core::{
 /// Most operands of one operation.
 const MAX_OPERANDS: usize = 256;
 
-/// Solids joined by an operation; the surface is that of the result, and the outside is outside of it.
+/// Solids joined by an operation; the surface is that of the result, and the outside is outside of
+/// it.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "union" is what lies in any operand, "intersection" what lies in all of them, "difference" what lies in the first
-    /// one and in none of the others.
+    /// "union" is what lies in any operand, "intersection" what lies in all of them, "difference"
+    /// what lies in the first one and in none of the others.
     operation: Operation,
-    /// Closed shapes (solids, level sets that are not cut open, closed meshes), 2 to 256, with transforms of their own and without material; they may be of type csg, 16 deep.
+    /// Closed shapes (solids, level sets that are not cut open, closed meshes), 2 to 256, with
+    /// transforms of their own and without material; they may be of type csg, 16 deep.
     #[schemars(with = "Vec<SolidRef>")]
     operands: Operands,
 }
@@ -78,7 +82,8 @@ impl Ball {
     /// Around a box; none around an endless one.
     fn around(bounds: &Aabb) -> Option<Self> {
         let center = bounds.center();
-        // More than the rounding of center and extent, and of surfaces that stick out of their boxes by as much.
+        // More than the rounding of center and extent, and of surfaces that stick out of their
+        // boxes by as much.
         let rounding = 16.0 * f64::EPSILON * center.abs().max_element();
         let radius = (0.5 + 1e-9) * bounds.extent().length() + rounding;
         (bounds.is_finite() && radius.is_finite()).then_some(Self { center, radius })
@@ -177,7 +182,8 @@ impl Csg {
     }
 }
 
-/// A place where a line crosses the surface of the one or the other, and which of them it enters there.
+/// A place where a line crosses the surface of the one or the other, and which of them it enters
+/// there.
 struct Crossing {
     end: PrimitiveHit,
     second: bool,
@@ -201,8 +207,8 @@ fn crossings<'a>(first: &'a [Span], second: &'a [Span]) -> impl Iterator<Item = 
     })
 }
 
-/// The parts of a line for which the operation on being inside of the first and of the second says so. What has no length
-/// is not there, and what is only parted by a point is one.
+/// The parts of a line for which the operation on being inside of the first and of the second says
+/// so. What has no length is not there, and what is only parted by a point is one.
 fn join(first: &[Span], second: &[Span], inside: impl Fn(bool, bool) -> bool) -> Spans {
     let mut joined = Spans::new();
     let (mut in_first, mut in_second) = (false, false);
@@ -483,7 +489,8 @@ mod tests {
             );
             Some((hit.t, hit.primitive, point.n_g.to_array()))
         };
-        // Face 5 of the cube, and the side of the bore from within, where the outside of the whole is.
+        // Face 5 of the cube, and the side of the bore from within, where the outside of the whole
+        // is.
         assert_eq!(
             hit([0.5, 0.0, 3.0], [0.0, 0.0, -1.0]),
             Some((2.0, 10, [0.0, 0.0, 1.0]))
@@ -513,7 +520,8 @@ mod tests {
                 assert_eq!(once, spans(itself.as_ref(), &ray));
             }
         }
-        // Along the common face of two cubes that touch, and across it, where their coordinates are exact.
+        // Along the common face of two cubes that touch, and across it, where their coordinates are
+        // exact.
         let wall = solid_of("union", &["cube", "next"]);
         for _ in 0..2_000 {
             let [target, origin] = [1.0, 4.0].map(|scale| scale * (64.0 * random.cube()).floor() / 64.0);

@@ -1,9 +1,11 @@
 //! A cylinder about the z axis.
 //!
-//! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2, 5.2 and
-//! Cychosz and Waggenspack, *Intersecting a ray with a cylinder*, Graphics Gems IV (1994), V.2; arithmetic in `conic.rs`.
+//! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing*
+//! (1989), ch. 2, 5.2 and Cychosz and Waggenspack, *Intersecting a ray with a cylinder*, Graphics
+//! Gems IV (1994), V.2; arithmetic in `conic.rs`.
 //!
-//! - Twin: Mitsuba `cylinder` (native) without caps, hosted by the driver with caps; POV-Ray `cylinder` (native).
+//! - Twin: Mitsuba `cylinder` (native) without caps, hosted by the driver with caps; POV-Ray
+//!   `cylinder` (native).
 //! - Example: `scenes/shapes/cylinder.toml`.
 
 use crate::revolution::{Heights, Revolution};

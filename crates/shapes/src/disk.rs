@@ -47,8 +47,8 @@ impl Plugin<Shapes> for Disk {
 impl Straight for Disk {
     fn bounds(&self) -> Aabb {
         let [x, y, _] = self.frame.columns(DVec3::ONE);
-        // The disk reaches sqrt(x² + y²) along each world axis: exact if one of them is zero, else up to
-        // the rounding of the squares, their sum and the root.
+        // The disk reaches sqrt(x² + y²) along each world axis: exact if one of them is zero, else
+        // up to the rounding of the squares, their sum and the root.
         let reach = |x: f64, y: f64| match (x, y) {
             (0.0, other) | (other, 0.0) => other.abs(),
             _ => x.hypot(y) * (1.0 + 2.0 * f64::EPSILON),

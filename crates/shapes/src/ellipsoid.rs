@@ -1,7 +1,8 @@
 //! An ellipsoid.
 //!
-//! The transform scales a unit sphere, and rays are taken into its space: Haines, Günther, Akenine-Möller, *Precision
-//! improvements for ray/sphere intersection*, Ray Tracing Gems (2019), ch. 7, and `conic.rs`.
+//! The transform scales a unit sphere, and rays are taken into its space: Haines, Günther,
+//! Akenine-Möller, *Precision improvements for ray/sphere intersection*, Ray Tracing Gems (2019),
+//! ch. 7, and `conic.rs`.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `sphere`, scaled (native).
 //! - Example: `scenes/shapes/ellipsoid.toml`.
@@ -14,8 +15,8 @@ use whitstone_core::{
     Context, DAffine3, DMat3, DVec2, DVec3, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform,
 };
 
-/// An ellipsoid about the origin of its object space, with its axes along the coordinate axes; the outside is away from
-/// its center.
+/// An ellipsoid about the origin of its object space, with its axes along the coordinate axes; the
+/// outside is away from its center.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -106,7 +107,8 @@ mod tests {
         }
     }
 
-    /// With condition 1e6, seen from afar: a matrix that is expanded in the world gets every fifth of these wrong.
+    /// With condition 1e6, seen from afar: a matrix that is expanded in the world gets every fifth
+    /// of these wrong.
     #[test]
     fn a_flat_ellipsoid_is_hit_where_it_is() {
         let ray = Ray::new(DVec3::new(100.0, 0.6, 0.0), DVec3::NEG_X);

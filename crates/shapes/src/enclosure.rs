@@ -1,9 +1,11 @@
-//! Numbers that functions are computed with: one, a range that holds all values, and either with slopes.
+//! Numbers that functions are computed with: one, a range that holds all values, and either with
+//! slopes.
 //!
-//! A function is written once, over [`Number`]. Over [`Enclosure`] it gives bounds of its values on a range of
-//! arguments (Moore, *Interval Analysis*, 1966), over [`Dual`] its slopes beside them (forward differentiation; Griewank
-//! and Walther, *Evaluating Derivatives*, 2008, ch. 3). Every operation on ranges is rounded outward, so what the
-//! same expression gives in plain numbers lies inside.
+//! A function is written once, over [`Number`]. Over [`Enclosure`] it gives bounds of its values on
+//! a range of arguments (Moore, *Interval Analysis*, 1966), over [`Dual`] its slopes beside them
+//! (forward differentiation; Griewank and Walther, *Evaluating Derivatives*, 2008, ch. 3). Every
+//! operation on ranges is rounded outward, so what the same expression gives in plain numbers lies
+//! inside.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -193,7 +195,8 @@ impl Number for Enclosure {
         Self::new(self.lo.min(other.lo), self.hi.min(other.hi))
     }
     fn sine_cosine(self) -> (Self, Self) {
-        // Neither changes faster than its argument; the functions of the library are right to a few roundings.
+        // Neither changes faster than its argument; the functions of the library are right to a few
+        // roundings.
         let middle = 0.5 * (self.lo + self.hi);
         let reach = (middle - self.lo).max(self.hi - middle) * (1.0 + 4.0 * f64::EPSILON)
             + 4.0 * f64::EPSILON * (1.0 + middle.abs());

@@ -1,10 +1,11 @@
 //! Julia sets of quaternions and the Mandelbulb, of a chosen depth.
 //!
-//! The set of depth n is where the n-th iterate is shorter than 2; its boundary is a level set like others. Hart, Sandin,
-//! Kauffman, *Ray tracing deterministic 3-D fractals*, SIGGRAPH 1989, step through the outside by a bound on the distance.
-//! Here a *ball* of points is iterated, its radius growing as fast as the map can stretch it: if the whole ball
-//! escapes, or stays, there is no surface in it. That is a bound in both directions, and for what remains,
-//! ranges are halved (see `crossings`). The Mandelbulb is that of D. White and P. Nylander (2009), with powers of complex
+//! The set of depth n is where the n-th iterate is shorter than 2; its boundary is a level set like
+//! others. Hart, Sandin, Kauffman, *Ray tracing deterministic 3-D fractals*, SIGGRAPH 1989, step
+//! through the outside by a bound on the distance. Here a *ball* of points is iterated, its radius
+//! growing as fast as the map can stretch it: if the whole ball escapes, or stays, there is no
+//! surface in it. That is a bound in both directions, and for what remains, ranges are halved (see
+//! `crossings`). The Mandelbulb is that of D. White and P. Nylander (2009), with powers of complex
 //! numbers in place of angles.
 //!
 //! - Twin: POV-Ray `isosurface` with the iterates as nested functions.
@@ -211,8 +212,8 @@ impl Map {
         }
     }
 
-    /// Radius of a ball around the next iterate that holds those of all points of a ball of radius `r` around `z`, which
-    /// started in a ball of radius `first`.
+    /// Radius of a ball around the next iterate that holds those of all points of a ball of radius
+    /// `r` around `z`, which started in a ball of radius `first`.
     fn spread(&self, z: DVec4, r: f64, first: f64) -> f64 {
         let length = z.length();
         match self {

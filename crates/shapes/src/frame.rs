@@ -1,4 +1,5 @@
-//! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common; also that of quadrics.
+//! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common; also that
+//! of quadrics.
 
 use whitstone_core::simd::select;
 use whitstone_core::{Aabb, DMat3, DVec2, DVec3, LEAVES_NOTHING, PrimitiveHit, Ray, SurfacePart, Transform};
@@ -15,11 +16,11 @@ pub(crate) struct Frame {
     transform: Transform,
     /// Unit normals in world space of the planes across each object axis.
     normals: [DVec3; 3],
-    /// For each plane: how far, in metres along its normal, a unit step along each object axis can lead
-    /// away from where rays meet it.
+    /// For each plane: how far, in metres along its normal, a unit step along each object axis can
+    /// lead away from where rays meet it.
     tilt: [DVec3; 3],
-    /// How far each object coordinate can change, by rounding, on the way into the world and back: row for row, for a
-    /// unit step along each object axis.
+    /// How far each object coordinate can change, by rounding, on the way into the world and back:
+    /// row for row, for a unit step along each object axis.
     slant: DMat3,
 }
 
@@ -27,9 +28,9 @@ impl Frame {
     pub(crate) fn new(transform: Transform) -> Self {
         let forward = transform.world_from_object().matrix3;
         let inverse = transform.object_from_world().matrix3;
-        // The inverse is rounded, so the planes that rays meet are tilted against those that the columns
-        // of the matrix span. The residual says by how much; its own rounding (three products and two
-        // sums, and the one subtracted) is added.
+        // The inverse is rounded, so the planes that rays meet are tilted against those that the
+        // columns of the matrix span. The residual says by how much; its own rounding (three
+        // products and two sums, and the one subtracted) is added.
         let residual = inverse * forward - DMat3::IDENTITY;
         let terms = inverse.abs() * forward.abs();
         let slant = residual.abs() + 4.0 * UNIT * terms;
@@ -58,8 +59,8 @@ impl Frame {
         self.transform.object_from_world().matrix3 * (p - self.transform.world_from_object().translation)
     }
 
-    /// Where a ray meets the plane z = 0 of object space: the ray parameter and x, y there. A ray that runs
-    /// in parallel meets it at infinity or, inside of it, at NaN.
+    /// Where a ray meets the plane z = 0 of object space: the ray parameter and x, y there. A ray
+    /// that runs in parallel meets it at infinity or, inside of it, at NaN.
     #[inline(always)]
     pub(crate) fn meet_plane(&self, ray: &Ray) -> (f64, DVec2) {
         let inverse = &self.transform.object_from_world().matrix3;
@@ -85,11 +86,12 @@ impl Frame {
         self.normals[axis]
     }
 
-    /// The point `p` of object space in world space, with a bound on its distance from the plane across
-    /// `axis` that rays meet.
+    /// The point `p` of object space in world space, with a bound on its distance from the plane
+    /// across `axis` that rays meet.
     ///
-    /// The bound: three products and three sums leave in each coordinate at most four roundings of the
-    /// sum of the absolute terms; the ray that leaves along the normal adds one more; then the tilt.
+    /// The bound: three products and three sums leave in each coordinate at most four roundings of
+    /// the sum of the absolute terms; the ray that leaves along the normal adds one more; then the
+    /// tilt.
     #[inline(always)]
     pub(crate) fn point(&self, p: DVec3, axis: usize) -> (DVec3, f64) {
         let origin = self.transform.world_from_object().translation;
@@ -100,12 +102,13 @@ impl Frame {
         (origin + (x + y + z), error)
     }
 
-    /// The point `p` of object space on a surface with this gradient there, in world space, with a bound on its
-    /// distance from the surface and the unit normal. `slack` bounds how far the function whose gradient it is may be
-    /// off zero at `p`.
+    /// The point `p` of object space on a surface with this gradient there, in world space, with a
+    /// bound on its distance from the surface and the unit normal. `slack` bounds how far the
+    /// function whose gradient it is may be off zero at `p`.
     ///
-    /// What a function is off by, over the length of its gradient in world space, is how far away its zero is. The
-    /// gradient goes into the world by the inverse transpose. The other roundings are those of [`Self::point`].
+    /// What a function is off by, over the length of its gradient in world space, is how far away
+    /// its zero is. The gradient goes into the world by the inverse transpose. The other roundings
+    /// are those of [`Self::point`].
     #[inline(always)]
     pub(crate) fn point_with_gradient(&self, p: DVec3, gradient: DVec3, slack: f64) -> (DVec3, f64, DVec3) {
         let origin = self.transform.world_from_object().translation;
@@ -118,8 +121,8 @@ impl Frame {
         (origin + (x + y + z), 5.0 * UNIT * n.abs().dot(terms) + met, n)
     }
 
-    /// How far the ellipsoid with these half axes, about the origin of object space, reaches along each world axis:
-    /// a little more, for rounding.
+    /// How far the ellipsoid with these half axes, about the origin of object space, reaches along
+    /// each world axis: a little more, for rounding.
     pub(crate) fn reach_of_ellipsoid(&self, half: DVec3) -> [f64; 3] {
         let [x, y, z] = self.columns(half);
         // Exact where all but one are zero.
@@ -181,8 +184,8 @@ impl Frame {
         }
     }
 
-    /// A flat face across an object axis, as a part of a surface: a convex polygon with these corners in object space. `side` is
-    /// the sign of its outward normal along the axis.
+    /// A flat face across an object axis, as a part of a surface: a convex polygon with these
+    /// corners in object space. `side` is the sign of its outward normal along the axis.
     pub(crate) fn face(
         &self,
         axis: usize,
@@ -214,7 +217,8 @@ impl Frame {
     }
 }
 
-/// The hit of a ray with the part of a plane that `inside` says; one that leaves the plane does not meet it.
+/// The hit of a ray with the part of a plane that `inside` says; one that leaves the plane does not
+/// meet it.
 #[inline(always)]
 pub(crate) fn flat_hit(t: f64, params: DVec2, inside: bool, min: f64, leaves: u32) -> PrimitiveHit {
     let counts = inside & (t > min) & (leaves == LEAVES_NOTHING);

@@ -1,7 +1,9 @@
-//! A generated landscape: a grid of quads moved up and down by noise, as large as memory allows, without a file.
+//! A generated landscape: a grid of quads moved up and down by noise, as large as memory allows,
+//! without a file.
 //!
-//! Value noise in octaves on an integer hash (`lowbias32`: C. Wellons, *Prospecting for hash functions*, 2018), so that
-//! every machine makes the same one. Coordinates are rounded to single precision, as in most files of meshes.
+//! Value noise in octaves on an integer hash (`lowbias32`: C. Wellons, *Prospecting for hash
+//! functions*, 2018), so that every machine makes the same one. Coordinates are rounded to single
+//! precision, as in most files of meshes.
 //!
 //! - Twin: Mitsuba mesh (native) with the same vertices.
 //! - Example: `scenes/shapes/heightfield.toml`.
@@ -17,7 +19,8 @@ use whitstone_core::{Context, DVec3, Plugin, SceneError, SceneErrors, Shape, Sha
 /// Most quads: twice as many triangles still fit the numbers of the accelerators.
 const MAX_QUADS: u64 = 1 << 26;
 
-/// A generated landscape over the square from -1 to 1 in x and y, up along z: a mesh of two triangles a quad.
+/// A generated landscape over the square from -1 to 1 in x and y, up along z: a mesh of two
+/// triangles a quad.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

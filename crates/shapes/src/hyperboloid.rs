@@ -1,7 +1,7 @@
 //! A hyperboloid of one sheet about the z axis.
 //!
-//! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2, 5.2;
-//! arithmetic in `conic.rs`. A line may be inside it twice.
+//! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing*
+//! (1989), ch. 2, 5.2; arithmetic in `conic.rs`. A line may be inside it twice.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/hyperboloid.toml`.
@@ -12,7 +12,8 @@ use serde::Deserialize;
 use whitstone_core::config::{Positive, Vector2};
 use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transform};
 
-/// The hyperboloid of one sheet x² + y² = radius² + slope² z² of its object space; the outside is away from the axis.
+/// The hyperboloid of one sheet x² + y² = radius² + slope² z² of its object space; the outside is
+/// away from the axis.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

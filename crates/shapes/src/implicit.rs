@@ -1,9 +1,10 @@
 //! The set where a function is negative, put together from distances by a tree of operations.
 //!
-//! Distances and the smooth union: Hart, *Sphere tracing: a geometric method for the antialiased ray tracing of implicit
-//! surfaces*, The Visual Computer 12(10), 1996. Roots are decided by ranges of values and slopes (Mitchell 1990, see
-//! `crossings`); a bound on the slope of the function, derived from the tree or promised by the scene, leaves out
-//! what is far from the surface at the cost of one value, as in sphere tracing.
+//! Distances and the smooth union: Hart, *Sphere tracing: a geometric method for the antialiased
+//! ray tracing of implicit surfaces*, The Visual Computer 12(10), 1996. Roots are decided by ranges
+//! of values and slopes (Mitchell 1990, see `crossings`); a bound on the slope of the function,
+//! derived from the tree or promised by the scene, leaves out what is far from the surface at the
+//! cost of one value, as in sphere tracing.
 //!
 //! - Twin: POV-Ray `isosurface` with the same formulas, `blob` for metaballs alone.
 //! - Example: `scenes/shapes/implicit.toml`.
@@ -28,21 +29,25 @@ use whitstone_core::{
 const SAMPLES: u32 = 4096;
 /// Parts of the faces of the box that are looked at, to find out whether it cuts anything off.
 const FACE_PARTS: u32 = 1 << 14;
-/// Relative to the size of the box: what the function may be off by rounding, and what is too little to matter.
+/// Relative to the size of the box: what the function may be off by rounding, and what is too
+/// little to matter.
 const SMALL: f64 = 1.0 / (1u64 << 44) as f64;
 
 /// The boundary of the set where a function is negative; the outside is where it is positive.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The function, a table with one key: a shape, or an operation on others. Lengths are in metres.
+    /// The function, a table with one key: a shape, or an operation on others. Lengths are in
+    /// metres.
     #[schemars(with = "Node")]
     field: Spanned<Node>,
-    /// The part of object space that is looked at; by default a box around all of it, if there is one.
+    /// The part of object space that is looked at; by default a box around all of it, if there is
+    /// one.
     #[serde(default)]
     #[schemars(with = "Bounds")]
     bounds: Option<Spanned<Bounds>>,
-    /// A promise: the function changes no faster than this per metre. By default a bound is derived.
+    /// A promise: the function changes no faster than this per metre. By default a bound is
+    /// derived.
     #[serde(default)]
     #[schemars(with = "Positive")]
     lipschitz: Option<Spanned<Positive>>,
@@ -106,7 +111,8 @@ impl Plugin<Shapes> for Implicit {
     }
 }
 
-/// A box around the set, so much larger that rays enter it outside of the set, however far their own rounding moves them.
+/// A box around the set, so much larger that rays enter it outside of the set, however far their
+/// own rounding moves them.
 fn derived_bounds(field: &Field) -> Result<(DVec3, DVec3), SceneError> {
     let around = field.bounds_below(0.0);
     if around.iter().any(|range| range.lo >= range.hi) {
@@ -177,7 +183,8 @@ impl Implicit {
         }
     }
 
-    /// Whether the field is certainly positive all over the box's faces, so that the box cuts nothing off.
+    /// Whether the field is certainly positive all over the box's faces, so that the box cuts
+    /// nothing off.
     fn is_closed(&self) -> bool {
         let (min, max) = (self.level.min(), self.level.max());
         let whole = [0, 1, 2].map(|k| Enclosure::new(min[k], max[k]));

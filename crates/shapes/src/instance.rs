@@ -1,8 +1,9 @@
 //! A copy of a group of shapes.
 //!
-//! Rays are taken into the group's space instead of the shapes into the world (lecture notes: "ray transformation
-//! instead of object transformation"), with directions of any length, so that distances need no conversion. Bounds and
-//! errors: `docs/accelerators.md` and Pharr, Jakob, Humphreys, *Physically Based Rendering* (4th ed.), 6.8.6.
+//! Rays are taken into the group's space instead of the shapes into the world (lecture notes: "ray
+//! transformation instead of object transformation"), with directions of any length, so that
+//! distances need no conversion. Bounds and errors: `docs/accelerators.md` and Pharr, Jakob,
+//! Humphreys, *Physically Based Rendering* (4th ed.), 6.8.6.
 //!
 //! - Twin: Mitsuba shapes (native), placed one by one by the product of all transforms.
 //! - Example: `scenes/shapes/instance.toml`.
@@ -84,7 +85,8 @@ mod tests {
             for (name, transform) in placements() {
                 eprintln!("{kind}, {name}");
                 shape_laws(place(&group, transform), 2_000);
-                // Copies of copies; what is tiny loses its digits far away, what is thin is seldom hit when turned.
+                // Copies of copies; what is tiny loses its digits far away, what is thin is seldom
+                // hit when turned.
                 if !["tiny", "thin", "stretched"].contains(&name) {
                     let inner = self::group(vec![place(&group, transform)]);
                     shape_laws(place(&inner, placements()[1].1), 500);
@@ -139,8 +141,8 @@ mod tests {
         }
     }
 
-    /// Rays leave the one of two triangles in a plane at so flat an angle that they would meet the other if they started
-    /// below the plane by rounding.
+    /// Rays leave the one of two triangles in a plane at so flat an angle that they would meet the
+    /// other if they started below the plane by rounding.
     #[test]
     fn rays_that_leave_a_copy_clear_what_lies_beside() {
         let mut random = Random::new(6);

@@ -1,11 +1,12 @@
 //! The level set of a density on a grid.
 //!
-//! Between eight values the density is trilinear, so along a ray it is a cubic in each cell. Marmitt, Kleer, Wald,
-//! Friedrich, Slusallek, *Fast and accurate ray-voxel intersection techniques for iso-surface ray tracing*, VMV 2004, cut the
-//! cubic at the extrema of its derivative; here it is in Bernstein form (its coefficients are values of the
-//! density at mixed ends, by multilinearity), so that neighbouring cells see the same bits on the face between them.
-//! Cells are walked through after Amanatides and Woo, *A fast voxel traversal algorithm*, Eurographics 1987, blocks of
-//! them at once where the level is not among their values.
+//! Between eight values the density is trilinear, so along a ray it is a cubic in each cell.
+//! Marmitt, Kleer, Wald, Friedrich, Slusallek, *Fast and accurate ray-voxel intersection techniques
+//! for iso-surface ray tracing*, VMV 2004, cut the cubic at the extrema of its derivative; here it
+//! is in Bernstein form (its coefficients are values of the density at mixed ends, by
+//! multilinearity), so that neighbouring cells see the same bits on the face between them. Cells
+//! are walked through after Amanatides and Woo, *A fast voxel traversal algorithm*, Eurographics
+//! 1987, blocks of them at once where the level is not among their values.
 //!
 //! - Twin: POV-Ray `isosurface` with the interpolation as nested functions.
 //! - Example: `scenes/shapes/isosurface.toml`.
@@ -32,7 +33,8 @@ const MAX_VALUES: u64 = 1 << 27;
 /// Cells along the edge of a block.
 const BLOCK: usize = 8;
 
-/// The surface where a density on a grid over [-1, 1]³ is equal to a level; the outside is towards lower density.
+/// The surface where a density on a grid over [-1, 1]³ is equal to a level; the outside is towards
+/// lower density.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -174,7 +176,8 @@ impl Grid {
             }
         }
         for axis in 0..3 {
-            // A cell more on each side: where a walk begins, no root must lie, not even at the face.
+            // A cell more on each side: where a walk begins, no root must lie, not even at the
+            // face.
             grid.first[axis] = grid.first[axis].saturating_sub(1);
             grid.last[axis] = (grid.last[axis] + 1).min(grid.size[axis] - 1);
             // Of a density that is the level nowhere, any cell will do.
@@ -264,8 +267,8 @@ impl Grid {
         }
     }
 
-    /// All crossings of a segment in order, s and cell, until `visit` breaks. Steps from cell to cell, as many as there are
-    /// along three edges at most, each with three roots at most.
+    /// All crossings of a segment in order, s and cell, until `visit` breaks. Steps from cell to
+    /// cell, as many as there are along three edges at most, each with three roots at most.
     fn walk(&self, segment: &Segment, mut visit: impl FnMut(Crossing, [usize; 3]) -> ControlFlow<()>) {
         let origin = self.coordinates(segment.origin);
         let direction = segment.direction * self.cells_per_unit();
@@ -313,7 +316,8 @@ impl Grid {
                     let from = (entry - corner).clamp(DVec3::ZERO, DVec3::ONE);
                     let cubic = Cubic::new(&corners, from, leaving - corner);
                     let starts_inside = cubic.0[0] < 0.0;
-                    // Faces are seen alike from both sides; what rounding still moves at an edge is caught here.
+                    // Faces are seen alike from both sides; what rounding still moves at an edge is
+                    // caught here.
                     let jumps = inside.is_some_and(|inside| inside != starts_inside);
                     let mut cross = |local: f64, enters: bool| {
                         let s = s + local * (next - s);
@@ -489,7 +493,8 @@ mod tests {
         assert_eq!(shape.closest(&back, Interval::FORWARD, None), None);
     }
 
-    /// Density along an axis-parallel ray at a dyadic place: exact in double precision, and linear from node to node.
+    /// Density along an axis-parallel ray at a dyadic place: exact in double precision, and linear
+    /// from node to node.
     fn exact_crossings(size: [usize; 3], values: &[f64], axis: usize, [u, v]: [f64; 2]) -> Vec<f64> {
         let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
         let node = |i: usize| {
@@ -539,7 +544,8 @@ mod tests {
                     eighths(size[(axis + 2) % 3], &mut random),
                 ];
                 let expected = exact_crossings(size, &values, axis, across);
-                // In object space; the grid is a power of two wide only by chance, so ends are compared up to rounding.
+                // In object space; the grid is a power of two wide only by chance, so ends are
+                // compared up to rounding.
                 let unit = shape.grid.cells_per_unit();
                 let mut cells = DVec3::ZERO;
                 cells[(axis + 1) % 3] = across[0];

@@ -9,8 +9,9 @@ use whitstone_core::{
 /// Half the distance from 1 to the next number: the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
-/// Relative to its size, how much larger a box is than the set in it where it cuts nothing off: a ray that enters it a rounding later must still
-/// be outside of the set, and of a ray from a billion sizes away (towards a copy as thin as that) a rounding is 1e-7 of the size.
+/// Relative to its size, how much larger a box is than the set in it where it cuts nothing off: a
+/// ray that enters it a rounding later must still be outside of the set, and of a ray from a
+/// billion sizes away (towards a copy as thin as that) a rounding is 1e-7 of the size.
 pub(crate) const ROOM: f64 = 1.0 / (1u64 << 7) as f64;
 /// Relative to the size of the box: a ray that leaves the surface starts no farther from it.
 const START: f64 = 1.0 / (1u64 << 20) as f64;
@@ -31,7 +32,8 @@ pub(crate) struct Level {
     transform: Transform,
     min: DVec3,
     max: DVec3,
-    /// How far a unit step along each axis (column) can lead away, along each axis, from where rays see it.
+    /// How far a unit step along each axis (column) can lead away, along each axis, from where rays
+    /// see it.
     tilt: DMat3,
 }
 
@@ -64,7 +66,8 @@ impl Level {
     pub(crate) fn new(transform: Transform, min: DVec3, max: DVec3) -> Self {
         let forward = transform.world_from_object().matrix3;
         let inverse = transform.object_from_world().matrix3;
-        // As in `frame`: the inverse is rounded, so rays see a slightly other place than points are put at.
+        // As in `frame`: the inverse is rounded, so rays see a slightly other place than points are
+        // put at.
         let residual = inverse * forward - DMat3::IDENTITY;
         Self {
             tilt: residual.abs() + 4.0 * UNIT * (inverse.abs() * forward.abs()),
@@ -125,8 +128,9 @@ impl Level {
 
     /// The first crossing beyond `min` of a ray, out of `visit`ed ones in their order.
     ///
-    /// A ray that leaves the surface may find its start again, moved in front of it by rounding. The ray's first
-    /// crossing is the start if it goes the same way through the surface as the ray did: true crossings alternate.
+    /// A ray that leaves the surface may find its start again, moved in front of it by rounding.
+    /// The ray's first crossing is the start if it goes the same way through the surface as the ray
+    /// did: true crossings alternate.
     pub(crate) fn filter<'a>(
         &'a self,
         ray: &'a Ray,
@@ -145,8 +149,8 @@ impl Level {
         }
     }
 
-    /// The nearest hit of an object-space ray: the first change of sign of `f`, the function along a segment of it, that
-    /// [`Self::filter`] lets through.
+    /// The nearest hit of an object-space ray: the first change of sign of `f`, the function along
+    /// a segment of it, that [`Self::filter`] lets through.
     pub(crate) fn closest(
         &self,
         ray: &Ray,
@@ -167,8 +171,10 @@ impl Level {
         whole(found?, interval, DVec2::ZERO)
     }
 
-    /// The parts of the whole line of an object-space ray that lie in the set, of which the box cuts nothing off. `visit` tells of every crossing of a
-    /// segment, in order. What lies behind the origin is looked for from there on as well, so that what lies in front are the hits of `closest`.
+    /// The parts of the whole line of an object-space ray that lie in the set, of which the box
+    /// cuts nothing off. `visit` tells of every crossing of a segment, in order. What lies behind
+    /// the origin is looked for from there on as well, so that what lies in front are the hits of
+    /// `closest`.
     pub(crate) fn spans(
         &self,
         ray: &Ray,
@@ -203,8 +209,8 @@ impl Level {
         }
     }
 
-    /// A hit near a point of object space: moved onto the surface, so that it is as good as coordinates allow, from
-    /// however far the ray came.
+    /// A hit near a point of object space: moved onto the surface, so that it is as good as
+    /// coordinates allow, from however far the ray came.
     pub(crate) fn surface(&self, ray: &Ray, p: DVec3, sample: impl Fn(DVec3) -> Sample) -> SurfacePoint {
         let reach = STRAY * (self.max - self.min).length();
         let (mut p, mut found) = (p, sample(p));
@@ -220,7 +226,8 @@ impl Level {
         let inverse = &self.transform.object_from_world().matrix3;
         let gradient = inverse.transpose() * found.gradient;
         let steepness = gradient.length();
-        // A function may be level where it should not: the tip of a cone, and noise at the depth of fractals.
+        // A function may be level where it should not: the tip of a cone, and noise at the depth of
+        // fractals.
         let steep = steepness > 0.0 && steepness.is_finite();
         let n = if steep {
             (gradient / steepness).normalize()

@@ -41,8 +41,9 @@ pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered>
     let mut flat = 0;
     for triangle in &mut triangles {
         let [a, b, c] = triangle.map(|i| positions[i as usize]);
-        // Rounding could let a ray hit a triangle whose corners lie in a line, and its normal is not a number, or not of
-        // unit length where its square has lost digits. Where all corners are one, all edge functions are exactly zero: it is never hit.
+        // Rounding could let a ray hit a triangle whose corners lie in a line, and its normal is
+        // not a number, or not of unit length where its square has lost digits. Where all corners
+        // are one, all edge functions are exactly zero: it is never hit.
         if !(b - a).cross(c - a).length_squared().is_normal() {
             *triangle = [triangle[0]; 3];
             flat += 1;

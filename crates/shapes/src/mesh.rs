@@ -1,10 +1,11 @@
 //! A triangle mesh from a file.
 //!
-//! - Formats: Wavefront OBJ (polygons and their texture coordinates and normals; see `obj`), and PLY (Turk,
-//!   *The PLY polygon file format*, 1994; see `ply`).
-//! - Refined on demand into the smooth surface of its triangles (Loop 1987; see `subdivision`), and moved along its normals by a
-//!   height (Cook 1984; see `displacement`).
-//! - Twin: Mitsuba `obj` and `ply` meshes (native), with `face_normals` where the file has no normals; subdivided and displaced by the driver.
+//! - Formats: Wavefront OBJ (polygons and their texture coordinates and normals; see `obj`), and
+//!   PLY (Turk, *The PLY polygon file format*, 1994; see `ply`).
+//! - Refined on demand into the smooth surface of its triangles (Loop 1987; see `subdivision`), and
+//!   moved along its normals by a height (Cook 1984; see `displacement`).
+//! - Twin: Mitsuba `obj` and `ply` meshes (native), with `face_normals` where the file has no
+//!   normals; subdivided and displaced by the driver.
 //! - Example: `scenes/shapes/mesh.toml`.
 
 mod displacement;
@@ -26,7 +27,8 @@ use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Shape, Shapes, Tr
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// A file that ends in .obj or .ply. Polygons are cut into fans; groups and materials are ignored.
+    /// A file that ends in .obj or .ply. Polygons are cut into fans; groups and materials are
+    /// ignored.
     file: FilePath,
     /// Whether the normals in the file are used.
     #[serde(default)]
@@ -35,7 +37,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "Subdivision")]
     subdivision: Option<Subdivision>,
-    /// Moves the vertices along their normals by a height, after the subdivision; forgets the normals in the file as well.
+    /// Moves the vertices along their normals by a height, after the subdivision; forgets the
+    /// normals in the file as well.
     #[serde(default)]
     #[schemars(with = "Displacement")]
     displacement: Option<Displacement>,

@@ -2,7 +2,8 @@
 
 use whitstone_core::{DVec3, Ray, SceneError, SurfacePoint};
 
-/// Refuses a radius whose square is no double with all of its digits: misses would be hits, and normals of another length than 1.
+/// Refuses a radius whose square is no double with all of its digits: misses would be hits, and
+/// normals of another length than 1.
 pub(crate) fn check_radius(radius: f64) -> Result<(), SceneError> {
     if (radius * radius).is_normal() {
         return Ok(());
@@ -12,7 +13,8 @@ pub(crate) fn check_radius(radius: f64) -> Result<(), SceneError> {
     ))
 }
 
-/// A point beside another one, with texture coordinates that go on where they start anew after a turn.
+/// A point beside another one, with texture coordinates that go on where they start anew after a
+/// turn.
 pub(crate) fn goes_on(mut there: SurfacePoint, here: &SurfacePoint) -> SurfacePoint {
     there.uv -= (there.uv - here.uv).round();
     there

@@ -1,7 +1,7 @@
 //! A paraboloid about the z axis.
 //!
-//! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2, 5.2;
-//! arithmetic in `conic.rs`.
+//! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing*
+//! (1989), ch. 2, 5.2; arithmetic in `conic.rs`.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/paraboloid.toml`.
@@ -70,7 +70,8 @@ impl Plugin<Shapes> for Paraboloid {
             tip: DVec3::NEG_Z,
         };
         paraboloid.build(transform, |transform| {
-            // Along a direction w, disks reach radius sqrt(z) |w_xy| + z w_z: farthest at this height.
+            // Along a direction w, disks reach radius sqrt(z) |w_xy| + z w_z: farthest at this
+            // height.
             let matrix = transform.world_from_object().matrix3;
             let farthest = (0..3).map(|axis| {
                 let w = matrix.row(axis);

@@ -1,12 +1,12 @@
 //! Bicubic Bezier patches, intersected as they are.
 //!
-//! The ray is two planes that hold it (Kajiya, *Ray Tracing Parametric Patches*, SIGGRAPH 1982); where it meets
-//! boxes around parts of the patches, the roots of both distances are found one by one (see `roots`; for the
-//! tree of boxes and Newton's steps, Martin, Cohen, Fish, Shirley, *Practical Ray Tracing of Trimmed NURBS
-//! Surfaces*, 2000).
+//! The ray is two planes that hold it (Kajiya, *Ray Tracing Parametric Patches*, SIGGRAPH 1982);
+//! where it meets boxes around parts of the patches, the roots of both distances are found one by
+//! one (see `roots`; for the tree of boxes and Newton's steps, Martin, Cohen, Fish, Shirley,
+//! *Practical Ray Tracing of Trimmed NURBS Surfaces*, 2000).
 //!
-//! - Twin: Mitsuba mesh (native), a tessellation that the driver makes of the control points, with normals of
-//!   the surface.
+//! - Twin: Mitsuba mesh (native), a tessellation that the driver makes of the control points, with
+//!   normals of the surface.
 //! - Example: `scenes/shapes/patch.toml`.
 
 mod net;
@@ -30,8 +30,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The control points of one patch in object space, in metres: four rows along u, one behind the other
-    /// along v. The outside is that of dP/du x dP/dv.
+    /// The control points of one patch in object space, in metres: four rows along u, one behind
+    /// the other along v. The outside is that of dP/du x dP/dv.
     #[serde(default)]
     #[schemars(with = "Vec<Vector3>", extend("minItems" = 16, "maxItems" = 16))]
     points: Option<Spanned<Vec<Vector3>>>,
@@ -323,13 +323,15 @@ impl Primitive for Patch {
     }
 }
 
-/// Nearer, or at the same distance the first of its kind: where parts of a patch join, a root may be found twice.
+/// Nearer, or at the same distance the first of its kind: where parts of a patch join, a root may
+/// be found twice.
 fn is_before(hit: &PrimitiveHit, other: &PrimitiveHit) -> bool {
     let key = |hit: &PrimitiveHit| (hit.t, hit.primitive, hit.params.x, hit.params.y);
     key(hit) < key(other)
 }
 
-/// Unit normal at a point of a patch: that of its derivatives, or its limit from inside where that is zero.
+/// Unit normal at a point of a patch: that of its derivatives, or its limit from inside where that
+/// is zero.
 fn normal(net: &Net<DVec3>, at: DVec2) -> DVec3 {
     let size = Aabb::around(net.0).extent().length();
     let Jet { u, v, .. } = net.at(at.x, at.y);

@@ -2,8 +2,8 @@
 //!
 //! The ray is taken into object space, where the plane is z = 0: one subtraction and one division.
 //!
-//! - Twin: Mitsuba `disk` of radius 1e7, textured by position (native): a rectangle of that size is a mesh
-//!   there and loses rows at the horizon.
+//! - Twin: Mitsuba `disk` of radius 1e7, textured by position (native): a rectangle of that size is
+//!   a mesh there and loses rows at the horizon.
 //! - Example: `scenes/shapes/plane.toml`.
 
 use crate::frame::{Frame, flat_hit};

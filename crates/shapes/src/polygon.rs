@@ -1,11 +1,12 @@
 //! A flat polygon, convex or not.
 //!
-//! The ray is turned as in the watertight test of triangles (Woop, Benthin, Wald, JCGT 2(1), 2013, section 3),
-//! which depends on the ray alone; then edges that cross a half-axis are counted (Shimrat, *Algorithm 112*,
-//! 1962, with the half-open rule of Haines, *Point in Polygon Strategies*, Graphics Gems IV, 1994). The sign of
-//! each edge function is exact, so of two polygons that share an edge and lie on either side of it, a ray
-//! through the edge hits exactly one. Checks of the vertices use exact signs too: Shewchuk, *Adaptive Precision
-//! Floating-Point Arithmetic*, 1997.
+//! The ray is turned as in the watertight test of triangles (Woop, Benthin, Wald, JCGT 2(1), 2013,
+//! section 3), which depends on the ray alone; then edges that cross a half-axis are counted
+//! (Shimrat, *Algorithm 112*, 1962, with the half-open rule of Haines, *Point in Polygon
+//! Strategies*, Graphics Gems IV, 1994). The sign of each edge function is exact, so of two
+//! polygons that share an edge and lie on either side of it, a ray through the edge hits exactly
+//! one. Checks of the vertices use exact signs too: Shewchuk, *Adaptive Precision Floating-Point
+//! Arithmetic*, 1997.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `polygon` (native).
 //! - Example: `scenes/shapes/polygon.toml`.
@@ -20,20 +21,21 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, SurfacePart, SurfacePoint, Transform,
 };
 
-/// A flat simple polygon, which may be concave; seen from outside, its vertices run counter-clockwise.
+/// A flat simple polygon, which may be concave; seen from outside, its vertices run
+/// counter-clockwise.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The vertices in object space, in metres, 3 to 4096, in one plane to 1e-9 of the diagonal of their
-    /// bounding box. Edges meet only where one ends and the next begins.
+    /// The vertices in object space, in metres, 3 to 4096, in one plane to 1e-9 of the diagonal of
+    /// their bounding box. Edges meet only where one ends and the next begins.
     #[schemars(with = "Vec<Vector3>", extend("minItems" = 3, "maxItems" = 4096))]
     vertices: Spanned<Vec<Spanned<Vector3>>>,
 }
 
 /// Most vertices.
 const MAX_VERTICES: usize = 4096;
-/// How far from the plane a vertex may be, and how little area there may be, relative to the diagonal of the
-/// bounding box and its square.
+/// How far from the plane a vertex may be, and how little area there may be, relative to the
+/// diagonal of the bounding box and its square.
 const FLATNESS: f64 = 1e-9;
 
 /// In world space.
@@ -206,7 +208,8 @@ fn cross_or_touch([a, b]: [DVec2; 2], [c, d]: [DVec2; 2]) -> bool {
         || apart(side_of(c, d, a), side_of(c, d, b)))
 }
 
-/// Positive if c lies to the left of the way from a to b, negative to the right, zero exactly on the line.
+/// Positive if c lies to the left of the way from a to b, negative to the right, zero exactly on
+/// the line.
 fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     let (left, right) = ((a.x - c.x) * (b.y - c.y), (a.y - c.y) * (b.x - c.x));
     let side = left - right;
@@ -227,7 +230,8 @@ fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
         let product = p * q;
         [p.mul_add(*q, -product), product]
     });
-    // Each term is added to a sum that is kept in parts that do not overlap (Grow-Expansion); the last part decides.
+    // Each term is added to a sum that is kept in parts that do not overlap (Grow-Expansion); the
+    // last part decides.
     for part in parts {
         let mut carried = part;
         for kept in &mut sum[..count] {
@@ -242,8 +246,9 @@ fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     sum.into_iter().rev().find(|part| *part != 0.0).unwrap_or(0.0)
 }
 
-/// Whether an edge crosses the positive half of the x axis. `low` does not lie above the axis, `high` does. The
-/// axis itself belongs to what is below, the origin to what is on its right, whichever polygon asks.
+/// Whether an edge crosses the positive half of the x axis. `low` does not lie above the axis,
+/// `high` does. The axis itself belongs to what is below, the origin to what is on its right,
+/// whichever polygon asks.
 fn crosses(low: DVec3, high: DVec3) -> bool {
     let (left, right) = (low.x * high.y, low.y * high.x);
     if left != right {
@@ -254,13 +259,14 @@ fn crosses(low: DVec3, high: DVec3) -> bool {
 }
 
 impl Polygon {
-    /// Where the ray meets the plane: the parameter, the point, and how much rounding is magnified by looking
-    /// at a slant. Infinite or NaN for rays in parallel.
+    /// Where the ray meets the plane: the parameter, the point, and how much rounding is magnified
+    /// by looking at a slant. Infinite or NaN for rays in parallel.
     fn meet(&self, ray: &Ray) -> (f64, DVec3, f64) {
         let (o, d, n) = (ray.origin, ray.direction, self.normal);
         let slope = n.dot(d);
         let first = n.dot(self.anchor - o) / slope;
-        // Where this leads is exact but for one rounding, so that what is missing can be told and added.
+        // Where this leads is exact but for one rounding, so that what is missing can be told and
+        // added.
         let p = DVec3::new(
             first.mul_add(d.x, o.x),
             first.mul_add(d.y, o.y),
@@ -438,8 +444,8 @@ mod tests {
         })
     }
 
-    /// A square cut by a jagged line, and one cut into a fan, bent in space: rays through edges and vertices
-    /// hit exactly one part.
+    /// A square cut by a jagged line, and one cut into a fan, bent in space: rays through edges and
+    /// vertices hit exactly one part.
     #[test]
     fn of_those_that_share_edges_one_is_hit() {
         let mut random = Random::new(3);

@@ -1,8 +1,9 @@
 //! Any quadric, cut by a box.
 //!
-//! The symmetric matrix is diagonalised once, by Jacobi's rotations (Golub, Van Loan, *Matrix Computations*, 4th ed., 8.5),
-//! about the center of the box; rays then go through `conic.rs`. Boxes and emptiness come from the range of the function on
-//! smaller and smaller boxes: its value in the middle, plus or minus what gradient and squares can add.
+//! The symmetric matrix is diagonalised once, by Jacobi's rotations (Golub, Van Loan, *Matrix
+//! Computations*, 4th ed., 8.5), about the center of the box; rays then go through `conic.rs`.
+//! Boxes and emptiness come from the range of the function on smaller and smaller boxes: its value
+//! in the middle, plus or minus what gradient and squares can add.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/quadric.toml`.
@@ -16,7 +17,8 @@ use whitstone_core::{
     Aabb, Context, DMat3, DVec2, DVec3, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform,
 };
 
-/// A quadric inside a box, both in its object space; the outside is where its function is greater than 0.
+/// A quadric inside a box, both in its object space; the outside is where its function is greater
+/// than 0.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -83,7 +85,8 @@ impl Function {
         p.dot(self.q * p) + 2.0 * self.b.dot(p) + self.c
     }
 
-    /// Whether the squares are all of one sign, that of the constant, and no sum of coordinates is in the way.
+    /// Whether the squares are all of one sign, that of the constant, and no sum of coordinates is
+    /// in the way.
     fn is_nowhere_zero(&self) -> bool {
         let (turn, squares) = diagonal(self.q);
         let along = turn * self.b;
@@ -111,8 +114,8 @@ impl Function {
         }
     }
 
-    /// The parts of a box, down to a 32nd of its edges, in which the function may be zero or, where what is inside counts
-    /// as well, less than zero.
+    /// The parts of a box, down to a 32nd of its edges, in which the function may be zero or, where
+    /// what is inside counts as well, less than zero.
     fn parts(&self, min: DVec3, max: DVec3, inside: bool) -> Vec<(DVec3, DVec3)> {
         let mut parts = vec![(min, max)];
         for level in 0..=5 {
@@ -153,7 +156,8 @@ fn eighths(min: DVec3, max: DVec3) -> impl Iterator<Item = (DVec3, DVec3)> {
     })
 }
 
-/// Orthonormal rows R and numbers l such that Q = R' diag(l) R. What is rounding beside the largest is zero.
+/// Orthonormal rows R and numbers l such that Q = R' diag(l) R. What is rounding beside the largest
+/// is zero.
 fn diagonal(q: DMat3) -> (DMat3, DVec3) {
     let mut a = [0, 1, 2].map(|row| q.row(row).to_array());
     let mut turn = [0, 1, 2].map(|row| DMat3::IDENTITY.row(row).to_array());
@@ -364,7 +368,8 @@ mod tests {
     #[test]
     fn obeys_the_laws_of_shapes() {
         for text in [
-            // A sphere that the box cuts, a saddle, a cylinder askew, two sheets, a plane, a double cone.
+            // A sphere that the box cuts, a saddle, a cylinder askew, two sheets, a plane, a double
+            // cone.
             "coefficients = [1, 1, 1, 0, 0, 0, 0, 0, 0, -1.2]",
             "coefficients = [1, -1, 0, 0, 0, 0, 0, 0, -1, 0]",
             "coefficients = [1, -1, 0, 0, 0, 0, 0, 0, -1, 0]\ncaps = false",
@@ -452,8 +457,8 @@ mod tests {
         }
     }
 
-    /// Rays to points on an ellipsoid with condition 1e6 that is given by its matrix, turned: what the coefficients
-    /// themselves allow, which have been rounded, is found.
+    /// Rays to points on an ellipsoid with condition 1e6 that is given by its matrix, turned: what
+    /// the coefficients themselves allow, which have been rounded, is found.
     #[test]
     fn a_stretched_ellipsoid_is_hit_where_it_is() {
         let mut random = Random::new(8);

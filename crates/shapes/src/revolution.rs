@@ -1,4 +1,5 @@
-//! What cylinder, cone, paraboloid and hyperboloid have in common: quadrics about the z axis, from one height to another.
+//! What cylinder, cone, paraboloid and hyperboloid have in common: quadrics about the z axis, from
+//! one height to another.
 
 use crate::conic::{Clipped, Conic, Mapping, angle};
 use crate::frame::Frame;
@@ -76,8 +77,8 @@ impl Mapping for Around {
 }
 
 impl Revolution {
-    /// The shape under a transform. `widest` are disks (height and radius) that hold it together with those at its ends: none
-    /// where its outline is straight or bends inward.
+    /// The shape under a transform. `widest` are disks (height and radius) that hold it together
+    /// with those at its ends: none where its outline is straight or bends inward.
     pub(crate) fn build(
         self,
         transform: Transform,

@@ -1,8 +1,8 @@
 //! A sphere.
 //!
-//! Roots: Haines, Günther, Akenine-Möller, *Precision improvements for ray/sphere intersection*, Ray
-//! Tracing Gems (2019), ch. 7. Their discriminant through the perpendicular distance wins for far small
-//! spheres and *loses* for huge ones near the eye, so the form is chosen for each ray.
+//! Roots: Haines, Günther, Akenine-Möller, *Precision improvements for ray/sphere intersection*,
+//! Ray Tracing Gems (2019), ch. 7. Their discriminant through the perpendicular distance wins for
+//! far small spheres and *loses* for huge ones near the eye, so the form is chosen for each ray.
 //!
 //! - Twin: Mitsuba `sphere` (native).
 //! - Example: `scenes/shapes/sphere.toml`.
@@ -100,8 +100,8 @@ impl Straight for Sphere {
     #[inline(always)]
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         let n = (ray.at(hit.t) - self.center).normalize();
-        // Projected onto the sphere, the point is as accurate as its coordinates allow, from however
-        // far the ray came.
+        // Projected onto the sphere, the point is as accurate as its coordinates allow, from
+        // however far the ray came.
         let position = self.center + self.radius * n;
         let error = 2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius);
         let mut point = SurfacePoint::new(position, error, n);
@@ -147,8 +147,8 @@ impl Sphere {
         let near_form = b * b - a * c;
         let far_form = a * (self.radius - perpendicular) * (self.radius + perpendicular);
         let discriminant = select(distance < 2.0 * self.radius, near_form, far_form);
-        // The sum that does not cancel gives one root, the product of the roots the other. Both are NaN
-        // if the discriminant is negative.
+        // The sum that does not cancel gives one root, the product of the roots the other. Both are
+        // NaN if the discriminant is negative.
         let q = -(b + discriminant.sqrt().copysign(b));
         let (one, other) = (c / q, q / a);
         let ascending = one < other;

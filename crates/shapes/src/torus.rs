@@ -1,11 +1,12 @@
 //! A torus.
 //!
-//! The ray starts anew where it passes the center nearest, by fused operations, so that the distance of its
-//! origin costs no digits. There the quartic is depressed. Its extrema, found as roots of derivatives between
-//! roots of *their* derivatives (Yuksel, *High-Performance Polynomial Root Finding for Graphics*, 2022, section
-//! 3), divide the ray into pieces with at most one crossing each. The crossing itself is sought on the distance
-//! from the surface: the quartic cancels where the tube is thin. Both searches begin where a formula says and keep
-//! their bracket all the same.
+//! The ray starts anew where it passes the center nearest, by fused operations, so that the
+//! distance of its origin costs no digits. There the quartic is depressed. Its extrema, found as
+//! roots of derivatives between roots of *their* derivatives (Yuksel, *High-Performance Polynomial
+//! Root Finding for Graphics*, 2022, section 3), divide the ray into pieces with at most one
+//! crossing each. The crossing itself is sought on the distance from the surface: the quartic
+//! cancels where the tube is thin. Both searches begin where a formula says and keep their bracket
+//! all the same.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `torus` (native).
 //! - Example: `scenes/shapes/torus.toml`.
@@ -21,7 +22,8 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform, solid,
 };
 
-/// A ring around the z axis of its object space; the outside is away from the circle in the middle of its tube.
+/// A ring around the z axis of its object space; the outside is away from the circle in the middle
+/// of its tube.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -83,10 +85,12 @@ impl Plugin<Shapes> for Torus {
 /// Half the distance from 1 to the next number.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
-/// More than any crossing needs: each step is half as long as the one before, or halves its bracket.
+/// More than any crossing needs: each step is half as long as the one before, or halves its
+/// bracket.
 const MOST_STEPS: u32 = 240;
 
-/// A ray in units of the major radius, from where it passes the center nearest: the point at `s` is `q + s d`.
+/// A ray in units of the major radius, from where it passes the center nearest: the point at `s` is
+/// `q + s d`.
 struct Line {
     q: DVec3,
     d: DVec3,
@@ -171,7 +175,8 @@ impl Line {
         if height.abs() > half && slope == 0.0 {
             return None;
         }
-        // Comparisons with NaN (the line lies in one of the planes, or misses the ball) change nothing and fail.
+        // Comparisons with NaN (the line lies in one of the planes, or misses the ball) change
+        // nothing and fail.
         let low = (-chord).max(below.min(above));
         let high = chord.min(below.max(above));
         (chord > 0.0 && low < high).then_some((low, high))
@@ -182,7 +187,8 @@ impl Line {
         let a = self.d.length_squared();
         let (h, k) = (self.q.dot(self.axis), self.d.dot(self.axis));
         let (radial, along) = (self.q - h * self.axis, self.d - k * self.axis);
-        // (|p|² + 1 - r²)² - 4 rho², with |p|² = w + a s² and rho² a quadric of s. Its derivative over 4 a²:
+        // (|p|² + 1 - r²)² - 4 rho², with |p|² = w + a s² and rho² a quadric of s. Its derivative
+        // over 4 a²:
         let w = self.q.length_squared();
         let p = ((w + (1.0 - self.minor) * (1.0 + self.minor)) - 2.0 * along.length_squared() / a) / a;
         let q = -2.0 * radial.dot(along) / (a * a);
@@ -221,7 +227,8 @@ impl Line {
         self.distance(self.at_start()).slope
     }
 
-    /// The distance from the surface and its derivative, NaN on the axis and in the middle of the tube.
+    /// The distance from the surface and its derivative, NaN on the axis and in the middle of the
+    /// tube.
     fn value(&self, s: f64) -> (f64, f64) {
         let p = self.q + s * self.d;
         let height = p.dot(self.axis);
@@ -232,8 +239,8 @@ impl Line {
         (from_circle - self.minor, slope / from_circle)
     }
 
-    /// How far it is from a minimum of the quartic inside the tube to where the parabola that fits there has its roots; NaN if
-    /// the place is outside. `curvature` is the second derivative.
+    /// How far it is from a minimum of the quartic inside the tube to where the parabola that fits
+    /// there has its roots; NaN if the place is outside. `curvature` is the second derivative.
     fn half_width(&self, s: f64, curvature: f64) -> f64 {
         let p = self.q + s * self.d;
         let height = p.dot(self.axis);
@@ -291,7 +298,8 @@ impl Line {
     }
 }
 
-/// The derivative of the quartic over `scale`: `s³ + p s + q`. It turns at `turn` on either side of zero, if it does.
+/// The derivative of the quartic over `scale`: `s³ + p s + q`. It turns at `turn` on either side of
+/// zero, if it does.
 struct Turns {
     p: f64,
     q: f64,
@@ -318,7 +326,8 @@ impl Turns {
         })
     }
 
-    /// A root, roughly: of three that beyond the turn, or between the turns, where `s` is; or the only one.
+    /// A root, roughly: of three that beyond the turn, or between the turns, where `s` is; or the
+    /// only one.
     fn near_root(&self, s: f64) -> f64 {
         let Self { p, q, turn, .. } = *self;
         let (third, half) = (p / 3.0, 0.5 * q);
@@ -343,12 +352,13 @@ impl Turns {
     }
 }
 
-/// The root between two places where a function (value and slope) has different signs: Newton's steps inside a
-/// bracket, from `start` if that is in it. `falls` says whether it is negative at the second place.
+/// The root between two places where a function (value and slope) has different signs: Newton's
+/// steps inside a bracket, from `start` if that is in it. `falls` says whether it is negative at
+/// the second place.
 ///
-/// A step is the last one if what is left to go is less than `error`: by Newton's law at most half of `bend`, a bound on the
-/// second derivative, over the slope, times the square of the step; or, where the slope does not tell, if the step itself is
-/// less, relative to s or to 1/8.
+/// A step is the last one if what is left to go is less than `error`: by Newton's law at most half
+/// of `bend`, a bound on the second derivative, over the slope, times the square of the step; or,
+/// where the slope does not tell, if the step itself is less, relative to s or to 1/8.
 fn root(
     f: impl Fn(f64) -> (f64, f64),
     (mut from, mut to): (f64, f64),
@@ -386,7 +396,8 @@ fn root(
     s
 }
 
-/// The power of two by which the largest coordinate comes to lie between 1 and 2, for vectors of any sensible length.
+/// The power of two by which the largest coordinate comes to lie between 1 and 2, for vectors of
+/// any sensible length.
 fn power_of_two_near(v: DVec3) -> f64 {
     let exponent = (v.abs().max_element().to_bits() >> 52).clamp(1, 2045);
     f64::from_bits((2046 - exponent) << 52)
@@ -409,8 +420,9 @@ impl Primitive for Torus {
             return None;
         }
         let line = Line::new(self, ray);
-        // A ray that leaves for the outside meets the surface next where it enters, and the other way round. What
-        // comes first and is of the other kind is the start itself, on the wrong side by rounding.
+        // A ray that leaves for the outside meets the surface next where it enters, and the other
+        // way round. What comes first and is of the other kind is the start itself, on the wrong
+        // side by rounding.
         let mut expected = leaves.map(|_| line.slope_at_start() > 0.0);
         let mut crossings = line.crossings().filter(|crossing| crossing.t > 0.0);
         crossings
@@ -460,7 +472,8 @@ impl Primitive for Torus {
 }
 
 impl Torus {
-    /// Of a point that was put onto the surface: along its normal, the roundings of unit vectors and of sums.
+    /// Of a point that was put onto the surface: along its normal, the roundings of unit vectors
+    /// and of sums.
     fn error(&self) -> f64 {
         4.0 * f64::EPSILON * (self.center.abs().max_element() + self.major + self.minor)
     }
@@ -514,7 +527,8 @@ mod tests {
     fn special_rays() {
         let ring = ring("major_radius = 2\nminor_radius = 0.5");
         let of = |origin, direction| hits(ring.as_ref(), origin, direction);
-        // Through all four walls; along the axis and through the hole beside it; from inside the tube.
+        // Through all four walls; along the axis and through the hole beside it; from inside the
+        // tube.
         assert_eq!(of([4.0, 0.0, 0.0], [-1.0, 0.0, 0.0]), [1.5, 2.5, 5.5, 6.5]);
         assert!(of([0.0, 0.0, 9.0], [0.0, 0.0, -1.0]).is_empty());
         assert!(of([1.4, 0.0, 9.0], [0.0, 0.0, -1.0]).is_empty());

@@ -1,6 +1,7 @@
 //! A single triangle.
 //!
-//! It lowers itself to a mesh of one triangle, so that the watertight test of the core is the only one.
+//! It lowers itself to a mesh of one triangle, so that the watertight test of the core is the only
+//! one.
 //!
 //! - Twin: Mitsuba mesh of one triangle (native).
 //! - Example: `scenes/shapes/triangle.toml`.
@@ -17,8 +18,8 @@ use whitstone_core::{Context, DVec2, Plugin, SceneError, SceneErrors, Shape, Sha
 pub struct Config {
     /// The corners a, b, c in object space, in metres.
     vertices: [Vector3; 3],
-    /// Shading normals at the corners in object space, of any length but zero; by default the normal of
-    /// the plane.
+    /// Shading normals at the corners in object space, of any length but zero; by default the
+    /// normal of the plane.
     normals: Option<[Vector3; 3]>,
     /// Texture coordinates at the corners; by default the barycentric weights of b and c.
     uvs: Option<[Vector2; 3]>,

@@ -56,8 +56,8 @@ fn patches_join_where_they_should() {
             }
         }
     }
-    // Tip of the lid, middle of the bottom. Open are rim and lid, four curves each, and both ends of handle and
-    // spout.
+    // Tip of the lid, middle of the bottom. Open are rim and lid, four curves each, and both ends
+    // of handle and spout.
     assert_eq!(collapsed, 8);
     let joined = curves.values().filter(|(count, _)| *count == 2).count();
     let open: Vec<Point> = curves

@@ -1,5 +1,6 @@
-//! The torus against roots in twice the precision, from the thinnest rings and the farthest origins; and that
-//! the usual way, Ferrari's formula on the coefficients at the origin, fails the same test.
+//! The torus against roots in twice the precision, from the thinnest rings and the farthest
+//! origins; and that the usual way, Ferrari's formula on the coefficients at the origin, fails the
+//! same test.
 
 use std::ops::{Add, Mul, Sub};
 use whitstone_core::{
@@ -98,8 +99,8 @@ fn roots(coefficients: &[Double], low: Double, high: Double) -> Vec<Double> {
     found
 }
 
-/// Where a ray meets the torus around the z axis: points, and the least relative distance between an extremum and the
-/// surface, in minor radii. Exact but for some 25 digits.
+/// Where a ray meets the torus around the z axis: points, and the least relative distance between
+/// an extremum and the surface, in minor radii. Exact but for some 25 digits.
 fn exact(ray: &Ray, major: f64, minor: f64) -> (Vec<DVec3>, f64) {
     let o = ray.origin.to_array().map(Double::of);
     let d = ray.direction.to_array().map(Double::of);
@@ -184,8 +185,8 @@ fn tested(torus: &dyn Primitive, ray: &Ray) -> Vec<SurfacePoint> {
     found
 }
 
-/// How many rays get another number of hits or one that is off by more than 1e-6 minor radii, seen from above
-/// the surface; and the largest error, in minor radii.
+/// How many rays get another number of hits or one that is off by more than 1e-6 minor radii, seen
+/// from above the surface; and the largest error, in minor radii.
 fn compare(found: &[DVec3], exact: &[DVec3], ray: &Ray, major: f64, minor: f64) -> (bool, f64) {
     if found.len() != exact.len() {
         return (true, 0.0);

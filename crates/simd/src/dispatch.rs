@@ -27,8 +27,8 @@ impl std::fmt::Display for Level {
 }
 
 impl Level {
-    /// The best that this processor has, or what the environment variable `WHITSTONE_SIMD` (`baseline`,
-    /// `avx2`, `avx512`) allows of it; asked once.
+    /// The best that this processor has, or what the environment variable `WHITSTONE_SIMD`
+    /// (`baseline`, `avx2`, `avx512`) allows of it; asked once.
     pub fn current() -> Self {
         static LEVEL: OnceLock<Level> = OnceLock::new();
         *LEVEL.get_or_init(|| {
@@ -37,7 +37,8 @@ impl Level {
         })
     }
 
-    /// What the environment variable allows: everything if it is not there, [`Self::current`] takes a word that it does not know for that too.
+    /// What the environment variable allows: everything if it is not there, [`Self::current`] takes
+    /// a word that it does not know for that too.
     ///
     /// # Errors
     /// A word that is none of the three.

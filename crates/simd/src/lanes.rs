@@ -18,11 +18,12 @@ pub fn prefetch<T>(soon: &[T]) {
 
 /// Arithmetic on `N` numbers of single precision at once.
 ///
-/// An implementation is a token: to hold one is to know that the processor has its instructions. Code
-/// that is generic over it is a [`Kernel`]; every function in between must be `#[inline(always)]`.
+/// An implementation is a token: to hold one is to know that the processor has its instructions.
+/// Code that is generic over it is a [`Kernel`]; every function in between must be
+/// `#[inline(always)]`.
 ///
-/// What is computed may differ by rounding between implementations ([`Lanes::mul_add`]), so use it where
-/// only a bound counts.
+/// What is computed may differ by rounding between implementations ([`Lanes::mul_add`]), so use it
+/// where only a bound counts.
 pub trait Lanes<const N: usize>: Copy {
     /// The numbers.
     type Floats: Copy;
@@ -212,8 +213,9 @@ mod x86 {
             $(
                 #[inline(always)]
                 fn $name(self, $($x: $type),+) -> $result {
-                    // SAFETY: this token is made only where the processor has AVX2 and FMA, or AVX-512. Loads
-                    // and stores are those of a reference to as many bytes, and need no alignment.
+                    // SAFETY: this token is made only where the processor has AVX2 and FMA, or
+                    // AVX-512. Loads and stores are those of a reference to as many bytes, and need
+                    // no alignment.
                     unsafe { $value }
                 }
             )+
@@ -235,7 +237,8 @@ mod x86 {
         };
     }
 
-    /// On eight numbers AVX-512 has nothing better; where it helps the compiler uses its masks and registers.
+    /// On eight numbers AVX-512 has nothing better; where it helps the compiler uses its masks and
+    /// registers.
     macro_rules! eight {
         ($token:ident) => {
             impl Lanes<8> for $token {

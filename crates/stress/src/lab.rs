@@ -26,7 +26,8 @@ pub struct Lab<'a> {
 }
 
 impl<'a> Lab<'a> {
-    /// Without a driver, Mitsuba takes no part. `rays` is how many questions a step asks, at least one.
+    /// Without a driver, Mitsuba takes no part. `rays` is how many questions a step asks, at least
+    /// one.
     pub fn new(registry: &'a Registry, mitsuba: Option<Driver>, rays: usize) -> Self {
         Self {
             registry,
@@ -52,7 +53,8 @@ impl<'a> Lab<'a> {
         self.registry.get(FamilyName::Accelerator, EMBREE).is_ok()
     }
 
-    /// A scene of triangles, which Embree finds as exactly as it can; `None` if the program was built without it.
+    /// A scene of triangles, which Embree finds as exactly as it can; `None` if the program was
+    /// built without it.
     pub(crate) fn embree(&self, scene: &str) -> Option<Result<Pipeline, String>> {
         let scene = format!("accelerator = {{ type = \"{EMBREE}\", robust = true }}\n{scene}");
         self.has_embree().then(|| self.pipeline(&scene))
@@ -99,7 +101,8 @@ impl<'a> Lab<'a> {
         })
     }
 
-    /// The red values of pixels, by the driver, which has Mitsuba meet rays and shapes and look up textures.
+    /// The red values of pixels, by the driver, which has Mitsuba meet rays and shapes and look up
+    /// textures.
     pub(crate) fn mitsuba_pixels(&self, scene: &str, pixels: &[[u32; 2]]) -> Result<Vec<f64>, String> {
         let answer =
             self.mitsuba(json!({ "op": "probe", "scene": scene, "pixels": pixels, "settings": [{}] }))?;

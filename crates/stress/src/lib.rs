@@ -1,14 +1,17 @@
-//! Families of stiff and extreme cases: a knob is turned over decades, and everyone's error is judged by the oracle.
+//! Families of stiff and extreme cases: a knob is turned over decades, and everyone's error is
+//! judged by the oracle.
 //!
-//! Every family is a file in `families`; [`FAMILIES`] lists them. At each step of its knob a family asks every engine that can take part
-//! the same questions and holds the answers to a truth that none of them computed: the oracle's many digits, or a closed form. There
-//! are two levels. What *passes* is what Whitstone promises, near the rounding of double precision. What is *usable* is the
-//! same for every engine, and so coarse that single precision has it where the case is easy: the *frontier* of an engine is the
-//! first step at which it is not usable any more. Without the second level, everything in single precision would break at
-//! the first step, and frontiers would tell nothing.
+//! Every family is a file in `families`; [`FAMILIES`] lists them. At each step of its knob a family
+//! asks every engine that can take part the same questions and holds the answers to a truth that
+//! none of them computed: the oracle's many digits, or a closed form. There are two levels. What
+//! *passes* is what Whitstone promises, near the rounding of double precision. What is *usable* is
+//! the same for every engine, and so coarse that single precision has it where the case is easy:
+//! the *frontier* of an engine is the first step at which it is not usable any more. Without the
+//! second level, everything in single precision would break at the first step, and frontiers would
+//! tell nothing.
 //!
-//! Each family also runs deliberately naive variants ([`whitstone_oracle::naive`]); where none of them fails, the family proves nothing and
-//! is itself reported as toothless.
+//! Each family also runs deliberately naive variants ([`whitstone_oracle::naive`]); where none of
+//! them fails, the family proves nothing and is itself reported as toothless.
 
 pub mod families;
 mod lab;
@@ -31,7 +34,8 @@ pub enum Engine {
     /// Mitsuba's own functions, in single precision.
     #[serde(rename = "mitsuba")]
     Mitsuba,
-    /// Embree over the same triangles, in single precision, where the program has it; all around it is Whitstone.
+    /// Embree over the same triangles, in single precision, where the program has it; all around it
+    /// is Whitstone.
     #[serde(rename = "embree")]
     Embree,
     /// The textbook's, in double precision.

@@ -1,4 +1,5 @@
-//! Pictures of a family: error against the knob, with the frontiers, and error against time, both with logarithmic axes.
+//! Pictures of a family: error against the knob, with the frontiers, and error against time, both
+//! with logarithmic axes.
 
 use crate::{Engine, EngineReport, FamilyReport};
 use whitstone_plot::{Axis, COLORS, Figure, HEIGHT, LEFT, SECOND, TOP, WIDTH};
@@ -57,7 +58,8 @@ pub fn svg(report: &FamilyReport) -> String {
                 step.error,
                 step.failures
             );
-            // Filled where it is of use, open where it is not: also where the class is wrong and the error says nothing.
+            // Filled where it is of use, open where it is not: also where the class is wrong and
+            // the error says nothing.
             figure.dot(at(step), ink, step.usable, &label);
             if let Some(ns) = step.ns_per_op {
                 let label = format!("{label}, {ns:.0} ns");

@@ -1,4 +1,5 @@
-//! Families whose questions are rays at one shape: everyone says where each meets it first, and the oracle knows.
+//! Families whose questions are rays at one shape: everyone says where each meets it first, and the
+//! oracle knows.
 
 use crate::lab::single;
 use crate::{About, Answer, Engine, Family, Lab, Sample};
@@ -132,8 +133,8 @@ impl RayFamily {
     }
 }
 
-/// Families that are about the same, one shape each, as one: what is worst of all shapes counts. An engine takes part that has all of them; Embree is
-/// asked for those of triangles.
+/// Families that are about the same, one shape each, as one: what is worst of all shapes counts. An
+/// engine takes part that has all of them; Embree is asked for those of triangles.
 pub(crate) struct Several(pub(crate) &'static [RayFamily]);
 
 impl Family for Several {
@@ -185,8 +186,9 @@ fn timed<Q, A>(questions: &[Q], answer: impl Fn(&Q) -> A) -> (Vec<A>, f64) {
     (answers, best * 1e9 / questions.len() as f64)
 }
 
-/// A ray in single precision from `origin` that passes a point at the distance `miss` from the centre, in a random direction around it; `None` where
-/// rounding brought it nearer than a hundredth part to `edge`, so that its class would not be clear.
+/// A ray in single precision from `origin` that passes a point at the distance `miss` from the
+/// centre, in a random direction around it; `None` where rounding brought it nearer than a
+/// hundredth part to `edge`, so that its class would not be clear.
 pub(crate) fn past(center: DVec3, origin: DVec3, miss: f64, edge: f64, random: &mut Random) -> Option<Ray> {
     let to = center - origin;
     let distance = to.length();

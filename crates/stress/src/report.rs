@@ -47,7 +47,8 @@ pub struct EngineReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Whitstone keeps the promise everywhere, its frontier is not nearer than Mitsuba's and Embree's, and a naive variant fails.
+    /// Whitstone keeps the promise everywhere, its frontier is not nearer than Mitsuba's and
+    /// Embree's, and a naive variant fails.
     Pass,
     /// Whitstone breaks the promise.
     Fails,
@@ -122,7 +123,8 @@ impl FamilyReport {
                 .find(|report: &&EngineReport| report.engine == engine)
         };
         let takes_part = |report: &&EngineReport| !report.steps.is_empty();
-        // The textbook in single precision never keeps a promise that is made for doubles: what it must fail is to be usable.
+        // The textbook in single precision never keeps a promise that is made for doubles: what it
+        // must fail is to be usable.
         let naive_fails = of(Engine::NaiveF64)
             .filter(takes_part)
             .is_some_and(|report| !report.passes)
@@ -282,7 +284,8 @@ pub fn table(reports: &[FamilyReport]) -> String {
     text
 }
 
-/// Frontiers of Whitstone and of the programs of others, in the families where one of these takes part.
+/// Frontiers of Whitstone and of the programs of others, in the families where one of these takes
+/// part.
 pub fn headline(reports: &[FamilyReport]) -> String {
     let engines = shown([Engine::Whitstone, Engine::Mitsuba, Engine::Embree], reports);
     let after = |first: [String; 2], cells: Vec<String>| row(first.into_iter().chain(cells));
@@ -308,7 +311,8 @@ pub fn headline(reports: &[FamilyReport]) -> String {
 mod tests {
     use super::*;
 
-    /// Engines that break the usable level at these errors, over a knob of three decades; all promises are 1.
+    /// Engines that break the usable level at these errors, over a knob of three decades; all
+    /// promises are 1.
     fn judged(errors: [(Engine, [f64; 3]); 3]) -> FamilyReport {
         struct Fixed([(Engine, [f64; 3]); 3]);
         impl Family for Fixed {

@@ -13,10 +13,10 @@ use whitstone_core::{
     Accelerator, Accelerators, DVec3, Geometry, Interval, Plugin, RawHit, Ray, Shape, Skip, TriangleMesh,
 };
 
-/// An accelerator gives bit for bit what trying every element in order gives, for nearest hits and for
-/// occlusion, in any interval and leaving any primitive: over nothing, over one triangle, over random
-/// triangles and balls, elements that coincide, grids of axis-parallel faces with rays that run in them,
-/// needles, an endless wall, and sizes far apart.
+/// An accelerator gives bit for bit what trying every element in order gives, for nearest hits and
+/// for occlusion, in any interval and leaving any primitive: over nothing, over one triangle, over
+/// random triangles and balls, elements that coincide, grids of axis-parallel faces with rays that
+/// run in them, needles, an endless wall, and sizes far apart.
 ///
 /// # Panics
 ///
@@ -41,8 +41,8 @@ pub fn accelerator_agrees(geometry: &Geometry, accelerator: &dyn Accelerator, ra
     assert_eq!(broken.map(|broken| broken.law), None);
 }
 
-/// Rays in and around some geometry: from anywhere to anywhere, to corners, along axes, in planes of faces, flat over
-/// triangles, from very far. The same for the same seed.
+/// Rays in and around some geometry: from anywhere to anywhere, to corners, along axes, in planes
+/// of faces, flat over triangles, from very far. The same for the same seed.
 pub fn random_rays(geometry: &Geometry, count: u64, seed: u64) -> impl Iterator<Item = Ray> {
     let mut random = Random::new(seed);
     let aim = Aim::new(geometry);
@@ -58,8 +58,8 @@ fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result
     for (name, shapes, rays) in worlds_of_copies() {
         let naive = |geometry| Box::new(Naive::new(geometry)) as Box<dyn Accelerator>;
         let truth = Geometry::new(shapes(&naive));
-        // The structure on both levels: over the copies, and over what is copied. Then under copies that are
-        // asked one after another, by streams.
+        // The structure on both levels: over the copies, and over what is copied. Then under copies
+        // that are asked one after another, by streams.
         let geometry = || Arc::new(Geometry::new(shapes(&build)));
         for accelerator in [build(geometry()), naive(geometry())] {
             compare(&truth, &*accelerator, rays).map_err(|broken| broken.within(&format!("over {name}")))?;
@@ -126,7 +126,8 @@ pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: 
     Ok(accelerator_streams(accelerator, &bundles)?)
 }
 
-/// Rays that are close to each other: enough of them that whole groups of lanes are, wherever they begin.
+/// Rays that are close to each other: enough of them that whole groups of lanes are, wherever they
+/// begin.
 const BUNDLE: usize = 32;
 
 /// The hits of every element, anywhere in front.
@@ -217,8 +218,8 @@ impl Aim {
                 direction[axis] = if random.unit() < 0.5 { 0.0 } else { -0.0 };
                 Ray::new(origin, direction)
             }
-            // To the inside of a triangle, flat enough that the slightest error of direction is a large one
-            // of distance.
+            // To the inside of a triangle, flat enough that the slightest error of direction is a
+            // large one of distance.
             5 if !self.triangles.is_empty() => {
                 let [a, b, c] = self.triangles[random.below(self.triangles.len())];
                 let (u, v) = (0.5 * random.unit(), 0.5 * random.unit());
@@ -323,8 +324,8 @@ pub(crate) fn ball(random: &mut Random, scale: f64) -> Shape {
     }))
 }
 
-/// Long thin triangles in few planes, some along an axis and nearly in one another, so that rays meet
-/// several at nearly the same distance; the flattest are only as wide as rounding.
+/// Long thin triangles in few planes, some along an axis and nearly in one another, so that rays
+/// meet several at nearly the same distance; the flattest are only as wide as rounding.
 pub(crate) fn needles(random: &mut Random, count: usize) -> Shape {
     let corners = (0..count).flat_map(|i| {
         let width = 10f64.powi(-(random.below(15) as i32));

@@ -29,8 +29,8 @@ pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// A torus about the z axis, radii 0.7 and 0.3: an OBJ of quads with normals and texture coordinates, and
-/// a seam where those start anew.
+/// A torus about the z axis, radii 0.7 and 0.3: an OBJ of quads with normals and texture
+/// coordinates, and a seam where those start anew.
 fn torus() -> String {
     const AROUND: usize = 32;
     const ACROSS: usize = 16;
@@ -75,8 +75,8 @@ fn torus() -> String {
     text + &uvs + &normals + &faces
 }
 
-/// A coarse pot to be subdivided: walls over a star of six points, with a bottom and without a lid; an OBJ with texture coordinates,
-/// which start anew at one upright edge and at the bottom.
+/// A coarse pot to be subdivided: walls over a star of six points, with a bottom and without a lid;
+/// an OBJ with texture coordinates, which start anew at one upright edge and at the bottom.
 fn star() -> String {
     const AROUND: usize = 12;
     const HIGH: usize = 2;
@@ -197,7 +197,8 @@ fn subdivided_icosahedron(steps: usize) -> (Vec<DVec3>, Vec<[usize; 3]>) {
     (positions, triangles)
 }
 
-/// Hills over the square -1 <= x, y <= 1, up to 0.3 high: an ASCII PLY of triangles without normals.
+/// Hills over the square -1 <= x, y <= 1, up to 0.3 high: an ASCII PLY of triangles without
+/// normals.
 fn terrain() -> String {
     const CELLS: usize = 32;
     let side = CELLS + 1;
@@ -227,9 +228,9 @@ fn terrain() -> String {
     text
 }
 
-/// A picture of 32 x 32 pixels, 8 bits sRGB. Each corner has its colour - red top left, green top right,
-/// blue bottom left, white bottom right - so that a turned or mirrored texture is seen at once; between
-/// them lies a ramp that is dark at the left, with a grid of single texels.
+/// A picture of 32 x 32 pixels, 8 bits sRGB. Each corner has its colour - red top left, green top
+/// right, blue bottom left, white bottom right - so that a turned or mirrored texture is seen at
+/// once; between them lies a ramp that is dark at the left, with a grid of single texels.
 fn corners() -> Vec<u8> {
     const SIZE: u32 = 32;
     let picture = image::RgbImage::from_fn(SIZE, SIZE, |x, y| {
@@ -258,8 +259,8 @@ fn checker() -> Vec<u8> {
     png(&picture)
 }
 
-/// A leaf with a hole on 32 x 32 pixels, 8 bits sRGB and alpha: how much of a pixel it covers. It is green all over, also where it is not: colours are not
-/// multiplied by alpha.
+/// A leaf with a hole on 32 x 32 pixels, 8 bits sRGB and alpha: how much of a pixel it covers. It
+/// is green all over, also where it is not: colours are not multiplied by alpha.
 fn leaf() -> Vec<u8> {
     const SIZE: u32 = 32;
     const PARTS: u32 = 8;
@@ -281,7 +282,8 @@ fn leaf() -> Vec<u8> {
     png(&picture)
 }
 
-/// A wall of stones of several tones with dark joints, a sample for textures that are made from one.
+/// A wall of stones of several tones with dark joints, a sample for textures that are made from
+/// one.
 fn stones() -> Vec<u8> {
     const SIZE: u32 = 48;
     const CELL: u32 = 12;
@@ -305,8 +307,9 @@ fn stones() -> Vec<u8> {
     png(&picture)
 }
 
-/// A face of a sky, by the direction from -1 to 1 to the right and up of its middle: haze and a sun over hills and fields, different all around, so that
-/// a face that is turned does not fit to its neighbours.
+/// A face of a sky, by the direction from -1 to 1 to the right and up of its middle: haze and a sun
+/// over hills and fields, different all around, so that a face that is turned does not fit to its
+/// neighbours.
 fn sky(direction: impl Fn(f64, f64) -> [f64; 3]) -> Vec<u8> {
     const SIZE: u32 = 48;
     let picture = image::RgbImage::from_fn(SIZE, SIZE, |i, j| {
@@ -357,7 +360,8 @@ fn line(text: &mut String, keyword: &str, numbers: &[f64]) {
     writeln!(text, "{keyword} {}", words.join(" ")).expect("a string takes all that is written");
 }
 
-/// Five decimals: fewer than those in which the sines of different machines differ. No negative zero.
+/// Five decimals: fewer than those in which the sines of different machines differ. No negative
+/// zero.
 fn decimal(x: f64) -> String {
     let text = format!("{x:.5}");
     match text.as_str() {

@@ -3,9 +3,10 @@
 use crate::streams::camera_streams;
 use whitstone_core::{Camera, DMat4, DVec2, FilmSize, Ray};
 
-/// Rays are finite and of unit direction, a function of the position alone, different in different quarters of the image, the same one by
-/// one and in streams, from every point of the lens, and show the world as it is rather than mirrored or upside down. The projection, if there is
-/// one, takes every point of a ray back to where the ray came from.
+/// Rays are finite and of unit direction, a function of the position alone, different in different
+/// quarters of the image, the same one by one and in streams, from every point of the lens, and
+/// show the world as it is rather than mirrored or upside down. The projection, if there is one,
+/// takes every point of a ray back to where the ray came from.
 ///
 /// # Panics
 ///
@@ -44,8 +45,8 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
     }
     let broken = camera_streams(camera, &rasters).err();
     assert_eq!(broken, None, "rays of a stream");
-    // A point in front of the camera stands for its ray: what has parallel rays has different origins. Not the borders: those of a
-    // view all around are seen twice.
+    // A point in front of the camera stands for its ray: what has parallel rays has different
+    // origins. Not the borders: those of a view all around are seen twice.
     let point = |x: f64, y: f64| {
         let ray: Ray = camera.ray(size * DVec2::new(x, y));
         ray.origin + ray.direction
@@ -86,7 +87,8 @@ fn sound(ray: &Ray, raster: DVec2) {
     );
 }
 
-/// Holds points of a ray that starts `near` in front of the camera, and one behind the camera, to where a projection puts them.
+/// Holds points of a ray that starts `near` in front of the camera, and one behind the camera, to
+/// where a projection puts them.
 fn goes_back(projection: &DMat4, ray: &Ray, near: f64, raster: DVec2, size: DVec2) {
     for t in [0.25, 1.0, 1e3] {
         let projected = *projection * ray.at(t - near.min(0.0)).extend(1.0);

@@ -15,8 +15,8 @@ use whitstone_core::{
 /// Builds an operand inside a shape that stands somewhere.
 type Operand = Rc<dyn Fn(&Transform) -> Result<Shape, SceneErrors>>;
 
-/// What a plugin may ask for while it is built: constants as textures, files of one folder, groups of shapes and
-/// operands by id. Warnings are collected.
+/// What a plugin may ask for while it is built: constants as textures, files of one folder, groups
+/// of shapes and operands by id. Warnings are collected.
 #[derive(Clone, Default)]
 pub struct TestContext {
     /// What files are relative to; by default the folder in which the tests run.

@@ -98,8 +98,8 @@ fn anywhere(random: &mut Random, size: f64) -> Transform {
 
 type World = fn(Build<'_>) -> Vec<Shape>;
 
-/// Geometries with copies of groups, each with its name and how many rays it deserves. They are made twice: for
-/// the truth, and for the accelerator that is held to it.
+/// Geometries with copies of groups, each with its name and how many rays it deserves. They are
+/// made twice: for the truth, and for the accelerator that is held to it.
 pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
     [
         (

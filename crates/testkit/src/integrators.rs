@@ -37,7 +37,8 @@ impl Primitive for Wall {
     }
 }
 
-/// A material made of the terms that integrators tell apart, each simple enough to be summed by hand.
+/// A material made of the terms that integrators tell apart, each simple enough to be summed by
+/// hand.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Simple {
     /// Local radiance: this times (ambient + sum of `E n·l`).
@@ -54,7 +55,8 @@ pub struct Simple {
     pub emission: Rgb,
     /// What shadow rays keep that go through it, filtered or not.
     pub hole: Rgb,
-    /// What they keep of it where shadows are filtered; then they enter `absorption` from outside, and leave it from inside.
+    /// What they keep of it where shadows are filtered; then they enter `absorption` from outside,
+    /// and leave it from inside.
     pub filter: Rgb,
     /// Sends the reflection into the surface and the transmission back, against rule G.
     pub wrong_sides: bool,
@@ -254,10 +256,11 @@ fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
     found
 }
 
-/// Rays that hit nothing see the background; surfaces show their local radiance, with shadows exactly if
-/// `shadows`, and lights on the other side of the geometry give nothing; branches are followed exactly if
-/// the integrator says so, and none that is on the wrong side of the geometry; the result depends on
-/// nothing else; and the record of the rays, where one is asked for, sums to it.
+/// Rays that hit nothing see the background; surfaces show their local radiance, with shadows
+/// exactly if `shadows`, and lights on the other side of the geometry give nothing; branches are
+/// followed exactly if the integrator says so, and none that is on the wrong side of the geometry;
+/// the result depends on nothing else; and the record of the rays, where one is asked for, sums to
+/// it.
 ///
 /// The integrator must be in its default configuration, but for shadows.
 ///

@@ -1,4 +1,5 @@
-//! The families whose plugins can be held to laws in random configurations, and the scenes that show what they break.
+//! The families whose plugins can be held to laws in random configurations, and the scenes that
+//! show what they break.
 
 use crate::accelerators::{compare, mesh_of};
 use crate::ball::Ball;
@@ -303,7 +304,8 @@ impl Lawful for Accelerators {
     }
 }
 
-/// Families that are built from their table alone, or nearly so: how they are checked, and where a scene has them.
+/// Families that are built from their table alone, or nearly so: how they are checked, and where a
+/// scene has them.
 macro_rules! lawful {
     ($family:ty, $place:ty: $places:expr, $fixed:expr, |$input:ident| $given:expr;
      check |$product:ident, $at:ident, $laws:ident| $check:expr;

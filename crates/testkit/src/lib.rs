@@ -1,11 +1,12 @@
 //! The conformance kit: laws that every plugin of a family must satisfy.
 //!
-//! A law is a function that panics, with a message that says which law is broken and where. A plugin's
-//! tests build it from TOML with [`build`] and hand it to the laws of its family.
+//! A law is a function that panics, with a message that says which law is broken and where. A
+//! plugin's tests build it from TOML with [`build`] and hand it to the laws of its family.
 //!
-//! One line does all of it, for tables with ranges in them too ([`shape_laws!`], [`accelerator_laws!`], [`material_laws!`],
-//! [`texture_laws!`], [`camera_laws!`], [`light_laws!`]): configurations are drawn, one that breaks a law is shrunk, and what is
-//! printed is a scene that shows it.
+//! One line does all of it, for tables with ranges in them too ([`shape_laws!`],
+//! [`accelerator_laws!`], [`material_laws!`], [`texture_laws!`], [`camera_laws!`],
+//! [`light_laws!`]): configurations are drawn, one that breaks a law is shrunk, and what is printed
+//! is a scene that shows it.
 
 mod context;
 pub use context::{TestContext, build, build_in};

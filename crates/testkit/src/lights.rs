@@ -11,9 +11,9 @@ fn samples(light: &dyn Light, point: DVec3) -> Vec<LightSample> {
     out
 }
 
-/// A light gives what it says and nothing else; its samples have unit directions, positive distances and
-/// finite irradiances that are not negative, anywhere in space; they are added to the list and are always
-/// the same, one by one and in streams.
+/// A light gives what it says and nothing else; its samples have unit directions, positive
+/// distances and finite irradiances that are not negative, anywhere in space; they are added to the
+/// list and are always the same, one by one and in streams.
 ///
 /// # Panics
 ///
@@ -86,7 +86,8 @@ pub fn light_laws(light: &dyn Light) {
     assert!(says || !reached, "a light with samples says that it gives them");
 }
 
-/// Boxes of many sizes, far and near: where the light says that it does not reach, every point is black.
+/// Boxes of many sizes, far and near: where the light says that it does not reach, every point is
+/// black.
 fn nothing_where_it_does_not_reach(light: &dyn Light) {
     assert!(
         light.reaches(&Aabb::EVERYTHING) || is_dark(light, &Aabb::around([-DVec3::ONE, DVec3::ONE])),
@@ -126,10 +127,10 @@ fn is_dark(light: &dyn Light, bounds: &Aabb) -> bool {
         .all(|sample| sample.irradiance.is_black())
 }
 
-/// For a light at a position, with an intensity that falls off with the square of the distance: along
-/// `axis` (unit, away from the light) the irradiance is that of the inverse square to 1e-9 from 1e8 m
-/// down to 1e-8 m, and at the light itself there is none. The position must be such that distances of 1e-8
-/// can be told apart in its coordinates, as at the origin.
+/// For a light at a position, with an intensity that falls off with the square of the distance:
+/// along `axis` (unit, away from the light) the irradiance is that of the inverse square to 1e-9
+/// from 1e8 m down to 1e-8 m, and at the light itself there is none. The position must be such that
+/// distances of 1e-8 can be told apart in its coordinates, as at the origin.
 ///
 /// # Panics
 ///

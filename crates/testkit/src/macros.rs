@@ -1,7 +1,7 @@
 //! A line of a plugin's tests that holds it to all laws of its family.
 
-/// Tests that a shape obeys the laws of shapes ([`shape_laws`](fn@crate::shape_laws)) in every placement, for each text of its table;
-/// numbers in it may be ranges.
+/// Tests that a shape obeys the laws of shapes ([`shape_laws`](fn@crate::shape_laws)) in every
+/// placement, for each text of its table; numbers in it may be ranges.
 ///
 /// ```ignore
 /// whitstone_testkit::shape_laws!(Superquadric, "", "north_south = 0.1..2\neast_west = 0.1..2");
@@ -16,8 +16,9 @@ macro_rules! shape_laws {
     };
 }
 
-/// Tests that an accelerator obeys the laws of accelerators ([`accelerator_laws`](fn@crate::accelerator_laws)), and that it agrees
-/// with trying everything over random triangles and balls, of which the fewest that show a fault are told.
+/// Tests that an accelerator obeys the laws of accelerators
+/// ([`accelerator_laws`](fn@crate::accelerator_laws)), and that it agrees with trying everything
+/// over random triangles and balls, of which the fewest that show a fault are told.
 ///
 /// ```ignore
 /// whitstone_testkit::accelerator_laws!(Bvh2, "", "leaf_size = 1..8");
@@ -32,7 +33,8 @@ macro_rules! accelerator_laws {
     };
 }
 
-/// Tests that a material obeys [`material_laws`](fn@crate::material_laws), or the laws that are named, which are functions of this crate.
+/// Tests that a material obeys [`material_laws`](fn@crate::material_laws), or the laws that are
+/// named, which are functions of this crate.
 ///
 /// ```ignore
 /// whitstone_testkit::material_laws!(Phong, "exponent = 1..1000");

@@ -39,10 +39,10 @@ fn surface(n_g: DVec3, n_s: DVec3, uv: DVec2, view: DVec3) -> SurfacePoint {
     point.seen_from(view)
 }
 
-/// A material responds as its lobes say and in no other way; its response is finite and not negative
-/// from straight on to grazing, on both sides, with shading normals and without, in proportion to the
-/// light, and reads only what it says; branches have unit directions on their side of the surface;
-/// streams get the same bits.
+/// A material responds as its lobes say and in no other way; its response is finite and not
+/// negative from straight on to grazing, on both sides, with shading normals and without, in
+/// proportion to the light, and reads only what it says; branches have unit directions on their
+/// side of the surface; streams get the same bits.
 ///
 /// # Panics
 ///
@@ -124,7 +124,8 @@ fn branch_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3, plain
             weight.is_black() || lobes.contains(lobe),
             "lobes name every kind of branch: {place}"
         );
-        // Reflected by a normal of its own, a ray may well go into the surface; rule G is there for that.
+        // Reflected by a normal of its own, a ray may well go into the surface; rule G is there for
+        // that.
         let straight_on = *kind == BranchKind::Straight;
         if plain && (straight_on || !lobes.contains(Lobes::OWN_NORMAL)) {
             let right = match kind {
@@ -293,8 +294,9 @@ fn both_sides(material: &dyn Material, n: DVec3, view: DVec3) {
     assert_eq!(from(n), from(-n), "both sides look the same");
 }
 
-/// In a furnace, where radiance 1 arrives from everywhere, no more leaves: for materials whose parameters
-/// promise it (their shares sum up to at most 1, and transmitted radiance is not scaled).
+/// In a furnace, where radiance 1 arrives from everywhere, no more leaves: for materials whose
+/// parameters promise it (their shares sum up to at most 1, and transmitted radiance is not
+/// scaled).
 ///
 /// # Panics
 ///
@@ -319,8 +321,9 @@ pub fn furnace_laws(material: &dyn Material) {
     }
 }
 
-/// Under light of radiance 1 from every direction above the surface, by many directional lights, no more leaves than arrives: for
-/// materials in the units of radiometry, with the 1/pi in them. Branches are not counted: see [`furnace_laws`].
+/// Under light of radiance 1 from every direction above the surface, by many directional lights, no
+/// more leaves than arrives: for materials in the units of radiometry, with the 1/pi in them.
+/// Branches are not counted: see [`furnace_laws`].
 ///
 /// # Panics
 ///
@@ -351,8 +354,9 @@ pub fn energy_laws(material: &dyn Material) {
 /// Lights of [`energy_laws`].
 const LIGHTS: u32 = 4096;
 
-/// Light takes a path both ways alike (Helmholtz): the share of a light's irradiance that leaves towards the viewer is the same
-/// with the two exchanged. For materials that are meant to be physical; Phong's highlight is not.
+/// Light takes a path both ways alike (Helmholtz): the share of a light's irradiance that leaves
+/// towards the viewer is the same with the two exchanged. For materials that are meant to be
+/// physical; Phong's highlight is not.
 ///
 /// # Panics
 ///
@@ -386,9 +390,9 @@ pub fn reciprocity_laws(material: &dyn Material) {
     }
 }
 
-/// For a material that reflects and refracts like glass: nothing is lost (`R + T/eta² = 1`), directions
-/// obey Snell's law and lie in the plane of incidence, and a path backwards has the same shares as
-/// forwards.
+/// For a material that reflects and refracts like glass: nothing is lost (`R + T/eta² = 1`),
+/// directions obey Snell's law and lie in the plane of incidence, and a path backwards has the same
+/// shares as forwards.
 ///
 /// # Panics
 ///

@@ -1,4 +1,5 @@
-//! What must hold of an accelerator in single precision: it departs from ours by rounding, and says so.
+//! What must hold of an accelerator in single precision: it departs from ours by rounding, and says
+//! so.
 
 use crate::ball::Ball;
 use crate::random::Random;
@@ -11,17 +12,19 @@ use whitstone_core::{
     Accelerator, Accelerators, DVec3, Geometry, Interval, Plugin, RawHit, Ray, Shape, Skip, TriangleMesh,
 };
 
-/// Of so many rays one may see another primitive: those that run by an edge, as far as rounding goes.
+/// Of so many rays one may see another primitive: those that run by an edge, as far as rounding
+/// goes.
 const RAYS: u32 = 20_000;
 const MOST_OTHERS: u32 = RAYS / 500;
 
 /// A distance may differ by so much of the size of the scene and of how far the ray comes from.
 const CLOSE: f64 = 2e-5;
 
-/// A peer finds, up to the rounding of single precision, what trying every element in double precision finds: over
-/// triangles of two meshes, balls and an endless wall; elements that are no triangles exactly so. It never finds the
-/// primitive that a ray leaves, nor anything outside the interval; its streams agree with its single rays to the last
-/// bit; and it says that images depend on it.
+/// A peer finds, up to the rounding of single precision, what trying every element in double
+/// precision finds: over triangles of two meshes, balls and an endless wall; elements that are no
+/// triangles exactly so. It never finds the primitive that a ray leaves, nor anything outside the
+/// interval; its streams agree with its single rays to the last bit; and it says that images depend
+/// on it.
 ///
 /// # Panics
 ///

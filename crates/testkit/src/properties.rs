@@ -1,5 +1,5 @@
-//! Laws in configurations that no one thought of: drawn at random, the same in every run, and shrunk where one fails to a
-//! scene that shows it.
+//! Laws in configurations that no one thought of: drawn at random, the same in every run, and
+//! shrunk where one fails to a scene that shows it.
 
 #[cfg(test)]
 mod tests;
@@ -42,9 +42,9 @@ impl fmt::Display for Failure {
     }
 }
 
-/// Holds a plugin to the laws of its family, for each text of its table. In a text a number may be a range, `0.1..2`: then
-/// configurations are drawn at random, and one that fails is shrunk. `laws` are more laws, or, for materials, all of
-/// them. The macros `shape_laws!` and so on call this.
+/// Holds a plugin to the laws of its family, for each text of its table. In a text a number may be
+/// a range, `0.1..2`: then configurations are drawn at random, and one that fails is shrunk. `laws`
+/// are more laws, or, for materials, all of them. The macros `shape_laws!` and so on call this.
 ///
 /// # Panics
 ///

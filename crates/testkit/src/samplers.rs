@@ -6,8 +6,8 @@ use whitstone_core::{DVec2, Sampler};
 /// Some pixels, also the farthest.
 const PIXELS: [[u32; 2]; 4] = [[0, 0], [1, 0], [7, 13], [65_535, 65_535]];
 
-/// Of a sampler with one pattern for all pixels: there is at least one position; all lie in `[0, 1)²`, are different, always the same, and their
-/// mean is the middle of the pixel.
+/// Of a sampler with one pattern for all pixels: there is at least one position; all lie in
+/// `[0, 1)²`, are different, always the same, and their mean is the middle of the pixel.
 ///
 /// # Panics
 ///
@@ -28,8 +28,9 @@ pub fn sampler_laws(sampler: &dyn Sampler) {
     }
 }
 
-/// Of a sampler that draws another pattern for each pixel: as [`sampler_laws`], but the mean is that over many pixels, within five
-/// times what chance moves it, and no two pixels have the same pattern.
+/// Of a sampler that draws another pattern for each pixel: as [`sampler_laws`], but the mean is
+/// that over many pixels, within five times what chance moves it, and no two pixels have the same
+/// pattern.
 ///
 /// # Panics
 ///

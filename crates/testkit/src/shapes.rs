@@ -12,8 +12,8 @@ use whitstone_core::{
     Shapes, Skip, Statistics, SurfacePoint, Transform,
 };
 
-/// Where a shape may stand: straight, turned, mirrored, tiny, huge, far away, thin and sheared. Those that
-/// keep angles come first.
+/// Where a shape may stand: straight, turned, mirrored, tiny, huge, far away, thin and sheared.
+/// Those that keep angles come first.
 pub fn placements() -> Vec<(&'static str, Transform)> {
     let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 0.8);
     let place = |matrix, x, y, z| DAffine3::from_mat3_translation(matrix, DVec3::new(x, y, z));
@@ -45,14 +45,16 @@ pub fn placements() -> Vec<(&'static str, Transform)> {
 /// Most rays of one batch: all are remembered until their streams have been compared.
 const BATCH: u32 = 20_000;
 
-/// How many rays each of `parts` gets: `samples`, or its part of the number in the variable `WHITSTONE_LAW_RAYS`, if that is more.
+/// How many rays each of `parts` gets: `samples`, or its part of the number in the variable
+/// `WHITSTONE_LAW_RAYS`, if that is more.
 fn rays_of_part(samples: u32, parts: usize) -> u32 {
     let wished = std::env::var("WHITSTONE_LAW_RAYS").ok();
     let wished: usize = wished.map_or(0, |rays| rays.parse().expect("WHITSTONE_LAW_RAYS is a number"));
     samples.max(wished.div_ceil(parts) as u32)
 }
 
-/// Builds the shape in every one of the [`placements`] that it accepts and holds it to [`shape_laws`].
+/// Builds the shape in every one of the [`placements`] that it accepts and holds it to
+/// [`shape_laws`].
 ///
 /// # Panics
 ///
@@ -72,11 +74,12 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
     }
 }
 
-/// Bounds contain what rays hit. Surface points lie on the surface up to their error, from however far the
-/// ray came; their normals have unit length. The ray parameter is inversely proportional to the length of
-/// the direction. A ray that leaves a hit does not meet it again. A hit depends on the ray alone: not on
-/// the interval, and not on what was asked before. Streams of rays get the same bits. What says that it is a solid is
-/// one: entries and exits alternate, and what lies between them is inside from everywhere.
+/// Bounds contain what rays hit. Surface points lie on the surface up to their error, from however
+/// far the ray came; their normals have unit length. The ray parameter is inversely proportional to
+/// the length of the direction. A ray that leaves a hit does not meet it again. A hit depends on
+/// the ray alone: not on the interval, and not on what was asked before. Streams of rays get the
+/// same bits. What says that it is a solid is one: entries and exits alternate, and what lies
+/// between them is inside from everywhere.
 ///
 /// The variable `WHITSTONE_LAW_RAYS` asks for more rays than `samples`.
 ///
@@ -208,7 +211,8 @@ impl Aim {
         self.half.max_element()
     }
 
-    /// A ray from around, from inside, from near or from very far, to the box or a little beside it.
+    /// A ray from around, from inside, from near or from very far, to the box or a little beside
+    /// it.
     pub fn ray(&self, number: u32, random: &mut Random) -> Ray {
         let target = self.center + 1.05 * self.half * random.cube();
         let distance = [0.5, 3.0, 30.0, 1e5][number as usize % 4];
@@ -219,7 +223,8 @@ impl Aim {
     }
 }
 
-/// How far a surface may bend away from its tangent plane, as a part of the step along it: eight times as far as a sphere that fills its box.
+/// How far a surface may bend away from its tangent plane, as a part of the step along it: eight
+/// times as far as a sphere that fills its box.
 const FLAT: f64 = 8.0 / (1u32 << 21) as f64;
 
 /// A shape alone in its world.
@@ -351,7 +356,8 @@ impl Bench {
         for side in [1.0, -1.0] {
             let sideways = n_g.cross(random.direction());
             let d = (side * n_g + 3.0 * sideways).normalize();
-            // Above the surface, and right on it: one tries the error bound, the other the skipped primitive.
+            // Above the surface, and right on it: one tries the error bound, the other the skipped
+            // primitive.
             for origin in [point.leave(d), position] {
                 let away = Ray::new(origin, d);
                 let again = self.closest(&away, Interval::FORWARD, Skip::leaving(hit));
@@ -412,16 +418,18 @@ impl Bench {
         )
     }
 
-    /// Beside an edge, what leaves one part of the surface rightly meets the next one, as near as the edge is: with a million
-    /// rays some start so close to it. A place that is met again is of the same part, or met from the wrong side, as entries
-    /// and exits alternate: what leaves for the outside (`side` is 1) enters next, what leaves for the inside leaves again.
+    /// Beside an edge, what leaves one part of the surface rightly meets the next one, as near as
+    /// the edge is: with a million rays some start so close to it. A place that is met again is of
+    /// the same part, or met from the wrong side, as entries and exits alternate: what leaves for
+    /// the outside (`side` is 1) enters next, what leaves for the inside leaves again.
     fn is_behind_an_edge(&self, ray: &Ray, met: &RawHit, left: &RawHit, side: f64) -> bool {
         let n = self.geometry.surface(ray, met, Needs::NOTHING).n_g;
         met.id() != left.id() && side * n.dot(ray.direction) < 0.0
     }
 
-    /// Looks at the place from just above: the surface must be there, up to `slack`. The error of a place is bounded along the normal:
-    /// aside, rays from very far away may end beyond an edge by their rounding.
+    /// Looks at the place from just above: the surface must be there, up to `slack`. The error of a
+    /// place is bounded along the normal: aside, rays from very far away may end beyond an edge by
+    /// their rounding.
     fn is_on_surface(&self, position: DVec3, n: DVec3, slack: f64) -> bool {
         let (a, b) = n.any_orthonormal_pair();
         let around = (0..8).map(|part| DVec2::from_angle(TAU / 8.0 * f64::from(part)));

@@ -6,9 +6,10 @@ use whitstone_core::{
     DVec3, InstancePath, Interval, Needs, Primitive, PrimitiveHit, Ray, Span, Spans, solid,
 };
 
-/// The spans of the line of this ray are in order and apart; the normal points out at their ends; the nearest hits are
-/// their ends; a place between two ends is inside or outside, seen from there along any other line; and a ray that leaves
-/// an end is known to go inside or not. `size` is how far the shape reaches.
+/// The spans of the line of this ray are in order and apart; the normal points out at their ends;
+/// the nearest hits are their ends; a place between two ends is inside or outside, seen from there
+/// along any other line; and a ray that leaves an end is known to go inside or not. `size` is how
+/// far the shape reaches.
 pub(crate) fn check_solid(
     shape: &dyn Primitive,
     ray: &Ray,
@@ -57,7 +58,8 @@ pub(crate) fn check_solid(
             pair[0] + size
         };
         let middle = 0.5 * (a + b);
-        // A line that meets nothing has no end to start from, and far from the eye rounding decides.
+        // A line that meets nothing has no end to start from, and far from the eye rounding
+        // decides.
         if b - a > least && middle.abs() < 1e3 * size {
             let place = Ray::new(from.at(middle), random.direction());
             check_place(shape, &place, number % 2 == 1)?;

@@ -1,4 +1,5 @@
-//! The law of streams: a plugin that answers for many rays at once gives the same bits as for each of them.
+//! The law of streams: a plugin that answers for many rays at once gives the same bits as for each
+//! of them.
 
 use whitstone_core::stream::{
     Colors, HitStream, LANES, Lanes, PointStream, RayStream, SampleStreams, Vectors,
@@ -203,8 +204,8 @@ pub(crate) fn texture_streams(texture: &dyn Texture, points: &[SurfacePoint]) ->
     Ok(())
 }
 
-/// Points with the directions to their viewers. The light comes from around the shading normal, from some
-/// directions only.
+/// Points with the directions to their viewers. The light comes from around the shading normal,
+/// from some directions only.
 pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint, DVec3)]) -> Checked {
     for points in chunks(points) {
         let stream = points_of(points);

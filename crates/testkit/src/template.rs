@@ -2,7 +2,8 @@
 
 use proptest::prelude::*;
 
-/// A table of TOML in which `0.1..2` stands for any number from 0.1 to 2, and `1..8` for any whole one from 1 to 8.
+/// A table of TOML in which `0.1..2` stands for any number from 0.1 to 2, and `1..8` for any whole
+/// one from 1 to 8.
 pub(crate) struct Template {
     /// What stands between the ranges: one more than there are of them.
     between: Vec<String>,

@@ -3,8 +3,9 @@
 use crate::streams::texture_streams;
 use whitstone_core::{DVec2, DVec3, Footprint, Needs, Rgb, SurfacePoint, Texture, Vec2, Vec3};
 
-/// Values are finite and not negative whatever the texture coordinates and the position are, always the same, one by one and in
-/// streams, depend on the coordinates only if the texture says that it needs them, and are the constant that it says it is.
+/// Values are finite and not negative whatever the texture coordinates and the position are, always
+/// the same, one by one and in streams, depend on the coordinates only if the texture says that it
+/// needs them, and are the constant that it says it is.
 ///
 /// # Panics
 ///

@@ -1,6 +1,7 @@
 //! Numbers of cells, for patterns that repeat in space.
 
-/// How far borders are moved, in cells: a surface that lies exactly on a border shows one colour, where otherwise rounding errors would choose.
+/// How far borders are moved, in cells: a surface that lies exactly on a border shows one colour,
+/// where otherwise rounding errors would choose.
 pub(crate) const SHIFT: f64 = 1.0 / 4096.0;
 
 /// The number of the cell that a coordinate is in.

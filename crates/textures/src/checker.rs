@@ -74,8 +74,8 @@ impl Pattern for Checker {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let cell = (q.truncate() * self.scale + self.offset).floor();
-        // The remainder after division by 2, exact for every finite number; a sum of cell numbers could
-        // round. Without a cell (NaN) the colour is b.
+        // The remainder after division by 2, exact for every finite number; a sum of cell numbers
+        // could round. Without a cell (NaN) the colour is b.
         let odd = cell - 2.0 * (0.5 * cell).floor();
         if odd.x == odd.y { self.a } else { self.b }
     }

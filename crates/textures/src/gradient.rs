@@ -31,7 +31,8 @@ pub struct Config {
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Finite,
-    /// What is beyond the ramp: "repeat", the ramp again; "clamp", the colour of its end; "mirror", the ramp in the other direction.
+    /// What is beyond the ramp: "repeat", the ramp again; "clamp", the colour of its end; "mirror",
+    /// the ramp in the other direction.
     #[serde(default)]
     wrap: Wrap,
     /// Where the texture lies; by the place in the world if left out.

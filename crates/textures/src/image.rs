@@ -1,8 +1,9 @@
 //! A picture from a file, or its alpha channel.
 //!
-//! Alpha says how much of the picture is there (Porter and Duff, *Compositing digital images*, 1984). Colours are neither multiplied by it nor divided. A `mask`
-//! multiplies them, so it wants a file in which that has not been done already: PNG files are so, EXR files mostly not. Leaves are cut out in
-//! `scenes/showcase/cutout.toml`.
+//! Alpha says how much of the picture is there (Porter and Duff, *Compositing digital images*,
+//! 1984). Colours are neither multiplied by it nor divided. A `mask` multiplies them, so it wants a
+//! file in which that has not been done already: PNG files are so, EXR files mostly not. Leaves are
+//! cut out in `scenes/showcase/cutout.toml`.
 //!
 //! - Twin: Mitsuba `bitmap` (native); the filters `trilinear` and `ewa` are hosted.
 //! - Example: `scenes/textures/image.toml`.
@@ -25,24 +26,28 @@ use whitstone_image::texels;
 pub struct Config {
     /// The file, relative to the scene.
     file: FilePath,
-    /// Between texel centres: "bilinear" interpolation, or the "nearest" texel. What several texels fall into one sample of: "trilinear" looks up a
-    /// pyramid of ever coarser levels, "ewa" takes the mean over the ellipse that a sample covers; both are bilinear where samples are closer than texels,
-    /// and take 4 bytes more for each texel.
+    /// Between texel centres: "bilinear" interpolation, or the "nearest" texel. What several texels
+    /// fall into one sample of: "trilinear" looks up a pyramid of ever coarser levels, "ewa" takes
+    /// the mean over the ellipse that a sample covers; both are bilinear where samples are closer
+    /// than texels, and take 4 bytes more for each texel.
     #[serde(default)]
     filter: Filter,
-    /// Of "ewa": how many times longer than wide the ellipse of a sample may be; a longer one is made wider, so that no lookup reads texels
-    /// without end. 16 if left out.
+    /// Of "ewa": how many times longer than wide the ellipse of a sample may be; a longer one is
+    /// made wider, so that no lookup reads texels without end. 16 if left out.
     #[schemars(with = "Option<IntegerIn<1, 64>>")]
     max_anisotropy: MaxAnisotropy,
-    /// Outside of the picture: "repeat" it, "clamp" to its border, or "mirror" it; two words for what is beside it and what is above and below. A
-    /// sky by latitude and longitude wants ["repeat", "clamp"].
+    /// Outside of the picture: "repeat" it, "clamp" to its border, or "mirror" it; two words for
+    /// what is beside it and what is above and below. A sky by latitude and longitude wants
+    /// ["repeat", "clamp"].
     #[serde(default)]
     wrap: Wraps,
-    /// What of the picture: "color", as it is in the file, whatever its alpha is; or "alpha" as a grey, such as for the `opacity` of a `mask`.
+    /// What of the picture: "color", as it is in the file, whatever its alpha is; or "alpha" as a
+    /// grey, such as for the `opacity` of a `mask`.
     #[serde(default)]
     #[schemars(with = "Channel")]
     channel: Option<Spanned<Channel>>,
-    /// What the values in the file are: "srgb", "linear", or "auto": sRGB for PNG and JPEG, linear for EXR. Not of alpha, which is always linear.
+    /// What the values in the file are: "srgb", "linear", or "auto": sRGB for PNG and JPEG, linear
+    /// for EXR. Not of alpha, which is always linear.
     #[serde(default)]
     #[schemars(with = "ColorSpace")]
     color_space: Option<Spanned<ColorSpace>>,
@@ -472,8 +477,9 @@ mod tests {
         assert!(plain != trilinear && plain != ewa && trilinear != ewa);
     }
 
-    /// Means of noise over circles and ellipses are compared with means over many points of the square or parallelogram of the sample, of which the filters are
-    /// approximations: what is to be seen is that they are near, and how near.
+    /// Means of noise over circles and ellipses are compared with means over many points of the
+    /// square or parallelogram of the sample, of which the filters are approximations: what is to
+    /// be seen is that they are near, and how near.
     #[test]
     fn ellipses_are_nearer_to_the_mean_over_a_sample_than_levels_are() {
         let [plain, trilinear, ewa] =
@@ -489,7 +495,8 @@ mod tests {
             }
             sum * (1.0 / f64::from(points * points))
         };
-        // In texels, as round as samples can be, and as long as they come: (error of levels, error of ellipses).
+        // In texels, as round as samples can be, and as long as they come: (error of levels, error
+        // of ellipses).
         let errors = |s: [f64; 2], t: [f64; 2]| {
             let steps = [s, t].map(|step| step.map(|x| x / 64.0));
             let of = |texture: &dyn Texture| {

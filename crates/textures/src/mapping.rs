@@ -1,10 +1,12 @@
 //! Where a texture is: the point of texture space that belongs to a point of a surface.
 //!
-//! A texture is a [`Pattern`], a function of a point of texture space and of nothing else; a [`Mapping`] finds that point, from
-//! the surface's own (u, v) or from its place in the world. So each texture is written once and can be put on by each
-//! mapping, and only a mapping that reads (u, v) makes shapes compute it. The solid textures of Peachey 1985 and Perlin 1985 are patterns
-//! that look at all three coordinates; the projections are those of Bier and Sloan, *Two-part texture mappings*, 1986. The triplanar
-//! one is a mean of three planar ones by the normal (Geiss, *Generating complex procedural terrains using the GPU*, GPU Gems 3, 2007, section 1.5).
+//! A texture is a [`Pattern`], a function of a point of texture space and of nothing else; a
+//! [`Mapping`] finds that point, from the surface's own (u, v) or from its place in the world. So
+//! each texture is written once and can be put on by each mapping, and only a mapping that reads
+//! (u, v) makes shapes compute it. The solid textures of Peachey 1985 and Perlin 1985 are patterns
+//! that look at all three coordinates; the projections are those of Bier and Sloan, *Two-part
+//! texture mappings*, 1986. The triplanar one is a mean of three planar ones by the normal (Geiss,
+//! *Generating complex procedural terrains using the GPU*, GPU Gems 3, 2007, section 1.5).
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -20,8 +22,8 @@ use whitstone_core::{
 
 /// A colour for each point of texture space.
 pub(crate) trait Pattern: Send + Sync {
-    /// The linear value at a point; finite and not negative whatever the point is. Mark it `#[inline(always)]` if it is
-    /// straight-line.
+    /// The linear value at a point; finite and not negative whatever the point is. Mark it
+    /// `#[inline(always)]` if it is straight-line.
     fn at(&self, q: DVec3) -> Rgb;
 
     /// Whether it shows a mean over what a sample covers.
@@ -30,8 +32,8 @@ pub(crate) trait Pattern: Send + Sync {
         false
     }
 
-    /// That mean, of a sample whose neighbours are these steps away; the value at the point where they are zero. Finite and not negative
-    /// whatever they are.
+    /// That mean, of a sample whose neighbours are these steps away; the value at the point where
+    /// they are zero. Finite and not negative whatever they are.
     fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
         let _ = steps;
         self.at(q)
@@ -52,14 +54,17 @@ pub(crate) trait Pattern: Send + Sync {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Mapping {
-    /// "uv": by the texture coordinates of the shape; "solid": by the place in the world; "planar", "spherical", "cylindrical",
-    /// "cube": by the place in the world, projected; "triplanar": by the mean of three projections, along the axes. Textures of (u, v) have "uv" by default, solid ones "solid".
+    /// "uv": by the texture coordinates of the shape; "solid": by the place in the world; "planar",
+    /// "spherical", "cylindrical", "cube": by the place in the world, projected; "triplanar": by
+    /// the mean of three projections, along the axes. Textures of (u, v) have "uv" by default,
+    /// solid ones "solid".
     projection: Option<Projection>,
-    /// From the space of the shape's (u, v, 0), or from world space, to that of the texture or of the projection: one step, or steps in the
-    /// order in which they are applied.
+    /// From the space of the shape's (u, v, 0), or from world space, to that of the texture or of
+    /// the projection: one step, or steps in the order in which they are applied.
     #[serde(default = "none")]
     transform: Steps,
-    /// Of "triplanar": the power of the normal's components by which each projection counts; 4 if left out.
+    /// Of "triplanar": the power of the normal's components by which each projection counts; 4 if
+    /// left out.
     #[schemars(with = "Option<Positive>")]
     sharpness: Option<Spanned<Positive>>,
 }
@@ -237,7 +242,8 @@ impl Projection {
             Self::Uv | Self::Solid | Self::Triplanar => q,
             Self::Planar => DVec3::new(q.x, q.y, 0.0),
             Self::Spherical => {
-                // As the inverse tangent, which is exact near the poles, where the inverse cosine is not.
+                // As the inverse tangent, which is exact near the poles, where the inverse cosine
+                // is not.
                 let theta = q.truncate().length().atan2(q.z);
                 DVec3::new(turn(q), (PI - theta) / PI, 0.0)
             }
@@ -258,7 +264,8 @@ impl Projection {
 }
 
 impl Projection {
-    /// What a small step away from q is in texture space; not finite where the projection is not smooth.
+    /// What a small step away from q is in texture space; not finite where the projection is not
+    /// smooth.
     #[inline]
     fn step(self, q: DVec3, step: DVec3) -> DVec3 {
         let turn = || (q.x * step.y - q.y * step.x) / (TAU * q.truncate().length_squared());

@@ -1,7 +1,9 @@
 //! Perlin's noise, in octaves, and as marble and wood.
 //!
-//! Perlin, *Improving noise*, 2002: gradients to the edges of a cube chosen by a table, eased by a polynomial of degree five. The sums of octaves and marble
-//! are those of Perlin, *An image synthesizer*, 1985; wood is rings, after Peachey in Ebert et al., *Texturing and Modeling*, 1994.
+//! Perlin, *Improving noise*, 2002: gradients to the edges of a cube chosen by a table, eased by a
+//! polynomial of degree five. The sums of octaves and marble are those of Perlin, *An image
+//! synthesizer*, 1985; wood is rings, after Peachey in Ebert et al., *Texturing and
+//! Modeling*, 1994.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/noise.toml`.
@@ -20,8 +22,9 @@ use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneError, SceneErrors, Textu
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "perlin": one octave; "fbm": a sum of octaves; "turbulence": of their absolute values; "marble": waves along x that turbulence distorts; "wood":
-    /// rings around the z axis that fbm distorts.
+    /// "perlin": one octave; "fbm": a sum of octaves; "turbulence": of their absolute values;
+    /// "marble": waves along x that turbulence distorts; "wood": rings around the z axis that fbm
+    /// distorts.
     #[serde(default)]
     kind: Kind,
     /// Colour where the noise is least.
@@ -30,7 +33,8 @@ pub struct Config {
     /// Colour where the noise is greatest.
     #[serde(default = "light")]
     b: Color,
-    /// Cells of the first octave in a unit of texture space (a metre, if nothing else is said); of marble and wood also the waves.
+    /// Cells of the first octave in a unit of texture space (a metre, if nothing else is said); of
+    /// marble and wood also the waves.
     #[serde(default = "one")]
     scale: Positive,
     /// How many octaves; not of "perlin", which is one.

@@ -1,10 +1,12 @@
 //! A picture at ever coarser levels, and what a ray and its neighbours see of it.
 //!
-//! Williams, *Pyramidal parametrics*, SIGGRAPH 1983: each level is the picture at half the size, so that a mean over many texels is
-//! one over few. Greene and Heckbert, *Creating raster Omnimax images from multiple perspective views using the elliptical
-//! weighted average filter*, IEEE CG&A 6(6), 1986, and Heckbert, *Fundamentals of texture mapping and image warping*, 1989, section 3.5:
-//! the mean over the ellipse that a round sample covers, whose rows are cut out of its quadratic form. A long ellipse is made wider until
-//! its axes are in proportion to a bound, so that the texels that are read are bounded too.
+//! Williams, *Pyramidal parametrics*, SIGGRAPH 1983: each level is the picture at half the size, so
+//! that a mean over many texels is one over few. Greene and Heckbert, *Creating raster Omnimax
+//! images from multiple perspective views using the elliptical weighted average filter*, IEEE CG&A
+//! 6(6), 1986, and Heckbert, *Fundamentals of texture mapping and image warping*, 1989, section
+//! 3.5: the mean over the ellipse that a round sample covers, whose rows are cut out of its
+//! quadratic form. A long ellipse is made wider until its axes are in proportion to a bound, so
+//! that the texels that are read are bounded too.
 
 use crate::wrap::Wrap;
 
@@ -32,8 +34,9 @@ impl Level {
     }
 }
 
-/// The levels of a picture but for the finest one, which is the picture; the last one is a single texel. Together they take about 4 bytes for each texel of the
-/// picture: a third of its texels, of 12 bytes.
+/// The levels of a picture but for the finest one, which is the picture; the last one is a single
+/// texel. Together they take about 4 bytes for each texel of the picture: a third of its texels, of
+/// 12 bytes.
 #[derive(Default)]
 pub(crate) struct Pyramid(pub(crate) Vec<Level>);
 
@@ -58,8 +61,8 @@ impl Pyramid {
         (texels * size_of::<[f32; 3]>()) as u64
     }
 
-    /// Over a picture whose texels have these linear values. Each texel of a level is the mean of the level before over the area that it covers, so
-    /// that sizes need not be powers of two.
+    /// Over a picture whose texels have these linear values. Each texel of a level is the mean of
+    /// the level before over the area that it covers, so that sizes need not be powers of two.
     pub(crate) fn new(width: usize, height: usize, texel: impl Fn(usize) -> [f32; 3]) -> Self {
         let mut levels: Vec<Level> = Vec::new();
         for (to_width, to_height) in sizes(width, height) {
@@ -76,7 +79,8 @@ impl Pyramid {
     }
 }
 
-/// For each of `to` texels in a row the first of the `from` texels that it covers, and the shares of these.
+/// For each of `to` texels in a row the first of the `from` texels that it covers, and the shares
+/// of these.
 fn shares(from: usize, to: usize) -> Vec<(usize, Vec<f64>)> {
     let ratio = from as f64 / to as f64;
     let covered = |k: usize| {
@@ -115,15 +119,18 @@ fn shrunk(from: (usize, usize), (width, height): (usize, usize), texel: &dyn Fn(
     }
 }
 
-/// Half axes of the ellipse for neighbours that are one texel away along them: so that the weights have the variance of the square of a sample,
-/// 1/12. Along an axis, over a disk of radius 1, they have (1 - 5q) / (4 (1 - 3q)), q = e^-2.
+/// Half axes of the ellipse for neighbours that are one texel away along them: so that the weights
+/// have the variance of the square of a sample, 1/12. Along an axis, over a disk of radius 1, they
+/// have (1 - 5q) / (4 (1 - 3q)), q = e^-2.
 const RADIUS: f64 = 0.782_549_4;
 
-/// A factor of all weights, a power of two, so that no sum of texels exceeds all numbers: an ellipse holds fewer texels.
+/// A factor of all weights, a power of two, so that no sum of texels exceeds all numbers: an
+/// ellipse holds fewer texels.
 const SMALL: f32 = 1.0 / 65536.0;
 
-/// The weight of a texel by the square of its distance from the middle of the ellipse, as a part of that of its edge: a Gaussian that is cut where it
-/// is e^-2, lowered so that it ends at zero there, [`SMALL`] in the middle. As a polynomial, which loops are made of more easily than of
+/// The weight of a texel by the square of its distance from the middle of the ellipse, as a part of
+/// that of its edge: a Gaussian that is cut where it is e^-2, lowered so that it ends at zero
+/// there, [`SMALL`] in the middle. As a polynomial, which loops are made of more easily than of
 /// exponentials: the nearest one of this degree, off by 2.6e-4 at most. Of four texels.
 #[inline(always)]
 fn weight(square: Vec4) -> Vec4 {
@@ -147,7 +154,8 @@ pub(crate) struct Ellipse {
 }
 
 impl Ellipse {
-    /// Of a sample whose neighbours are these steps away, on a picture of this size. Not finite if a step is not.
+    /// Of a sample whose neighbours are these steps away, on a picture of this size. Not finite if
+    /// a step is not.
     pub(crate) fn new(steps: [DVec2; 2], size: DVec2, most: f64) -> Self {
         let scale = size * RADIUS;
         let (s, t) = (steps[0] * scale, steps[1] * scale);
@@ -239,7 +247,8 @@ impl Walk {
     }
 }
 
-/// The weighted mean of a level over an ellipse around a point. What a texel's fourth number is does not matter.
+/// The weighted mean of a level over an ellipse around a point. What a texel's fourth number is
+/// does not matter.
 pub(crate) fn elliptical(grid: Grid, texel: impl Fn(usize) -> Vec4, middle: DVec2, ellipse: &Ellipse) -> Rgb {
     // Numbers are rounded to whole ones all the time: an instruction that not every processor has.
     simd::dispatch(
@@ -252,7 +261,8 @@ pub(crate) fn elliptical(grid: Grid, texel: impl Fn(usize) -> Vec4, middle: DVec
 fn mean(grid: Grid, texel: impl Fn(usize) -> Vec4, middle: DVec2, ellipse: &Ellipse) -> Rgb {
     let size = DVec2::new(grid.width as f64, grid.height as f64);
     let middle = middle * size - 0.5;
-    // At least a texel to each side, so that some are inside, and the mean goes over smoothly from one to the next.
+    // At least a texel to each side, so that some are inside, and the mean goes over smoothly from
+    // one to the next.
     let wide = |axis: DVec2| {
         let axis = axis * size;
         axis * (1.0 / axis.length()).max(1.0)
@@ -302,8 +312,8 @@ impl Quadratic {
         }
     }
 
-    /// Of all texels inside, by their distance from a point that lies `start` beyond a texel. Texels stand so many `apart` in the level along p and
-    /// q.
+    /// Of all texels inside, by their distance from a point that lies `start` beyond a texel.
+    /// Texels stand so many `apart` in the level along p and q.
     #[inline(always)]
     fn mean(
         &self,
@@ -314,7 +324,8 @@ impl Quadratic {
     ) -> Rgb {
         let Self { a, b, c, reach } = *self;
         let (slope, half) = (-0.5 * b / a, (1.0 / a).sqrt());
-        // Each line as long as the longest, because processors foresee that; texels outside weigh nothing.
+        // Each line as long as the longest, because processors foresee that; texels outside weigh
+        // nothing.
         let runs = (2.0 * half) as i32 / 4 + 1;
         // Two, because one sum would wait for itself.
         let (mut even, mut odd) = (Vec4::ZERO, Vec4::ZERO);

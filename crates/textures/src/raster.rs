@@ -1,8 +1,8 @@
 //! Grids of texels, looked up.
 //!
-//! Texels are kept as they are in the file, as codes or as floating-point numbers, and decoded when looked
-//! up, by a table: so the linear value is exact in double precision, and a texel of an 8-bit file takes 3
-//! bytes.
+//! Texels are kept as they are in the file, as codes or as floating-point numbers, and decoded when
+//! looked up, by a table: so the linear value is exact in double precision, and a texel of an 8-bit
+//! file takes 3 bytes.
 
 use crate::mapping::Pattern;
 use crate::pyramid::{Ellipse, Grid, Pyramid, elliptical};
@@ -202,7 +202,8 @@ impl Raster {
         })
     }
 
-    /// Where texture space is in the picture: (0, 0) its left top corner, (1, 1) the right bottom one.
+    /// Where texture space is in the picture: (0, 0) its left top corner, (1, 1) the right bottom
+    /// one.
     #[inline(always)]
     fn place(&self, q: DVec3) -> DVec2 {
         let uv = q.truncate() * self.lookup.scale + self.lookup.offset;

@@ -28,7 +28,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "u8")]
     channels: Channels,
-    /// The numbers, each at least 0: those of a voxel side by side, voxels along x first, then y, then z.
+    /// The numbers, each at least 0: those of a voxel side by side, voxels along x first, then y,
+    /// then z.
     #[schemars(with = "Option<Vec<NonNegative>>")]
     values: Option<Spanned<Values>>,
     /// A file of the numbers and nothing else, relative to the scene.

@@ -1,12 +1,16 @@
 //! A picture of any size, quilted out of pieces of a small sample.
 //!
-//! Efros and Freeman, *Image quilting for texture synthesis and transfer*, 2001, section 2: each square is a piece of the sample that nearly agrees with its
-//! neighbours where they overlap, and is cut along the path on which they differ least. On demand the whole is then brought nearer to the sample (Kwatra, Essa,
-//! Bobick and Kwatra, *Texture optimization for example-based synthesis*, 2005), with plain least squares: all errors are whole numbers, so that every machine, and
-//! the reference, choose the same pieces. The weights of that paper, error^(r - 2) with r = 0.8, are none, and would let rounding choose.
-//! Both are beside each other in `scenes/showcase/texture_optimization.toml`.
+//! Efros and Freeman, *Image quilting for texture synthesis and transfer*, 2001, section 2: each
+//! square is a piece of the sample that nearly agrees with its neighbours where they overlap, and
+//! is cut along the path on which they differ least. On demand the whole is then brought nearer to
+//! the sample (Kwatra, Essa, Bobick and Kwatra, *Texture optimization for example-based synthesis*,
+//! 2005), with plain least squares: all errors are whole numbers, so that every machine, and the
+//! reference, choose the same pieces. The weights of that paper, error^(r - 2) with r = 0.8, are
+//! none, and would let rounding choose. Both are beside each other in
+//! `scenes/showcase/texture_optimization.toml`.
 //!
-//! - Twin: Mitsuba `bitmap` (native; `trilinear` and `ewa` are hosted), of a picture quilted in Python, written from the model.
+//! - Twin: Mitsuba `bitmap` (native; `trilinear` and `ewa` are hosted), of a picture quilted in
+//!   Python, written from the model.
 //! - Example: `scenes/textures/synthesized.toml`.
 
 mod codes;
@@ -41,26 +45,30 @@ pub struct Config {
     /// Side of the square pieces in texels: about the size of what is to be recognised.
     #[schemars(with = "Option<IntegerIn<2, 256>>")]
     block: Option<Spanned<IntegerIn<2, 256>>>,
-    /// Texels by which neighbours overlap, at most half a block; a quarter of it, at least 1, if left out.
+    /// Texels by which neighbours overlap, at most half a block; a quarter of it, at least 1, if
+    /// left out.
     #[schemars(with = "Option<IntegerIn<1, 128>>")]
     overlap: Option<Spanned<IntegerIn<1, 128>>>,
-    /// How much worse than the best a piece may fit, as a share of its error: with 0 the sample is repeated more.
+    /// How much worse than the best a piece may fit, as a share of its error: with 0 the sample is
+    /// repeated more.
     #[serde(default = "tenth")]
     tolerance: NonNegative,
     /// Chooses other pieces.
     #[serde(default = "first")]
     seed: IntegerIn<0, { u32::MAX }>,
-    /// What is done to the quilt then, so that it is like the sample across seams too; nothing if left out.
+    /// What is done to the quilt then, so that it is like the sample across seams too; nothing if
+    /// left out.
     #[serde(default)]
     #[schemars(with = "Option<Optimize>")]
     optimize: Option<Spanned<Optimize>>,
-    /// Between texel centres: "bilinear" interpolation, or the "nearest" texel. What several texels fall into one sample of: "trilinear" looks up a
-    /// pyramid of ever coarser levels, "ewa" takes the mean over the ellipse that a sample covers; both are bilinear where samples are closer than texels,
-    /// and take 4 bytes more for each texel.
+    /// Between texel centres: "bilinear" interpolation, or the "nearest" texel. What several texels
+    /// fall into one sample of: "trilinear" looks up a pyramid of ever coarser levels, "ewa" takes
+    /// the mean over the ellipse that a sample covers; both are bilinear where samples are closer
+    /// than texels, and take 4 bytes more for each texel.
     #[serde(default)]
     filter: Filter,
-    /// Of "ewa": how many times longer than wide the ellipse of a sample may be; a longer one is made wider, so that no lookup reads texels
-    /// without end. 16 if left out.
+    /// Of "ewa": how many times longer than wide the ellipse of a sample may be; a longer one is
+    /// made wider, so that no lookup reads texels without end. 16 if left out.
     #[schemars(with = "Option<IntegerIn<1, 64>>")]
     max_anisotropy: MaxAnisotropy,
     /// Outside of the picture: "repeat" it, "clamp" to its border, or "mirror" it.
@@ -80,21 +88,24 @@ pub struct Config {
     mapping: Mapping,
 }
 
-/// Iterations that each lower the sum of squared differences between all neighbourhoods of the picture and the pieces of the sample nearest to them.
+/// Iterations that each lower the sum of squared differences between all neighbourhoods of the
+/// picture and the pieces of the sample nearest to them.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Optimize {
-    /// Side of the square neighbourhoods in texels, a quarter of which they lie apart: what is larger is not recognised, and
-    /// what is smaller becomes smoother. 16 if left out.
+    /// Side of the square neighbourhoods in texels, a quarter of which they lie apart: what is
+    /// larger is not recognised, and what is smaller becomes smoother. 16 if left out.
     #[schemars(with = "Option<IntegerIn<4, 256>>")]
     neighborhood: Option<Spanned<IntegerIn<4, 256>>>,
-    /// How often all pieces are searched, and each texel becomes the mean of what they show there. With 0 it is the quilt.
+    /// How often all pieces are searched, and each texel becomes the mean of what they show there.
+    /// With 0 it is the quilt.
     #[serde(default = "four")]
     iterations: IntegerIn<0, 64>,
 }
 
 impl Optimize {
-    /// What is done to a picture of this size, if it is not too much beside the steps that were taken before.
+    /// What is done to a picture of this size, if it is not too much beside the steps that were
+    /// taken before.
     fn over(
         &self,
         sample: &Codes,
@@ -232,7 +243,8 @@ const VERSION: &[u8] = b"synthesized 1";
 /// What takes no longer than this to make is not worth a file.
 const SHORT: Duration = Duration::from_millis(50);
 
-/// The picture, from an earlier run if it was kept; it is kept if it takes longer than `short` to make.
+/// The picture, from an earlier run if it was kept; it is kept if it takes longer than `short` to
+/// make.
 fn recalled_or_made(
     sample: &Codes,
     quilt: &Quilt,

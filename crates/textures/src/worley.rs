@@ -1,6 +1,7 @@
 //! Cells around scattered points.
 //!
-//! Worley, *A cellular texture basis function*, 1996, with one feature point in each cell of a grid, where Worley's are several.
+//! Worley, *A cellular texture basis function*, 1996, with one feature point in each cell of a
+//! grid, where Worley's are several.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/worley.toml`.
@@ -17,7 +18,8 @@ use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// What is shown: "f1", the distance to the nearest point; "f2", that to the second nearest; "f2_minus_f1", which is 0 between the cells.
+    /// What is shown: "f1", the distance to the nearest point; "f2", that to the second nearest;
+    /// "f2_minus_f1", which is 0 between the cells.
     #[serde(default)]
     value: Value,
     /// Colour where the value is 0.
@@ -91,13 +93,15 @@ impl Plugin<Textures> for Worley {
     }
 }
 
-/// Cells as far as two from one, those that may hold nearer points first, each with the square of the distance that its points
-/// have at least.
+/// Cells as far as two from one, those that may hold nearer points first, each with the square of
+/// the distance that its points have at least.
 ///
-/// **These suffice.** Let x be the point's place in its own cell and a_k = max(x_k, 1 - x_k), at least 1/2, for each axis k. The feature point of its
-/// own cell is no farther than sqrt(a_1^2 + a_2^2 + a_3^2) <= sqrt(3). The cell beside it on the nearer side along the axis of the largest a_k, say a_1, holds another, no farther than
-/// sqrt((2 - a_1)^2 + a_2^2 + a_3^2) <= sqrt((2 - a_1)^2 + 2 a_1^2), which for a_1 from 1/2 to 1 is at most sqrt(3) as well. So the two
-/// nearest are within sqrt(3), and whatever is three cells away is farther than 2.
+/// **These suffice.** Let x be the point's place in its own cell and a_k = max(x_k, 1 - x_k), at
+/// least 1/2, for each axis k. The feature point of its own cell is no farther than sqrt(a_1^2 +
+/// a_2^2 + a_3^2) <= sqrt(3). The cell beside it on the nearer side along the axis of the largest
+/// a_k, say a_1, holds another, no farther than sqrt((2 - a_1)^2 + a_2^2 + a_3^2) <= sqrt((2 -
+/// a_1)^2 + 2 a_1^2), which for a_1 from 1/2 to 1 is at most sqrt(3) as well. So the two nearest
+/// are within sqrt(3), and whatever is three cells away is farther than 2.
 const AROUND: [([i8; 3], u8); 125] = around();
 
 const fn around() -> [([i8; 3], u8); 125] {

@@ -27,7 +27,8 @@ impl Wrap {
         if index >= 0.0 && index < n {
             return index as usize;
         }
-        // In floating-point numbers, where nothing overflows: the remainder of whole numbers is exact.
+        // In floating-point numbers, where nothing overflows: the remainder of whole numbers is
+        // exact.
         let inside = match self {
             Self::Repeat => index.rem_euclid(n),
             Self::Clamp => index.clamp(0.0, n - 1.0),
@@ -45,7 +46,8 @@ impl Wrap {
     }
 }
 
-/// What lies outside of a picture beside it, and what above and below it: one word for both, or two.
+/// What lies outside of a picture beside it, and what above and below it: one word for both, or
+/// two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Wraps(pub(crate) [Wrap; 2]);
 

@@ -1,4 +1,5 @@
-//! The driver of a reference as a child process: requests and answers of `references/mitsuba/PROTOCOL.md`.
+//! The driver of a reference as a child process: requests and answers of
+//! `references/mitsuba/PROTOCOL.md`.
 
 use crate::environment::Environment;
 use serde::{Deserialize, Serialize};
@@ -55,7 +56,8 @@ pub enum DriverError {
         /// What is wrong with it.
         problem: String,
     },
-    /// The reference has no twin of something in the scene: a problem a line, each led by its place in the document.
+    /// The reference has no twin of something in the scene: a problem a line, each led by its place
+    /// in the document.
     #[error("no twin in the reference: {0}")]
     Unsupported(String),
     /// It answered that it cannot.
@@ -66,8 +68,8 @@ pub enum DriverError {
 /// A running driver. It is killed, with its children, when dropped.
 pub struct Driver {
     child: Child,
-    /// Lines for standard input. They are written by a thread: a driver that does not read would hold up
-    /// whoever writes more than fits into the pipe.
+    /// Lines for standard input. They are written by a thread: a driver that does not read would
+    /// hold up whoever writes more than fits into the pipe.
     requests: Sender<String>,
     answers: Receiver<std::io::Result<String>>,
     stderr: Arc<Mutex<VecDeque<String>>>,
@@ -93,10 +95,12 @@ pub struct Setting {
     pub seed: u32,
     /// Whether the numbers of meshes are rounded to single precision at random, not to the nearest.
     pub vertices: bool,
-    /// Whether a perturbation is in units of the largest component of its vector, not of each. Mitsuba only.
+    /// Whether a perturbation is in units of the largest component of its vector, not of each.
+    /// Mitsuba only.
     #[serde(skip_serializing_if = "is_false")]
     pub largest: bool,
-    /// Factor on all light, divided out of the image again. POV-Ray only: its images have half precision.
+    /// Factor on all light, divided out of the image again. POV-Ray only: its images have half
+    /// precision.
     #[serde(skip_serializing_if = "is_one")]
     pub exposure: f64,
 }
@@ -526,8 +530,8 @@ impl Driver {
         }
     }
 
-    /// The end of standard error. Called when the process is gone: what it wrote last may still be on its
-    /// way through the pipe.
+    /// The end of standard error. Called when the process is gone: what it wrote last may still be
+    /// on its way through the pipe.
     fn stderr_tail(&self) -> String {
         for _ in 0..100 {
             if self.stderr_reader.is_finished() {
@@ -559,8 +563,8 @@ impl Drop for Driver {
     }
 }
 
-/// Writes the lines until there are no more or no one reads them; that the driver then gives no answer is
-/// noticed where the answer is waited for.
+/// Writes the lines until there are no more or no one reads them; that the driver then gives no
+/// answer is noticed where the answer is waited for.
 fn write_lines(mut stdin: ChildStdin, lines: &Receiver<String>) {
     for line in lines {
         if stdin

@@ -1,4 +1,5 @@
-//! The Python that the driver of a reference runs in: a private environment for Mitsuba, the system's for POV-Ray.
+//! The Python that the driver of a reference runs in: a private environment for Mitsuba, the
+//! system's for POV-Ray.
 
 use crate::renderer::Renderer;
 use std::fs::{self, File};
@@ -61,8 +62,8 @@ pub enum EnvironmentError {
 impl Environment {
     /// The environment under `target`, made on first use: `say` is told what takes long.
     ///
-    /// It is keyed by the pinned requirements and the Python that made it, so a change of either makes a
-    /// new one. Two processes at once wait for each other.
+    /// It is keyed by the pinned requirements and the Python that made it, so a change of either
+    /// makes a new one. Two processes at once wait for each other.
     pub fn ensure(target: &Path, references: &Path, say: &dyn Fn(&str)) -> Result<Self, EnvironmentError> {
         let Place {
             python,

@@ -1,12 +1,14 @@
-//! Why a pixel differs. A pixel over tolerance is *explained* only by the reference's own variation.
+//! Why a pixel differs. A pixel over tolerance is *explained* only by the reference's own
+//! variation.
 //!
-//! The reference is traced again under tiny shifts of the sample position (an edge), under another spawn
-//! offset or the other traversal (its own guard against self-intersection), and under perturbations of its
-//! rays and vertices by a few units in the last place (ill-conditioned). If it takes our value under one of
-//! these, the pixel is explained. If our value only lies between values that it takes, the pixel is
-//! *ambiguous*: where one yes-or-no test is undecided, the right value is one side or the other and never a
-//! mixture, and where several are, the reference cannot tell; the oracle decides. Our own variation never
-//! counts: in a trial, a rule that let it count explained away 4,003 of 4,034 wrong pixels.
+//! The reference is traced again under tiny shifts of the sample position (an edge), under another
+//! spawn offset or the other traversal (its own guard against self-intersection), and under
+//! perturbations of its rays and vertices by a few units in the last place (ill-conditioned). If it
+//! takes our value under one of these, the pixel is explained. If our value only lies between
+//! values that it takes, the pixel is *ambiguous*: where one yes-or-no test is undecided, the right
+//! value is one side or the other and never a mixture, and where several are, the reference cannot
+//! tell; the oracle decides. Our own variation never counts: in a trial, a rule that let it count
+//! explained away 4,003 of 4,034 wrong pixels.
 
 use crate::driver::Setting;
 use serde::{Deserialize, Serialize};
@@ -63,8 +65,8 @@ pub struct Trial {
     pub settings: Vec<Setting>,
 }
 
-/// The trials in the order in which they are tried. Each range also holds those of smaller trials of the
-/// same kind.
+/// The trials in the order in which they are tried. Each range also holds those of smaller trials
+/// of the same kind.
 pub fn trials() -> Vec<Trial> {
     let shift = |radius: f64| Trial {
         reason: Reason::Shift { radius_px: radius },
@@ -130,7 +132,8 @@ pub(crate) fn roundings(trials: Vec<Trial>) -> Vec<Trial> {
 
 /// Perturbations of Mitsuba's rays by one unit of their largest component.
 ///
-/// A small component of a direction comes from sums of larger terms, by a rotation or a reflection, and has their rounding error.
+/// A small component of a direction comes from sums of larger terms, by a rotation or a reflection,
+/// and has their rounding error.
 pub(crate) fn of_largest_component() -> Trial {
     Trial {
         reason: Reason::Rounding { ulps: OF_LARGEST },
@@ -211,14 +214,16 @@ impl Range {
 pub enum Explanation {
     /// The reference takes our value under this variation.
     Value(Reason),
-    /// Our value lies between values that the reference takes under this variation, but equals none of them.
+    /// Our value lies between values that the reference takes under this variation, but equals none
+    /// of them.
     Between(Reason),
     /// Our value lies outside everything that the reference takes.
     Nothing,
 }
 
-/// Compares our value with those that the reference takes. `variants` are the reference's values, one list
-/// a trial in the order of `trials`; each trial also counts the smaller ones of its kind before it.
+/// Compares our value with those that the reference takes. `variants` are the reference's values,
+/// one list a trial in the order of `trials`; each trial also counts the smaller ones of its kind
+/// before it.
 pub fn explain(
     ours: [f64; 3],
     nominal: [f64; 3],
@@ -251,7 +256,8 @@ pub fn explain(
     between.map_or(Explanation::Nothing, Explanation::Between)
 }
 
-/// Whether two colours differ by at most `tolerance[channel]`. What is not finite agrees with nothing.
+/// Whether two colours differ by at most `tolerance[channel]`. What is not finite agrees with
+/// nothing.
 pub fn agree(a: [f64; 3], b: [f64; 3], tolerance: [f64; 3]) -> bool {
     (0..3).all(|c| (a[c] - b[c]).abs() <= tolerance[c])
 }

@@ -1,16 +1,16 @@
 //! How exact the reference itself is in a scene.
 //!
 //! The reference computes in single precision and guards against self-intersection by moving ray
-//! origins. Its own error shows when these are varied: another spawn offset, the other traversal, rays
-//! perturbed by units in the last place, and vertices of meshes rounded otherwise. A limit below that would test
-//! luck.
+//! origins. Its own error shows when these are varied: another spawn offset, the other traversal,
+//! rays perturbed by units in the last place, and vertices of meshes rounded otherwise. A limit
+//! below that would test luck.
 
 use crate::driver::Setting;
 use crate::renderer::Renderer;
 use whitstone_image::{CompareError, CompareOptions, Image, Tolerance, compare, metrics};
 
-/// A few roundings of single precision, which every shading formula has (2^-21): no floor is taken to be below
-/// it, even if a scene's variations happen to cancel.
+/// A few roundings of single precision, which every shading formula has (2^-21): no floor is taken
+/// to be below it, even if a scene's variations happen to cancel.
 pub(crate) const SMALLEST_FLOOR: f64 = 4.8e-7;
 /// Largest limit of a scene with textures, whose coordinates the reference has in single precision.
 const LARGEST_LIMIT_TEXTURED: f64 = 2e-4;
@@ -32,8 +32,8 @@ pub(crate) fn settings() -> [Setting; 4] {
     ]
 }
 
-/// Every number of the reference moved: those of rays, and those of vertices, which have an error of their own.
-/// Facets of a fine mesh turn with it by far more than a ray does.
+/// Every number of the reference moved: those of rays, and those of vertices, which have an error
+/// of their own. Facets of a fine mesh turn with it by far more than a ray does.
 fn perturbed(seed: u32) -> Setting {
     Setting {
         ulps: 2.0,
@@ -43,8 +43,9 @@ fn perturbed(seed: u32) -> Setting {
     }
 }
 
-/// Those of POV-Ray: vertices rounded otherwise, longer guards against self-intersection, and other roundings to half
-/// precision. The first, where nothing is a mesh, are the images that its driver still has.
+/// Those of POV-Ray: vertices rounded otherwise, longer guards against self-intersection, and other
+/// roundings to half precision. The first, where nothing is a mesh, are the images that its driver
+/// still has.
 pub(crate) fn settings_of_povray() -> [Setting; 3] {
     let base = Setting::default();
     [
@@ -91,8 +92,8 @@ pub(crate) fn limit(floor: f64, cap: f64) -> f64 {
     (2.0 * floor).min(cap)
 }
 
-/// The largest bias of a block that passes: that of the whole image is at most its RMS error, and a few
-/// pixels may all err to the same side.
+/// The largest bias of a block that passes: that of the whole image is at most its RMS error, and a
+/// few pixels may all err to the same side.
 pub(crate) fn bias_limit(floor: f64, cap: f64) -> f64 {
     (4.0 * floor).min(cap)
 }

@@ -1,15 +1,17 @@
 //! Where the reference is too inexact to be judged by.
 //!
-//! Mitsuba computes in single precision. Far from the origin, in tiny shapes and after many reflections
-//! at curved surfaces its own error outgrows what may differ, and pixels stay unexplained although ours is
-//! right. The verdict stays: what cannot be confirmed does not pass. But the numbers say whose fault it may be.
+//! Mitsuba computes in single precision. Far from the origin, in tiny shapes and after many
+//! reflections at curved surfaces its own error outgrows what may differ, and pixels stay
+//! unexplained although ours is right. The verdict stays: what cannot be confirmed does not pass.
+//! But the numbers say whose fault it may be.
 
 use crate::driver::Setting;
 use crate::renderer::Renderer;
 use crate::result::CaseResult;
 use whitstone_core::{Aabb, Geometry};
 
-/// A spawn offset of more than this part of a shape's size is told. For a ball of a metre some metres away it is 1e-6.
+/// A spawn offset of more than this part of a shape's size is told. For a ball of a metre some
+/// metres away it is 1e-6.
 const LARGE_OFFSET: f64 = 1e-4;
 
 /// What shows that the reference is inexact in this scene, a sentence each.

@@ -1,5 +1,5 @@
-//! Compares our image with the reference: what differs, which of it the reference's own variation explains, and the
-//! numbers that have limits. The verdict follows in [`crate::verdict`].
+//! Compares our image with the reference: what differs, which of it the reference's own variation
+//! explains, and the numbers that have limits. The verdict follows in [`crate::verdict`].
 
 use crate::driver::SceneText;
 use crate::explain::{Explanation, Range, Reason, explain};
@@ -15,8 +15,8 @@ use whitstone_image::{CompareError, CompareOptions, Image, Mask, Tolerance, comp
 const WORST: usize = 20;
 /// For how many unexplained pixels the ray trees are compared.
 const TREES: usize = 3;
-/// In how many pixels a reference is traced again at most. More that differ are a fault, or a scene that the reference
-/// cannot show: then the rest counts as unexplained.
+/// In how many pixels a reference is traced again at most. More that differ are a fault, or a scene
+/// that the reference cannot show: then the rest counts as unexplained.
 const MOST_TRACED_AGAIN: usize = 4096;
 
 /// A pixel over tolerance.
@@ -233,8 +233,8 @@ impl Validator<'_> {
         Ok(())
     }
 
-    /// Where our ray tree and the live reference's part, in words, or why that cannot be told. Stored references and POV-Ray
-    /// have no trees.
+    /// Where our ray tree and the live reference's part, in words, or why that cannot be told.
+    /// Stored references and POV-Ray have no trees.
     fn first_difference(&mut self, ours: &Ours, pixel: [usize; 2]) -> Option<String> {
         let live = self.live.as_mut().filter(|live| live.renderer().tells_trees())?;
         (self.stage)("comparing ray trees");

@@ -3,8 +3,9 @@
 use std::io::{Error, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 
-/// Name of a scene: its path below `root` without the extension. Other scenes have names that no scene below
-/// `root` can have: `./a/b` for one below the working folder, the whole path for one elsewhere.
+/// Name of a scene: its path below `root` without the extension. Other scenes have names that no
+/// scene below `root` can have: `./a/b` for one below the working folder, the whole path for one
+/// elsewhere.
 pub fn scene_key(path: &Path, root: &Path) -> String {
     let absolute = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let path = absolute(path).with_extension("");
@@ -37,9 +38,10 @@ pub(crate) fn folder_of(key: &str) -> PathBuf {
     Path::new(place).join(names.collect::<PathBuf>())
 }
 
-/// All scene files at or below the given paths, sorted, each once; folders named `assets` and `parts` hold none. What
-/// is in a folder named `scale` takes minutes and gigabytes, and what is in one named `community` has no stored references: these
-/// are found only by a path that leads into them.
+/// All scene files at or below the given paths, sorted, each once; folders named `assets` and
+/// `parts` hold none. What is in a folder named `scale` takes minutes and gigabytes, and what is in
+/// one named `community` has no stored references: these are found only by a path that leads into
+/// them.
 pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {

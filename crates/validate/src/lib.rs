@@ -1,5 +1,5 @@
-//! The validation harness: the same scene through Whitstone and through a reference, compared, every
-//! differing pixel explained or told.
+//! The validation harness: the same scene through Whitstone and through a reference, compared,
+//! every differing pixel explained or told.
 
 pub mod driver;
 pub mod environment;

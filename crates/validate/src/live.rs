@@ -20,8 +20,8 @@ pub struct Live {
     driver: Option<Driver>,
     /// Who answers; known once it has said so.
     versions: Option<Versions>,
-    /// Of the driver's source and of the variations that the floor is measured with: answers of another driver,
-    /// or to other questions, are not reused.
+    /// Of the driver's source and of the variations that the floor is measured with: answers of
+    /// another driver, or to other questions, are not reused.
     driver_hash: String,
     cache: PathBuf,
     reuse: bool,
@@ -59,8 +59,8 @@ struct ProbeCache {
 }
 
 impl Live {
-    /// Starts the driver once, to know its versions. `cache` is a folder for its answers, which are used
-    /// again if `reuse` is set.
+    /// Starts the driver once, to know its versions. `cache` is a folder for its answers, which are
+    /// used again if `reuse` is set.
     pub fn start(
         environment: Environment,
         cache: PathBuf,
@@ -142,7 +142,8 @@ impl Live {
         Ok(self.driver.insert(driver))
     }
 
-    /// Asks the driver; one that failed in itself is not asked again, the next question starts another.
+    /// Asks the driver; one that failed in itself is not asked again, the next question starts
+    /// another.
     fn ask<T>(
         &mut self,
         question: impl FnOnce(&mut Driver) -> Result<T, DriverError>,
@@ -305,8 +306,8 @@ impl Live {
         self.ask(|driver| driver.tree(scene, pixel, sample))
     }
 
-    /// A reference to be stored: with the values that it takes in each pixel that varies, so that edges can be told
-    /// from faults without a live renderer.
+    /// A reference to be stored: with the values that it takes in each pixel that varies, so that
+    /// edges can be told from faults without a live renderer.
     ///
     /// `progress` gets the number of renderings that are done, and of all.
     pub fn reference_with_variants(
@@ -373,7 +374,8 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
     atomic::write_bytes(path, bytes).map_err(|error| LiveError::Image(error.to_string()))
 }
 
-/// Hash of the driver's Python files and requirements, and of what it is asked for a floor: its answers are reused for the same only.
+/// Hash of the driver's Python files and requirements, and of what it is asked for a floor: its
+/// answers are reused for the same only.
 pub fn hash_sources(environment: &Environment) -> String {
     let Environment {
         renderer,

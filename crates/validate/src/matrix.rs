@@ -1,9 +1,10 @@
-//! The matrix: the settings that users sweep of a scene, each held to what must hold of it, without those that the scene does
-//! not need.
+//! The matrix: the settings that users sweep of a scene, each held to what must hold of it, without
+//! those that the scene does not need.
 //!
-//! The accelerator and the number of threads must not change a bit of the picture, so Whitstone's own picture, which a
-//! reference is compared with, is what they are held to. Depth and texture filters do change it: there the reference
-//! renders the changed scene too, which only a live one can.
+//! The accelerator and the number of threads must not change a bit of the picture, so Whitstone's
+//! own picture, which a reference is compared with, is what they are held to. Depth and texture
+//! filters do change it: there the reference renders the changed scene too, which only a live one
+//! can.
 
 mod settings;
 
@@ -124,8 +125,8 @@ struct Own {
 }
 
 impl Validator<'_> {
-    /// All cells of a scene, and those that a reference was asked about as cases too. There are none of a scene that cannot be
-    /// built: its own case tells that.
+    /// All cells of a scene, and those that a reference was asked about as cases too. There are
+    /// none of a scene that cannot be built: its own case tells that.
     pub fn matrix(&mut self, path: &Path) -> (Vec<Cell>, Vec<CaseResult>) {
         let (mut cells, mut cases) = (Vec::new(), Vec::new());
         let Ok(own) = self.own(path) else {
@@ -257,7 +258,8 @@ impl Validator<'_> {
         }
     }
 
-    /// Whether changes of the scene do not show: a reference of it would be one of the scene as it is.
+    /// Whether changes of the scene do not show: a reference of it would be one of the scene as it
+    /// is.
     fn is_unchanged(&self, own: &Own, path: &Path, changes: &[String]) -> bool {
         let overrides = [&own.overrides, changes].concat();
         let picture = Sources::load(path, &overrides)

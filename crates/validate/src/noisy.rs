@@ -1,9 +1,10 @@
 //! The comparison with a reference that has noise: Mitsuba's own integrators.
 //!
 //! A pixel agrees if it is within the pixel tolerance, or if noise explains the difference
-//! ([`whitstone_image::significance`]). As in Mitsuba's own `test_renders.py`, 99.75 % of the pixels must agree: single
-//! precision moves edges, and Mitsuba's own spawn offsets are larger than the driver's. The mean of all values must be
-//! unbiased too, which finds what is too faint for the single pixel.
+//! ([`whitstone_image::significance`]). As in Mitsuba's own `test_renders.py`, 99.75 % of the
+//! pixels must agree: single precision moves edges, and Mitsuba's own spawn offsets are larger than
+//! the driver's. The mean of all values must be unbiased too, which finds what is too faint for the
+//! single pixel.
 
 use crate::explain::Reason;
 use crate::opinion::{Ask, MOST_ASKED, Verdict, choose};

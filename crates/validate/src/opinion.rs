@@ -1,4 +1,5 @@
-//! The third opinion: in pixels where the two renderers differ, which of them the oracle agrees with.
+//! The third opinion: in pixels where the two renderers differ, which of them the oracle agrees
+//! with.
 
 use crate::explain::agree;
 use crate::judge::{allowed, color_at};
@@ -57,7 +58,8 @@ pub enum Verdict {
     Both,
     /// None is.
     Neither,
-    /// Tiny changes of the numbers change the pixel by more than the tolerance, and ours is one of the values that it takes.
+    /// Tiny changes of the numbers change the pixel by more than the tolerance, and ours is one of
+    /// the values that it takes.
     IllPosed,
     /// The oracle has no value, or an uncertain one that does not decide.
     Unknown,
@@ -147,11 +149,12 @@ impl fmt::Display for Opinion {
     }
 }
 
-/// The oracle's value of a pixel, its uncertainty by channel and all values that it saw; `None` where it is not known.
+/// The oracle's value of a pixel, its uncertainty by channel and all values that it saw; `None`
+/// where it is not known.
 pub(crate) type Value = Option<([[f64; 3]; 2], Vec<[f64; 3]>)>;
 
-/// Who is right, with the tolerance of each channel. Where the oracle's value is uncertain, ours must equal one of those
-/// that it saw.
+/// Who is right, with the tolerance of each channel. Where the oracle's value is uncertain, ours
+/// must equal one of those that it saw.
 pub(crate) fn verdict(value: &Value, ours: [f64; 3], reference: [f64; 3], tolerance: [f64; 3]) -> Verdict {
     let Some(([rgb, uncertainty], seen)) = value else {
         return Verdict::Unknown;
@@ -269,8 +272,8 @@ impl Validator<'_> {
         self.oracle = policy;
     }
 
-    /// Asks the oracle for the values of pixels, on all threads, until its time is up. What contradicts ours it looks at again
-    /// with more care: the pixel may touch an edge.
+    /// Asks the oracle for the values of pixels, on all threads, until its time is up. What
+    /// contradicts ours it looks at again with more care: the pixel may touch an edge.
     pub(crate) fn hear(
         &self,
         path: &Path,

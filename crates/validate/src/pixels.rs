@@ -1,8 +1,9 @@
 //! What the report shows of two images: pictures, and the pixels themselves in few bytes.
 //!
-//! The pixels are for the script of the page, which shows them at any exposure and tells the values of each. They are packed by zlib;
-//! inside are the mean of |reference| as a double and then *planes*, each with a byte for each pixel, row by row, low bytes before
-//! high ones where two belong together:
+//! The pixels are for the script of the page, which shows them at any exposure and tells the values
+//! of each. They are packed by zlib; inside are the mean of |reference| as a double and then
+//! *planes*, each with a byte for each pixel, row by row, low bytes before high ones where two
+//! belong together:
 //!
 //! | planes | what they hold |
 //! |---|---|
@@ -166,7 +167,8 @@ fn push_steps(bytes: &mut Vec<u8>, steps: impl Iterator<Item = u16>) {
     bytes.extend(folded.iter().map(|step| (step >> 8) as u8));
 }
 
-/// A residual on a logarithmic scale: 0 for none, then 1 for [`LEAST_RESIDUAL`] and up to 126, 127 if it is not finite; the highest bit is its sign.
+/// A residual on a logarithmic scale: 0 for none, then 1 for [`LEAST_RESIDUAL`] and up to 126, 127
+/// if it is not finite; the highest bit is its sign.
 fn code(residual: f64) -> u8 {
     let size = (residual.abs() / LEAST_RESIDUAL).log10() * CODES_A_DECADE;
     let sign = if residual < 0.0 { 128 } else { 0 };

@@ -4,8 +4,8 @@ use std::path::Path;
 use whitstone_core::{SceneError, SceneErrors, SourceSpan};
 use whitstone_scene::{Description, Sources};
 
-/// The problems that a driver tells, one a line, each led by its place in the document (`shape[3].material: ...`), as errors
-/// with file and line.
+/// The problems that a driver tells, one a line, each led by its place in the document
+/// (`shape[3].material: ...`), as errors with file and line.
 pub(crate) fn report(path: &Path, overrides: &[String], problems: &str) -> String {
     let Ok(sources) = Sources::load(path, overrides) else {
         return problems.to_owned();

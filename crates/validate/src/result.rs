@@ -92,7 +92,8 @@ pub enum Status {
     Confirmed,
     /// Ours is wrong.
     Fail,
-    /// Nobody can tell: the images differ and the oracle has no answer, or there was nothing to compare with.
+    /// Nobody can tell: the images differ and the oracle has no answer, or there was nothing to
+    /// compare with.
     Undecided,
 }
 
@@ -157,12 +158,14 @@ pub struct CaseResult {
     pub limit: f64,
     /// The reference's own error in this scene.
     pub floor: f64,
-    /// Pixels over tolerance between the reference and the variation of it that has most of them; not known of
-    /// stored references of old.
+    /// Pixels over tolerance between the reference and the variation of it that has most of them;
+    /// not known of stored references of old.
     pub moved: Option<usize>,
-    /// For a case that fails: what shows that the reference is too inexact in this scene to be judged by.
+    /// For a case that fails: what shows that the reference is too inexact in this scene to be
+    /// judged by.
     pub inexact: Vec<String>,
-    /// Remarks that change no verdict: a comparison that shows nothing, a mesh that refracts and is not closed.
+    /// Remarks that change no verdict: a comparison that shows nothing, a mesh that refracts and is
+    /// not closed.
     pub notes: Vec<String>,
     /// Pairs of coincident surfaces, and what was not examined for them.
     pub coincident: Vec<String>,
@@ -190,7 +193,8 @@ pub struct CaseResult {
     pub explained_limit: usize,
     /// Largest shift that an explanation needed, in pixels; 0 if none needed one.
     pub explained_radius_px: f64,
-    /// Pixels over tolerance that lie between values that the reference takes, and equal none of them.
+    /// Pixels over tolerance that lie between values that the reference takes, and equal none of
+    /// them.
     pub ambiguous: usize,
     /// Pixels that nothing explains.
     pub unexplained: usize,
@@ -224,13 +228,16 @@ pub struct CaseResult {
     pub plugins: Vec<String>,
     /// What our pipeline did without.
     pub left_out: Vec<String>,
-    /// What of the scene was changed on both sides, because the reference could not show it, and why.
+    /// What of the scene was changed on both sides, because the reference could not show it, and
+    /// why.
     pub adapted: Vec<String>,
     /// What of the scene the reference has no twin of; empty where it has all.
     pub no_twin: Vec<String>,
-    /// For a scene without a twin: who else has a stored reference of it. It then counts as left out, not as failed.
+    /// For a scene without a twin: who else has a stored reference of it. It then counts as left
+    /// out, not as failed.
     pub other_reference: Option<String>,
-    /// Of an accelerator that the image depends on: which, and how the image differs from the exact one.
+    /// Of an accelerator that the image depends on: which, and how the image differs from the exact
+    /// one.
     pub caveat: Option<String>,
     /// The command that runs this case alone.
     pub command: String,
@@ -261,8 +268,8 @@ pub struct WorstPixel {
     /// The variation of the reference between whose values ours lies, without equalling one.
     #[serde(default)]
     pub between: Option<Reason>,
-    /// For unexplained and ambiguous pixels of a live reference: the smallest and largest value of each channel that it took
-    /// under all that was tried.
+    /// For unexplained and ambiguous pixels of a live reference: the smallest and largest value of
+    /// each channel that it took under all that was tried.
     #[serde(deserialize_with = "nullable_range")]
     pub tried: Option<[[f64; 3]; 2]>,
     /// For unexplained pixels: where the two ray trees part.
@@ -308,7 +315,8 @@ pub struct Check<T> {
 }
 
 impl<T: PartialOrd> Check<T> {
-    /// Whether the case fails by it. NaN does; an absent value does not: why it is absent is a problem of its own.
+    /// Whether the case fails by it. NaN does; an absent value does not: why it is absent is a
+    /// problem of its own.
     pub fn is_over(&self) -> bool {
         let (Some(value), Some(limit)) = (&self.value, &self.limit) else {
             return false;

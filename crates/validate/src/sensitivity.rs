@@ -1,4 +1,5 @@
-//! How small a fault is seen: every number of a scene is changed on our side only, by growing amounts, until the comparison fails.
+//! How small a fault is seen: every number of a scene is changed on our side only, by growing
+//! amounts, until the comparison fails.
 
 use crate::opinion::Ask;
 use crate::{CaseResult, Status, Validator, flatten};
@@ -13,7 +14,8 @@ use whitstone_image::Image;
 const FIRST: f64 = 1e-7;
 /// How many decades are tried: up to ten times the number.
 const DECADES: i32 = 8;
-/// How often the decade in which a change is first seen is halved, on a logarithmic scale: to a factor of 1.8.
+/// How often the decade in which a change is first seen is halved, on a logarithmic scale: to a
+/// factor of 1.8.
 const HALVINGS: usize = 2;
 
 /// A number of a scene, and how small a change of it is seen.
@@ -58,8 +60,8 @@ pub enum Effect {
 }
 
 impl Validator<'_> {
-    /// Changes one number of a scene after the other, those of `[expect]` left out. `told` hears how many there are and
-    /// which one it is.
+    /// Changes one number of a scene after the other, those of `[expect]` left out. `told` hears
+    /// how many there are and which one it is.
     ///
     /// # Errors
     /// The scene is wrong, or does not pass as it is.
@@ -98,7 +100,8 @@ impl Validator<'_> {
         Ok(found)
     }
 
-    /// What is written as a whole number is mostly a real one: only a scene that refuses a fraction there tells.
+    /// What is written as a whole number is mostly a real one: only a scene that refuses a fraction
+    /// there tells.
     fn kind(&mut self, path: &Path, name: &str, number: Number) -> Number {
         let real = Number::Real(number.value());
         let refused = |case: &CaseResult| case.scene_error;
@@ -212,7 +215,8 @@ impl Number {
         }
     }
 
-    /// Growing changes, in its own unit. Whole numbers grow by one, and by as much as they are; nothing has a size of one.
+    /// Growing changes, in its own unit. Whole numbers grow by one, and by as much as they are;
+    /// nothing has a size of one.
     fn steps(self) -> Vec<f64> {
         match self {
             Self::Whole(value) => {

@@ -1,15 +1,17 @@
-//! What of a scene the oracle computes by code that it shares with our tracer. A fault there looks right to both, so in
-//! such scenes the oracle's word alone acquits no pixel that the reference's own variation does not explain.
+//! What of a scene the oracle computes by code that it shares with our tracer. A fault there looks
+//! right to both, so in such scenes the oracle's word alone acquits no pixel that the reference's
+//! own variation does not explain.
 
 use toml::{Table, Value};
 use whitstone_core::DVec3;
 use whitstone_core::config::Steps;
 
-/// How far the images of unit vectors may be from those by the other method, as a part of the largest coordinate.
+/// How far the images of unit vectors may be from those by the other method, as a part of the
+/// largest coordinate.
 const SAME: f64 = 1e-12;
 
-/// What a fault is possible in, if the scene uses it: the decoding of images, or a transform that another method composes
-/// otherwise.
+/// What a fault is possible in, if the scene uses it: the decoding of images, or a transform that
+/// another method composes otherwise.
 pub(crate) fn possible_fault(flattened: &str) -> Option<&'static str> {
     let table: Table = flattened.parse().ok()?;
     find(&Value::Table(table))

@@ -1,7 +1,8 @@
 //! From a scene that fails to a small one that still does.
 //!
-//! Zeller and Hildebrandt, *Simplifying and isolating failure-inducing input*, IEEE TSE 28(2), 2002: elements of lists are taken out in
-//! halves, quarters and so on, then keys one by one, until nothing more can go.
+//! Zeller and Hildebrandt, *Simplifying and isolating failure-inducing input*, IEEE TSE 28(2),
+//! 2002: elements of lists are taken out in halves, quarters and so on, then keys one by one, until
+//! nothing more can go.
 
 use crate::opinion::Ask;
 use crate::validator::flatten;
@@ -12,8 +13,8 @@ use toml::{Table, Value};
 /// No film becomes smaller, in pixels along a side.
 const SMALLEST_FILM: i64 = 4;
 
-/// A small scene that fails where this one does, as TOML; files in it have absolute paths. `tell` gets each scene that still fails,
-/// by the number of its values.
+/// A small scene that fails where this one does, as TOML; files in it have absolute paths. `tell`
+/// gets each scene that still fails, by the number of its values.
 ///
 /// # Errors
 ///

@@ -1,8 +1,10 @@
-//! Stored references: `references/images/<scene>/{mitsuba.exr,mitsuba.variants.exr,meta.toml}`, and the same of POV-Ray.
+//! Stored references: `references/images/<scene>/{mitsuba.exr,mitsuba.variants.exr,meta.toml}`, and
+//! the same of POV-Ray.
 //!
-//! For each pixel that varies by more than a part of the tolerance under [`crate::explain::trials`], the second file
-//! holds the values that the reference takes ([`Variants`]) and the image their range: so edges can be told from
-//! faults without a live renderer.
+//! For each pixel that varies by more than a part of the tolerance under
+//! [`crate::explain::trials`], the second file holds the values that the reference takes
+//! ([`Variants`]) and the image their range: so edges can be told from faults without a live
+//! renderer.
 
 use crate::explain::{Explanation, Range, Reason, Trial, explain};
 use crate::judge::color_at;
@@ -50,7 +52,8 @@ pub struct Meta {
     pub seconds: f64,
     /// Rays traced: nearest hit and shadow.
     pub rays: [u64; 2],
-    /// Of these, the number that met again the surface that they had just left: such an image alone shows nothing.
+    /// Of these, the number that met again the surface that they had just left: such an image alone
+    /// shows nothing.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub rehits: u64,
     /// What its driver says of surfaces that coincide and are not drawn apart.
@@ -70,7 +73,8 @@ fn is_zero(number: &u64) -> bool {
 pub struct Stored {
     /// Radiance, layers and ranges.
     pub image: Image,
-    /// The values of pixels that vary; of references that were stored without them there are only ranges.
+    /// The values of pixels that vary; of references that were stored without them there are only
+    /// ranges.
     pub variants: Variants,
     /// What made it.
     pub meta: Meta,
@@ -222,8 +226,8 @@ pub struct Variation<'a> {
 }
 
 impl Variation<'_> {
-    /// The values that the reference takes in a pixel. Where only the range was stored, they are its ends: what lies
-    /// between is ambiguous.
+    /// The values that the reference takes in a pixel. Where only the range was stored, they are
+    /// its ends: what lies between is ambiguous.
     fn values(&self, pixel: [usize; 2]) -> Vec<[f64; 3]> {
         if let Some(values) = self.variants.of(pixel) {
             return values.to_vec();
@@ -232,7 +236,8 @@ impl Variation<'_> {
         range.map_or_else(Vec::new, |ends| ends.to_vec())
     }
 
-    /// What the variation says about our value of a pixel over tolerance; `mean` is that of the reference.
+    /// What the variation says about our value of a pixel over tolerance; `mean` is that of the
+    /// reference.
     pub fn explain(&self, ours: &Image, pixel: [usize; 2], tolerance: Tolerance, mean: f64) -> Explanation {
         let trial = [Trial {
             reason: Reason::Stored,

@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use whitstone_core::{Scratch, TreeNode};
 use whitstone_scene::Pipeline;
 
-/// Below this a throughput may be 0 in single precision, and what lies behind it cannot be compared.
+/// Below this a throughput may be 0 in single precision, and what lies behind it cannot be
+/// compared.
 const LEAST_THROUGHPUT: f64 = f32::MIN_POSITIVE as f64;
 
 /// Distances that differ by so many units in the last place of single precision are the same.
@@ -15,7 +16,8 @@ const COINCIDENT_ULPS: f64 = 4.0;
 /// A node of the reference's tree, as the driver tells it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Node {
-    /// "" for the camera ray, then a letter for each branch, R or T; two digits behind an R say which of several reflections.
+    /// "" for the camera ray, then a letter for each branch, R or T; two digits behind an R say
+    /// which of several reflections.
     pub path: String,
     /// Number of the shape; -1 for a miss.
     pub shape: i64,
@@ -121,7 +123,8 @@ fn matters(throughput: [f64; 3]) -> bool {
     !throughput.iter().all(|v| v.abs() <= LEAST_THROUGHPUT)
 }
 
-/// What it means that two surfaces are hit at the same distance, as far as single precision can tell.
+/// What it means that two surfaces are hit at the same distance, as far as single precision can
+/// tell.
 fn coincident(ours: &TreeNode, theirs: &Node) -> Option<String> {
     let same = (ours.t - theirs.t).abs() <= COINCIDENT_ULPS * f64::from(f32::EPSILON) * theirs.t.abs();
     let what = if ours.shape == theirs.shape {

@@ -1,4 +1,5 @@
-//! What a verdict does not say: that nothing was seen, that a body has holes, that surfaces coincide.
+//! What a verdict does not say: that nothing was seen, that a body has holes, that surfaces
+//! coincide.
 
 use whitstone_image::Image;
 use whitstone_image::range::is_vacuous;

@@ -52,7 +52,8 @@ pub struct Options {
     pub overrides: Vec<String>,
     /// `path=value`, applied to our side only: to see whether a fault is found.
     pub ours_overrides: Vec<String>,
-    /// `path=value`, applied to our side and to the oracle: a fault in code that both share, as it would look.
+    /// `path=value`, applied to our side and to the oracle: a fault in code that both share, as it
+    /// would look.
     pub shared_overrides: Vec<String>,
     /// How long one answer of the driver may take.
     pub time_limit: Duration,
@@ -88,7 +89,8 @@ pub struct NoLive(pub String);
 enum NoReference {
     /// Something is missing or broken.
     Problem(String),
-    /// This renderer has no twin of something in the scene, or none is stored: the report, and what is lacking.
+    /// This renderer has no twin of something in the scene, or none is stored: the report, and what
+    /// is lacking.
     NoTwin(String, Vec<String>),
 }
 
@@ -133,13 +135,14 @@ impl<'a> Validator<'a> {
         self.stage = Box::new(stage);
     }
 
-    /// From now on cases have no pictures: where only the verdict counts, they take most of the time.
+    /// From now on cases have no pictures: where only the verdict counts, they take most of the
+    /// time.
     pub fn without_pictures(&mut self) {
         self.pictures = false;
     }
 
-    /// The first failure of the live reference while it was used: a crash, no answer, half an image. In
-    /// [`Mode::Live`] the run is then no verdict on the scenes.
+    /// The first failure of the live reference while it was used: a crash, no answer, half an
+    /// image. In [`Mode::Live`] the run is then no verdict on the scenes.
     pub fn broken(&self) -> Option<&str> {
         self.broken.as_deref()
     }
@@ -304,8 +307,8 @@ impl<'a> Validator<'a> {
         })
     }
 
-    /// The changes of a scene on both sides: those asked for, and those without which the reference could not show it, which
-    /// are also told.
+    /// The changes of a scene on both sides: those asked for, and those without which the reference
+    /// could not show it, which are also told.
     pub(crate) fn overrides(&self, path: &Path, told: &mut Vec<String>) -> Result<Vec<String>, String> {
         let mut overrides = self.options.overrides.clone();
         let flattened = flatten(path, &overrides)?;

@@ -1,14 +1,15 @@
 //! The values that a reference takes in pixels that vary, as they are kept with a stored reference.
 //!
-//! They stand in an EXR file of their own, which any tool can read: each row is a pixel of the reference, its
-//! channels `X` and `Y` say which one, and R, G, B hold its distinct values, the nominal one first. Rows are as
-//! long as the longest needs; shorter ones repeat the nominal value.
+//! They stand in an EXR file of their own, which any tool can read: each row is a pixel of the
+//! reference, its channels `X` and `Y` say which one, and R, G, B hold its distinct values, the
+//! nominal one first. Rows are as long as the longest needs; shorter ones repeat the nominal value.
 
 use crate::explain::agree;
 use std::collections::BTreeMap;
 use whitstone_image::Image;
 
-/// Most values that are kept of a pixel. One with more varies continuously, and its range says as much.
+/// Most values that are kept of a pixel. One with more varies continuously, and its range says as
+/// much.
 const MOST_VALUES: usize = 64;
 /// Values that differ by less than this part of the tolerance count as one.
 const SAME: f64 = 0.25;
@@ -33,7 +34,8 @@ impl Variants {
         self.0.is_empty()
     }
 
-    /// Adds a value that the reference takes in a pixel, unless it is not finite or nearly one that is there.
+    /// Adds a value that the reference takes in a pixel, unless it is not finite or nearly one that
+    /// is there.
     pub fn add(&mut self, pixel: [usize; 2], nominal: [f64; 3], value: [f64; 3], tolerance: [f64; 3]) {
         if !value.iter().all(|v| v.is_finite()) {
             return;

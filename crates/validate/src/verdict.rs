@@ -1,13 +1,16 @@
 //! The verdict on a case: who is right, and how sure that is.
 //!
-//! - *pass*: the two agree, or the reference itself takes our values where its own numbers are undecided;
-//! - *confirmed*: the reference is too weak in this scene, and the oracle confirms ours in every pixel that it was asked about;
+//! - *pass*: the two agree, or the reference itself takes our values where its own numbers are
+//!   undecided;
+//! - *confirmed*: the reference is too weak in this scene, and the oracle confirms ours in every
+//!   pixel that it was asked about;
 //! - *fail*: the oracle contradicts ours in at least one pixel;
 //! - *undecided*: the two differ and nobody can tell who is right; the reason is given.
 //!
-//! The oracle shares some code with our tracer ([`crate::shared`]), and a fault there would look right to both. So its word alone
-//! acquits no pixel in which the reference shows no sign of weakness. The surest sign is that the reference varies in the pixel itself;
-//! one of the scene ([`crate::inexact`]) counts only where no shared code is in use.
+//! The oracle shares some code with our tracer ([`crate::shared`]), and a fault there would look
+//! right to both. So its word alone acquits no pixel in which the reference shows no sign of
+//! weakness. The surest sign is that the reference varies in the pixel itself; one of the scene
+//! ([`crate::inexact`]) counts only where no shared code is in use.
 
 use crate::driver::SceneText;
 use crate::explain::Explanation;
@@ -20,7 +23,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use whitstone_image::{Image, Mask, metrics};
 
-/// Pixels of the interior that the oracle is asked about where only their mean error is above its limit: the worst.
+/// Pixels of the interior that the oracle is asked about where only their mean error is above its
+/// limit: the worst.
 const WORST_OF_INTERIOR: usize = 32;
 /// And an even choice of all.
 const OTHERS_OF_INTERIOR: usize = 32;
@@ -28,8 +32,8 @@ const OTHERS_OF_INTERIOR: usize = 32;
 /// An error may be so many times the largest deviation that a few other roundings show.
 const ROUNDINGS: f64 = 4.0;
 
-/// How sure a sample makes that all is right, in words: with `asked` right of as many asked, at most this part of the
-/// others can be wrong with a confidence of 95 % (0.05 = (1 - p)^n).
+/// How sure a sample makes that all is right, in words: with `asked` right of as many asked, at
+/// most this part of the others can be wrong with a confidence of 95 % (0.05 = (1 - p)^n).
 fn confidence(asked: usize, of: usize) -> String {
     if asked >= of {
         return format!("all {of}");
@@ -312,9 +316,10 @@ impl Validator<'_> {
         )
     }
 
-    /// In how many of some pixels a live reference varies by at least a quarter of what ours differs by, where only its roundings
-    /// change: a few perturbations underestimate an error. Shifts of the sample position do not count: where a texture is steep they
-    /// explain any small error.
+    /// In how many of some pixels a live reference varies by at least a quarter of what ours
+    /// differs by, where only its roundings change: a few perturbations underestimate an error.
+    /// Shifts of the sample position do not count: where a texture is steep they explain any small
+    /// error.
     fn varying(&mut self, ours: &Ours, against: &Against, pixels: &[[usize; 2]]) -> usize {
         let Some(live) = self.live.as_mut().filter(|_| against.live) else {
             return 0;
@@ -342,7 +347,8 @@ impl Validator<'_> {
     }
 }
 
-/// In how many pixels the oracle has a certain value, and the RMS relative errors of ours and of the reference there.
+/// In how many pixels the oracle has a certain value, and the RMS relative errors of ours and of
+/// the reference there.
 fn errors(hearing: &Hearing, ours: &Image, reference: &Image) -> (usize, [f64; 2]) {
     let mean = metrics::mean_reference(reference).unwrap_or(0.0);
     let mut sums = [0.0_f64; 2];

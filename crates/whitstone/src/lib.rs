@@ -1,7 +1,8 @@
 //! Whitstone: a modular Whitted ray tracer, and the harness that validates it against Mitsuba 3.
 //!
-//! This crate ties the plugin families to the scene loader and holds the command line, which a third
-//! party can extend by its own plugins (`Cli`). Without its features it is what slim binaries need ([`slim`]).
+//! This crate ties the plugin families to the scene loader and holds the command line, which a
+//! third party can extend by its own plugins (`Cli`). Without its features it is what slim binaries
+//! need ([`slim`]).
 
 // First, because its macros take the place of those that panic.
 #[macro_use]

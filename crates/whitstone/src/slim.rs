@@ -1,7 +1,8 @@
 //! The command line of a slim binary: one scene in, one EXR out.
 //!
-//! `cargo xtask slim SCENE` generates a package that links this crate without its features, and of the plugins those
-//! that the scene names. What reads arguments, draws progress, compares and reports stays out with the features.
+//! `cargo xtask slim SCENE` generates a package that links this crate without its features, and of
+//! the plugins those that the scene names. What reads arguments, draws progress, compares and
+//! reports stays out with the features.
 
 use crate::terminal::{self, Exit, Failure};
 use std::ffi::OsString;

@@ -11,8 +11,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 #[cfg(feature = "cli")]
 use whitstone_image::atomic;
 
-/// As the standard macro, which panics if the reader of a pipe has gone; this one does not. The crate has no
-/// other `println!`.
+/// As the standard macro, which panics if the reader of a pipe has gone; this one does not. The
+/// crate has no other `println!`.
 macro_rules! println {
     () => { $crate::terminal::out(format_args!("\n")) };
     ($($arguments:tt)*) => { $crate::terminal::out(format_args!("{}\n", format_args!($($arguments)*))) };
@@ -23,11 +23,12 @@ macro_rules! eprintln {
     ($($arguments:tt)*) => { $crate::terminal::err(format_args!("{}\n", format_args!($($arguments)*))) };
 }
 
-/// Whether something could not be written to standard output for another reason than that no one reads it.
+/// Whether something could not be written to standard output for another reason than that no one
+/// reads it.
 static OUTPUT_LOST: AtomicBool = AtomicBool::new(false);
 
-/// Writes to standard output. That the reader has gone (`whitstone list | head -1`) is no error: the rest of
-/// the work still has to be done, and its text is of no interest.
+/// Writes to standard output. That the reader has gone (`whitstone list | head -1`) is no error:
+/// the rest of the work still has to be done, and its text is of no interest.
 pub(crate) fn out(text: Arguments<'_>) {
     if let Err(error) = std::io::stdout().lock().write_fmt(text)
         && error.kind() != ErrorKind::BrokenPipe
@@ -141,7 +142,8 @@ pub fn progress(total: u64, what: &str) -> ProgressBar {
 }
 
 #[cfg(feature = "cli")]
-/// A sign that something goes on, for what has no known end; none where standard error is no terminal.
+/// A sign that something goes on, for what has no known end; none where standard error is no
+/// terminal.
 pub(crate) fn spinner(what: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{spinner} {msg} {elapsed}");

@@ -1,12 +1,13 @@
-//! Wireframe pictures of what an accelerator divides space into, over the dimmed picture of the scene.
+//! Wireframe pictures of what an accelerator divides space into, over the dimmed picture of the
+//! scene.
 
 use crate::terminal::Failure;
 use whitstone_core::{DMat4, DVec2, DVec3, DVec4, Outline};
 use whitstone_image::{Raster, ToneMap};
 use whitstone_scene::{Pipeline, RenderOptions};
 
-/// By level, from the whole down, again and again: told apart by hue and by brightness (Okabe and Ito's palette, which
-/// people with any colour vision can tell apart).
+/// By level, from the whole down, again and again: told apart by hue and by brightness (Okabe and
+/// Ito's palette, which people with any colour vision can tell apart).
 const COLORS: [[u8; 3]; 7] = [
     [255, 255, 255],
     [230, 159, 0],
@@ -46,7 +47,8 @@ fn color(depth: usize) -> [u8; 3] {
     COLORS[depth % COLORS.len()]
 }
 
-/// The picture, dimmed, with lines over it: deeper levels first, so that none hides the larger volumes around it.
+/// The picture, dimmed, with lines over it: deeper levels first, so that none hides the larger
+/// volumes around it.
 fn draw(picture: &Raster, projection: &DMat4, outlines: &[Outline]) -> Raster {
     let mut drawn = Raster::from_fn(picture.width(), picture.height(), |x, y| {
         let pixel = picture.pixel(x, y).unwrap_or_default();
@@ -65,8 +67,9 @@ fn draw(picture: &Raster, projection: &DMat4, outlines: &[Outline]) -> Raster {
     drawn
 }
 
-/// The ends in the image of the part of a segment that is in front of the camera and in the picture (Blinn and Newell,
-/// *Clipping using homogeneous coordinates*, 1978: before the division, so that lines past the camera keep their direction).
+/// The ends in the image of the part of a segment that is in front of the camera and in the picture
+/// (Blinn and Newell, *Clipping using homogeneous coordinates*, 1978: before the division, so that
+/// lines past the camera keep their direction).
 fn project(segment: [DVec3; 2], projection: &DMat4, size: DVec2) -> Option<[DVec2; 2]> {
     let [a, b] = segment.map(|end| *projection * end.extend(1.0));
     let (low, high) = window(size);
@@ -100,8 +103,8 @@ fn window(size: DVec2) -> (DVec2, DVec2) {
     (DVec2::NEG_ONE, size + DVec2::ONE)
 }
 
-/// Draws an anti-aliased line one pixel wide: across its steeper direction, each pixel by how much of its height the
-/// line covers (Gupta and Sproull 1981, with a box for the filter).
+/// Draws an anti-aliased line one pixel wide: across its steeper direction, each pixel by how much
+/// of its height the line covers (Gupta and Sproull 1981, with a box for the filter).
 fn line(picture: &mut Raster, ends: [DVec2; 2], color: [u8; 3]) {
     let size = DVec2::new(picture.width() as f64, picture.height() as f64);
     let Some([a, b]) = clip(ends, size) else {
@@ -171,7 +174,8 @@ mod tests {
             .collect()
     }
 
-    /// A camera in the origin that looks along z, at ten pixels a unit of slope, with the middle of the image at (8, 6).
+    /// A camera in the origin that looks along z, at ten pixels a unit of slope, with the middle of
+    /// the image at (8, 6).
     fn projection() -> DMat4 {
         let rows = [
             DVec4::new(10.0, 0.0, 8.0, 0.0),

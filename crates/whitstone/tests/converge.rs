@@ -1,4 +1,5 @@
-//! Error against run time: what the studies claim holds, a fault in what they are about is found, and what is wrong is told at its place.
+//! Error against run time: what the studies claim holds, a fault in what they are about is found,
+//! and what is wrong is told at its place.
 
 use serde_json::Value;
 use std::fs;
@@ -222,7 +223,8 @@ fn an_error_that_is_not_reached_is_found() {
     );
 }
 
-// ---- the command -------------------------------------------------------------------------------------------------
+// ---- the command
+// -------------------------------------------------------------------------------------------------
 
 const SCENE: &str = r#"
 [film]

@@ -1,7 +1,7 @@
 //! Every shape, held to the oracle: class of the hit and ray parameter.
 //!
-//! `WHITSTONE_RAYS` is how many rays each case gets at each place; release mode takes some microseconds to milliseconds
-//! for each.
+//! `WHITSTONE_RAYS` is how many rays each case gets at each place; release mode takes some
+//! microseconds to milliseconds for each.
 
 use std::path::Path;
 use whitstone::core::{Aabb, DVec3, Interval, Needs, Ray, Skip};
@@ -110,8 +110,8 @@ shapes!(
     fractal "fractal",
 );
 
-/// Beside a rim, what leaves a cap for the inside meets the side as near as that is: the law of leaving rays lets it, and here is
-/// that it is true.
+/// Beside a rim, what leaves a cap for the inside meets the side as near as that is: the law of
+/// leaving rays lets it, and here is that it is true.
 #[test]
 fn what_leaves_a_cap_beside_its_rim_meets_the_side_where_it_is() {
     let registry = whitstone::registry();

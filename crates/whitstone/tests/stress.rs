@@ -1,4 +1,5 @@
-//! The families of stress cases, without Mitsuba: Whitstone keeps every promise, and the naive variants break.
+//! The families of stress cases, without Mitsuba: Whitstone keeps every promise, and the naive
+//! variants break.
 
 use whitstone_stress::{FAMILIES, FamilyReport, Lab, Verdict};
 

@@ -1,7 +1,8 @@
-"""The twin of the superquadric for Whitstone's driver of Mitsuba: what `superquadric.rs` promises, found by another method.
+"""The twin of the superquadric for Whitstone's driver of Mitsuba: what `superquadric.rs` promises,
+found by another method.
 
-Along a line N - 1 is convex. Ternary search finds where it is least; where that is below 0, bisection on both sides finds the
-two crossings. The plugin uses Newton's method instead.
+Along a line N - 1 is convex. Ternary search finds where it is least; where that is below 0,
+bisection on both sides finds the two crossings. The plugin uses Newton's method instead.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ HALVINGS = 70
 
 
 class Superquadric(Surface):
-    """N(x, y, z) <= 1 with N = ||(||(x, y)||_p, z)||_q, in a space where it reaches from -1 to 1."""
+    """N(x, y, z) <= 1 with N = ||(||(x, y)||_p, z)||_q, in a space where it reaches from -1 to 1.
+    """
 
     def __init__(self, matrix, p, q):
         Surface.__init__(self, matrix)
@@ -53,8 +55,8 @@ class Superquadric(Surface):
                 within = self.excess(o, d, half) < 0
                 inside, outside = np.where(within, half, inside), np.where(within, outside, half)
             ends.append(np.where(meets, 0.5 * (inside + outside), np.inf))
-        # A ray that starts on the surface does not meet it again where it goes out; where it goes in, its start is the first
-        # crossing.
+        # A ray that starts on the surface does not meet it again where it goes out; where it goes
+        # in, its start is the first crossing.
         first = np.where(started, np.inf, ends[0])
         second = np.where(started & start.outward, np.inf, ends[1])
         count = len(started)

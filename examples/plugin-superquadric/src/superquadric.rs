@@ -1,11 +1,14 @@
-//! A superellipsoid (Barr, *Superquadrics and Angle-Preserving Transformations*, IEEE CG&A 1(1), 1981).
+//! A superellipsoid (Barr, *Superquadrics and Angle-Preserving Transformations*, IEEE CG&A 1(1),
+//! 1981).
 //!
-//! Its points are those with N = 1, where N(x, y, z) = ‖(‖(x, y)‖_p, z)‖_q with p = 2/east_west, q = 2/north_south, in units of
-//! the radii. For exponents up to 2, p and q are at least 1 and N is a norm, so N - 1 is convex along a ray. Newton's method that starts
-//! outside and goes inwards never steps over the root of a convex function: it comes to it from one side, or to where the
-//! function turns, and the ray misses. No bracket, no tolerance, and no thin part is lost.
+//! Its points are those with N = 1, where N(x, y, z) = ‖(‖(x, y)‖_p, z)‖_q with p = 2/east_west, q
+//! = 2/north_south, in units of the radii. For exponents up to 2, p and q are at least 1 and N is a
+//! norm, so N - 1 is convex along a ray. Newton's method that starts outside and goes inwards never
+//! steps over the root of a convex function: it comes to it from one side, or to where the function
+//! turns, and the ray misses. No bracket, no tolerance, and no thin part is lost.
 //!
-//! - Twin: `superquadric.py`; the tests hold it to bisection, and to the sphere and the octahedron that it becomes.
+//! - Twin: `superquadric.py`; the tests hold it to bisection, and to the sphere and the octahedron
+//!   that it becomes.
 //! - Example: `scenes/superquadric.toml`.
 
 use schemars::JsonSchema;
@@ -18,18 +21,21 @@ use whitstone_core::{
     Ray, SceneError, SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform, solid,
 };
 
-/// A superellipsoid about the origin of its object space, with poles on the z axis; the outside is away from its center.
+/// A superellipsoid about the origin of its object space, with poles on the z axis; the outside is
+/// away from its center.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// Half the extents along x, y and z in metres.
     #[serde(default = "ones")]
     radii: [Positive; 3],
-    /// How round it is from pole to pole, from 0.1 to 2: towards 0 a cylinder with sharp rims, 1 round, 2 pointed at the poles.
+    /// How round it is from pole to pole, from 0.1 to 2: towards 0 a cylinder with sharp rims, 1
+    /// round, 2 pointed at the poles.
     #[serde(default)]
     #[schemars(with = "Option<f64>")]
     north_south: Option<Spanned<Finite>>,
-    /// How round it is around the axis, from 0.1 to 2: towards 0 a square, 1 a circle, 2 a square on its corner.
+    /// How round it is around the axis, from 0.1 to 2: towards 0 a square, 1 a circle, 2 a square
+    /// on its corner.
     #[serde(default)]
     #[schemars(with = "Option<f64>")]
     east_west: Option<Spanned<Finite>>,
@@ -56,7 +62,8 @@ pub struct Superquadric {
     transform: Transform,
     p: f64,
     q: f64,
-    /// How far object coordinates can change on the way into the world and back, for a unit step along each.
+    /// How far object coordinates can change on the way into the world and back, for a unit step
+    /// along each.
     slant: DMat3,
     bounds: Aabb,
 }
@@ -64,7 +71,8 @@ pub struct Superquadric {
 /// Half the distance from 1 to the next number: the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
-/// What the norm of a point may be off by: twice two powers and a root of less than an ulp each, and their arguments.
+/// What the norm of a point may be off by: twice two powers and a root of less than an ulp each,
+/// and their arguments.
 const SLACK: f64 = 20.0 * UNIT;
 
 impl Plugin<Shapes> for Superquadric {
@@ -128,7 +136,8 @@ impl Line {
         }
     }
 
-    /// The part inside the cube from -1 to 1, a little enlarged. Comparisons with NaN, in a face, change nothing.
+    /// The part inside the cube from -1 to 1, a little enlarged. Comparisons with NaN, in a face,
+    /// change nothing.
     fn in_cube(&self) -> Option<(f64, f64)> {
         let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
         for axis in 0..3 {
@@ -152,7 +161,8 @@ fn power_of_two_below_inverse(v: DVec3) -> f64 {
     f64::from_bits((2046 - exponent) << 52)
 }
 
-/// ‖(a, b)‖_p of numbers that are not negative, and its derivatives. Scaled, so that no power is above 1.
+/// ‖(a, b)‖_p of numbers that are not negative, and its derivatives. Scaled, so that no power is
+/// above 1.
 fn norm(a: f64, b: f64, p: f64) -> (f64, f64, f64) {
     let most = a.max(b);
     if most == 0.0 {
@@ -200,10 +210,12 @@ impl Superquadric {
         (n - 1.0, gradient.dot(line.d))
     }
 
-    /// Where a line that starts outside first meets the surface before `to`: Newton's method, which does not overtake the root.
+    /// Where a line that starts outside first meets the surface before `to`: Newton's method, which
+    /// does not overtake the root.
     fn enters(&self, line: &Line, from: f64, to: f64) -> Option<f64> {
         let mut s = from;
-        // Where it touches, the distance to go is halved each time: more steps than there are digits.
+        // Where it touches, the distance to go is halved each time: more steps than there are
+        // digits.
         for _ in 0..128 {
             let (value, slope) = self.along(line, s);
             if value <= 0.0 {
@@ -253,7 +265,8 @@ impl Primitive for Superquadric {
 
     fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
         let line = self.line(ray);
-        // It is convex: what leaves outwards meets it no more, what goes inside meets the exit only.
+        // It is convex: what leaves outwards meets it no more, what goes inside meets the exit
+        // only.
         let leaving = leaves.is_some();
         if leaving && self.slope_at_start(&line) >= 0.0 {
             return None;
@@ -273,8 +286,8 @@ impl Primitive for Superquadric {
         let length = across.length();
         let normal = across / length;
         let position = forward.transform_point3(p);
-        // What N is off by, over the length of its gradient in the world, is how far away the surface is; then the
-        // roundings of three products and three sums.
+        // What N is off by, over the length of its gradient in the world, is how far away the
+        // surface is; then the roundings of three products and three sums.
         let slack = (gradient.abs().dot(self.slant * p.abs()) + SLACK) / length;
         let terms = forward.translation.abs() + forward.matrix3.abs() * p.abs();
         let error = slack + 5.0 * UNIT * normal.abs().dot(terms);

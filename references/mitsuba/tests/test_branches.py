@@ -28,7 +28,9 @@ class Mirrors(Case):
         self.near(self.value(scene), [0.5, 0.5, 4])
 
     def test_facing_mirrors(self):
-        """Between two mirrors, every reflection loses the same factor; the limit shows the background or black."""
+        """Between two mirrors, every reflection loses the same factor; the limit shows the
+        background or black.
+        """
         upper = '[[shape]]\ntype = "plane"\ntransform = [{ rotate = { axis = [1, 0, 0], degrees = 90 } }, { translate = [0, 8, 0] }]\n'
         mirror = 'material = { type = "mirror", reflectance = 0.5 }\n'
         scene = SKY + FLOOR + mirror + upper + mirror
@@ -54,7 +56,8 @@ class Mirrors(Case):
         self.refuse(HEAD + '[integrator]\ntype = "rasterizer"\n' + FLOOR, "scene", "triangles only", "plane")
 
     def test_interpolated_colours(self):
-        """A triangle under a lamp close above its middle, which Gouraud's interpolation cannot see."""
+        """A triangle under a lamp close above its middle, which Gouraud's interpolation cannot see.
+        """
         corners = np.array([[-3, 0, 0], [3, 0, 3], [3, 0, -3.0]])
         eye, lamp, middle = np.array([0, 5, 1.0]), np.array([1, 0.5, 0]), corners.mean(axis=0)
         look = f"look_at = {{ origin = {eye.tolist()}, target = {middle.tolist()}, up = [0, 0, -1] }}"
@@ -131,7 +134,8 @@ class Dielectrics(Case):
 
     def test_exterior_absorption(self):
         text = 'type = "dielectric", interior_ior = 1, exterior_ior = 1, exterior_absorption = [0, 0.5, 2]'
-        # The camera's own segment is free; beyond the box the ray is outside, and the way is endless.
+        # The camera's own segment is free; beyond the box the ray is outside, and the way is
+        # endless.
         self.near(self.value(HEAD + SKY + slab(text)), [1, 0, 0])
 
     def test_whitted_branches(self):

@@ -1,4 +1,5 @@
-"""The same bytes for any run, thread count and chunking; probes and trees give what render gives."""
+"""The same bytes for any run, thread count and chunking; probes and trees give what render gives.
+"""
 
 import os
 import tempfile

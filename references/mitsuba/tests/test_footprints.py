@@ -1,4 +1,6 @@
-"""Ray differentials and the filters that show a mean over them (model §10), against differences of rays and against loops over texels."""
+"""Ray differentials and the filters that show a mean over them (model §10), against differences of
+rays and against loops over texels.
+"""
 
 import itertools
 import math
@@ -48,7 +50,9 @@ class Cameras(Case):
 
 
 class Chains(Case):
-    """A plane seen by a ball: its (u, v) by rays in double precision, their differences against the driver's derivatives."""
+    """A plane seen by a ball: its (u, v) by rays in double precision, their differences against the
+    driver's derivatives.
+    """
 
     CENTER, RADIUS = np.array([0.3, 1.2, 0.4]), 1.1
 
@@ -117,7 +121,8 @@ class Chains(Case):
 
 class Shapes(Case):
     def test_texture_coordinates(self):
-        """(u, v) of neighbouring pixels in a narrow view against the derivatives in the middle one."""
+        """(u, v) of neighbouring pixels in a narrow view against the derivatives in the middle one.
+        """
         wall = '[[shape]]\ntype = "triangle"\nvertices = [[-9, -9, -1], [9, -9, -1.5], [0, 9, -2]]\n'
         for shape in (
             'type = "sphere"\nradius = 0.7\ntransform = { rotate = { axis = [1, 2, 0], degrees = 50 } }',
@@ -236,7 +241,9 @@ class Pyramids(Case):
             self.near(found[lane], expected, rel=1e-9)
 
     def test_seen(self):
-        """A picture of 8 x 8 texels on two pixels: four texels in a pixel, so level 2; on four positions in each, two, so level 1."""
+        """A picture of 8 x 8 texels on two pixels: four texels in a pixel, so level 2; on four
+        positions in each, two, so level 1.
+        """
         texels = self.random.integers(0, 256, (8, 8, 3), dtype=np.uint8)
         table = pyramid.Pyramid(srgb_to_linear(texels / 255.0), ("clamp", "clamp"))
         view = film(2, 2) + '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n' + AMBIENT

@@ -24,7 +24,9 @@ def looking(origin, target=(0, 0, 0), up=(0, 1, 0), more=""):
 
 class Cameras(Case):
     def directions(self, camera, width=8, height=4):
-        """Directions of the rays through all pixels, told from where they hit a huge sphere around the eye."""
+        """Directions of the rays through all pixels, told from where they hit a huge sphere around
+        the eye.
+        """
         ball = '[[shape]]\ntype = "sphere"\nradius = 100\ncenter = [1, 2, 3]\n'
         channels, answer = self.render(film(width, height, ["normal", "depth"]) + camera + ball)
         return np.stack([channels[f"normal.{axis}"] for axis in "XYZ"], axis=2), channels["depth.Z"], answer
@@ -242,7 +244,9 @@ class Shapes(Case):
         self.assertEqual(node["n_g"], [0, 0, 1])
 
     def test_instances(self):
-        """A tilted triangle with normals in a group in a group: turned by a quarter, stretched, mirrored, moved."""
+        """A tilted triangle with normals in a group in a group: turned by a quarter, stretched,
+        mirrored, moved.
+        """
         scene = """
 [[group.b.shape]]
 type = "triangle"
@@ -268,7 +272,8 @@ transform = [{ scale = [1, 1, -1] }, { translate = [10, 0, 0] }]
         # Shapes 0 and 1 are the document's, 2 and 3 those of a, 4 that of b.
         self.assertEqual((node["shape"], node["primitive"], node["n_g"]), (4, 0, [0, 0, -1]))
         self.near(node["uv"], [0.25, 0.25])
-        # Interpolated and normalised in the group; the inverse transpose of (3, 1, -2); turned to the viewer (rule S).
+        # Interpolated and normalised in the group; the inverse transpose of (3, 1, -2); turned to
+        # the viewer (rule S).
         n = np.array([0.25 / 3, 0.25, -0.5 / 2])
         self.near(node["n_s"], n / np.linalg.norm(n))
         node = self.nodes(looking([60, 0, 5], (60, 0, 0)) + scene.replace("scale = [1, 1, -1]", "scale = 1"))[0]
@@ -357,7 +362,8 @@ class Meshes(Case):
         self.assertEqual(len(open_.faces), 4)
         shape = f'[[shape]]\ntype = "mesh"\nfile = "c.obj"\n{"subdivision = {{ scheme = {}, levels = {} }}"}\n'
         found = self.nodes(looking([0, 0, 5], (0.01, 0.02, 0)) + shape.format('"loop"', 5), base=self.base)[0]
-        # In the limit a point v goes to (w v + sum of its k neighbours)/(w + k) with w = 3/(8 beta): 24/55 of this one.
+        # In the limit a point v goes to (w v + sum of its k neighbours)/(w + k) with w = 3/(8
+        # beta): 24/55 of this one.
         self.assertLess(abs(5 - found["t"] - 24 / 55), 3e-3)
         self.near(found["n_s"], [0, 0, 1], atol=0.1)
         self.refuse(looking([0, 0, 5]) + shape.format('"butterfly"', 1), "scene", "scheme", base=self.base)
@@ -390,7 +396,8 @@ class Meshes(Case):
         refuse("1, scale = nan, offset = 0 } #", "scale")
 
     def test_displacement_at_seams(self):
-        """A point of two triangles that see other texture coordinates: by the mean of its corners."""
+        """A point of two triangles that see other texture coordinates: by the mean of its corners.
+        """
         square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 3 0\nf 1/1 2/2 3/1\nf 1/3 3/1 4/1\n"
         mesh = meshes.load(self.write("square.obj", square))
         rise = lambda points, normals, uvs: uvs[:, 0]  # noqa: E731
@@ -458,7 +465,9 @@ class Meshes(Case):
         self.near(self.nodes(camera + shape + 'shading = "flat"\n', base=self.base)[0]["n_s"], [0, 0, 1])
 
     def test_same_order_as_mitsuba(self):
-        """Mitsuba's own loader, on a file where both must agree: triangles in file order, none merged."""
+        """Mitsuba's own loader, on a file where both must agree: triangles in file order, none
+        merged.
+        """
         generator = np.random.default_rng(3)
         points = generator.normal(size=(40, 3))
         text = "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in points)

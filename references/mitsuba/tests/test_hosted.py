@@ -119,7 +119,9 @@ class Quadrics(Case):
                 self.assertEqual(node["primitive"], primitive)
 
     def test_open_and_bounded(self):
-        """Without caps a line along the axis meets nothing; beside the ends there is nothing either."""
+        """Without caps a line along the axis meets nothing; beside the ends there is nothing
+        either.
+        """
         tube = shape('type = "cylinder"\nradius = 1\nz = [0, 1]\ncaps = false')
         self.assertEqual(self.nodes(looking((0.5, 0, 5), (0.5, 0, 0)) + tube)[0]["shape"], -1)
         for z in (-0.01, 1.01):
@@ -197,7 +199,9 @@ class TorusAndPolygon(Case):
         self.assertEqual([entry[1] for entry in found], [1, -1, 1, -1])
 
     def test_polygon(self):
-        """An arrow: what it holds, its side, and coordinates along the axes after the largest of its normal."""
+        """An arrow: what it holds, its side, and coordinates along the axes after the largest of
+        its normal.
+        """
         text = shape('type = "polygon"\nvertices = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.5, 0], [0, 2, 0]]')
         node = self.nodes(looking((0.2, 1, 5), (0.2, 1, 0)) + text)[0]
         self.assertEqual((node["shape"], node["n_g"]), (0, [0, 0, 1]))
@@ -251,7 +255,9 @@ class Operations(unittest.TestCase):
         self.assertEqual([entry[:2] for entry in found], [(-math.inf, 1), (4, -1)])
 
     def test_from_a_face(self):
-        """From the hollow of a difference: the start is no crossing ahead, the other side of the hollow is."""
+        """From the hollow of a difference: the start is no crossing ahead, the other side of the
+        hollow is.
+        """
         solid = Solid(DIFFERENCE, [Ball(np.diag([2.0, 2, 2, 1])), Ball(np.eye(4))])
         code = 1
         found = line(solid, (-1, 0, 0), (1, 0, 0), code, True)
@@ -260,7 +266,9 @@ class Operations(unittest.TestCase):
 
 class Starts(unittest.TestCase):
     def test_grazing_rays_do_not_meet_what_they_left(self):
-        """Starts that single precision moved off the surface, in directions within 1e-7 of the tangent plane."""
+        """Starts that single precision moved off the surface, in directions within 1e-7 of the
+        tangent plane.
+        """
         random = np.random.default_rng(3)
         count = 2000
         surfaces = (
@@ -295,7 +303,9 @@ class Shading(Case):
         self.assertEqual((answer["twin"], answer["hosted"]), ("native", []))
 
     def test_open_cylinders_are_mitsubas(self):
-        """Unless an instance stretches them; their points are those of double precision, also far away and mirrored."""
+        """Unless an instance stretches them; their points are those of double precision, also far
+        away and mirrored.
+        """
         placed = "transform = [{ scale = -0.5 }, { rotate = { axis = [1, 2, 0], degrees = 50 } }]"
         tube = shape('type = "cylinder"\ncaps = false\nradius = 0.8\nz = [-1, 2]', placed)
         scene = film(24, 24, ("normal", "uv", "depth"))
@@ -313,7 +323,9 @@ class Shading(Case):
             self.assertLessEqual(off.sum(), 2, name)
 
     def test_an_ellipsoid_of_equal_radii_is_a_sphere(self):
-        """Glass with absorption, with a shadow: the same picture, up to the rounding of Mitsuba's sphere."""
+        """Glass with absorption, with a shadow: the same picture, up to the rounding of Mitsuba's
+        sphere.
+        """
         scene = film(24, 24) + (
             '[camera]\ntype = "perspective"\nlook_at = { origin = [0, 3, 4], target = [0, 0.5, 0] }\n'
             '[integrator]\ntype = "whitted"\nshadows = "filtered"\n'
@@ -328,7 +340,9 @@ class Shading(Case):
             self.assertLess(np.sort(difference.ravel())[-3], 3e-5)
 
     def test_glass_slab(self):
-        """A cap in, a cap out: at right angles 4 % are reflected at each; what is absorbed is exp(-a t)."""
+        """A cap in, a cap out: at right angles 4 % are reflected at each; what is absorbed is
+        exp(-a t).
+        """
         slab = shape('type = "cylinder"\nz = [0, 2]', 'material = { type = "dielectric", absorption = 0.5 }')
         found = self.value('[integrator]\ntype = "whitted"\nmax_depth = 40\n' + looking((0.2, 0.1, 9), (0.2, 0.1, 0)) + SKY + slab)
         r, inner = 0.04, math.exp(-1)
@@ -338,7 +352,9 @@ class Shading(Case):
         self.near(found, sky * (through + back), rel=1e-5)
 
     def test_shadows(self):
-        """A ring hides the lamp from the floor below its tube, not below its hole; one of glass lets a part through."""
+        """A ring hides the lamp from the floor below its tube, not below its hole; one of glass
+        lets a part through.
+        """
         floor = shape('type = "rectangle"', "transform = { scale = 9 }\nmaterial = { type = \"matte\" }")
         ring = 'type = "torus"\nmajor_radius = 2\nminor_radius = 0.5'
         high = "transform = { translate = [0, 0, 1] }"
@@ -369,7 +385,8 @@ class Shading(Case):
             node = self.nodes(looking((x, y, 5), (x, y, 0)) + scene)[0]
             self.near(node["t"], 5)
             self.near(node["uv"], (0.5, 0) if kind == "disk" else at, atol=1e-6)
-        # (1.2, 0.8) is that of (0.8, 0.8), outside of the unit disk; Mitsuba's own would not be there either, but (0.9, 0) is.
+        # (1.2, 0.8) is that of (0.8, 0.8), outside of the unit disk; Mitsuba's own would not be
+        # there either, but (0.9, 0) is.
         self.assertEqual(self.nodes(looking((1.2, 0.8, 5), (1.2, 0.8, 0)) + scene.replace("plane", "disk"))[0]["shape"], -1)
         self.assertEqual(Flat(np.eye(4), "disk").bounds()[1], 1 + 1e-9)
 

@@ -157,7 +157,8 @@ class Detail(Case):
         self.near(self.mirrored(text.format("[0.5, 0.5, 0]")), [0, 1, 0], rel=1e-5, atol=1e-5)
 
     def test_a_slope_is_a_normal(self):
-        # A block of two voxels along x from 0 to 1: between their middles the height rises by 0.375 over half a metre.
+        # A block of two voxels along x from 0 to 1: between their middles the height rises by 0.375
+        # over half a metre.
         block = '{ type = "solid", size = [2, 1, 1], values = [0, 0.375], wrap = "clamp", mapping = { transform = { translate = [0.5, 0, 0] } } }'
         self.near(self.mirrored(f'type = "bump", height = {block}, material = {{ type = "mirror" }}'), [-0.96, 0.28, 0], rel=1e-5, atol=1e-5)
         self.near(self.mirrored(f'type = "bump", scale = -1, height = {block}, material = {{ type = "mirror" }}'), [0.96, 0.28, 0], rel=1e-5, atol=1e-5)
@@ -166,7 +167,8 @@ class Detail(Case):
 
     def test_vectors_are_added(self):
         text = 'type = "bump", vectors = {}, material = {{ type = "mirror" }}'
-        # The normal (0.25, 0.5, 0) is half way between straight up and the ray, and tan of half the angle is 1/2.
+        # The normal (0.25, 0.5, 0) is half way between straight up and the ray, and tan of half the
+        # angle is 1/2.
         sideways = text.format("[0.625, 0.25, 0.5]")
         self.near(self.mirrored(sideways), [0.8, 0.6, 0], rel=1e-5, atol=1e-5)
         self.near(self.mirrored(text.format("[0.5625, 0.5, 0.5], scale = 4")), [0.8, 0.6, 0], rel=1e-5, atol=1e-5)
@@ -201,7 +203,8 @@ class Glossy(Case):
         return np.array([node["p"] for node in nodes if node["path"].startswith("R")]) / 50, nodes
 
     def test_directions(self):
-        # X and Y where n = r = y: the first turned from (0.8, -0.6, 0), across (0.48, 0.64, 0.6), by hand.
+        # X and Y where n = r = y: the first turned from (0.8, -0.6, 0), across (0.48, 0.64, 0.6),
+        # by hand.
         x, z = np.array([40, 0, 9]) / 41, np.array([9, 0, -40]) / 41
         cosine = 0.75 ** (1 / 8)
         sine = math.sqrt((1 - cosine**2) / 2)

@@ -1,4 +1,6 @@
-"""Bezier patches (model §9): where they are, their normals, and that the error of their triangles falls with the square of the level."""
+"""Bezier patches (model §9): where they are, their normals, and that the error of their triangles
+falls with the square of the level.
+"""
 
 import math
 import unittest
@@ -13,7 +15,9 @@ HEIGHTS = np.array([[0.1, -0.5, 0.4, 0.0], [0.3, 0.6, -0.2, -0.4], [-0.3, 0.2, 0
 
 
 def wave():
-    """Above the square from -1 to 1, x and y are linear in u and v, so the height has a closed form."""
+    """Above the square from -1 to 1, x and y are linear in u and v, so the height has a closed
+    form.
+    """
     ends = [2 * k / 3 - 1 for k in range(4)]
     return [[float(x), float(y), float(HEIGHTS[i, j])] for i, y in enumerate(ends) for j, x in enumerate(ends)]
 

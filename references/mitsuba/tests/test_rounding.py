@@ -1,4 +1,6 @@
-"""The numbers of meshes rounded otherwise: by at most one unit in the last place, and nothing else changes."""
+"""The numbers of meshes rounded otherwise: by at most one unit in the last place, and nothing else
+changes.
+"""
 
 import os
 import tempfile

@@ -1,4 +1,5 @@
-"""Where samples lie: model §5, in closed forms and in numbers that the tracer's own tests have too."""
+"""Where samples lie: model §5, in closed forms and in numbers that the tracer's own tests have too.
+"""
 
 import unittest
 
@@ -73,7 +74,8 @@ class Samplers(Case):
         self.assertEqual((found * SIDE).tolist(), [3596272196, 1078120820])
 
     def test_a_picture_is_the_mean_over_its_own_positions(self):
-        # The brightness of the floor under a directional light is that of its texture: stripes, each as wide as half a pixel.
+        # The brightness of the floor under a directional light is that of its texture: stripes,
+        # each as wide as half a pixel.
         light = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 3.141592653589793\n'
         floor = FLOOR + 'material = { type = "matte", reflectance = { type = "checker", a = 1, b = 0, scale = [0.3, 0.001] } }\n'
         size = 4
@@ -92,7 +94,8 @@ class Samplers(Case):
             np.testing.assert_allclose(values, even.mean(axis=1), atol=1e-6)
 
     def test_a_pixel_takes_more_samples_where_they_differ(self):
-        # Stripes of the width of several pixels, crossed by others: some pixels show one thing, some an edge.
+        # Stripes of the width of several pixels, crossed by others: some pixels show one thing,
+        # some an edge.
         light = '[[light]]\ntype = "directional"\ndirection = [0, -1, 0]\nirradiance = 3.141592653589793\n'
         floor = FLOOR + 'material = { type = "matte", reflectance = { type = "checker", a = 1, b = 0, scale = [0.31, 0.17] } }\n'
         size, most, first, threshold = 8, 50, 3, 0.02

@@ -55,7 +55,8 @@ class Lights(Case):
         self.assertEqual(list(self.value(scene + FLOOR)), [0, 0, 0])
 
     def test_area(self):
-        """A surface that faces down at height 4: the sum over its points, of which there are four."""
+        """A surface that faces down at height 4: the sum over its points, of which there are four.
+        """
         turn = "{ rotate = { axis = [1, 0, 0], degrees = 90 } }"
         light = '[[light]]\ntype = "area"\nshape = "{}"\nradiance = [1, 2, 3]\nsamples = 2\ntransform = [{}{}, {{ translate = [0, 4, 0] }}]\n'
         # Half a metre beside the middle each way; of the normal, cosine 4/d at both ends.
@@ -75,7 +76,8 @@ class Lights(Case):
         self.refuse(HEAD + light.format("sphere", "{ scale = [1, 2, 1] }, ", turn) + FLOOR, "scene", "similarity")
 
     def test_area_of_a_mesh(self):
-        """A square of two triangles that faces down at height 4, by the centroids of their parts."""
+        """A square of two triangles that faces down at height 4, by the centroids of their parts.
+        """
         text = "v -1 4 -1\nv 1 4 -1\nv 1 4 1\nv -1 4 1\nf 1 2 3 4\nf 1 1 2\n"
         light = '[[light]]\ntype = "area"\nshape = "mesh"\nfile = "{}"\nradiance = [1, 2, 3]\n{}\n'
         with tempfile.TemporaryDirectory() as base:
@@ -86,7 +88,8 @@ class Lights(Case):
 
             write("square.obj", text)
             scene = HEAD + light.format("square.obj", "") + FLOOR
-            # Both centroids are (2/3, 4, 2/3) away from the middle, of opposite sides: the cosine is 4/d at both ends.
+            # Both centroids are (2/3, 4, 2/3) away from the middle, of opposite sides: the cosine
+            # is 4/d at both ends.
             d2 = 16 + (1 / 3) ** 2 + (1 / 3) ** 2
             expected = 0.5 / math.pi * 4 * 16 / d2**2
             self.near(self.value(scene, base=base), [expected * n for n in (1, 2, 3)])
@@ -95,7 +98,8 @@ class Lights(Case):
             self.near(self.value(HEAD + mirrored + FLOOR, base=base), [expected * n for n in (1, 2, 3)])
             write("up.obj", text.replace("1 2 3 4", "4 3 2 1"))
             self.assertEqual(list(self.value(HEAD + light.format("up.obj", "") + FLOOR, base=base)), [0, 0, 0])
-            # In nine parts a triangle: in thirds of a side from (-1, -1) along (1, 0) and (1, 1), and along (1, 1) and (0, 1).
+            # In nine parts a triangle: in thirds of a side from (-1, -1) along (1, 0) and (1, 1),
+            # and along (1, 1) and (0, 1).
             parts = [(s, t) for s in (1, 4, 7) for t in (1, 4, 7) if s + t <= 8] + [(2, 2), (5, 2), (2, 5)]
             places = [(-1 + 2 * (s + t) / 9, -1 + 2 * t / 9) for s, t in parts] + [(-1 + 2 * s / 9, -1 + 2 * (s + t) / 9) for s, t in parts]
             expected = 0.5 / math.pi * 4 / 18 * sum(16 / (16 + x * x + z * z) ** 2 for x, z in places)
@@ -108,7 +112,8 @@ class Lights(Case):
             self.refuse(HEAD + light.format("many.obj", "samples = 2") + FLOOR, "scene", "4096", base=base)
 
     def projector(self, more, x=0.0, z=0.0, head=HEAD):
-        """Onto the floor at (x, z) from 2 above the origin, +x to the right in the slide and -z up."""
+        """Onto the floor at (x, z) from 2 above the origin, +x to the right in the slide and -z up.
+        """
         light = '[[light]]\ntype = "projector"\nposition = [0, 2, 0]\ntarget = [0, 0, 0]\nup = [0, 0, -1]\n' + more
         look = head.replace("origin = [0, 5, 0], target = [0, 0, 0]", f"origin = [{x}, 5, {z}], target = [{x}, 0, {z}]")
         return self.value(look + light + "\n" + FLOOR)
@@ -146,7 +151,8 @@ class Lights(Case):
         sky = '[[light]]\ntype = "environment"\nradiance = { type = "checker", a = [1, 2, 3], b = [4, 5, 6], scale = [4, 2] }\n'
         for target, expected in (([1, 0.5, -0.2], [4, 5, 6]), ([-1, -0.5, 0.2], [1, 2, 3])):
             look = f'[camera]\ntype = "perspective"\nlook_at = {{ origin = [0, 0, 0], target = {target} }}\n'
-            # u = 0.5 + atan2(1, 0.2)/2pi is in cell 2, v above 1/2 in cell 1; u of the other in cell 0, v in cell 0.
+            # u = 0.5 + atan2(1, 0.2)/2pi is in cell 2, v above 1/2 in cell 1; u of the other in
+            # cell 0, v in cell 0.
             self.assertEqual(list(self.value(film() + look + sky)), [float(number) for number in expected])
         mirror = 'look_at = { origin = [-1, 0.5, 0.2], target = [0, 0, 0] }'
         look = f'[camera]\ntype = "perspective"\n{mirror}\n'
@@ -168,7 +174,8 @@ class Lights(Case):
             np.testing.assert_allclose(irradiances.sum(axis=0), 2 * np.pi * np.array([1.0, 2.0, 4.0]), rtol=1e-12)
             np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1, rtol=1e-12)
             self.assertTrue((directions[:, 1] > 0).all())
-        # Two halves, each around (+-1, 1, 0) by symmetry: the integrals of x and y over a quarter of the sphere are equal.
+        # Two halves, each around (+-1, 1, 0) by symmetry: the integrals of x and y over a quarter
+        # of the sphere are equal.
         directions, irradiances = sky.directions(1, 1, hemisphere)
         np.testing.assert_allclose(directions, [[-(0.5**0.5), 0.5**0.5, 0], [0.5**0.5, 0.5**0.5, 0]], atol=1e-12)
         # All light in one cell: every direction lies in it.
@@ -190,7 +197,8 @@ class Lights(Case):
                 np.testing.assert_allclose(image.precise(uv), found, atol=1e-5)
 
     def test_faces(self):
-        """Six pictures of 2 x 2 texels, each texel its own colour, looked at through their middles."""
+        """Six pictures of 2 x 2 texels, each texel its own colour, looked at through their middles.
+        """
         forward = {"px": (1, 0, 0), "nx": (-1, 0, 0), "py": (0, 1, 0), "ny": (0, -1, 0), "pz": (0, 0, 1), "nz": (0, 0, -1)}
         upward = {"py": (0, 0, 1), "ny": (0, 0, -1)}
         sky = '[[light]]\ntype = "environment"\n'

@@ -1,4 +1,6 @@
-"""Rays that leave a surface: none meets it again, and the driver agrees with Mitsuba's own `direct` at any size and distance."""
+"""Rays that leave a surface: none meets it again, and the driver agrees with Mitsuba's own `direct`
+at any size and distance.
+"""
 
 import math
 import os
@@ -19,7 +21,9 @@ SHAPES = {
 
 
 def scene(shape, size, ratio, more=""):
-    """A shape of this size that fills the view from `ratio` times its size away, in the light of one lamp."""
+    """A shape of this size that fills the view from `ratio` times its size away, in the light of
+    one lamp.
+    """
     eye = [size * ratio * x for x in (0.48, 0.6, 0.64)]
     lamp = [size * x for x in (3, 5, 4)]
     return (
@@ -42,7 +46,8 @@ class Spawn(Case):
                         text = scene(shape, size, ratio)
                         direct = self.ask("check", text, ASSETS)["direct"]
                         self.assertGreater(direct["pixels"], 1000)
-                        # Of a disk that is 100 m wide and far away, stock Mitsuba itself shadows some points by the disk.
+                        # Of a disk that is 100 m wide and far away, stock Mitsuba itself shadows
+                        # some points by the disk.
                         own_fault = shape == "disk" and size == 1e2 and ratio >= 100
                         self.assertLessEqual(direct["over_1e3"], (3e-3 if own_fault else 1e-3) * direct["pixels"])
                         self.assertEqual(self.render(text, ASSETS)[1]["rehits"], 0)
@@ -64,7 +69,9 @@ class Spawn(Case):
             self.assertEqual(answer["rehits"], 0)
 
     def test_rehits_that_remain_are_counted(self):
-        """With an offset far too small for the coordinates, doubling it does not help, and the driver says so."""
+        """With an offset far too small for the coordinates, doubling it does not help, and the
+        driver says so.
+        """
         tiny = {"k": 1e-9}
         self.assertGreater(self.render(scene("rectangle", 1e2, 30), setting=tiny)[1]["rehits"], 0)
 

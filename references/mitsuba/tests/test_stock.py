@@ -14,7 +14,9 @@ from whitstone_mitsuba.runtime import mi
 
 class Stock(Case):
     def images(self, scene, repeats=16):
-        """The answer, and (height, width, 3) of the mean, of the variance, and of the driver's own image."""
+        """The answer, and (height, width, 3) of the mean, of the variance, and of the driver's own
+        image.
+        """
         with tempfile.TemporaryDirectory() as folder:
             out, own = os.path.join(folder, "stock.exr"), os.path.join(folder, "own.exr")
             answer = self.ask("stock", scene, out=out, repeats=repeats)
@@ -54,7 +56,8 @@ class Stock(Case):
         def blocks(image):
             return image.reshape(8, 8, 12, 8, 3).mean(axis=(1, 3))
 
-        # Of blocks of 64 pixels: in one, a rare event may have been missed, and its variance with it.
+        # Of blocks of 64 pixels: in one, a rare event may have been missed, and its variance with
+        # it.
         error = np.sqrt(blocks(variance) / 64 / 64)
         self.assertLess((np.abs(blocks(mean - own)) / (error + 1e-3 * own.mean())).max(), 5)
         self.assertAlmostEqual(mean.mean() / own.mean(), 1, delta=3e-3)

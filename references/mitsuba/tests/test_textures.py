@@ -15,7 +15,8 @@ from whitstone_mitsuba import exr, quilting
 from whitstone_mitsuba.images import srgb_to_linear
 from whitstone_mitsuba.runtime import mi
 
-# An orthographic view of the rectangle z = 0, so that raster and uv match: u = x / width, v = 1 - y / height.
+# An orthographic view of the rectangle z = 0, so that raster and uv match: u = x / width, v = 1 - y
+# / height.
 LOOK = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 5], target = [0, 0, 0] }\n'
 AMBIENT = '[[light]]\ntype = "ambient"\nradiance = 1\n'
 
@@ -64,10 +65,12 @@ class Textures(Case):
         self.refuse(scene(1, 1, '{ type = "checker", mapping = { projection = "round" } }'), "scene", "mapping.projection")
 
     def test_triplanar(self):
-        """Lines that only the projection along x shows, on a plane that is turned in texture space."""
+        """Lines that only the projection along x shows, on a plane that is turned in texture space.
+        """
         s3 = 3**0.5
         for more, sharpness, scale in (("", 4, 1), (", sharpness = 1", 1, 1), (", sharpness = 2", 2, 2)):
-            # By 60 degrees around y: N is (sin 60, 0, cos 60), then by the inverse transpose of the scale along z.
+            # By 60 degrees around y: N is (sin 60, 0, cos 60), then by the inverse transpose of the
+            # scale along z.
             steps = f"[{{ rotate = {{ axis = [0, 1, 0], degrees = 60 }} }}, {{ scale = [1, 1, {scale}] }}]"
             text = f'mapping = {{ projection = "triplanar", transform = {steps}{more} }}'
             lines = f'{{ type = "grid_lines", a = 0, b = 1, width = [0.5, 0], {text} }}'
@@ -181,7 +184,9 @@ class Textures(Case):
             self.refuse(scene(1, 1, f'{{ type = "gradient", {text} }}'), "scene", *words)
 
     def test_noise(self):
-        """The value that Perlin's program is known for; what noise is at whole numbers; kinds that are each other's special cases."""
+        """The value that Perlin's program is known for; what noise is at whole numbers; kinds that
+        are each other's special cases.
+        """
         known = '{ type = "noise", a = 0, b = 1, mapping = { transform = { translate = [3.14, 42, 7] } } }'
         self.near(self.grey(1, 1, known), np.full((1, 1), 0.5 + 0.5 * 0.13691995878400012), rel=1e-6)
         j, i = np.mgrid[0:8, 0:8]
@@ -263,7 +268,9 @@ class Textures(Case):
             self.assertEqual(sum(d[k, found[k]] for k in range(5)), cost)
 
     def test_synthesized(self):
-        """A sample no larger than a block is laid side by side, cut where it differs least; larger ones are pieces of themselves."""
+        """A sample no larger than a block is laid side by side, cut where it differs least; larger
+        ones are pieces of themselves.
+        """
         sample = np.random.default_rng(8).integers(0, 256, (4, 4, 3), dtype=np.uint8)
         mi.Bitmap(sample).write(os.path.join(self.base, "s.png"))
         text = '{{ type = "synthesized", file = "{}", size = [{}, {}], block = 4, overlap = {}, filter = "nearest"{} }}'
@@ -320,7 +327,8 @@ class Textures(Case):
             # Pieces in small tables, one row of them at a time.
             with unittest.mock.patch.object(quilting, "MOST_NUMBERS", 1):
                 np.testing.assert_array_equal(quilting.optimized(picture, sample, 5, 1), means)
-        # All pieces are equally near: the first one counts, along both axes and from table to table.
+        # All pieces are equally near: the first one counts, along both axes and from table to
+        # table.
         halves = np.repeat([126, 130], (5, 6)).repeat(3).reshape(1, 11, 3).repeat(9, axis=0)
         for sample, numbers in itertools.product((halves, halves.transpose(1, 0, 2)), (1, 1 << 23)):
             with unittest.mock.patch.object(quilting, "MOST_NUMBERS", numbers):
@@ -339,7 +347,8 @@ class Textures(Case):
         self.near(self.value(scene(1, 1, '"t"') + shared), [0.1, 0.2, 0.3])
         self.refuse(scene(1, 1, '"u"') + shared, "scene", "'u'", "known: t")
         exr.write(os.path.join(self.base, "bright.exr"), {"Y": np.full((2, 2), 3, dtype=np.float32)})
-        # The model leaves the upper end of textures that vary open; of colours it does not, nor the lower end.
+        # The model leaves the upper end of textures that vary open; of colours it does not, nor the
+        # lower end.
         self.value(scene(1, 1, '{ type = "image", file = "bright.exr" }'), base=self.base)
         self.value(scene(1, 1, '{ type = "checker", a = 2 }'))
         self.refuse(scene(1, 1, '{ type = "constant", value = 2 }'), "scene", "from 0 to 1")

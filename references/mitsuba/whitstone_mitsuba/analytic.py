@@ -1,4 +1,6 @@
-"""The keys of the shapes that the driver intersects by itself (model §9): cylinder, cone, ... and csg."""
+"""The keys of the shapes that the driver intersects by itself (model §9): cylinder, cone, ... and
+csg.
+"""
 
 from __future__ import annotations
 
@@ -122,7 +124,9 @@ def _form(fields: Fields) -> np.ndarray:
 
 
 def _real(form: np.ndarray) -> bool:
-    """Whether the quadratic function is 0 somewhere: whether it takes both signs, or 0 as its extreme."""
+    """Whether the quadratic function is 0 somewhere: whether it takes both signs, or 0 as its
+    extreme.
+    """
     values, axes = np.linalg.eigh(form[:3, :3])
     linear = axes.T @ form[:3, 3]
     size = np.abs(form).max()
@@ -165,7 +169,9 @@ def _points(fields: Fields, key: str) -> np.ndarray:
 
 
 def edges_meet(vertices: np.ndarray) -> bool:
-    """Whether edges of a closed line in the plane meet elsewhere than where one ends and the next begins: (n, 2) points."""
+    """Whether edges of a closed line in the plane meet elsewhere than where one ends and the next
+    begins: (n, 2) points.
+    """
     a, b = vertices, np.roll(vertices, -1, axis=0)
     if np.any(np.all(a == b, axis=1)):
         return True
@@ -241,7 +247,9 @@ def _plane_operand(fields: Fields, place: Any, base: Folder) -> Surface:
 
 
 class Csg:
-    """Reads csg. `mesh` reads the triangles of a mesh: (positions, uvs, normals) of corners, or None where there was a problem."""
+    """Reads csg. `mesh` reads the triangles of a mesh: (positions, uvs, normals) of corners, or
+    None where there was a problem.
+    """
 
     def __init__(self, mesh: Callable[[Fields, Any, Folder], Optional[Tuple[np.ndarray, np.ndarray, Optional[np.ndarray]]]]) -> None:
         self.mesh = mesh
@@ -280,7 +288,8 @@ class Csg:
         elif kind == "mesh":
             triangles = self.mesh(fields, place, base)
             if triangles is not None:
-                # One operation of one operand: inside where the number of times that the mesh goes around is positive.
+                # One operation of one operand: inside where the number of times that the mesh goes
+                # around is positive.
                 surface = Solid(UNION, [surfaces.ClosedMesh(place.world, *triangles)])
         elif kind == "sphere":
             surface = _sphere_operand(fields, place, base)

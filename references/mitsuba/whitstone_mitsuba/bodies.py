@@ -40,13 +40,17 @@ class Face:
         return Way(mi.Color3f(weight), wo, self.passed, self.absorption, self.absorption, self.eta)
 
     def shadow(self, si: Any) -> Way:
-        """What a shadow ray keeps, where shadows are filtered: as seen from the side with the lower index."""
+        """What a shadow ray keeps, where shadows are filtered: as seen from the side with the lower
+        index.
+        """
         r = mi.fresnel(dr.abs(si.wi.z), dr.maximum(self.eta, 1 / self.eta))[0]
         return Way(mi.Color3f(dr.select(self.passed, 1, 1 - r)), None, self.passed, self.absorption, self.absorption)
 
 
 class Bodies:
-    """Tables by shape and by rank: the highest priority first, of equal ones the first in the document."""
+    """Tables by shape and by rank: the highest priority first, of equal ones the first in the
+    document.
+    """
 
     def __init__(self, shapes: Sequence[Any], materials: Sequence[Any]) -> None:
         ranked = [place for place, shape in enumerate(shapes) if materials[shape.material].priority is not None]

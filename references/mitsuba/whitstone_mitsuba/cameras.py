@@ -1,8 +1,9 @@
 """Cameras: perspective, orthographic, thin_lens and environment (model §4).
 
-Where Mitsuba has the same sensor, it makes the rays; a perspective window whose pixels are not square has no twin (`fov` fixes
-square pixels), nor has a lens behind a window that is not centred, nor the view all around: their rays come from the model's formula in float64.
-The near limit is the driver's own: Mitsuba's near clip is a plane only.
+Where Mitsuba has the same sensor, it makes the rays; a perspective window whose pixels are not
+square has no twin (`fov` fixes square pixels), nor has a lens behind a window that is not centred,
+nor the view all around: their rays come from the model's formula in float64. The near limit is the
+driver's own: Mitsuba's near clip is a plane only.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from .errors import Unsupported
 from .fields import REQUIRED, Fields, nearest
 from .runtime import dr, mi
 
-# Mitsuba starts rays on the near clip; a power of two keeps taking it off again exact. The far clip limits nothing here.
+# Mitsuba starts rays on the near clip; a power of two keeps taking it off again exact. The far clip
+# limits nothing here.
 NEAR = 2.0**-7
 FAR = 1e4
 
@@ -54,7 +56,9 @@ class Lens:
 
 @dataclass(frozen=True)
 class Camera:
-    """Eye, axes (columns u, v, w: right, up, backwards) and the window l, r, b, t at distance d, in metres."""
+    """Eye, axes (columns u, v, w: right, up, backwards) and the window l, r, b, t at distance d, in
+    metres.
+    """
 
     kind: str
     origin: np.ndarray
@@ -91,7 +95,9 @@ class Camera:
         return None
 
     def plugin(self) -> dict:
-        """The native sensor (of an equivalent square-pixel window where it has none: for timing only)."""
+        """The native sensor (of an equivalent square-pixel window where it has none: for timing
+        only).
+        """
         left, right, bottom, top, distance = self.window
         matrix = np.eye(4)
         # Mitsuba's cameras look along +Z with +X to the left.
@@ -135,7 +141,9 @@ class Camera:
         return 0 if self.lens is None else self.lens.n**2
 
     def formula(self, x: np.ndarray, y: np.ndarray, point: Optional[np.ndarray] = None) -> Tuple[np.ndarray, np.ndarray]:
-        """(3, n) float64: origins without a near limit, and directions, by the model; `point` numbers the point of the lens."""
+        """(3, n) float64: origins without a near limit, and directions, by the model; `point`
+        numbers the point of the lens.
+        """
         fx, fy = x / self.width, y / self.height
         u, v, w = (self.axes[:, axis : axis + 1] for axis in range(3))
         eye = np.repeat(self.origin[:, None], len(fx), axis=1)
@@ -161,7 +169,9 @@ class Camera:
         return self.near / -(self.axes[:, 2] @ directions)
 
     def rays(self, sensor: Optional["mi.Sensor"], x: np.ndarray, y: np.ndarray, point: Optional[np.ndarray] = None) -> Tuple[Any, Any]:
-        """Origins and directions of the rays through raster positions (float64, pixels, y down) and points of the lens."""
+        """Origins and directions of the rays through raster positions (float64, pixels, y down) and
+        points of the lens.
+        """
         o, d = self.formula(x, y, point)
         if sensor is not None:
             fx, fy = x / self.width, y / self.height

@@ -1,7 +1,8 @@
 """The driver against Mitsuba's own C++ integrators, on the driver's own camera rays (op `check`).
 
-`direct` integrates direct light by emitter sampling; with delta emitters that is exact, so it must agree with the driver's local
-terms (without the ambient one). `path` follows one branch a hit; where every hit has one branch (mirrors) it is exact as well.
+`direct` integrates direct light by emitter sampling; with delta emitters that is exact, so it must
+agree with the driver's local terms (without the ambient one). `path` follows one branch a hit;
+where every hit has one branch (mirrors) it is exact as well.
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ def _native_only(built: Built) -> None:
 
 
 def _compare(ours: np.ndarray, theirs: np.ndarray) -> Dict[str, Any]:
-    """Largest difference over RGB, relative to |theirs| + a tenth of their mean: 1e-3 is the harness's pixel tolerance."""
+    """Largest difference over RGB, relative to |theirs| + a tenth of their mean: 1e-3 is the
+    harness's pixel tolerance.
+    """
     difference = np.abs(ours.astype(np.float64) - theirs)
     relative = difference / (np.abs(theirs) + 0.1 * np.abs(theirs).mean() + 1e-30)
     worst = relative.max(axis=1)

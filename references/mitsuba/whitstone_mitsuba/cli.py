@@ -1,4 +1,6 @@
-"""The same operations as commands for people: `python -m whitstone_mitsuba render SCENE.toml -o OUT.exr` and so on."""
+"""The same operations as commands for people:
+`python -m whitstone_mitsuba render SCENE.toml -o OUT.exr` and so on.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +80,9 @@ def _request(arguments: argparse.Namespace) -> dict:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit codes as everywhere in Whitstone: 0 done, 2 the scene or the request is wrong, 3 this machine cannot."""
+    """Exit codes as everywhere in Whitstone: 0 done, 2 the scene or the request is wrong, 3 this
+    machine cannot.
+    """
     arguments = _parser().parse_args(argv)
     if arguments.op == "serve":
         from .serve import run

@@ -18,8 +18,8 @@ import numpy as np
 from . import surfaces
 from .solids import Solid
 
-# The width of a gap, relative to the largest coordinate of the surfaces plus this coordinate (but at
-# most 1 m).
+# The width of a gap, relative to the largest coordinate of the surfaces plus this coordinate (but
+# at most 1 m).
 GAP = 2.0**-19
 # Model §9: planes at most this far apart coincide, relative to the largest coordinate.
 APART = 16 * 2.0**-52

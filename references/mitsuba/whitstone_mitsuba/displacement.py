@@ -1,4 +1,6 @@
-"""Heights over meshes (model §9, displacement): textures looked up in float64, for single precision would roughen the surface."""
+"""Heights over meshes (model §9, displacement): textures looked up in float64, for single precision
+would roughen the surface.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +73,9 @@ def _colors(texture: Any, q: np.ndarray) -> np.ndarray:
 
 
 def heights(texture: Any, points: np.ndarray, normals: np.ndarray, uvs: np.ndarray) -> np.ndarray:
-    """(n,): the first channel at corners with these positions, unit normals and texture coordinates."""
+    """(n,): the first channel at corners with these positions, unit normals and texture
+    coordinates.
+    """
     if isinstance(texture, textures.Constant):
         return np.full(len(points), texture.value[0])
     place = _Place(points.T, uvs.T, _Frame(normals.T))

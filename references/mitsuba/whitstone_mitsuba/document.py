@@ -1,4 +1,6 @@
-"""The scene document (flattened TOML) read and checked, following `docs/whitted-model.md` §2-§10 and nothing else."""
+"""The scene document (flattened TOML) read and checked, following `docs/whitted-model.md` §2-§10
+and nothing else.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ class Integrator:
     filtered: bool = False
 
     def bounces(self, directions: int) -> int:
-        """How often a ray goes on at most that does so each time in so many directions, with equal shares."""
+        """How often a ray goes on at most that does so each time in so many directions, with equal
+        shares.
+        """
         found, share = 0, 1 / directions
         while found < self.max_depth and share >= self.min_contribution and share > 0:
             found, share = found + 1, share / directions
@@ -182,7 +186,9 @@ def _shared(value: Any, name: str, errors: List[str]) -> dict:
 
 
 def parse(text: str, base: str) -> Document:
-    """Reads a document. Raises `SceneError` with every problem, or `Unsupported` where only twins are missing."""
+    """Reads a document. Raises `SceneError` with every problem, or `Unsupported` where only twins
+    are missing.
+    """
     try:
         root = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -1,13 +1,16 @@
-"""The Whitted driver: model §6 breadth first, on Mitsuba's intersections, BSDFs and emitters, without any random number.
+"""The Whitted driver: model §6 breadth first, on Mitsuba's intersections, BSDFs and emitters,
+without any random number.
 
-All rays of one depth are traced together (a *level*), forward until no ray is left. Then radiance is gathered backward, from the
-deepest level to the camera, exactly as the model's recursion adds it: each node takes its reflected child first (of a glossy surface all of
-them in their order), then its transmitted one. No two lanes ever write to the same place, so the bytes do not depend on threads or on how the pixels were cut
-into chunks. (Embree's result for a ray does not depend on the rays next to it: measured, lane for lane.)
+All rays of one depth are traced together (a *level*), forward until no ray is left. Then radiance
+is gathered backward, from the deepest level to the camera, exactly as the model's recursion adds
+it: each node takes its reflected child first (of a glossy surface all of them in their order), then
+its transmitted one. No two lanes ever write to the same place, so the bytes do not depend on
+threads or on how the pixels were cut into chunks. (Embree's result for a ray does not depend on the
+rays next to it: measured, lane for lane.)
 
-Every number that can change from request to request enters as an evaluated array, never as a literal: literals become part
-of the kernel's code, and each new value would be compiled again. Arrays of one entry also make kernels of their own; index lists
-are therefore padded to two.
+Every number that can change from request to request enters as an evaluated array, never as a
+literal: literals become part of the kernel's code, and each new value would be compiled again.
+Arrays of one entry also make kernels of their own; index lists are therefore padded to two.
 """
 
 from __future__ import annotations
@@ -28,8 +31,8 @@ from .settings import Setting
 # Lanes traced together at most. A level takes about 300 bytes for each.
 LANES = 1 << 19
 
-# Lanes over all levels that wait for the way back, at most; about 70 bytes each. Where rays live for thousands of levels (between
-# facing mirrors), fewer pixels are traced together instead.
+# Lanes over all levels that wait for the way back, at most; about 70 bytes each. Where rays live
+# for thousands of levels (between facing mirrors), fewer pixels are traced together instead.
 RECORDS = 1 << 24
 
 _BRANCH_NUMBERS = {"R": 1, "T": 2}
@@ -37,7 +40,9 @@ _BRANCH_NUMBERS = {"R": 1, "T": 2}
 
 @dataclass
 class Rays:
-    """A level's rays, one lane each; all arrays evaluated. `real` counts those that are not padding."""
+    """A level's rays, one lane each; all arrays evaluated. `real` counts those that are not
+    padding.
+    """
 
     o: Any
     d: Any
@@ -56,7 +61,8 @@ class Rays:
     # The bodies that it is in, of those that may overlap: a bit for each.
     inside: Any
     real: int = 0
-    # (n, 2, 2, 3) float64 of NumPy, ray differentials: see `footprints`. None in documents without textures that need them.
+    # (n, 2, 2, 3) float64 of NumPy, ray differentials: see `footprints`. None in documents without
+    # textures that need them.
     spread: Optional[np.ndarray] = None
 
     def arrays(self) -> List[Any]:
@@ -106,7 +112,8 @@ class Hits:
     uv: Any
     shape: Any
     primitive: Any
-    # The part of the surface that a ray cannot meet again right after it left it: a flat face, or a whole sphere.
+    # The part of the surface that a ray cannot meet again right after it left it: a flat face, or a
+    # whole sphere.
     facet: Any
     material: Any
     # Transmittance of the segment travelled, and the throughput with it.
@@ -126,7 +133,8 @@ class Level:
     local: Any
     transmittance: Any
     footprint: Optional[footprints.Footprint] = None
-    # Per branch letter: parents (lane here), weights, children (lane in the next level); children None at the depth limit.
+    # Per branch letter: parents (lane here), weights, children (lane in the next level); children
+    # None at the depth limit.
     links: List[Tuple[str, np.ndarray, Any, Optional[np.ndarray], Any]] = field(default_factory=list)
     # Per lamp (lanes, visible, contribution): kept only when recording.
     lamps: List[Tuple[np.ndarray, int, Any, Any]] = field(default_factory=list)
@@ -134,7 +142,9 @@ class Level:
 
 
 class Tracer:
-    """Traces rays through one built scene under one or several settings (which may differ in all but the geometry)."""
+    """Traces rays through one built scene under one or several settings (which may differ in all
+    but the geometry).
+    """
 
     def __init__(self, built: Built, settings: Sequence[Setting], record: bool = False) -> None:
         assert all(geometry(setting) == built.geometry for setting in settings)
@@ -146,7 +156,8 @@ class Tracer:
         self.native_uv = False
         self.counts = Counts()
         self.levels: List[Level] = []
-        # How many branches there are in place of a reflected one, at most, and how many lanes become no more than LANES by them.
+        # How many branches there are in place of a reflected one, at most, and how many lanes
+        # become no more than LANES by them.
         self.spread = max((material.spread for material in self.document.materials), default=1)
         self.lanes = LANES // self.spread
         # Whether some surface lets light through to the lights.
@@ -162,10 +173,13 @@ class Tracer:
         self._pending: List[Any] = []
         self._budget: float = math.inf
 
-    # ---- pixels --------------------------------------------------------------------------------------------------
+    # ---- pixels
+    # --------------------------------------------------------------------------------------------------
 
     def pixels(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray) -> np.ndarray:
-        """(n, 3) float32: values of pixels (x[i], y[i]) under settings[setting[i]], the mean over the sampler's positions."""
+        """(n, 3) float32: values of pixels (x[i], y[i]) under settings[setting[i]], the mean over
+        the sampler's positions.
+        """
         samples = self.document.samples
         if samples.refinement is None:
             values = self._sums(x, y, setting, samples).total / len(samples)
@@ -175,10 +189,13 @@ class Tracer:
         return values.astype(np.float32)
 
     def _refined(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray) -> np.ndarray:
-        """(n, 3): the means of pixels that take as many samples again as they have, as long as the model's rule says so."""
+        """(n, 3): the means of pixels that take as many samples again as they have, as long as the
+        model's rule says so.
+        """
         samples, (width, height) = self.document.samples, (self.document.width, self.document.height)
         lens = max(samples.lens, 1)
-        # The first samples of all pixels and of their neighbours, of each once under the same setting.
+        # The first samples of all pixels and of their neighbours, of each once under the same
+        # setting.
         offsets = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)])
         beside_x, beside_y = x[:, None] + offsets[:, 0], y[:, None] + offsets[:, 1]
         there = (beside_x >= 0) & (beside_x < width) & (beside_y >= 0) & (beside_y < height)
@@ -207,7 +224,9 @@ class Tracer:
             taken = until
 
     def _sums(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: Samples, start: Optional[np.ndarray] = None) -> Sums:
-        """The sums over these samples of each pixel, added to `start` if there is one, and their extremes."""
+        """The sums over these samples of each pixel, added to `start` if there is one, and their
+        extremes.
+        """
         step = max(1, self.lanes // len(samples))
         total = np.zeros((len(x), 3)) if start is None else start.copy()
         least, most = np.zeros((len(x), 3), dtype=np.float32), np.zeros((len(x), 3), dtype=np.float32)
@@ -234,7 +253,9 @@ class Tracer:
         return radiance.numpy().T[: len(x) * len(samples)].reshape(len(x), len(samples), 3)
 
     def camera_rays(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: Samples) -> Rays:
-        """Rays of pixels, samples of a pixel side by side; where those name no point of a lens, through its middle."""
+        """Rays of pixels, samples of a pixel side by side; where those name no point of a lens,
+        through its middle.
+        """
         count = len(x) * len(samples)
         shift = np.array([(s.dx, s.dy) for s in self.settings])[setting]
         positions, points = samples.positions(x, y), samples.points()
@@ -255,7 +276,8 @@ class Tracer:
             o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),
             mi.UInt32(which.astype(np.uint32)), *spawn.nowhere(width), dr.zeros(mi.UInt64, width), real=count,
         )  # fmt: skip
-        # Every lane its own memory: arrays of one value repeated would be another kind of kernel input.
+        # Every lane its own memory: arrays of one value repeated would be another kind of kernel
+        # input.
         for array in rays.arrays():
             dr.make_opaque(array)
         rays.o, rays.d = self._perturb(rays.o, rays.d, rays.key, rays.path, rays.setting)
@@ -265,7 +287,8 @@ class Tracer:
             rays.spread = footprints.of_camera(self.document.camera, raster_x, raster_y, None if points is None else point, distance)
         return rays
 
-    # ---- rays ----------------------------------------------------------------------------------------------------
+    # ---- rays
+    # ----------------------------------------------------------------------------------------------------
 
     def trace(self, rays: Rays, depth: int) -> Any:
         """Radiance along each ray (Color3f, evaluated)."""
@@ -286,7 +309,8 @@ class Tracer:
                 break
             depth += 1
             if children.real > self.lanes:
-                # Each part is followed to its end before the next one starts, which bounds the memory.
+                # Each part is followed to its end before the next one starts, which bounds the
+                # memory.
                 pieces = [
                     self.trace(children.gather(np.arange(first, min(first + self.lanes, children.real))), depth)
                     for first in range(0, children.real, self.lanes)
@@ -300,7 +324,9 @@ class Tracer:
         return radiance
 
     def _backward(self, level: Level, deeper: Any) -> Any:
-        """The level's radiance from that of the next one: local terms, plus children by weight, times transmittance."""
+        """The level's radiance from that of the next one: local terms, plus children by weight,
+        times transmittance.
+        """
         radiance = level.local
         for _, parents, weight, children, limit in level.links:
             lanes = pad(parents)
@@ -337,7 +363,8 @@ class Tracer:
     def intersect(self, rays: Rays) -> Hits:
         """The nearest surfaces, with the model's normals, uv and numbers.
 
-        A ray that meets the facet it has just left starts again from farther away; no other ray is moved.
+        A ray that meets the facet it has just left starts again from farther away; no other ray is
+        moved.
         """
         hits = self._nearest(rays)
         lanes = np.flatnonzero(hits.rehit.numpy()[: rays.real])
@@ -411,7 +438,9 @@ class Tracer:
         return hits
 
     def _interaction(self, level: Level, lanes: Any) -> Any:
-        """Mitsuba's surface interaction at some lanes, with the model's frame and uv, as BSDFs and emitters want it."""
+        """Mitsuba's surface interaction at some lanes, with the model's frame and uv, as BSDFs and
+        emitters want it.
+        """
         hits = level.hits
         si = dr.zeros(mi.SurfaceInteraction3f, dr.width(lanes))
         si.t = dr.gather(mi.Float, hits.t, lanes)
@@ -424,7 +453,8 @@ class Tracer:
             level.footprint.put(si, lanes.numpy())
         return si
 
-    # ---- local terms ---------------------------------------------------------------------------------------------
+    # ---- local terms
+    # ---------------------------------------------------------------------------------------------
 
     def _local(self, level: Level, groups: Dict[int, np.ndarray]) -> None:
         """Adds ambient terms and lamps at the lanes of materials that are not purely specular."""
@@ -479,7 +509,9 @@ class Tracer:
         hits.local = level.local = total
 
     def _lamp(self, level: Level, number: int, lanes_here: np.ndarray) -> Tuple[Any, Any, Any]:
-        """(direction, irradiance, visible) of a lamp at some lanes; the irradiance is 0 where it does not count (rule G)."""
+        """(direction, irradiance, visible) of a lamp at some lanes; the irradiance is 0 where it
+        does not count (rule G).
+        """
         lamp, emitter = self.document.lights.lamps[number], self.built.emitters[number]
         hits, rays = level.hits, level.rays
         lanes = pad(lanes_here)
@@ -507,13 +539,16 @@ class Tracer:
             visible = counts & ~self._shadowed(level, lanes, number, si.p, n_g, l, goal, counts)
             self._count("shadow", counts, len(lanes_here))
         irradiance = dr.select(visible, irradiance, 0)
-        # Where the lamp does not count, the direction may be no number; the product with 0 must be 0.
+        # Where the lamp does not count, the direction may be no number; the product with 0 must
+        # be 0.
         l = dr.select(counts, l, n)  # noqa: E741
         dr.eval(l, irradiance, visible)
         return l, irradiance, visible
 
     def _shadowed(self, level: Level, lanes: Any, number: int, p: Any, n_g: Any, l: Any, goal: Any, active: Any) -> Any:  # noqa: E741
-        """Whether something lies strictly between the surface and the lamp (at `goal`, or infinitely far along `l`)."""
+        """Whether something lies strictly between the surface and the lamp (at `goal`, or
+        infinitely far along `l`).
+        """
         rays = level.rays
         setting = dr.gather(mi.UInt32, rays.setting, lanes)
         key, path = dr.gather(mi.UInt32, rays.key, lanes), dr.gather(mi.UInt32, rays.path, lanes)
@@ -563,7 +598,8 @@ class Tracer:
         facet = spawn.facet(dr.gather(mi.UInt32, b.primitive_rule, shape, valid), pi.prim_index)
         return spawn.Met(valid, pi.t, shape, facet)
 
-    # ---- branches ------------------------------------------------------------------------------------------------
+    # ---- branches
+    # ------------------------------------------------------------------------------------------------
 
     def _branches(self, level: Level, groups: Dict[int, np.ndarray], depth: int) -> Optional[Rays]:
         """The level's delta branches: links back to it, and the next level's rays."""
@@ -616,7 +652,9 @@ class Tracer:
         return None if last else everything.gather(np.concatenate(chosen))
 
     def _branch(self, level: Level, number: int, letter: str, which: int, lanes: Any) -> Tuple[Rays, Any, Any]:
-        """One branch of one material at its lanes, of several reflections number `which`: (rays, weight, which lanes to follow)."""
+        """One branch of one material at its lanes, of several reflections number `which`: (rays,
+        weight, which lanes to follow).
+        """
         hits, rays = level.hits, level.rays
         si = self._interaction(level, lanes)
         n_g = mi.Vector3f(si.n)
@@ -652,7 +690,8 @@ class Tracer:
             spawned.spread = footprints.branch(level, lanes.numpy(), letter, way)
         return spawned, weight, keep
 
-    # ---- numbers -------------------------------------------------------------------------------------------------
+    # ---- numbers
+    # -------------------------------------------------------------------------------------------------
 
     def leave(self, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, setting: Any) -> spawn.Spawned:
         """Where a ray in this direction starts: `spawn.leave` with the setting's K."""
@@ -662,9 +701,11 @@ class Tracer:
         return left
 
     def _perturb(self, o: Any, d: Any, key: Any, path: Any, setting: Any) -> Tuple[Any, Any]:
-        """Origin and direction with each component times 1 + ulps * 2^-24 * r, r a hash in [-1, 1]; ulps = 0 is exact.
+        """Origin and direction with each component times 1 + ulps * 2^-24 * r, r a hash in [-1, 1];
+        ulps = 0 is exact.
 
-        With `largest`, the largest component of the vector takes the place of each in what is added.
+        With `largest`, the largest component of the vector takes the place of each in what is
+        added.
         """
         noise = dr.gather(mi.Float, self._noise, setting)
         largest = dr.gather(mi.Bool, self._largest, setting)
@@ -685,7 +726,8 @@ class Tracer:
         self._pending.append((name, dr.count(mask), 2 if real == 1 else 1))
 
     def _settle(self) -> None:
-        """Adds up what was counted along the way (kept lazy so as not to wait for it in between)."""
+        """Adds up what was counted along the way (kept lazy so as not to wait for it in between).
+        """
         for name, count, copies in self._pending:
             setattr(self.counts, name, getattr(self.counts, name) + int(count[0]) // copies)
         self._pending.clear()

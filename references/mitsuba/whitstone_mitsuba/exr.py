@@ -1,7 +1,8 @@
 """Writes OpenEXR: scan lines, ZIP, float32, named channels (model §12).
 
-Mitsuba's `Bitmap` can only write PIZ, and puts a comment into the header; this writer gives the same bytes for the same values.
-Source: the OpenEXR file layout, https://openexr.com/en/latest/OpenEXRFileLayout.html.
+Mitsuba's `Bitmap` can only write PIZ, and puts a comment into the header; this writer gives the
+same bytes for the same values. Source: the OpenEXR file layout,
+https://openexr.com/en/latest/OpenEXRFileLayout.html.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ def _attribute(name: str, kind: str, value: bytes) -> bytes:
 
 
 def _compress(raw: bytes) -> bytes:
-    """OpenEXR's ZIP: even bytes before odd ones, differences, deflate; as it was where that does not help."""
+    """OpenEXR's ZIP: even bytes before odd ones, differences, deflate; as it was where that does
+    not help.
+    """
     data = np.frombuffer(raw, dtype=np.uint8)
     data = np.concatenate([data[0::2], data[1::2]])
     differences = data.copy()
@@ -67,7 +70,8 @@ def encode(channels: Dict[str, np.ndarray]) -> bytes:
 
 
 def write(path: str, channels: Dict[str, np.ndarray]) -> None:
-    """Writes through a temporary file in the same folder, so that nobody ever sees half an image."""
+    """Writes through a temporary file in the same folder, so that nobody ever sees half an image.
+    """
     folder = os.path.dirname(os.path.abspath(path))
     handle, temporary = tempfile.mkstemp(prefix=".whitstone-", suffix=".exr", dir=folder)
     try:

@@ -1,7 +1,8 @@
-"""Strict reading of one TOML table: every key is taken by name, checked, and what is left over is an error.
+"""Strict reading of one TOML table: every key is taken by name, checked, and what is left over is
+an error.
 
-Problems are collected, not raised, so that one run reports them all; a value that cannot be read is replaced by a harmless
-stand-in, which nobody sees because the document is refused in the end.
+Problems are collected, not raised, so that one run reports them all; a value that cannot be read is
+replaced by a harmless stand-in, which nobody sees because the document is refused in the end.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ def is_number(value: Any) -> bool:
 
 
 class Fields:
-    """The keys of one table. `where` names the table in messages; `errors` collects them for the whole document."""
+    """The keys of one table. `where` names the table in messages; `errors` collects them for the
+    whole document.
+    """
 
     def __init__(self, table: Any, where: str, errors: List[str]) -> None:
         self.where = where

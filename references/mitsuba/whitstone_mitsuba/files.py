@@ -15,7 +15,9 @@ def _stamp(path: str) -> Optional[Tuple[int, int]]:
 
 
 class Folder:
-    """The folder that `file` paths are relative to; remembers which files were asked for and how they were then."""
+    """The folder that `file` paths are relative to; remembers which files were asked for and how
+    they were then.
+    """
 
     def __init__(self, base: str) -> None:
         self._base = base

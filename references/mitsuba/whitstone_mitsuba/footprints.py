@@ -1,10 +1,13 @@
-"""Ray differentials (model §10, *Footprints*): what a sample covers of a surface, for textures that are filtered by it.
+"""Ray differentials (model §10, *Footprints*): what a sample covers of a surface, for textures that
+are filtered by it.
 
-They are exact first derivatives (Igehy 1999), per sample to the right and per sample below, carried next to the rays as float64 arrays of NumPy. Documents without such a
-texture never get here: their rays have no column for it, and their kernels are those that they would be without this file.
+They are exact first derivatives (Igehy 1999), per sample to the right and per sample below, carried
+next to the rays as float64 arrays of NumPy. Documents without such a texture never get here: their
+rays have no column for it, and their kernels are those that they would be without this file.
 
-Textures find the footprint in four fields of Mitsuba's surface interaction: `duv_dx` and `duv_dy` as Mitsuba uses them, and `dp_du` and `dp_dv`, which none of the
-BSDFs in use reads, as the steps of the point.
+Textures find the footprint in four fields of Mitsuba's surface interaction: `duv_dx` and `duv_dy`
+as Mitsuba uses them, and `dp_du` and `dp_dv`, which none of the BSDFs in use reads, as the steps of
+the point.
 """
 
 from __future__ import annotations
@@ -34,7 +37,8 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sum(a * b, axis=-1, keepdims=True)
 
 
-# ---- documents -------------------------------------------------------------------------------------------------------
+# ---- documents
+# -------------------------------------------------------------------------------------------------------
 
 
 def _textures(materials: Sequence[Any], number: int) -> Iterator[Any]:
@@ -71,7 +75,8 @@ def unsupported(materials: Sequence[Any], shapes: Sequence[Any]) -> List[str]:
     return sorted(set(found))
 
 
-# ---- cameras ---------------------------------------------------------------------------------------------------------
+# ---- cameras
+# ---------------------------------------------------------------------------------------------------------
 
 
 def _normalised(q: np.ndarray, change: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
@@ -82,7 +87,8 @@ def _normalised(q: np.ndarray, change: np.ndarray) -> Tuple[np.ndarray, np.ndarr
 
 
 def of_camera(camera: Camera, x: np.ndarray, y: np.ndarray, point: Any, distance: float) -> np.ndarray:
-    """(n, 2, 2, 3): of rays through these raster positions, to the right and below, the derivatives of origin and direction.
+    """(n, 2, 2, 3): of rays through these raster positions, to the right and below, the derivatives
+    of origin and direction.
 
     `distance` is that of samples, in pixels.
     """
@@ -115,7 +121,8 @@ def of_camera(camera: Camera, x: np.ndarray, y: np.ndarray, point: Any, distance
     return found * distance
 
 
-# ---- surfaces --------------------------------------------------------------------------------------------------------
+# ---- surfaces
+# --------------------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -212,7 +219,8 @@ class Surfaces:
         triangle = primitive * max(self._shapes[number].rules.primitive, 1)
         a, b, c = np.moveaxis(mesh["points"][triangle], 1, 0)
         normal = np.cross(b - a, c - a)
-        # A point's barycentric coordinates of b and c are its products with these, the dual basis of both edges.
+        # A point's barycentric coordinates of b and c are its products with these, the dual basis
+        # of both edges.
         dual = np.stack([np.cross(c - a, normal), np.cross(normal, b - a)], axis=1) / _dot(normal, normal)[:, None]
         step = np.einsum("nsi,nki->nsk", found.position[lanes], dual)
 
@@ -244,7 +252,8 @@ def sphere_step(q: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.stack([turn_step(q, step), -theta / np.pi], axis=-1)
 
 
-# ---- branches --------------------------------------------------------------------------------------------------------
+# ---- branches
+# --------------------------------------------------------------------------------------------------------
 
 
 def branch(level: Any, lanes: np.ndarray, letter: str, way: Any) -> np.ndarray:

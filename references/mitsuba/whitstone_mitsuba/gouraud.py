@@ -14,7 +14,9 @@ Corner = Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def corners(built: Built, valid: np.ndarray, shape: np.ndarray, primitive: np.ndarray, p: np.ndarray) -> List[Corner]:
-    """Three corners for each lane, which hit this triangle of this shape at p; weights are 0 where nothing is hit."""
+    """Three corners for each lane, which hit this triangle of this shape at p; weights are 0 where
+    nothing is hit.
+    """
     count = len(valid)
     found = [(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2)), np.zeros(count)) for _ in range(3)]
     for number in np.unique(shape[valid]):

@@ -1,7 +1,9 @@
-"""What rays meet of the shapes that the driver intersects by itself (`surfaces`), next to those of Mitsuba's scene.
+"""What rays meet of the shapes that the driver intersects by itself (`surfaces`), next to those of
+Mitsuba's scene.
 
-Everything here is float64 until the result. Rays that leave such a surface start on it: they need no offset, since the part that
-they leave and the side that they go to are known, and the root at the start is divided out (`surfaces.Start`).
+Everything here is float64 until the result. Rays that leave such a surface start on it: they need
+no offset, since the part that they leave and the side that they go to are known, and the root at
+the start is divided out (`surfaces.Start`).
 """
 
 from __future__ import annotations
@@ -49,7 +51,8 @@ class Host:
         hosts[[place for place, _ in self.surfaces]] = 1
         self.hosts = mi.UInt32(hosts)
 
-    # ---- rays ----------------------------------------------------------------------------------------------------
+    # ---- rays
+    # ----------------------------------------------------------------------------------------------------
 
     def _near(self, number: int, o: np.ndarray, d: np.ndarray) -> np.ndarray:
         """The lanes whose lines come near a shape."""
@@ -64,7 +67,9 @@ class Host:
         return np.flatnonzero((away - along * along / length <= margin) & ((along < 0) | (away <= margin)))
 
     def _hits(self, number: int, lanes: np.ndarray, o: np.ndarray, d: np.ndarray, left: Any) -> Tuple[np.ndarray, np.ndarray]:
-        """(t, code) of the nearest crossing in front of the start; t is infinite where there is none."""
+        """(t, code) of the nearest crossing in front of the start; t is infinite where there is
+        none.
+        """
         place, surface = self.surfaces[number]
         shape, facet = left[0][lanes], left[1][lanes].astype(np.int64)
         started = shape == place
@@ -116,12 +121,14 @@ class Host:
             shape[lanes], primitive[lanes] = place, found.primitive
         return Found(t, p, n_g, n_s, uv, shape, primitive, code)
 
-    # ---- Dr.Jit --------------------------------------------------------------------------------------------------
+    # ---- Dr.Jit
+    # --------------------------------------------------------------------------------------------------
 
     def combine(self, rays: Any, valid: Any, values: Sequence[Any]) -> Tuple[Any, List[Any]]:
         """(valid, values) with the hosted surfaces where they are nearer than Mitsuba's.
 
-        `values` are t, p, n_g, n_s, n_raw, uv, shape, primitive, facet. At equal distance the shape with the lower number wins.
+        `values` are t, p, n_g, n_s, n_raw, uv, shape, primitive, facet. At equal distance the shape
+        with the lower number wins.
         """
         left = (np.array(rays.left_shape, dtype=np.int64), np.array(rays.left_facet, dtype=np.int64))
         found = self.nearest(_columns(rays.o), _columns(rays.d), left)
@@ -153,7 +160,9 @@ class Host:
         return mi.Bool(blocked)
 
     def leave(self, spawned: Any, p: Any, n_g: Any, direction: Any) -> None:
-        """Rays that leave hosted surfaces start on them: their facet says also to which side they go (the lowest bit)."""
+        """Rays that leave hosted surfaces start on them: their facet says also to which side they
+        go (the lowest bit).
+        """
         hosted = dr.gather(mi.UInt32, self.hosts, spawned.shape) == 1
         side = dr.select(dr.dot(n_g, direction) > 0, mi.UInt32(1), mi.UInt32(0))
         spawned.o = dr.select(hosted, mi.Point3f(p), spawned.o)

@@ -51,7 +51,9 @@ def codes(path: str) -> np.ndarray:
 
 
 def load(path: str, color_space: str, alpha: bool = False) -> np.ndarray:
-    """(height, width, 3) float32, top row first. `color_space`: "auto", "srgb", "linear"; alpha counts as linear whatever it says."""
+    """(height, width, 3) float32, top row first. `color_space`: "auto", "srgb", "linear"; alpha
+    counts as linear whatever it says.
+    """
     extension = os.path.splitext(path)[1].lower()
     if extension not in EXTENSIONS:
         raise SceneError(f"{path}: expected an image file ending in {', '.join(EXTENSIONS)}")

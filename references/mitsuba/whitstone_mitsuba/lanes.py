@@ -25,7 +25,9 @@ def mix(h: Any) -> Any:
 
 
 def pad(indices: np.ndarray) -> "mi.UInt32":
-    """An index list for Dr.Jit; a single index twice (writing the same value twice changes nothing)."""
+    """An index list for Dr.Jit; a single index twice (writing the same value twice changes
+    nothing).
+    """
     if len(indices) == 1:
         indices = np.repeat(indices, 2)
     return mi.UInt32(np.ascontiguousarray(indices, dtype=np.uint32))
@@ -58,7 +60,9 @@ class TooDeep(Exception):
 
 @dataclass
 class Counts:
-    """Rays traced; those that were spawned anew, farther from the surface that they met again; and those that still met it."""
+    """Rays traced; those that were spawned anew, farther from the surface that they met again; and
+    those that still met it.
+    """
 
     closest: int = 0
     shadow: int = 0

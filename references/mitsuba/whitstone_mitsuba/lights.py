@@ -1,9 +1,10 @@
 """Lights: point, directional, spot, projector, area, ambient, background, environment (model §7).
 
-Each lamp that has a direction becomes a Mitsuba emitter whose `sample_direction` gives direction, distance and irradiance.
-`falloff = "none"` has no native twin: the emitter is a Python plugin that undoes the native one's inverse square. An area light is as many
-native point lights as it has points, each with the cosine to its normal. A projector is Mitsuba's own with a white slide, which says what
-is in the frame, where in it, and how much arrives; the driver looks the slide up there.
+Each lamp that has a direction becomes a Mitsuba emitter whose `sample_direction` gives direction,
+distance and irradiance. `falloff = "none"` has no native twin: the emitter is a Python plugin that
+undoes the native one's inverse square. An area light is as many native point lights as it has
+points, each with the cosine to its normal. A projector is Mitsuba's own with a white slide, which
+says what is in the frame, where in it, and how much arrives; the driver looks the slide up there.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from .runtime import dr, mi
 
 
 class NoFalloff(mi.Emitter):
-    """A point or spot light whose irradiance does not fall with the distance: the nested native emitter's, times d²."""
+    """A point or spot light whose irradiance does not fall with the distance: the nested native
+    emitter's, times d².
+    """
 
     def __init__(self, props: "mi.Properties") -> None:
         mi.Emitter.__init__(self, props)
@@ -52,7 +55,9 @@ mi.register_emitter("whitstone_no_falloff", lambda props: NoFalloff(props))
 
 
 class Facing(NoFalloff):
-    """A point light of a surface: the nested native emitter's, times the cosine to the surface's normal."""
+    """A point light of a surface: the nested native emitter's, times the cosine to the surface's
+    normal.
+    """
 
     def __init__(self, props: "mi.Properties") -> None:
         NoFalloff.__init__(self, props)
@@ -73,7 +78,9 @@ mi.register_emitter("whitstone_facing", lambda props: Facing(props))
 
 
 class Slide(NoFalloff):
-    """The nested native projector, whose slide is white, times a texture where it says, and a colour."""
+    """The nested native projector, whose slide is white, times a texture where it says, and a
+    colour.
+    """
 
     def __init__(self, props: "mi.Properties") -> None:
         NoFalloff.__init__(self, props)
@@ -169,7 +176,9 @@ class Lights:
 
 
 def place(directions: np.ndarray, known: Optional[np.ndarray] = None) -> Any:
-    """Where (n, 3) directions are on the sphere of an environment, as an interaction that textures look at; `known`: their (n, 2) coordinates."""
+    """Where (n, 3) directions are on the sphere of an environment, as an interaction that textures
+    look at; `known`: their (n, 2) coordinates.
+    """
     x, y, z = directions.T.astype(np.float64)
     if known is None:
         uv = np.stack([0.5 + np.arctan2(x, -z) / (2 * np.pi), 0.5 + np.arctan2(y, np.hypot(x, z)) / np.pi])
@@ -195,7 +204,9 @@ FACES = {
 
 
 def on_cube(directions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """The number of the face that each of (n, 3) directions meets, and the (n, 2) coordinates on its picture."""
+    """The number of the face that each of (n, 3) directions meets, and the (n, 2) coordinates on
+    its picture.
+    """
     lanes, axis = np.arange(len(directions)), np.argmax(np.abs(directions), axis=1)
     m = directions[lanes, axis]
     which = 2 * axis + (m < 0)
@@ -277,7 +288,8 @@ def _environment(fields: Fields, index: int, reader: Any, base: Folder) -> Tuple
 def _sky(radiance: Any, uv: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """(n, 3) radiances at (n, 2) coordinates, where the directions are also given.
 
-    Pictures are looked up in double precision: between a sun and the sky next to it, single precision would misplace light.
+    Pictures are looked up in double precision: between a sun and the sky next to it, single
+    precision would misplace light.
     """
     if isinstance(radiance, Cube):
         which, places = on_cube(directions)
@@ -292,7 +304,8 @@ def _sky(radiance: Any, uv: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 
 def facing(forward: np.ndarray) -> np.ndarray:
-    """A 3x3 rotation whose third column is `forward` (unit length); the other two are any that fit."""
+    """A 3x3 rotation whose third column is `forward` (unit length); the other two are any that fit.
+    """
     helper = np.eye(3)[np.argmin(np.abs(forward))]
     x = np.cross(helper, forward)
     x /= np.linalg.norm(x)
@@ -360,7 +373,8 @@ def _projector(fields: Fields, index: int, reader: Any) -> Lamp:
         right = np.array([1.0, 0.0, 0.0])
     right /= np.linalg.norm(right)
     matrix = np.eye(4)
-    # Mitsuba's x runs to the left. A white slide is square for it: what is wider than high is stretched across.
+    # Mitsuba's x runs to the left. A white slide is square for it: what is wider than high is
+    # stretched across.
     matrix[:3, :3] = np.column_stack([-right, np.cross(right, forward) / aspect, forward])
     matrix[:3, 3] = position
     # It gives pi times its scale on a screen across the axis at 1 m.
@@ -374,7 +388,8 @@ def _projector(fields: Fields, index: int, reader: Any) -> Lamp:
     return Lamp(index, plugin, True, True, "projector", slide=slide, intensity=intensity)
 
 
-# Shadow rays are aimed at points this part of a light's size off its surface, so that a shape in its place does not hide it.
+# Shadow rays are aimed at points this part of a light's size off its surface, so that a shape in
+# its place does not hide it.
 OFF_SURFACE = 2.0**-19
 
 # Most points of a mesh that shines.

@@ -1,8 +1,9 @@
 """Finds a libLLVM that Dr.Jit can use, before Dr.Jit is imported.
 
-Dr.Jit loads the library named by `DRJIT_LIBLLVM_PATH`. Versions below 16 crash it (Debian's default is 14), and some
-files called `libLLVM*.so` are linker scripts of a few bytes, not libraries (the Rust toolchain has one). So each candidate is
-loaded in a child process, which asks it for its version: a library that crashes takes the child with it, not us.
+Dr.Jit loads the library named by `DRJIT_LIBLLVM_PATH`. Versions below 16 crash it (Debian's default
+is 14), and some files called `libLLVM*.so` are linker scripts of a few bytes, not libraries (the
+Rust toolchain has one). So each candidate is loaded in a child process, which asks it for its
+version: a library that crashes takes the child with it, not us.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from .errors import EnvironmentFailure
 MINIMUM_MAJOR = 16
 VARIABLE = "DRJIT_LIBLLVM_PATH"
 
-# Run in a child: prints "22.1.0", or nothing where the library is too old to have the function (it came with LLVM 16).
+# Run in a child: prints "22.1.0", or nothing where the library is too old to have the function (it
+# came with LLVM 16).
 _ASK_VERSION = """
 import ctypes, sys
 library = ctypes.CDLL(sys.argv[1])
@@ -40,7 +42,8 @@ class Llvm:
 
 
 def version_of(path: str) -> Optional[str]:
-    """The version of the LLVM library at `path`, or None where it cannot be loaded or is too old."""
+    """The version of the LLVM library at `path`, or None where it cannot be loaded or is too old.
+    """
     try:
         with open(path, "rb") as file:
             if file.read(4) not in (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe"):

@@ -1,4 +1,6 @@
-"""The point of texture space that belongs to a point of a surface (model §10, `mapping`), in float64."""
+"""The point of texture space that belongs to a point of a surface (model §10, `mapping`), in
+float64.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,9 @@ class Mapping:
             return (normal / normal.max(axis=1, keepdims=True)) ** self.sharpness
 
     def values(self, si: Any, at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """(n, 3) colours at Mitsuba's surface interactions; `at` gives them for (n, 3) points of texture space."""
+        """(n, 3) colours at Mitsuba's surface interactions; `at` gives them for (n, 3) points of
+        texture space.
+        """
         uv = self.projection == "uv"
         source = np.array(si.uv if uv else si.p, dtype=np.float64).T
         if uv:

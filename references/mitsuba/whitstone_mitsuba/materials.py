@@ -1,8 +1,10 @@
 """Materials (model §8), as they are read, and their BSDFs.
 
-Matte, mirror, conductor, dielectric and thin_dielectric are Mitsuba's own BSDFs. The phong family and the constant k_refl / k_refr of the lectures are one
-Python BSDF, `PhongFamily`: hosted by Mitsuba's geometry and frames, but its formulas are ours. Ambient terms have no twin in
-Mitsuba at all and are computed by the driver from the reflectance texture. What is made of other materials has no BSDF: see `shaders.py`.
+Matte, mirror, conductor, dielectric and thin_dielectric are Mitsuba's own BSDFs. The phong family
+and the constant k_refl / k_refr of the lectures are one Python BSDF, `PhongFamily`: hosted by
+Mitsuba's geometry and frames, but its formulas are ours. Ambient terms have no twin in Mitsuba at
+all and are computed by the driver from the reflectance texture. What is made of other materials has
+no BSDF: see `shaders.py`.
 """
 
 from __future__ import annotations
@@ -21,9 +23,11 @@ BLACK: Vector = (0.0, 0.0, 0.0)
 
 
 class PhongFamily(mi.BSDF):
-    """k_d [n.l]+ + k_s lobe^exponent, and delta branches of constant weight; `eval` includes the cosine where the model has it.
+    """k_d [n.l]+ + k_s lobe^exponent, and delta branches of constant weight; `eval` includes the
+    cosine where the model has it.
 
-    Works in the local frame of the shading normal; Mitsuba's `wi` is the model's v, `wo` its l. Both sides show.
+    Works in the local frame of the shading normal; Mitsuba's `wi` is the model's v, `wo` its l.
+    Both sides show.
     """
 
     def __init__(self, props: "mi.Properties") -> None:
@@ -31,7 +35,8 @@ class PhongFamily(mi.BSDF):
         self.k_d, self.k_s = props["k_d"], props["k_s"]
         self.k_refl, self.k_refr = props["k_refl"], props["k_refr"]
         self.blinn = props["blinn"]
-        # Opaque: the values must not become constants of the kernel, or every scene would compile its own.
+        # Opaque: the values must not become constants of the kernel, or every scene would compile
+        # its own.
         self.exponent = dr.opaque(mi.Float, props["exponent"])
         self.eta = dr.opaque(mi.Float, props["eta"])
         self.m_components = [
@@ -61,7 +66,9 @@ class PhongFamily(mi.BSDF):
         return self.eval(ctx, si, wo, active), mi.Float(0)
 
     def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
-        """One delta branch, the one that `ctx.type_mask` asks for, with its whole weight (probability 1)."""
+        """One delta branch, the one that `ctx.type_mask` asks for, with its whole weight
+        (probability 1).
+        """
         _, cos_t, eta_it, eta_ti = mi.fresnel(mi.Frame3f.cos_theta(si.wi), self.eta)
         total = cos_t == 0
         k_refl, k_refr = self.k_refl.eval(si, active), self.k_refr.eval(si, active)
@@ -349,7 +356,8 @@ def _bump(fields: Fields, textures: Textures, parts: List[Material]) -> Material
     return replace(made, detailed=True)
 
 
-# What is made of other materials: reader, the keys under which they stand, and whether these may be left out.
+# What is made of other materials: reader, the keys under which they stand, and whether these may be
+# left out.
 COMPOSITES: Dict[str, Tuple[Any, Tuple[str, ...], bool]] = {
     "emissive": (_emissive, ("material",), True),
     "mask": (_mask, ("material",), False),

@@ -1,7 +1,9 @@
-"""Reads OBJ and PLY files into triangles exactly as the model says (§9): file order, polygons as fans, nothing dropped or merged.
+"""Reads OBJ and PLY files into triangles exactly as the model says (§9): file order, polygons as
+fans, nothing dropped or merged.
 
-Mitsuba's own loaders are not used, because triangle numbers and missing normals must be the model's: they add smooth normals where
-a file has none, flip v in OBJ files and split groups. A test compares the two on files where both must agree.
+Mitsuba's own loaders are not used, because triangle numbers and missing normals must be the
+model's: they add smooth normals where a file has none, flip v in OBJ files and split groups. A test
+compares the two on files where both must agree.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ from .errors import SceneError
 
 @dataclass
 class Triangles:
-    """Vertices (n, 3) float64, triangles (m, 3), and per vertex normals and uv where the file has them."""
+    """Vertices (n, 3) float64, triangles (m, 3), and per vertex normals and uv where the file has
+    them.
+    """
 
     positions: np.ndarray
     faces: np.ndarray
@@ -27,7 +31,9 @@ class Triangles:
 
 
 def load(path: str) -> Triangles:
-    """The triangles of an .obj or .ply file; the last few files are kept, as long as they do not change."""
+    """The triangles of an .obj or .ply file; the last few files are kept, as long as they do not
+    change.
+    """
     if os.path.splitext(path)[1].lower() not in _READERS:
         raise SceneError(f"{path}: expected a file ending in .obj or .ply")
     try:
@@ -67,7 +73,9 @@ def _obj(data: bytes) -> Triangles:
     corners: List[Tuple[int, int, int]] = []
 
     def corner(text: str) -> Tuple[int, int, int]:
-        """Indices into v, vt, vn, counted from 0; -1 where absent. Negative ones in the file count from the end."""
+        """Indices into v, vt, vn, counted from 0; -1 where absent. Negative ones in the file count
+        from the end.
+        """
         found = [-1, -1, -1]
         for place, (part, pool) in enumerate(zip(text.split("/"), (points, texcoords, normals))):
             if part:
@@ -100,7 +108,8 @@ def _obj(data: bytes) -> Triangles:
     if not has_uv and not has_normals:
         return Triangles(np.array(points), indices[:, 0].reshape(-1, 3))
     if has_normals and (indices[:, 2] < 0).any():
-        # A triangle that lacks normals in a file that has some: its own geometric normal serves, one new entry each.
+        # A triangle that lacks normals in a file that has some: its own geometric normal serves,
+        # one new entry each.
         flat = np.flatnonzero((indices[:, 2].reshape(-1, 3) < 0).any(axis=1))
         a, b, c = (np.array(points)[indices[:, 0].reshape(-1, 3)[flat, k]] for k in range(3))
         new = np.cross(b - a, c - a)

@@ -49,7 +49,8 @@ def _load(request: Request, setting: Setting) -> Built:
     if setting.vertices:
         # Of use once, and there may be many seeds: not kept.
         return Built(parsed, setting)
-    # Keyed by identity: a document read again is another one. (The entry keeps the document alive, so ids are not reused.)
+    # Keyed by identity: a document read again is another one. (The entry keeps the document alive,
+    # so ids are not reused.)
     return _scenes.get((id(parsed), setting.robust), lambda: Built(parsed, setting))
 
 
@@ -262,7 +263,9 @@ OPERATIONS: Dict[str, Callable[[Request], Answer]] = {
 
 
 def plain(value: Any) -> Any:
-    """The answer as JSON can hold it: numpy's numbers as Python's, numbers that are not finite as texts."""
+    """The answer as JSON can hold it: numpy's numbers as Python's, numbers that are not finite as
+    texts.
+    """
     if isinstance(value, dict):
         return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,7 +1,8 @@
 """Bicubic Bezier patches as triangles (model §9): Mitsuba has no patches.
 
-Every patch becomes level x level squares of two triangles, with the points, normals and parameters of the surface at the vertices. The
-discretisation error falls with the square of the level; the tests measure it: near level 256, 4e-6 of the size in place and 1e-5 in normals.
+Every patch becomes level x level squares of two triangles, with the points, normals and parameters
+of the surface at the vertices. The discretisation error falls with the square of the level; the
+tests measure it: near level 256, 4e-6 of the size in place and 1e-5 in normals.
 """
 
 from __future__ import annotations
@@ -60,7 +61,9 @@ def read(fields: Fields) -> np.ndarray:
 
 
 def bernstein(x: np.ndarray, order: int = 0) -> np.ndarray:
-    """The four cubic Bernstein polynomials at x, or their derivatives of some order, in powers of x."""
+    """The four cubic Bernstein polynomials at x, or their derivatives of some order, in powers of
+    x.
+    """
     powers = np.array([[1, -3, 3, -1], [0, 3, -6, 3], [0, 0, 3, -3], [0, 0, 0, 1]], dtype=float)
     for _ in range(order):
         powers = np.concatenate([powers[:, 1:] * np.arange(1, 4), np.zeros((4, 1))], axis=1)
@@ -93,7 +96,8 @@ def normals(points: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def spacing(squares: int, rounded: rounding.Rounding) -> np.ndarray:
-    """The parameters at which patches are cut: evenly, or, where numbers are rounded otherwise (setting `vertices`), unevenly.
+    """The parameters at which patches are cut: evenly, or, where numbers are rounded otherwise
+    (setting `vertices`), unevenly.
 
     So the discretisation error varies as roundings do. Alike from both ends: edges still join.
     """

@@ -1,4 +1,5 @@
-"""Textures that Mitsuba lacks, as formulas of the point of texture space (model §10), in float64."""
+"""Textures that Mitsuba lacks, as formulas of the point of texture space (model §10), in float64.
+"""
 
 from __future__ import annotations
 
@@ -167,7 +168,9 @@ class Worley:
         return min(self.a + self.b), max(self.a + self.b)
 
     def nearest(self, p: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """F1 and F2. Two cells either way suffice: the own cell and the nearest beside it have points within sqrt(3), others are 2 away."""
+        """F1 and F2. Two cells either way suffice: the own cell and the nearest beside it have
+        points within sqrt(3), others are 2 away.
+        """
         cell = np.floor(p)
         f = p - cell
         number = np.mod(cell, 2.0**32).astype(np.uint64)

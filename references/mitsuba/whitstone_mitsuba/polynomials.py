@@ -1,8 +1,9 @@
 """Real roots of polynomials in an interval, for many polynomials at once, in float64.
 
-The roots of the derivative cut the interval into pieces in which the polynomial is monotone. A piece whose ends have different signs
-holds one root, which Newton's method finds inside its bracket. So a root is found exactly if the polynomial changes its sign there.
-Each polynomial is treated by itself: its roots do not depend on the others in the arrays.
+The roots of the derivative cut the interval into pieces in which the polynomial is monotone. A
+piece whose ends have different signs holds one root, which Newton's method finds inside its
+bracket. So a root is found exactly if the polynomial changes its sign there. Each polynomial is
+treated by itself: its roots do not depend on the others in the arrays.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ def _bracketed(coefficients: Sequence[np.ndarray], low: np.ndarray, high: np.nda
     """The root in each [low, high], at whose ends the signs differ."""
     slope = derivative(coefficients)
     low, high = low.copy(), high.copy()
-    # Closer than this, places differ by rounding; closer than the other, steps that do not become smaller are rounding.
+    # Closer than this, places differ by rounding; closer than the other, steps that do not become
+    # smaller are rounding.
     far = np.maximum(np.abs(low), np.abs(high))
     close, near, last = 2e-16 * far, 1e-7 * far, high - low
     x = 0.5 * (low + high)
@@ -59,7 +61,9 @@ def _bracketed(coefficients: Sequence[np.ndarray], low: np.ndarray, high: np.nda
 def real_roots(
     coefficients: Sequence[np.ndarray], low: np.ndarray, high: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """(roots, rising), both (n, degree): roots in ascending order, infinite where there are fewer; whether the value rises there."""
+    """(roots, rising), both (n, degree): roots in ascending order, infinite where there are fewer;
+    whether the value rises there.
+    """
     degree = len(coefficients) - 1
     shape = (len(low), degree)
     roots, rising = np.full(shape, np.inf), np.zeros(shape, dtype=bool)

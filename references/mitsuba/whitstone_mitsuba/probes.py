@@ -1,6 +1,8 @@
-"""Mitsuba's own answers to single questions, for stress tests: its `ray_intersect`, its spawned rays, its Fresnel term.
+"""Mitsuba's own answers to single questions, for stress tests: its `ray_intersect`, its spawned
+rays, its Fresnel term.
 
-Nothing of this package's way of tracing takes part: `spawn_ray` and `spawn_ray_to` are Mitsuba's, with its own offset.
+Nothing of this package's way of tracing takes part: `spawn_ray` and `spawn_ray_to` are Mitsuba's,
+with its own offset.
 """
 
 from __future__ import annotations
@@ -35,7 +37,9 @@ TIMED = 1 << 18
 
 
 def closest(built: Built, rows: Any) -> Tuple[List[float], float]:
-    """Ray parameters of the nearest hits, infinite for a miss, and nanoseconds a ray of a second, warm query of many copies of them."""
+    """Ray parameters of the nearest hits, infinite for a miss, and nanoseconds a ray of a second,
+    warm query of many copies of them.
+    """
 
     built.native_only("closest")
 
@@ -52,7 +56,9 @@ def closest(built: Built, rows: Any) -> Tuple[List[float], float]:
 
 
 def occluded(built: Built, rows: Any, target: Any) -> List[Optional[bool]]:
-    """Whether the segment from the first hit of each ray to a point is blocked; `None` for a ray without a hit."""
+    """Whether the segment from the first hit of each ray to a point is blocked; `None` for a ray
+    without a hit.
+    """
     built.native_only("occluded")
     found = built.scene.ray_intersect(_rays(rows))
     end = mi.Point3f(*_columns([target], 3, "target"))
@@ -62,8 +68,9 @@ def occluded(built: Built, rows: Any, target: Any) -> List[Optional[bool]]:
 
 
 def walk(built: Built, rows: Any, mode: str, limit: int) -> List[int]:
-    """How many surfaces each ray meets, one after the other, until it leaves the scene or has met `limit`: straight on ("through"), or
-    as mirrors send it ("reflect")."""
+    """How many surfaces each ray meets, one after the other, until it leaves the scene or has met
+    `limit`: straight on ("through"), or as mirrors send it ("reflect").
+    """
     if mode not in ("through", "reflect"):
         raise DriverError(f'mode: expected "through" or "reflect", found {mode!r}')
     built.native_only("walk")
@@ -84,7 +91,9 @@ def walk(built: Built, rows: Any, mode: str, limit: int) -> List[int]:
 
 
 def fresnel(cosines: Any, ior: float) -> Tuple[List[float], List[float]]:
-    """Reflectances of a dielectric, and cosines of transmission (0 for total reflection), by Mitsuba's `fresnel`."""
+    """Reflectances of a dielectric, and cosines of transmission (0 for total reflection), by
+    Mitsuba's `fresnel`.
+    """
     (cosine,) = _columns(cosines, 1, "cosines")
     reflectance, transmitted, _, _ = mi.fresnel(cosine, mi.Float(np.float32(ior)))
     count = dr.width(cosine)
@@ -94,7 +103,9 @@ def fresnel(cosines: Any, ior: float) -> Tuple[List[float], List[float]]:
 
 
 def camera(built: Built, positions: Any) -> List[List[float]]:
-    """Directions of rays through places of the film, [0, 1] x [0, 1] from the top left, by Mitsuba's own sensor."""
+    """Directions of rays through places of the film, [0, 1] x [0, 1] from the top left, by
+    Mitsuba's own sensor.
+    """
     if built.sensor is None:
         raise Unsupported("camera: Mitsuba has no such sensor")
     x, y = _columns(positions, 2, "positions")

@@ -1,4 +1,6 @@
-"""Pictures filtered by what a sample covers (model §10, *Levels*, *Trilinear*, *EWA*), in float64 on the host."""
+"""Pictures filtered by what a sample covers (model §10, *Levels*, *Trilinear*, *EWA*), in float64
+on the host.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ RADIUS = float(np.sqrt((1 - 3 * _Q) / (3 * (1 - 5 * _Q))))
 
 
 def _cover(many: int, few: int) -> np.ndarray:
-    """(few, many): how much each of `few` equal parts of a line covers of each of `many`, as shares of the former."""
+    """(few, many): how much each of `few` equal parts of a line covers of each of `many`, as shares
+    of the former.
+    """
     edges, ends = np.arange(many + 1) / many, np.arange(few + 1) / few
     low = np.maximum(edges[None, :-1], ends[:-1, None])
     high = np.minimum(edges[None, 1:], ends[1:, None])
@@ -86,7 +90,9 @@ class Pyramid:
         return total
 
     def between(self, x: np.ndarray, of: Callable[[int, np.ndarray], np.ndarray]) -> np.ndarray:
-        """Values between levels; `of` gives those of some lanes at a level. What is no number is beyond the last level."""
+        """Values between levels; `of` gives those of some lanes at a level. What is no number is
+        beyond the last level.
+        """
         last = len(self.levels) - 1
         x = np.where(x < last, x, last)
         below = np.floor(x)
@@ -126,7 +132,9 @@ class Pyramid:
         return total
 
     def elliptical(self, level: int, place: Place, axes: np.ndarray) -> np.ndarray:
-        """The weighted mean of the texels of a level in ellipses with these half axes (n, 2, 2), in texels of the picture."""
+        """The weighted mean of the texels of a level in ellipses with these half axes (n, 2, 2), in
+        texels of the picture.
+        """
         if level == len(self.levels) - 1:
             # A single texel, however many times the ellipse holds it.
             return np.broadcast_to(self.levels[level][0, 0], (len(place), 3))
@@ -162,7 +170,8 @@ class Pyramid:
 
 
 def ellipse(steps: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Unit axes (n, 2, 2) and half lengths (n, 2), longest first, of the ellipses of samples with these steps (n, 2, 2) in texels.
+    """Unit axes (n, 2, 2) and half lengths (n, 2), longest first, of the ellipses of samples with
+    these steps (n, 2, 2) in texels.
 
     By the singular values of the matrix of both steps: it maps the unit circle to the ellipse.
     """
@@ -171,7 +180,9 @@ def ellipse(steps: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def project_step(projection: str, q: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """(n, 2, 2): the derivatives of the point of texture space along steps (n, 2, 3) of the points (n, 3) before the projection."""
+    """(n, 2, 2): the derivatives of the point of texture space along steps (n, 2, 3) of the points
+    (n, 3) before the projection.
+    """
     q = q[:, None]
     if projection in ("uv", "solid", "planar"):
         return step[:, :, :2]
@@ -210,7 +221,9 @@ class Filtered(mi.Texture):
         return self.pyramid.ewa(place, steps, float(self.image.max_anisotropy))
 
     def values(self, si: Any, place: Any) -> np.ndarray:
-        """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` as `si` has them, with the footprint of `si`."""
+        """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` as `si` has them, with
+        the footprint of `si`.
+        """
         mapping = self.image.mapping
         width = max(len(np.array(place.p[0])), len(np.array(place.uv[0])))
 

@@ -1,4 +1,6 @@
-"""Pictures quilted out of pieces of a sample, and brought nearer to it (model §10, `synthesized`), in whole numbers."""
+"""Pictures quilted out of pieces of a sample, and brought nearer to it (model §10, `synthesized`),
+in whole numbers.
+"""
 
 from __future__ import annotations
 
@@ -58,9 +60,11 @@ MOST_NUMBERS = 1 << 23
 
 
 def _nearest(squares: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-    """For each square the number of the piece with the least sum of squared differences, the lowest of several.
+    """For each square the number of the piece with the least sum of squared differences, the lowest
+    of several.
 
-    In double precision for the sake of its matrix products: all sums are whole numbers below 2^53, so exact in any order.
+    In double precision for the sake of its matrix products: all sums are whole numbers below 2^53,
+    so exact in any order.
     """
     high, wide = pieces.shape[:2]
     squares = squares.astype(np.float64)

@@ -1,4 +1,6 @@
-"""Single rays: what Mitsuba's own `ray_intersect` says of them, for a program that runs this package inside itself."""
+"""Single rays: what Mitsuba's own `ray_intersect` says of them, for a program that runs this
+package inside itself.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from .settings import Setting
 
 
 def closest(text: str, folder: Union[str, os.PathLike], rays: bytes) -> bytes:
-    """The ray parameters (float32) of the nearest hits with the shapes of a document, infinite for a miss.
+    """The ray parameters (float32) of the nearest hits with the shapes of a document, infinite for
+    a miss.
 
     `rays` holds six numbers each (float32): origin and direction.
     """

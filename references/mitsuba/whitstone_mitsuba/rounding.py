@@ -1,4 +1,6 @@
-"""From float64 to the float32 numbers of a mesh: to the nearest, or otherwise, to see what that rounding does (setting `vertices`)."""
+"""From float64 to the float32 numbers of a mesh: to the nearest, or otherwise, to see what that
+rounding does (setting `vertices`).
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,11 @@ def nearest(values: np.ndarray) -> np.ndarray:
 
 
 def by_hash(seed: int) -> Rounding:
-    """Down or up, as a hash of seed and number says: each with the probability of its nearness (stochastic rounding).
+    """Down or up, as a hash of seed and number says: each with the probability of its nearness
+    (stochastic rounding).
 
-    Equal numbers give equal ones, so that vertices at one place stay at one place and no gap opens between triangles; what
-    float32 holds exactly stays as it is.
+    Equal numbers give equal ones, so that vertices at one place stay at one place and no gap opens
+    between triangles; what float32 holds exactly stays as it is.
     """
 
     def rounded(values: np.ndarray) -> np.ndarray:

@@ -13,7 +13,8 @@ VARIANT = "llvm_ad_rgb"
 mi.set_variant(VARIANT)
 mi.set_log_level(mi.LogLevel.Error)
 
-# One relative unit of the driver's offsets and perturbations: half the spacing of float32 numbers just above 1.
+# One relative unit of the driver's offsets and perturbations: half the spacing of float32 numbers
+# just above 1.
 ULP = 2.0**-24
 
 

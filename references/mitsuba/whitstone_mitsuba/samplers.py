@@ -68,7 +68,9 @@ class Stratified:
 
 
 def _reverse(bits: np.ndarray) -> np.ndarray:
-    """The 32 bits from the last to the first: neighbours change places, then pairs, fours, bytes, halves."""
+    """The 32 bits from the last to the first: neighbours change places, then pairs, fours, bytes,
+    halves.
+    """
     for width, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF)):
         bits = (bits >> _u(width) & _u(mask)) | (bits & _u(mask)) << _u(width)
     return bits
@@ -120,7 +122,9 @@ class Refinement:
     threshold: float
 
     def goes_on(self, taken: int, own: np.ndarray, near: np.ndarray) -> np.ndarray:
-        """Whether the estimate of the error is above the threshold: by the range of a pixel's samples, and that of its neighbours' first ones."""
+        """Whether the estimate of the error is above the threshold: by the range of a pixel's
+        samples, and that of its neighbours' first ones.
+        """
         return np.maximum(0.3 * own / taken**0.75, 0.15 * near / taken) > self.threshold
 
 
@@ -133,7 +137,9 @@ class Adaptive(Sobol):
 
 @dataclass(frozen=True)
 class Samples:
-    """The samples of a pixel, in the model's order: each position, for a lens through each of its `lens` points."""
+    """The samples of a pixel, in the model's order: each position, for a lens through each of its
+    `lens` points.
+    """
 
     sampler: Any
     lens: int

@@ -1,4 +1,6 @@
-"""A document turned into Mitsuba objects, and the tables that give the model's surface from Mitsuba's."""
+"""A document turned into Mitsuba objects, and the tables that give the model's surface from
+Mitsuba's.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,9 @@ NOTHING = 0xFFFFFFFF
 def _anchors() -> "mi.Scene":
     """Two shapes of every kind that the driver can use, kept alive for the life of the process.
 
-    `ray_intersect` compiles code for every kind of shape that exists, whatever the scene. With these always there, that code
-    never changes, so that one kernel, compiled once and found in Dr.Jit's cache, serves all scenes.
+    `ray_intersect` compiles code for every kind of shape that exists, whatever the scene. With
+    these always there, that code never changes, so that one kernel, compiled once and found in
+    Dr.Jit's cache, serves all scenes.
     """
     points, faces, uvs = np.eye(3), np.array([[0, 1, 2]]), np.zeros((3, 2))
     flat = [shape_module.make_mesh(points, faces, uvs, None, None) for _ in range(2)]
@@ -72,7 +75,9 @@ def geometry(setting: Setting) -> Tuple[bool, Optional[int]]:
 
 
 class Built:
-    """A scene ready to be traced. Tables end with a spare entry, so that they never have the size 1 (another kernel)."""
+    """A scene ready to be traced. Tables end with a spare entry, so that they never have the size 1
+    (another kernel).
+    """
 
     def __init__(self, document: Document, setting: Setting) -> None:
         self.document = document
@@ -145,14 +150,18 @@ class Built:
 
 
 class Cache:
-    """The scenes used last, so that probing after rendering is cheap. Bounded: Embree's structures can be large."""
+    """The scenes used last, so that probing after rendering is cheap. Bounded: Embree's structures
+    can be large.
+    """
 
     def __init__(self, size: int = 8) -> None:
         self._size = size
         self._entries: dict = {}
 
     def get(self, key: Any, make: Any) -> Any:
-        """The entry for `key`, made by `make()` where it is new; the least recently used one goes first."""
+        """The entry for `key`, made by `make()` where it is new; the least recently used one goes
+        first.
+        """
         if key in self._entries:
             self._entries[key] = self._entries.pop(key)
         else:

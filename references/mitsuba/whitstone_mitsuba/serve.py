@@ -11,7 +11,9 @@ from .errors import DriverError
 
 
 def _answerer(twins: Sequence[str]) -> Callable[[Any], dict]:
-    """`operations.answer`, or where Mitsuba or a twin cannot run, a function that says why to every request."""
+    """`operations.answer`, or where Mitsuba or a twin cannot run, a function that says why to every
+    request.
+    """
     try:
         from .operations import answer
         from .twins import load
@@ -25,7 +27,8 @@ def _answerer(twins: Sequence[str]) -> Callable[[Any], dict]:
 
 def run(twins: Sequence[str]) -> int:
     """Answers requests until the input ends. `twins`: files of plugins from outside."""
-    # Libraries print to file descriptor 1; answers must stay alone there. So keep it for ourselves, and give them 2 in its place.
+    # Libraries print to file descriptor 1; answers must stay alone there. So keep it for ourselves,
+    # and give them 2 in its place.
     out = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
     os.dup2(2, 1)
     answer = _answerer(twins)

@@ -1,7 +1,8 @@
-"""What surfaces answer, piece by piece (model §8): leaves are BSDFs of Mitsuba, the others are made of them by formula.
+"""What surfaces answer, piece by piece (model §8): leaves are BSDFs of Mitsuba, the others are made
+of them by formula.
 
-A shader gets Mitsuba's surface interaction with the model's frame. Weights of both delta branches are whole: Mitsuba's own `mask` and
-`blendbsdf` would choose one of them at random.
+A shader gets Mitsuba's surface interaction with the model's frame. Weights of both delta branches
+are whole: Mitsuba's own `mask` and `blendbsdf` would choose one of them at random.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ def opaque_color(value: Sequence[float]) -> Any:
 
 @dataclass
 class Way:
-    """A delta branch, or what a shadow ray meets: the factor, and the media inside and outside of the body behind the surface."""
+    """A delta branch, or what a shadow ray meets: the factor, and the media inside and outside of
+    the body behind the surface.
+    """
 
     weight: Any
     # In the local frame; None for a shadow ray.
@@ -61,7 +64,9 @@ class Shader:
         return _black()
 
     def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
-        """The delta branch of a kind, of several reflections that of a number; None where there is none at all."""
+        """The delta branch of a kind, of several reflections that of a number; None where there is
+        none at all.
+        """
         return None
 
     def shadow(self, si: Any, filtered: bool) -> Way:
@@ -126,7 +131,9 @@ AXIS, ACROSS = (0.48, 0.64, 0.6), (0.8, -0.6, 0.0)
 
 
 def lobe(n: int, exponent: float) -> np.ndarray:
-    """(n², 3): directions about +z through the middles of parts of equal share of the lobe cos^exponent."""
+    """(n², 3): directions about +z through the middles of parts of equal share of the lobe
+    cos^exponent.
+    """
     points = Lens(1.0, 1.0, n).points()
     squared = np.sum(points**2, axis=1)
     # The logarithm of the cosine; the sine by `expm1`, for lobes so narrow that the cosine is 1.
@@ -377,7 +384,9 @@ class NormalMap(Detailed):
 
 
 class BumpVectors(NormalMap):
-    """Vectors as colours, added to the normal: along the axes of the world, or as those of a normal map."""
+    """Vectors as colours, added to the normal: along the axes of the world, or as those of a normal
+    map.
+    """
 
     def __init__(self, material: Any, inner: Shader) -> None:
         NormalMap.__init__(self, material.textures["vectors"], material.direction, material.around, inner)

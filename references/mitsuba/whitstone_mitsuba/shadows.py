@@ -26,7 +26,9 @@ def end_before(lamp: Any, reach: Any) -> Any:
 
 
 def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, l: Any, goal: Any, counts: Any) -> Any:  # noqa: E741
-    """The share of a lamp's light that arrives (Color3f); `lanes` are places in the level, all else is one entry for each of them."""
+    """The share of a lamp's light that arrives (Color3f); `lanes` are places in the level, all else
+    is one entry for each of them.
+    """
     from .driver import Level, Rays, mix, pad
 
     filtered = tracer.document.integrator.filtered

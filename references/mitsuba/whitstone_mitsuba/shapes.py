@@ -1,7 +1,9 @@
-"""Shapes of the model's §9: those on Mitsuba's geometry by their own readers, those that the driver intersects by `analytic`'s.
+"""Shapes of the model's §9: those on Mitsuba's geometry by their own readers, those that the driver
+intersects by `analytic`'s.
 
-Transforms are composed in float64 and handed over once. What Mitsuba's surface differs in from the model (normals of mirrored
-shapes, v of the sphere, uv of the plane, numbers of primitives) stands in each shape's `Rules`, which the driver applies.
+Transforms are composed in float64 and handed over once. What Mitsuba's surface differs in from the
+model (normals of mirrored shapes, v of the sphere, uv of the plane, numbers of primitives) stands
+in each shape's `Rules`, which the driver applies.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from .fields import REQUIRED, Fields, nearest
 from .files import Folder
 from .runtime import mi
 
-# Mitsuba has no endless plane: a disk of this radius in metres is one. (A huge rectangle is a mesh and loses rows at the horizon.)
+# Mitsuba has no endless plane: a disk of this radius in metres is one. (A huge rectangle is a mesh
+# and loses rows at the horizon.)
 PLANE_RADIUS = 1e7
 
 UV_NATIVE, UV_SPHERE, UV_PLANE = 0, 1, 2
@@ -30,22 +33,26 @@ PRIMITIVE_ZERO, PRIMITIVE_NATIVE, PRIMITIVE_HALF = 0, 1, 2
 class Rules:
     """How to get the model's surface from Mitsuba's."""
 
-    # Mitsuba's geometric normal points inward: under mirroring transforms its own orientation rules differ.
+    # Mitsuba's geometric normal points inward: under mirroring transforms its own orientation rules
+    # differ.
     flip: bool = False
     # Interpolated shading normals; otherwise n_s = n_g.
     smooth: bool = False
     uv: int = UV_NATIVE
     primitive: int = PRIMITIVE_ZERO
-    # World (n, c) of the flat surface n . p = c onto which hit points are moved. Mitsuba leaves a disk's hit at ray(t), off the
-    # surface by the rounding of t, which grows with the distance: shadow rays then start below the surface and hit it again.
+    # World (n, c) of the flat surface n . p = c onto which hit points are moved. Mitsuba leaves a
+    # disk's hit at ray(t), off the surface by the rounding of t, which grows with the distance:
+    # shadow rays then start below the surface and hit it again.
     project: Optional[np.ndarray] = None
-    # Of a sphere, its centre and radius in the world; of a cylinder, a point of its axis and the radius.
+    # Of a sphere, its centre and radius in the world; of a cylinder, a point of its axis and the
+    # radius.
     ball: Optional[np.ndarray] = None
     # Of a cylinder, the direction of its axis in the world.
     axis: Optional[np.ndarray] = None
     # Of a cylinder, 3x4: object x and y and the texture coordinate v from world coordinates.
     wrap: Optional[np.ndarray] = None
-    # Of what is no mesh, from world space to the space of Mitsuba's shape (of the model's, of a plane): 3x4.
+    # Of what is no mesh, from world space to the space of Mitsuba's shape (of the model's, of a
+    # plane): 3x4.
     object_from_world: Optional[np.ndarray] = None
     # For UV_PLANE: 2x4, object x and y from world coordinates.
     plane: Optional[np.ndarray] = None
@@ -57,7 +64,9 @@ Builder = Callable[["mi.BSDF", rounding.Rounding], "mi.Shape"]
 
 @dataclass(frozen=True)
 class Place:
-    """Where a copy of a shape stands: the shape's own transform, and that of all instances around it."""
+    """Where a copy of a shape stands: the shape's own transform, and that of all instances around
+    it.
+    """
 
     own: np.ndarray
     around: np.ndarray
@@ -88,7 +97,8 @@ class Shape:
     number: int
     material: int
     rules: Rules
-    # Makes the Mitsuba shape; None where the driver intersects `surface` by itself, for this reason.
+    # Makes the Mitsuba shape; None where the driver intersects `surface` by itself, for this
+    # reason.
     build: Optional[Builder]
     surface: Optional[surfaces.Surface] = None
     reason: str = ""
@@ -116,7 +126,9 @@ def make_mesh(
     bsdf: Optional["mi.BSDF"],
     rounded: rounding.Rounding = rounding.nearest,
 ) -> "mi.Mesh":
-    """A Mitsuba mesh from arrays, in world space. It always has uv, so that all meshes run the same two kernels."""
+    """A Mitsuba mesh from arrays, in world space. It always has uv, so that all meshes run the same
+    two kernels.
+    """
     props = mi.Properties()
     props["face_normals"] = normals is None
     if bsdf is not None:
@@ -165,11 +177,13 @@ def _triangles(triangles: meshes.Triangles, place: Place, smooth: bool) -> Build
         faces = faces[:, [0, 2, 1]]
     normals = None
     if smooth and triangles.normals is not None:
-        # Inverse transpose, normalised at the vertices; after the interpolation Mitsuba normalises once more.
+        # Inverse transpose, normalised at the vertices; after the interpolation Mitsuba normalises
+        # once more.
         normals = triangles.normals @ np.linalg.inv(place.own[:3, :3])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-        # Instances transform what is interpolated. That is linear up to its length, so it can be done before.
+        # Instances transform what is interpolated. That is linear up to its length, so it can be
+        # done before.
         normals = normals @ np.linalg.inv(place.around[:3, :3])
     uvs = triangles.uvs if triangles.uvs is not None else np.zeros((len(positions), 2))
     return _Mesh(positions, faces, uvs, normals)
@@ -255,7 +269,9 @@ def _cylinder(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
 
 
 def box_triangles() -> meshes.Triangles:
-    """The cube [-1, 1]^3 as twelve triangles, two for each face of the model, in its order, with its uv."""
+    """The cube [-1, 1]^3 as twelve triangles, two for each face of the model, in its order, with
+    its uv.
+    """
     positions, uvs, faces = [], [], []
     for face in range(6):
         axis, positive = face // 2, face % 2 == 1
@@ -318,7 +334,9 @@ def _mesh(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
 
 
 def _mesh_operand(fields: Fields, place: Place, base: Folder) -> Optional[Tuple[np.ndarray, np.ndarray, Optional[np.ndarray]]]:
-    """The corners of the triangles of an operand of csg: positions, texture coordinates, normals if they are interpolated."""
+    """The corners of the triangles of an operand of csg: positions, texture coordinates, normals if
+    they are interpolated.
+    """
     before = len(fields.errors)
     triangles, smooth = _mesh_triangles(fields, place, base)
     if len(fields.errors) > before:

@@ -1,7 +1,8 @@
 """The directions from which an environment lights (model §7, sky light).
 
-The integral over a region of a function that is constant on each cell is found from four values of its integral from the
-first corner of the sphere on (a summed-area table), which is bilinear inside a cell.
+The integral over a region of a function that is constant on each cell is found from four values of
+its integral from the first corner of the sphere on (a summed-area table), which is bilinear inside
+a cell.
 """
 
 from __future__ import annotations
@@ -99,7 +100,9 @@ def table(s: int, look: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.nd
 
 
 def directions(n: int, s: int, look: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Tuple[np.ndarray, np.ndarray]:
-    """Directions and irradiances of the light of `look`, a function of (n, 2) coordinates and (n, 3) directions."""
+    """Directions and irradiances of the light of `look`, a function of (n, 2) coordinates and
+    (n, 3) directions.
+    """
     radiance = table(s, look)
     most = radiance.max()
     if not most > 0:

@@ -1,7 +1,8 @@
-"""Constructive solid geometry (model §9, csg): all crossings of the operands along a line, in their order, decide what is inside.
+"""Constructive solid geometry (model §9, csg): all crossings of the operands along a line, in their
+order, decide what is inside.
 
-A line starts outside of everything. Each crossing of an operand takes the line in or out of that operand; where this changes whether
-the line is inside of the result, the result is crossed.
+A line starts outside of everything. Each crossing of an operand takes the line in or out of that
+operand; where this changes whether the line is inside of the result, the result is crossed.
 """
 
 from __future__ import annotations
@@ -12,14 +13,17 @@ import numpy as np
 
 from .surfaces import Crossings, Points, Start, Surface, Vector
 
-# Crossings as near as this, relative to their distance, are at one place: nothing thinner is a solid.
+# Crossings as near as this, relative to their distance, are at one place: nothing thinner is a
+# solid.
 SAME = 1e-13
 
 UNION, INTERSECTION, DIFFERENCE = "union", "intersection", "difference"
 
 
 class Solid(Surface):
-    """The result of one operation. Codes of its parts are those of the operands, one operand after the other."""
+    """The result of one operation. Codes of its parts are those of the operands, one operand after
+    the other.
+    """
 
     def __init__(self, operation: str, operands: Sequence[Surface]) -> None:
         # The operands stand in world space already.

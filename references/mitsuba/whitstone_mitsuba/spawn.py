@@ -1,9 +1,11 @@
 """Where rays that leave a surface start, so that they do not meet it again.
 
-Mitsuba's own `spawn_ray` moves origins by about 1500 units of float32, which is an error of several per cent in glass. Here the
-point of the hit is made as exact as float32 allows (`Balls`), and the origin is moved K units along the geometric normal. A ray that meets the facet
-that it left, where geometry rules that out, is spawned again with twice the offset, by itself: a flat face is met once by a line, a
-sphere not at all by a ray that leaves it outward, and half a chord later at the earliest by one that goes inward.
+Mitsuba's own `spawn_ray` moves origins by about 1500 units of float32, which is an error of several
+per cent in glass. Here the point of the hit is made as exact as float32 allows (`Balls`), and the
+origin is moved K units along the geometric normal. A ray that meets the facet that it left, where
+geometry rules that out, is spawned again with twice the offset, by itself: a flat face is met once
+by a line, a sphere not at all by a ray that leaves it outward, and half a chord later at the
+earliest by one that goes inward.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ class Spawned:
     """Rays as they leave a surface, one lane each."""
 
     o: Any
-    # The copy of a shape and its facet that are left, and the distance below which to meet them again is impossible.
+    # The copy of a shape and its facet that are left, and the distance below which to meet them
+    # again is impossible.
     shape: Any
     facet: Any
     within: Any
@@ -60,7 +63,9 @@ def nowhere(width: int) -> Tuple[Any, Any, Any, Any]:
 
 
 def facet(rule: Any, index: Any) -> Any:
-    """The flat face that Mitsuba's primitive of this number belongs to; 0 where the whole shape is one. `rule` is that of `shapes.Rules.primitive`."""
+    """The flat face that Mitsuba's primitive of this number belongs to; 0 where the whole shape is
+    one. `rule` is that of `shapes.Rules.primitive`.
+    """
     return dr.select(rule == 0, 0, dr.select(rule == _HALF, index >> 1, index))
 
 
@@ -70,9 +75,11 @@ def farther(o: Any, push: Any, attempt: int) -> Any:
 
 
 def leave(built: Any, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, k: Any) -> Spawned:
-    """Rays from `p` in `direction`, from a point K units away along n_g, on the side that they leave to.
+    """Rays from `p` in `direction`, from a point K units away along n_g, on the side that they
+    leave to.
 
-    A unit is 2^-24 of the largest coordinate of the point plus the size of the shape, at most 1 m: intersections round numbers of that size.
+    A unit is 2^-24 of the largest coordinate of the point plus the size of the shape, at most 1 m:
+    intersections round numbers of that size.
     """
     size = dr.gather(mi.Float, built.sizes, shape)
     push = n_g * ((size + dr.max(dr.abs(p))) * k * dr.sign(dr.dot(n_g, direction)))
@@ -81,7 +88,9 @@ def leave(built: Any, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, 
 
 
 class Balls:
-    """The spheres and cylinders of a scene in float64: Mitsuba leaves their hits at ray(t), off the surface by the rounding of t."""
+    """The spheres and cylinders of a scene in float64: Mitsuba leaves their hits at ray(t), off the
+    surface by the rounding of t.
+    """
 
     def __init__(self, balls: np.ndarray, axes: np.ndarray, wraps: np.ndarray) -> None:
         """`balls`: (n, 4), centre and radius of each shape, the radius 0 of what is neither.
@@ -106,7 +115,9 @@ class Balls:
         return vector - axis * dr.dot(axis, vector)
 
     def refine(self, o: Any, d: Any, shape: Any, valid: Any, t: Any, p: Any, n_g: Any, n_s: Any, n_raw: Any) -> Tuple[Any, ...]:
-        """(t, p, n_g, n_s, n_raw) with those of round shapes computed again: of the two roots the one next to Mitsuba's t."""
+        """(t, p, n_g, n_s, n_raw) with those of round shapes computed again: of the two roots the
+        one next to Mitsuba's t.
+        """
         if not self._any:
             return t, p, n_g, n_s, n_raw
         centre, radius = self._gather(shape, valid)
@@ -135,7 +146,8 @@ class Balls:
         )
 
     def wrapped(self, shape: Any, valid: Any, p: Any, uv: Any) -> Any:
-        """Texture coordinates with those of cylinders computed again, from the point as it is now."""
+        """Texture coordinates with those of cylinders computed again, from the point as it is now.
+        """
         if self._axes is None:
             return uv
         place = mi.Point3d(p)
@@ -150,7 +162,9 @@ class Balls:
         return dr.select(tube, mi.Point2f(mi.Float(turn), mi.Float(rows[2])), uv)
 
     def chord(self, p: Any, direction: Any, shape: Any) -> Any:
-        """Up to which distance the shape cannot be met again: half the chord of a round shape that the ray goes into, else infinite."""
+        """Up to which distance the shape cannot be met again: half the chord of a round shape that
+        the ray goes into, else infinite.
+        """
         endless = dr.full(mi.Float, dr.inf, dr.width(p))
         if not self._any:
             return endless

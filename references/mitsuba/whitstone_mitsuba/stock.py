@@ -1,13 +1,17 @@
 """Images by Mitsuba's own C++ integrators, along the driver's camera rays (op `stock`).
 
-Stock sensors jitter their rays, so `Integrator.sample` gets those of the model. All else is Mitsuba's: intersections, offsets of
-spawned rays, emitter sampling and, for native materials, BSDFs.
+Stock sensors jitter their rays, so `Integrator.sample` gets those of the model. All else is
+Mitsuba's: intersections, offsets of spawned rays, emitter sampling and, for native materials,
+BSDFs.
 
-- Where every surface is lit directly, the image is the sum of `direct` with each light alone (of several, the integrator would choose
-  one at random) and of the directly visible background (`path` of depth 1).
-- Where every surface only reflects or refracts, it is `path`, which follows one branch a hit at random.
+- Where every surface is lit directly, the image is the sum of `direct` with each light alone (of
+  several, the integrator would choose one at random) and of the directly visible background (`path`
+  of depth 1).
+- Where every surface only reflects or refracts, it is `path`, which follows one branch a hit at
+  random.
 
-Other scenes have no stock integrator: `path` adds light between diffuse surfaces, `direct` follows no reflections.
+Other scenes have no stock integrator: `path` adds light between diffuse surfaces, `direct` follows
+no reflections.
 """
 
 from __future__ import annotations
@@ -99,8 +103,8 @@ def why_not(document: Document) -> List[str]:
 def check(document: Document) -> None:
     """Refuses what Mitsuba's own integrators cannot render.
 
-    To be called before the scene is built: Dr.Jit records the code of all objects of the process, so that a texture in
-    Python that was only built would break the integrators too.
+    To be called before the scene is built: Dr.Jit records the code of all objects of the process,
+    so that a texture in Python that was only built would break the integrators too.
     """
     reasons = why_not(document)
     if reasons:
@@ -108,7 +112,9 @@ def check(document: Document) -> None:
 
 
 def _is_python(texture: Any) -> bool:
-    """Whether the twin of a texture leaves Dr.Jit for NumPy, which code that is being recorded cannot."""
+    """Whether the twin of a texture leaves Dr.Jit for NumPy, which code that is being recorded
+    cannot.
+    """
     if isinstance(texture, Constant):
         return False
     return isinstance(texture, patterns.HOSTED) or not texture.mapping.usual() or getattr(texture, "folded", False)

@@ -1,4 +1,6 @@
-"""Loop's subdivision surfaces (model §9), by matrices: every level is one sparse linear map of the points; then displaced."""
+"""Loop's subdivision surfaces (model §9), by matrices: every level is one sparse linear map of the
+points; then displaced.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,9 @@ def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _rises(points: np.ndarray, faces: np.ndarray, uvs: Optional[np.ndarray], rise: Heights) -> np.ndarray:
-    """(n, 3): how far each point moves, by the mean over the corners of triangles at it; `uvs` is (triangles, 3, 2)."""
+    """(n, 3): how far each point moves, by the mean over the corners of triangles at it; `uvs` is
+    (triangles, 3, 2).
+    """
     normals = _normals(points, faces)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)

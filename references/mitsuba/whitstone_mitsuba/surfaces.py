@@ -1,9 +1,11 @@
-"""Shapes that the driver intersects by itself, in float64: quadrics cut by planes, torus, flat shapes, closed meshes (model §9).
+"""Shapes that the driver intersects by itself, in float64: quadrics cut by planes, torus, flat
+shapes, closed meshes (model §9).
 
-Rays come in world space. Each surface turns them into its own space with the inverse of its matrix, which keeps the ray parameter t.
-It answers with all its crossings along the whole line, also those behind the start: `csg` needs them. A ray that starts on a surface
-does so at t = 0 exactly: that root is divided out of the equation, so no rounding of the start can make it appear again.
-Sums are written out, term by term: matrix products of NumPy round differently in arrays of different sizes.
+Rays come in world space. Each surface turns them into its own space with the inverse of its matrix,
+which keeps the ray parameter t. It answers with all its crossings along the whole line, also those
+behind the start: `csg` needs them. A ray that starts on a surface does so at t = 0 exactly: that
+root is divided out of the equation, so no rounding of the start can make it appear again. Sums are
+written out, term by term: matrix products of NumPy round differently in arrays of different sizes.
 """
 
 from __future__ import annotations
@@ -39,7 +41,9 @@ def turn(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Start:
-    """Where rays leave a surface: the code of the part of it, -1 for rays that start elsewhere, and whether they go outside."""
+    """Where rays leave a surface: the code of the part of it, -1 for rays that start elsewhere, and
+    whether they go outside.
+    """
 
     code: np.ndarray
     outward: np.ndarray
@@ -52,7 +56,8 @@ class Start:
 class Crossings:
     """Where lines cross a surface: (n, m) each, in no order; places that are not used have t = inf.
 
-    `step` is 1 where the line goes inside, -1 where it goes outside. `code` names the part of the surface.
+    `step` is 1 where the line goes inside, -1 where it goes outside. `code` names the part of the
+    surface.
     """
 
     t: np.ndarray
@@ -62,7 +67,9 @@ class Crossings:
 
 @dataclass
 class Points:
-    """The surface at some points, in world space: outward normals (not normalised), texture coordinates, number of the primitive."""
+    """The surface at some points, in world space: outward normals (not normalised), texture
+    coordinates, number of the primitive.
+    """
 
     n_g: Vector
     n_s: Vector
@@ -72,7 +79,9 @@ class Points:
 
 
 class Surface:
-    """A surface at a place in the world. Closed ones have an inside, so a line crosses them inwards and outwards by turns."""
+    """A surface at a place in the world. Closed ones have an inside, so a line crosses them inwards
+    and outwards by turns.
+    """
 
     closed = True
     # How many parts have codes of their own: 0, 1, ...
@@ -90,12 +99,16 @@ class Surface:
         return moved[0], moved[1], moved[2]
 
     def outward(self, n: Vector) -> Vector:
-        """A normal of the surface's own space in world space: by the inverse transpose, so that outside stays outside."""
+        """A normal of the surface's own space in world space: by the inverse transpose, so that
+        outside stays outside.
+        """
         columns = self.inverse[:3, :3].T
         return dot(columns[0], n), dot(columns[1], n), dot(columns[2], n)
 
     def bounds(self) -> Tuple[np.ndarray, float]:
-        """Centre and radius of a ball of world space around the surface; the radius may be infinite."""
+        """Centre and radius of a ball of world space around the surface; the radius may be
+        infinite.
+        """
         centre, radius = self.own_bounds()
         size = np.linalg.svd(self.matrix[:3, :3], compute_uv=False)[0]
         return self.matrix[:3, :3] @ centre + self.matrix[:3, 3], float(size * radius * (1 + 1e-9))
@@ -114,14 +127,18 @@ class Surface:
 
 
 def _middle(o: Vector, d: Vector, started: np.ndarray) -> np.ndarray:
-    """The parameter nearest to the origin of the space: crossings are computed from there. 0 where the ray starts on the surface."""
+    """The parameter nearest to the origin of the space: crossings are computed from there. 0 where
+    the ray starts on the surface.
+    """
     return np.where(started, 0.0, -dot(o, d) / dot(d, d))
 
 
 class Cut(Surface):
-    """The set f <= 0 of a quadratic function, cut by planes n . p <= c. Without a function it is what the planes leave of space.
+    """The set f <= 0 of a quadratic function, cut by planes n . p <= c. Without a function it is
+    what the planes leave of space.
 
-    Its parts are the quadric (code 0) and the planes (from 1 on). If it is not closed, only the quadric is there.
+    Its parts are the quadric (code 0) and the planes (from 1 on). If it is not closed, only the
+    quadric is there.
     """
 
     def __init__(self, matrix: np.ndarray, planes: Sequence[Tuple[Sequence[float], float]], closed: bool) -> None:
@@ -179,7 +196,8 @@ class Cut(Surface):
         middle = _middle(o, d, start.code >= 0)
         o = tuple(o[axis] + middle * d[axis] for axis in range(3))
         count = len(middle)
-        # What the planes leave of the line, and which of them end it; the first of several at one place.
+        # What the planes leave of the line, and which of them end it; the first of several at one
+        # place.
         enter, leave = np.full(count, -np.inf), np.full(count, np.inf)
         enter_code, leave_code = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         for number, (normal, offset) in enumerate(self.planes):
@@ -259,7 +277,9 @@ class Ball(Cut):
 
 
 class Round(Cut):
-    """Cylinder, cone, paraboloid, hyperboloid: x² + y² <= a z² + 2 b z + c between two planes across the z axis."""
+    """Cylinder, cone, paraboloid, hyperboloid: x² + y² <= a z² + 2 b z + c between two planes
+    across the z axis.
+    """
 
     def __init__(self, matrix: np.ndarray, profile: Tuple[float, float, float], z: Sequence[float], caps: bool) -> None:
         Cut.__init__(self, matrix, [((0.0, 0.0, -1.0), -z[0]), ((0.0, 0.0, 1.0), z[1])], caps)
@@ -272,7 +292,8 @@ class Round(Cut):
         return 0.0, 0.0, -1.0 if self.radii[0] < self.radii[1] else 1.0
 
     def own_bounds(self) -> Tuple[np.ndarray, float]:
-        # Between the ends the radius is at most the larger one: profiles are convex, or straight, or open upwards.
+        # Between the ends the radius is at most the larger one: profiles are convex, or straight,
+        # or open upwards.
         return np.array([0.0, 0.0, 0.5 * (self.z[0] + self.z[1])]), float(np.hypot(max(self.radii), 0.5 * (self.z[1] - self.z[0])))
 
     def coordinates(self, p: Vector, code: np.ndarray, side: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -470,10 +491,14 @@ class Polygon(Surface):
 
 
 class ClosedMesh(Surface):
-    """A closed mesh as an operand: inside is where its triangles go around a point more often outwards than inwards."""
+    """A closed mesh as an operand: inside is where its triangles go around a point more often
+    outwards than inwards.
+    """
 
     def __init__(self, matrix: np.ndarray, corners: np.ndarray, uvs: np.ndarray, normals: Optional[np.ndarray]) -> None:
-        """Per triangle and corner: positions (n, 3, 3), texture coordinates (n, 3, 2), normals (n, 3, 3) in object space."""
+        """Per triangle and corner: positions (n, 3, 3), texture coordinates (n, 3, 2), normals (n,
+        3, 3) in object space.
+        """
         Surface.__init__(self, matrix)
         self.corners, self.uvs, self.normals, self.codes = corners, uvs, normals, len(corners)
         self.across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -502,8 +527,9 @@ class ClosedMesh(Surface):
     def _pairs(self, rays: List[np.ndarray], first: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(ray, t, triangle, step) of all crossings of some rays."""
         o, d = [axis[:, None] for axis in rays[:3]], [axis[:, None] for axis in rays[3:]]
-        # Corners from the start of the ray, sheared along its direction: the ray is the axis then. Two triangles at an edge compute
-        # the same numbers of it, so none of them loses a ray to the other.
+        # Corners from the start of the ray, sheared along its direction: the ray is the axis then.
+        # Two triangles at an edge compute the same numbers of it, so none of them loses a ray to
+        # the other.
         longest = np.argmax(np.abs(np.column_stack(rays[3:])), axis=1)[:, None]
 
         def along(vector: List[np.ndarray], offset: int) -> np.ndarray:

@@ -1,7 +1,9 @@
-"""Textures (model §10): constant, checker and image with their native Mitsuba twins; those of `patterns` are formulas.
+"""Textures (model §10): constant, checker and image with their native Mitsuba twins; those of
+`patterns` are formulas.
 
-`read` gives a small value that knows its range (to check against the material that uses it) and how to build the twin.
-Coordinates are the model's, v up; what Mitsuba has otherwise (v down in bitmaps) goes into the twin's `to_uv`.
+`read` gives a small value that knows its range (to check against the material that uses it) and how
+to build the twin. Coordinates are the model's, v up; what Mitsuba has otherwise (v down in bitmaps)
+goes into the twin's `to_uv`.
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ def _mapped(texture: "mi.Texture", mapping: mappings.Mapping) -> "mi.Texture":
 
 
 def _color(value: Vector) -> Dict[str, Any]:
-    """A colour without an upper limit (Mitsuba's plain `rgb` refuses more than 1 where it expects a reflectance)."""
+    """A colour without an upper limit (Mitsuba's plain `rgb` refuses more than 1 where it expects a
+    reflectance).
+    """
     return {"type": "srgb", "color": mi.ScalarColor3f(*value), "unbounded": True}
 
 
@@ -48,7 +52,9 @@ class Constant:
 
 @dataclass(frozen=True)
 class Checker:
-    """a where floor(u') + floor(v') is even, else b. Twin: `checkerboard`, whose cells are half a unit wide."""
+    """a where floor(u') + floor(v') is even, else b. Twin: `checkerboard`, whose cells are half a
+    unit wide.
+    """
 
     a: Vector
     b: Vector
@@ -67,7 +73,9 @@ class Checker:
 
 @dataclass(frozen=True)
 class Image:
-    """An image file. Twin: `bitmap`, raw (the texels are linear already), rows counted from the top: v -> 1 - v."""
+    """An image file. Twin: `bitmap`, raw (the texels are linear already), rows counted from the
+    top: v -> 1 - v.
+    """
 
     pixels: np.ndarray
     filter: str
@@ -95,7 +103,9 @@ class Image:
         return float(self.pixels.min()), float(self.pixels.max())
 
     def precise(self, uv: np.ndarray) -> np.ndarray:
-        """(n, 3) colours at (n, 2) coordinates by the formulas of §10, in double precision. The mapping plays no part."""
+        """(n, 3) colours at (n, 2) coordinates by the formulas of §10, in double precision. The
+        mapping plays no part.
+        """
         height, width = self.pixels.shape[:2]
         place = uv * np.array(self.scale) + np.array(self.offset)
         x, y = place[:, 0] * width, (1 - place[:, 1]) * height
@@ -116,7 +126,8 @@ class Image:
     def build(self) -> "mi.Texture":
         if self.covers:
             return pyramid.Filtered(self)
-        # A bitmap has one rule for both axes. The one that needs the other end of the picture is Mitsuba's; the other axis is folded before.
+        # A bitmap has one rule for both axes. The one that needs the other end of the picture is
+        # Mitsuba's; the other axis is folded before.
         to_uv = _to_uv((self.scale[0], -self.scale[1]), (self.offset[0], 1 - self.offset[1]))
         bitmap = mi.load_dict(
             {
@@ -142,7 +153,9 @@ def _wrapped(index: np.ndarray, count: int, rule: str) -> np.ndarray:
 
 
 class Folded(mi.Texture):
-    """A bitmap of Mitsuba's, each axis of which is wrapped by its own rule; all but repeat are done here."""
+    """A bitmap of Mitsuba's, each axis of which is wrapped by its own rule; all but repeat are done
+    here.
+    """
 
     def __init__(self, inner: "mi.Texture", image: Image) -> None:
         mi.Texture.__init__(self, mi.Properties())
@@ -158,7 +171,8 @@ class Folded(mi.Texture):
             if image.wrap[axis] == "mirror":
                 x = 1 - np.abs(x % 2 - 1)
             if image.wrap[axis] != "repeat":
-                # Beyond the middle of the last texel it stays the same, as it does next to its mirror image.
+                # Beyond the middle of the last texel it stays the same, as it does next to its
+                # mirror image.
                 x = np.clip(x, 0.5 / count, 1 - 0.5 / count)
             places.append(x)
         beside = mi.SurfaceInteraction3f(si)
@@ -182,9 +196,11 @@ class Textures:
             self._read[name] = self._table(table, f"texture.{name}")
 
     def value(self, fields: Fields, key: str, default: Any, low: float, high: float) -> Any:
-        """The texture under `key`: a number, a colour, a name or an inline table; its values within [low, high].
+        """The texture under `key`: a number, a colour, a name or an inline table; its values within
+        [low, high].
 
-        Of textures that vary only the lower end is checked: the model leaves the upper one open (§8).
+        Of textures that vary only the lower end is checked: the model leaves the upper one open
+        (§8).
         """
         raw = fields.take(key, default)
         where = f"{fields.where}.{key}"

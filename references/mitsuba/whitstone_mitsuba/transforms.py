@@ -1,4 +1,6 @@
-"""Transforms as the document writes them: a list of steps, applied in the order written (model §9), in float64."""
+"""Transforms as the document writes them: a list of steps, applied in the order written (model §9),
+in float64.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from .fields import REQUIRED, Fields, is_number
 
 
 def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:
-    """3x3 rotation, counter-clockwise looking against the axis (Rodrigues). Quarter turns are exact."""
+    """3x3 rotation, counter-clockwise looking against the axis (Rodrigues). Quarter turns are
+    exact.
+    """
     x, y, z = axis / np.linalg.norm(axis)
     quarter = degrees / 90.0
     if quarter == round(quarter):
@@ -74,14 +78,18 @@ def read(value: Any, where: str, errors: List[str]) -> np.ndarray:
 
 
 def alike(columns: np.ndarray) -> bool:
-    """Whether columns are equally long and perpendicular, to a relative 1e-9 (model §9: lengths, not their squares)."""
+    """Whether columns are equally long and perpendicular, to a relative 1e-9 (model §9: lengths,
+    not their squares).
+    """
     lengths = np.linalg.norm(columns, axis=0)
     cosines = (columns / lengths).T @ (columns / lengths) - np.eye(len(lengths))
     return bool(np.all(np.abs(lengths - lengths[0]) <= 1e-9 * lengths[0]) and np.all(np.abs(cosines) <= 1e-9))
 
 
 def similarity_scale(matrix: np.ndarray) -> Optional[float]:
-    """The scale of a similarity (rotation or reflection, times one positive number), or None where it is not one."""
+    """The scale of a similarity (rotation or reflection, times one positive number), or None where
+    it is not one.
+    """
     linear = matrix[:3, :3]
     return float(np.linalg.norm(linear[:, 0])) if alike(linear) else None
 

@@ -22,7 +22,9 @@ def _find(lanes: np.ndarray, lane: int) -> Optional[int]:
 
 
 def _lights(tracer: Tracer, level: Level, lane: int) -> List[Dict[str, Any]]:
-    """Contributions of the lights to the local term, by their number in the document (a background is no light here)."""
+    """Contributions of the lights to the local term, by their number in the document (a background
+    is no light here).
+    """
     found: List[Dict[str, Any]] = []
     for lanes, index, visible, value in level.lamps:
         place = _find(lanes, lane)
@@ -41,7 +43,9 @@ def _lights(tracer: Tracer, level: Level, lane: int) -> List[Dict[str, Any]]:
 
 
 def grow(built: Built, setting: Setting, x: int, y: int, sample: int) -> List[Dict[str, Any]]:
-    """All nodes in depth-first order; the sum of throughput * local over them is the sample's value."""
+    """All nodes in depth-first order; the sum of throughput * local over them is the sample's
+    value.
+    """
     document = built.document
     if not (0 <= x < document.width and 0 <= y < document.height):
         raise DriverError(f"pixel: [{x}, {y}] is outside the film of {document.width} x {document.height}")
@@ -52,7 +56,8 @@ def grow(built: Built, setting: Setting, x: int, y: int, sample: int) -> List[Di
     rays = tracer.camera_rays(np.array([x]), np.array([y]), one, document.samples.only(sample))
     tracer.trace(rays, 0)
     nodes: List[Dict[str, Any]] = []
-    # An explicit stack: a path can be longer than Python recurses. (depth, lane, path) or a finished leaf.
+    # An explicit stack: a path can be longer than Python recurses. (depth, lane, path) or a
+    # finished leaf.
     stack: List[Any] = [(0, 0, "")]
     while stack:
         top = stack.pop()

@@ -1,6 +1,8 @@
-"""Twins of plugins from outside: Python files that `serve --twin FILE` runs before the first request.
+"""Twins of plugins from outside: Python files that `serve --twin FILE` runs before the first
+request.
 
-A file gives the reader of a type by a decorator; it gets the keys of the table (`Fields`) and must use all that it allows:
+A file gives the reader of a type by a decorator; it gets the keys of the table (`Fields`) and must
+use all that it allows:
 
     from whitstone_mitsuba import twins
     from whitstone_mitsuba.surfaces import Surface
@@ -9,7 +11,8 @@ A file gives the reader of a type by a decorator; it gets the keys of the table 
     def read(fields, place, base):
         return Superquadric(place.world, fields.vector("radii", (1, 1, 1)))
 
-A twin is written from what its plugin promises, by another method than the plugin's: two copies of one mistake agree.
+A twin is written from what its plugin promises, by another method than the plugin's: two copies of
+one mistake agree.
 """
 
 from __future__ import annotations
@@ -56,7 +59,9 @@ def material(kind: str) -> Callable[[Reader], Reader]:
 
 
 def texture(kind: str) -> Callable[[Reader], Reader]:
-    """Of a reader `(fields, base)` that returns an object with `range()` and `build()`, such as `textures.Constant`."""
+    """Of a reader `(fields, base)` that returns an object with `range()` and `build()`, such as
+    `textures.Constant`.
+    """
 
     def add(reader: Reader) -> Reader:
         _add(textures.READERS, "texture", kind, reader)

@@ -11,7 +11,8 @@ sys.path.insert(0, ROOT)
 
 from whitstone_povray import operations  # noqa: E402
 
-# One exposure: half a unit in the last place of half precision, and POV-Ray's own single precision of colours.
+# One exposure: half a unit in the last place of half precision, and POV-Ray's own single precision
+# of colours.
 EPS = 2.0**-11
 
 # Looks straight down at the origin from height 5: x to the right, z down in the image.

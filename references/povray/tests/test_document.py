@@ -72,7 +72,8 @@ class Documents(Case):
             (dark + BALL % glass + BALL % (glass + ", exterior_ior = 1.2"), "Fresnel"),
             (dark + '[[shape]]\ntype = "triangle"\nvertices = [[0, 0, 0], [1, 0, 0], [0, 0, 1]]\n'
              + 'normals = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]\nmaterial = { type = "mirror" }\n', "shape[0]", "interpolated"),
-            # Interpolated normals turn towards light from behind, and an open surface does not block it.
+            # Interpolated normals turn towards light from behind, and an open surface does not
+            # block it.
             (dark + '[[shape]]\ntype = "triangle"\nvertices = [[0, 0, 0], [1, 0, 0], [0, 0, 1]]\n'
              + 'normals = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]\n', "shape[0]", "behind"),
             (dark + SPOT + SPOT.replace("[0, 0, 0]", "[9, 0, 0]"), "light[1]", "same place"),

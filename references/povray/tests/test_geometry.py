@@ -39,7 +39,8 @@ class Cameras(Case):
         self.assertEqual(self.spot(ortho + "window = { l = 0, r = 4, b = 0, t = 4 }\n", 0.75, 3.5), [(1, 0)])
 
     def test_lenses(self):
-        # In focus halfway to the ball, so it is seen moved by as much as the point of the lens is: here by a pixel, half a metre.
+        # In focus halfway to the ball, so it is seen moved by as much as the point of the lens is:
+        # here by a pixel, half a metre.
         look = 'look_at = { origin = [0, 0, 2], target = [0, 0, 0] }\nfov = 90\nfocus_distance = 1\n'
         lens = f'[camera]\ntype = "thin_lens"\n{look}aperture = {2**0.5}\nlens_samples = 2\n'
         ball = '[[shape]]\ntype = "sphere"\ncenter = [-0.25, 0.25, 0]\nradius = 0.1\n' + SEEN
@@ -71,7 +72,8 @@ class Cameras(Case):
 @with_povray
 class Shapes(Case):
     def seen(self, shape, points, more=""):
-        """What is at points of the plane, seen from above: the image is two metres wide and high."""
+        """What is at points of the plane, seen from above: the image is two metres wide and high.
+        """
         camera = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 9], target = [0, 0, 0] }\nwidth = 2\n'
         size = 200
         pixels = [(int((x + 1) / 2 * size), int((1 - y) / 2 * size)) for x, y in points]

@@ -14,7 +14,9 @@ CAMERA = '[camera]\ntype = "orthographic"\nlook_at = { origin = [0, 0, 9], targe
 @with_povray
 class LevelSets(Case):
     def seen(self, shape, points, above=None):
-        """Whether the shape is seen from above at some points, also beyond a grey rectangle at a height."""
+        """Whether the shape is seen from above at some points, also beyond a grey rectangle at a
+        height.
+        """
         size = 400
         sheet = f'[[shape]]\ntype = "rectangle"\ntransform = [{{ scale = 3 }}, {{ translate = [0, 0, {above}] }}]\nmaterial = {{ type = "matte", reflectance = 0.5 }}\n'
         scene = film(size, size) + CAMERA + WHITE + f"[[shape]]\n{shape}\n" + (sheet if above is not None else "")
@@ -35,8 +37,8 @@ class LevelSets(Case):
         self.assertEqual(self.seen(shape, [(1.05, 0)]), [False])
 
     def test_more_cells(self):
-        # Along z the densities 0, 1, 1, 3: greater than 1.001 from just behind the third value on, at z = 1/3. At level 1 POV-Ray would
-        # look for roots in all of the plateau, for minutes.
+        # Along z the densities 0, 1, 1, 3: greater than 1.001 from just behind the third value on,
+        # at z = 1/3. At level 1 POV-Ray would look for roots in all of the plateau, for minutes.
         values = [v for v in (0, 1, 1, 3) for _ in range(4)]
         shape = f'type = "isosurface"\nSEEN\nsize = [2, 2, 4]\nlevel = 1.001\nvalues = {values}\n'
         self.assertEqual(self.seen(shape, [(0.1, 0.2)], above=0.32), [True])
@@ -86,7 +88,8 @@ class LevelSets(Case):
         # z^8: a ball of radius 2^(1/8).
         ball = 'type = "fractal"\nSEEN\nkind = "julia"\nc = [0, 0, 0, 0]\ndepth = 3\n'
         self.assertEqual(self.seen(ball, [(1.08, 0), (0, -1.08), (1.1, 0)]), [True, True, False])
-        # More iterations take POV-Ray minutes a pixel. With c = -1 the set is round about the x axis: seen from above is what it holds at any distance from it.
+        # More iterations take POV-Ray minutes a pixel. With c = -1 the set is round about the x
+        # axis: seen from above is what it holds at any distance from it.
         c, depth = -1, 3
         solid = f'type = "fractal"\nSEEN\nkind = "julia"\nc = [{c}, 0, 0, 0]\ndepth = {depth}\n'
 

@@ -148,7 +148,8 @@ class Materials(Case):
         self.near(self.glass(keys, inner), [1.0, 0.8, 0.6])
 
     def test_total_internal_reflection(self):
-        # Through the side of a box and from below against its top, at 62 degrees; the block below is white.
+        # Through the side of a box and from below against its top, at 62 degrees; the block below
+        # is white.
         scene = (
             film() + BLACK_LIMIT + "max_depth = %d\n" + '[[light]]\ntype = "ambient"\nradiance = 1\n'
             '[camera]\ntype = "perspective"\nfov = 0.1\nlook_at = { origin = [-2, -0.5, 0], target = [-1, 0.5, 0] }\n'

@@ -1,4 +1,6 @@
-"""Textures and mappings against the model's formulas (model §10), on a wall that ambient light shows."""
+"""Textures and mappings against the model's formulas (model §10), on a wall that ambient light
+shows.
+"""
 
 import math
 import unittest

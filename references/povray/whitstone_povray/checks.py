@@ -1,7 +1,8 @@
 """What only POV-Ray itself can find out about a scene: where the glass is.
 
-POV-Ray keeps a list of the media that a ray is in, the model takes each surface at its word. The two agree unless transparent shapes overlap or
-touch, or the camera is inside one. A program in POV-Ray's language looks for that before the scene is rendered, and stops with an error.
+POV-Ray keeps a list of the media that a ray is in, the model takes each surface at its word. The
+two agree unless transparent shapes overlap or touch, or the camera is inside one. A program in
+POV-Ray's language looks for that before the scene is rendered, and stops with an error.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from typing import List
 # Rays along each axis through what the bounding boxes of two bodies have in common, each way.
 RAYS = 24
 
-# How the program says that something is wrong: this, and the number of a comment in it that says what.
+# How the program says that something is wrong: this, and the number of a comment in it that says
+# what.
 MARK = "WHITSTONE-"
 
 _MACROS = """

@@ -1,4 +1,6 @@
-"""The same operations as commands for people: `python -m whitstone_povray render SCENE.toml -o OUT.exr` and so on."""
+"""The same operations as commands for people:
+`python -m whitstone_povray render SCENE.toml -o OUT.exr` and so on.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit codes as everywhere in Whitstone: 0 done, 2 the scene or the request is wrong, 3 this machine cannot."""
+    """Exit codes as everywhere in Whitstone: 0 done, 2 the scene or the request is wrong, 3 this
+    machine cannot.
+    """
     arguments = _parser().parse_args(argv)
     if arguments.op == "serve":
         return run()

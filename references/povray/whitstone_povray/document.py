@@ -1,4 +1,6 @@
-"""The scene document (flattened TOML) as a scene of POV-Ray, following `docs/whitted-model.md` and nothing else."""
+"""The scene document (flattened TOML) as a scene of POV-Ray, following `docs/whitted-model.md` and
+nothing else.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ class Document:
     check: str
 
     def write(self, sample: Tuple[float, float, int]) -> str:
-        """In POV-Ray's scene language, through one position in every pixel and one point of the lens. POV-Ray looks through the middle by itself."""
+        """In POV-Ray's scene language, through one position in every pixel and one point of the
+        lens. POV-Ray looks through the middle by itself.
+        """
         dx, dy = sample[0] - 0.5 + self.setting.dx, sample[1] - 0.5 + self.setting.dy
         return "\n".join([self.head, self.camera.write(self.setting, dx, dy, sample[2]), self.body, ""])
 
@@ -203,7 +207,9 @@ def _integrator(table: Any, context: Context) -> _Integrator:
 
 
 def _check_media(used: List[Material], context: Context) -> None:
-    """In a ray that leaves one object for another around it, POV-Ray 3.7 takes their relative index for 1 in Fresnel's formula."""
+    """In a ray that leaves one object for another around it, POV-Ray 3.7 takes their relative index
+    for 1 in Fresnel's formula.
+    """
     outsides = sorted({material.outside for material in used if material.outside is not None})
     if len(outsides) > 1:
         context.unsupported.append(
@@ -225,7 +231,9 @@ def _formulas(root: Dict[str, Any]) -> List[Tuple[str, str]]:
 
 
 def parse(text: str, base: str, setting: Setting, channel: Optional[int] = None) -> Document:
-    """Reads a document. Raises `SceneError` with every problem, `Unsupported` where only twins are missing."""
+    """Reads a document. Raises `SceneError` with every problem, `Unsupported` where only twins are
+    missing.
+    """
     try:
         root = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -16,10 +16,14 @@ class SceneError(DriverError):
 
 
 class Unsupported(DriverError):
-    """The document may be right, but POV-Ray cannot show something in it: one a line, each led by its place."""
+    """The document may be right, but POV-Ray cannot show something in it: one a line, each led by
+    its place.
+    """
 
     kind = "unsupported"
 
 
 class NeedsChannels(Exception):
-    """POV-Ray has a number where the model has a colour: the scene must be rendered once for red, green and blue each."""
+    """POV-Ray has a number where the model has a colour: the scene must be rendered once for red,
+    green and blue each.
+    """

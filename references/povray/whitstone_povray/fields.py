@@ -1,4 +1,6 @@
-"""One table of the document, read strictly: a key that no one takes is an error, since its effect would be missing from the twin."""
+"""One table of the document, read strictly: a key that no one takes is an error, since its effect
+would be missing from the twin.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Reads the OpenEXR files that POV-Ray writes: scan lines, ZIP, half floats R, G, B; and what a half says about the value before.
+"""Reads the OpenEXR files that POV-Ray writes: scan lines, ZIP, half floats R, G, B; and what a
+half says about the value before.
 
 Source: the OpenEXR file layout, https://openexr.com/en/latest/OpenEXRFileLayout.html.
 """
@@ -71,7 +72,9 @@ def _channels(listing: bytes) -> List[Tuple[str, int]]:
 
 
 def _block(packed: bytes, size: int) -> Sequence[float]:
-    """OpenEXR's ZIP: deflated differences of even bytes before odd ones; as it was where that did not help."""
+    """OpenEXR's ZIP: deflated differences of even bytes before odd ones; as it was where that did
+    not help.
+    """
     if len(packed) < size:
         differences = zlib.decompress(packed)
         plain = bytes(value & 255 for value in accumulate(differences, lambda a, b: a + b - 128))

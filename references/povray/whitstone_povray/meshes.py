@@ -16,7 +16,9 @@ Corner = Optional[Tuple[int, int, int]]
 
 @dataclass(frozen=True)
 class Mesh:
-    """Vertices, normals and texture coordinates, each with the corners of all triangles in it (None where a face names none)."""
+    """Vertices, normals and texture coordinates, each with the corners of all triangles in it (None
+    where a face names none).
+    """
 
     positions: List[Tuple[float, ...]]
     normals: List[Tuple[float, ...]]
@@ -126,7 +128,9 @@ def _ply(data: bytes) -> Mesh:
 
 
 def closed(mesh: Mesh) -> bool:
-    """Whether every edge is passed once in each direction, by the places of its ends, and the outside is outside."""
+    """Whether every edge is passed once in each direction, by the places of its ends, and the
+    outside is outside.
+    """
     places: Dict[Tuple[float, ...], int] = {}
     number = [places.setdefault(position, len(places)) for position in mesh.positions]
     edges: Counter = Counter()
@@ -141,7 +145,9 @@ def closed(mesh: Mesh) -> bool:
 
 
 def rounding(setting: Setting) -> Callable[[float], float]:
-    """How a number goes to single precision: as it is, for POV-Ray to round, or down or up at random, equal numbers alike."""
+    """How a number goes to single precision: as it is, for POV-Ray to round, or down or up at
+    random, equal numbers alike.
+    """
     if not setting.vertices:
         return lambda value: value
 

@@ -1,4 +1,6 @@
-"""The operations of PROTOCOL.md that POV-Ray can carry out: a request in, an answer out, both as plain dictionaries."""
+"""The operations of PROTOCOL.md that POV-Ray can carry out: a request in, an answer out, both as
+plain dictionaries.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,9 @@ def _cpu() -> str:
 
 
 def render(request: Request) -> Answer:
-    """Renders all pixels and writes the EXR. POV-Ray's exact counts of rays are of no use here: it is run several times."""
+    """Renders all pixels and writes the EXR. POV-Ray's exact counts of rays are of no use here: it
+    is run several times.
+    """
     setting = Setting.read(request.get("setting"))
     out = _get(request, "out", str)
     begin = time.perf_counter()
@@ -87,7 +91,9 @@ def probe(request: Request) -> Answer:
 
 
 def write(request: Request) -> Answer:
-    """The scene in POV-Ray's language: for each channel that is rendered alone, or all at once, the first sample."""
+    """The scene in POV-Ray's language: for each channel that is rendered alone, or all at once, the
+    first sample.
+    """
     setting = Setting.read(request.get("setting"))
     found = tracing.documents(_scene(request), setting)
     return {"scenes": [document.write(document.samples[0]) for document in found]}

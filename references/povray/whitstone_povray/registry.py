@@ -1,4 +1,6 @@
-"""Twins by name: the twin of the shape `sphere` is the function `twin` of `shapes/sphere.py`, and so for all families."""
+"""Twins by name: the twin of the shape `sphere` is the function `twin` of `shapes/sphere.py`, and
+so for all families.
+"""
 
 from __future__ import annotations
 

@@ -7,8 +7,9 @@ from typing import Any
 
 from .errors import DriverError
 
-# POV-Ray's guards against self-intersection are lengths (1e-3 for shadows), not relative. The scene is made larger, so that they
-# are small beside it; by a power of two, which leaves the numbers of meshes, in single precision, as they are.
+# POV-Ray's guards against self-intersection are lengths (1e-3 for shadows), not relative. The scene
+# is made larger, so that they are small beside it; by a power of two, which leaves the numbers of
+# meshes, in single precision, as they are.
 _SCALE_TIMES_K = 4096.0
 
 
@@ -24,7 +25,8 @@ class Setting:
     seed: int = 0
     # Whether the vertices of meshes are rounded to single precision at random, not to the nearest.
     vertices: bool = False
-    # All light is made so many times brighter and the image darker again: other roundings to half precision.
+    # All light is made so many times brighter and the image darker again: other roundings to half
+    # precision.
     exposure: float = 1.0
 
     @property

@@ -1,8 +1,10 @@
-"""Images of a scene by POV-Ray: all channels, all samples, and exposures that bracket what half floats round away.
+"""Images of a scene by POV-Ray: all channels, all samples, and exposures that bracket what half
+floats round away.
 
-POV-Ray writes half floats, whose rounding is up to 2^-11 of the value. All of it is linear in the brightness of the lights, so the same
-scene with brighter lights is the same image with other roundings: each rendering gives a range in which the value lies. EXPOSURES of
-them, each brighter by that part of a unit in the last place, leave that part of the range.
+POV-Ray writes half floats, whose rounding is up to 2^-11 of the value. All of it is linear in the
+brightness of the lights, so the same scene with brighter lights is the same image with other
+roundings: each rendering gives a range in which the value lies. EXPOSURES of them, each brighter by
+that part of a unit in the last place, leave that part of the range.
 """
 
 from __future__ import annotations
@@ -50,14 +52,17 @@ def _check(program: str) -> None:
         povray.render(program, 1, 1, (0, 0, 1, 1))
 
 
-# What the brightest pixel of an image may be, so that halves are precise below it and do not overflow: powers of two. The step is their ratio.
+# What the brightest pixel of an image may be, so that halves are precise below it and do not
+# overflow: powers of two. The step is their ratio.
 DIMMEST, BRIGHTEST = 2.0**-6, 2.0**14
 STEP = BRIGHTEST / DIMMEST
 
 
 @functools.lru_cache(16)
 def _brightening(scene: Scene) -> float:
-    """A power of two by which all light is multiplied, so that the image is in the range of half floats."""
+    """A power of two by which all light is multiplied, so that the image is in the range of half
+    floats.
+    """
     factor = 1.0
     # A black image stays black, however bright: it is tried a few times.
     for _ in range(6):
@@ -79,7 +84,8 @@ def _workers() -> int:
 def brightness(exposures: int) -> List[float]:
     """Factors on the light: a unit in the last place is between 2^-11 and 2^-10 of the value.
 
-    Values that are halves themselves, as those of backgrounds often are, come to lie in the middle of their range.
+    Values that are halves themselves, as those of backgrounds often are, come to lie in the middle
+    of their range.
     """
     return [1.0] if exposures == 1 else [1.0 + (step + 0.5) * 2.0**-10 / exposures for step in range(exposures)]
 
@@ -91,9 +97,11 @@ def images(
     window: Optional[halves.Window] = None,
     brighter: Optional[float] = None,
 ) -> List[Image]:
-    """The mean over the samples of every pixel of a window, one image a setting. Equal scenes are rendered once.
+    """The mean over the samples of every pixel of a window, one image a setting. Equal scenes are
+    rendered once.
 
-    All light is multiplied by `brighter`, by what the scene needs where it is None; the image is the same.
+    All light is multiplied by `brighter`, by what the scene needs where it is None; the image is
+    the same.
     """
     brighter = _brightening(scene) if brighter is None else brighter
     factors = [brighter * factor for factor in brightness(exposures)]

@@ -1,4 +1,6 @@
-"""Transforms as lists of steps, applied in the order written (model §9). A matrix is three rows of four numbers."""
+"""Transforms as lists of steps, applied in the order written (model §9). A matrix is three rows of
+four numbers.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ def point(matrix: Matrix, p: Sequence[float]) -> Tuple[float, ...]:
 
 
 def cofactors(matrix: Matrix) -> List[Tuple[float, ...]]:
-    """Of the linear part: rows that map normals up to their length, and up to the sign of the determinant."""
+    """Of the linear part: rows that map normals up to their length, and up to the sign of the
+    determinant.
+    """
     a, b, c = (row[:3] for row in matrix)
     return [cross(b, c), cross(c, a), cross(a, b)]
 
@@ -69,7 +73,9 @@ def sub(a: Sequence[float], b: Sequence[float]) -> Tuple[float, ...]:
 
 
 def write(matrix: Matrix, scale: float) -> str:
-    """POV-Ray's `matrix`, whose rows are the columns, for lengths that are `scale` times ours; nothing for the identity."""
+    """POV-Ray's `matrix`, whose rows are the columns, for lengths that are `scale` times ours;
+    nothing for the identity.
+    """
     if matrix == IDENTITY:
         return ""
     columns = [matrix[row][column] * (scale if column == 3 else 1.0) for column in range(4) for row in range(3)]

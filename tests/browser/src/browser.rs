@@ -62,7 +62,8 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// Opens a page without a screen; if a test `name` fails, a picture of it is kept in the folder `pictures`.
+    /// Opens a page without a screen; if a test `name` fails, a picture of it is kept in the folder
+    /// `pictures`.
     ///
     /// # Errors
     /// There is no Chromium, or it does not open the page.
@@ -128,7 +129,8 @@ impl Browser {
         Ok(self.runtime.block_on(element.text())?)
     }
 
-    /// Types into an element, which gets the focus by it. Keys that are no letters are those of [`thirtyfour::Key`].
+    /// Types into an element, which gets the focus by it. Keys that are no letters are those of
+    /// [`thirtyfour::Key`].
     ///
     /// # Errors
     /// There is none, or it takes no keys.

@@ -19,7 +19,8 @@ pub const DOT: [&str; 2] = [
     "whitstone render scene.toml --set sampler.n=2",
 ];
 
-/// Ours and the reference: a gradient, of which ours is 1e-5 brighter on the left and darker on the right.
+/// Ours and the reference: a gradient, of which ours is 1e-5 brighter on the left and darker on the
+/// right.
 pub fn images() -> [Image; 2] {
     let reference = |x: usize, y: usize| {
         let [u, v] = [x as f32 / SIZE[0] as f32, y as f32 / SIZE[1] as f32];

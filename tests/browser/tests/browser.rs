@@ -1,4 +1,5 @@
-//! What a reader of the report does: slider, exposure, errors, pixels, worst pixels, keys, diagrams, filters.
+//! What a reader of the report does: slider, exposure, errors, pixels, worst pixels, keys,
+//! diagrams, filters.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use serde_json::{Value, json};
@@ -200,7 +201,8 @@ fn errors(browser: &Browser) -> Result<(), Problem> {
                 _ => at(ColorMap::Magma, 0.0),
             };
             let found = color(browser, ERROR, pixel)?;
-            // Residuals are packed to a tenth, which is two of 256 colours; FLIP sees nothing of 1e-5.
+            // Residuals are packed to a tenth, which is two of 256 colours; FLIP sees nothing of
+            // 1e-5.
             check(
                 near(found, expected, 12),
                 format!("{name} at {pixel:?}: {found:?}, not {expected:?}"),

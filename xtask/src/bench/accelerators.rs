@@ -18,7 +18,8 @@ use whitstone_testkit::TestContext;
 
 /// Time accelerators on three meshes with three sets of rays each, beside Embree, interleaved
 ///
-/// Everything runs on one thread, in processor time; pin it to one core (`taskset -c 0`) for steady figures.
+/// Everything runs on one thread, in processor time; pin it to one core (`taskset -c 0`) for steady
+/// figures.
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -56,11 +57,13 @@ const ALL: [&str; 6] = [
     "obvhs:very_slow",
 ];
 
-/// Builds that take longer, in seconds, are done once for `--quick`. Others are done three times at least, and until they have taken as
-/// long as this together: a process and its memory are slow at first. The peer does the same.
+/// Builds that take longer, in seconds, are done once for `--quick`. Others are done three times at
+/// least, and until they have taken as long as this together: a process and its memory are slow at
+/// first. The peer does the same.
 const LONG_BUILD: f64 = 0.25;
 
-/// Bytes: just below the largest piece that teaches the GNU C library to keep twice as much (`M_TRIM_THRESHOLD` of mallopt(3)).
+/// Bytes: just below the largest piece that teaches the GNU C library to keep twice as much
+/// (`M_TRIM_THRESHOLD` of mallopt(3)).
 const KEPT_MEMORY: usize = 31 << 20;
 
 /// The quality of the peer that rays are compared with.
@@ -103,8 +106,9 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         .num_threads(1)
         .build_global()
         .map_err(Failure::environment)?;
-    // Until a large piece was freed, the C library gives memory back to the system after each build and pays for fresh pages in the next one.
-    // The peer's memory stays with it from one build to the next, and builds are compared, not pages.
+    // Until a large piece was freed, the C library gives memory back to the system after each build
+    // and pays for fresh pages in the next one. The peer's memory stays with it from one build to
+    // the next, and builds are compared, not pages.
     drop(std::hint::black_box(vec![1u8; KEPT_MEMORY]));
     let bench = Bench::new(arguments, registry)?;
     let mut rows = Vec::new();
@@ -278,8 +282,8 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// One set of rays: rounds in which each accelerator, in each mode, and the peer is timed once. The figures
-    /// of one accelerator's modes are neighbours.
+    /// One set of rays: rounds in which each accelerator, in each mode, and the peer is timed once.
+    /// The figures of one accelerator's modes are neighbours.
     fn set(
         &self,
         set: &str,

@@ -53,7 +53,8 @@ fn lines(rows: &[Value]) -> (Vec<Line>, &'static str) {
     (lines, what)
 }
 
-/// A line for each accelerator and mode, a column for each cell; build time and bytes are those of the first mesh.
+/// A line for each accelerator and mode, a column for each cell; build time and bytes are those of
+/// the first mesh.
 pub(super) fn table(rows: &[Value]) -> String {
     let (lines, what) = lines(rows);
     let mut text =

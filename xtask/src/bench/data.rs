@@ -1,7 +1,8 @@
 //! Meshes and rays on disk, as the peer reads them too.
 //!
-//! `NAME.tri` = "TRI1", vertices and triangles (u32), coordinates (f32), indices (u32). `NAME_SET.rays` =
-//! "RAY1", number (u32), origin, smallest parameter, direction, largest parameter (8 f32). Little endian.
+//! `NAME.tri` = "TRI1", vertices and triangles (u32), coordinates (f32), indices (u32).
+//! `NAME_SET.rays` = "RAY1", number (u32), origin, smallest parameter, direction, largest parameter
+//! (8 f32). Little endian.
 
 use std::fs;
 use std::path::Path;

@@ -22,8 +22,8 @@ const LAMPS: [[f64; 3]; 4] = [
     [0.9, 0.9, 0.8],
 ];
 
-/// Render a landscape of 380,192 triangles under 104 lights, 100 spots and 4 lamps, with and without culling of lights, interleaved, and
-/// print both times; the pictures must be the same
+/// Render a landscape of 380,192 triangles under 104 lights, 100 spots and 4 lamps, with and
+/// without culling of lights, interleaved, and print both times; the pictures must be the same
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Columns and rows of the image
@@ -109,7 +109,8 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
 }
 
-/// A landscape seen from above and aside, a grid of spots over it that each light a part, and lamps at the corners.
+/// A landscape seen from above and aside, a grid of spots over it that each light a part, and lamps
+/// at the corners.
 fn scene(size: u32) -> String {
     let mut text = format!(
         "film = {{ width = {size}, height = {size} }}\n\

@@ -149,8 +149,8 @@ fn one_beside_mitsuba(
     }))
 }
 
-/// The classic scene on one thread: nanoseconds a ray of both, in processor time, so that others on the machine disturb
-/// little.
+/// The classic scene on one thread: nanoseconds a ray of both, in processor time, so that others on
+/// the machine disturb little.
 fn beside_povray(arguments: &Arguments, registry: &Registry) -> Result<Value, Failure> {
     let (width, height) = (arguments.width, arguments.height);
     let film = format!("width = {width}, height = {height}, aovs = []");

@@ -1,4 +1,5 @@
-//! `bench plugins`: what a ray costs in the example scene of each plugin, for the pages of docs/plugins.
+//! `bench plugins`: what a ray costs in the example scene of each plugin, for the pages of
+//! docs/plugins.
 
 use super::machine::processor_time;
 use super::median;
@@ -19,7 +20,8 @@ pub(crate) const FILE: &str = "docs/costs.json";
 /// Renderings of a scene that its median is taken from, at least.
 const ROUNDS: usize = 5;
 
-/// Render the example scene of each plugin on one thread, and keep the nanoseconds a ray for its page
+/// Render the example scene of each plugin on one thread, and keep the nanoseconds a ray for its
+/// page
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Milliseconds for each scene, at least

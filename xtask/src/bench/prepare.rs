@@ -151,7 +151,8 @@ struct View {
 }
 
 impl View {
-    /// Those of the public meshes are those of which figures are known: inside the building, in front of the others.
+    /// Those of the public meshes are those of which figures are known: inside the building, in
+    /// front of the others.
     fn of(name: &str, bounds: &Aabb) -> Self {
         if name == "sponza" {
             return Self {
@@ -176,8 +177,8 @@ impl View {
     }
 }
 
-/// Rays of a picture of the whole, rays from what they hit towards a light, and rays from there in random
-/// directions by the cosine law.
+/// Rays of a picture of the whole, rays from what they hit towards a light, and rays from there in
+/// random directions by the cosine law.
 fn write_rays(folder: &Path, name: &str, registry: &Registry) -> Result<(), String> {
     let mesh = data::mesh(&folder.join(format!("{name}.tri")))?;
     // A file may hold vertices that no triangle has.
@@ -228,7 +229,8 @@ fn write_rays(folder: &Path, name: &str, registry: &Registry) -> Result<(), Stri
 
 /// The i-th of points all over the unit ball's surface, no two in a row near each other.
 fn on_ball(i: usize) -> DVec3 {
-    // Roberts, *The unreasonable effectiveness of quasirandom sequences*, 2018: powers of the plastic number.
+    // Roberts, *The unreasonable effectiveness of quasirandom sequences*, 2018: powers of the
+    // plastic number.
     let part = |step: f64| (step * i as f64).fract();
     let (z, angle) = (
         2.0 * part(0.754_877_666_246_693) - 1.0,

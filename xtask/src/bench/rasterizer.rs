@@ -1,5 +1,5 @@
-//! `bench rasterizer`: a picture by rasterization beside the same by ray casting. Shading is the same in both: a scene without lights but ambient
-//! ones shows what finding the surfaces takes.
+//! `bench rasterizer`: a picture by rasterization beside the same by ray casting. Shading is the
+//! same in both: a scene without lights but ambient ones shows what finding the surfaces takes.
 
 use super::machine::{load, processor_time};
 use super::median;
@@ -9,7 +9,8 @@ use whitstone::core::Registry;
 use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources};
 use whitstone::{Exit, Failure};
 
-/// Render scenes of triangles by rasterization and by ray casting, interleaved, and print both times
+/// Render scenes of triangles by rasterization and by ray casting, interleaved, and print both
+/// times
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// The scenes

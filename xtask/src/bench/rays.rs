@@ -34,8 +34,8 @@ pub(super) struct Rays {
     any: bool,
 }
 
-/// What a ray finds, for comparison to the last bit: identity, distance and parameters of the nearest hit, or
-/// whether there is any.
+/// What a ray finds, for comparison to the last bit: identity, distance and parameters of the
+/// nearest hit, or whether there is any.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Answer {
     Nearest(Option<((InstancePath, u32, u32), [u64; 3])>),

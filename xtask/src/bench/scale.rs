@@ -12,7 +12,8 @@ use whitstone::{Exit, Failure, image::atomic};
 /// Where the scene is.
 const SCENE: &str = "scenes/scale/landscapes.toml";
 
-/// What the lecture notes report of a frame with as many quads and 80 million rays, in hours (Christensen et al. 2006).
+/// What the lecture notes report of a frame with as many quads and 80 million rays, in hours
+/// (Christensen et al. 2006).
 const HOURS_THEN: f64 = 8.0;
 
 /// Build and render a scene of 240 million quads (15 copies of 16 million), 94 million rays

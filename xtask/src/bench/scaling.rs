@@ -1,7 +1,8 @@
 //! `bench scaling`: building and tracing by several threads beside one.
 //!
-//! By the clock, others on the machine take part in the result. So processor time stands beside it: what several threads
-//! take more of it than one is what they cost each other, and bounds the speedup where nobody waits.
+//! By the clock, others on the machine take part in the result. So processor time stands beside it:
+//! what several threads take more of it than one is what they cost each other, and bounds the
+//! speedup where nobody waits.
 
 use super::accelerators::{Choice, build};
 use super::data;

@@ -1,4 +1,5 @@
-//! `bench shapes`: every shape by itself, its time beside the textbook form and its error against the oracle.
+//! `bench shapes`: every shape by itself, its time beside the textbook form and its error against
+//! the oracle.
 
 use super::machine::load;
 use super::median;
@@ -27,7 +28,8 @@ const END: &str = "<!-- end of figures -->";
 /// How often the textbook form's time a shape may take without a reason.
 const MOST_TIMES: f64 = 2.0;
 
-/// Why a shape takes longer than [`MOST_TIMES`] of the textbook form; sources are in the files of the shapes.
+/// Why a shape takes longer than [`MOST_TIMES`] of the textbook form; sources are in the files of
+/// the shapes.
 const REASONS: [(&str, &str); 13] = [
     (
         "sphere",
@@ -88,7 +90,8 @@ pub(super) struct Both {
 }
 
 impl Both {
-    /// Of unit length, and rounded to single precision, so that every program can be asked about it.
+    /// Of unit length, and rounded to single precision, so that every program can be asked about
+    /// it.
     fn new(ray: &Ray) -> Self {
         let [o, d] = [ray.origin, ray.direction.normalize()].map(|v| v.as_vec3().to_array());
         Self {

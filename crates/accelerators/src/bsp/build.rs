@@ -9,10 +9,12 @@ use crate::principal::{COORDINATE_AXES, principal_axes};
 use crate::split::Split;
 use whitstone_core::{Aabb, DVec3, Geometry};
 
-/// Time of a step down, in units of the time of one test of an element: measured on triangle meshes.
+/// Time of a step down, in units of the time of one test of an element: measured on triangle
+/// meshes.
 const STEP_COST: f64 = 1.6;
 
-/// Axis-parallel planes that are tried along each axis between the two that bound what is in the cell.
+/// Axis-parallel planes that are tried along each axis between the two that bound what is in the
+/// cell.
 const STRAIGHT: usize = 6;
 
 /// Up to this number of elements the planes of triangles are tried.
@@ -163,7 +165,8 @@ impl Builder {
         [low < -self.margin, high > self.margin]
     }
 
-    /// How many fragments are on each side of a plane, and where those are that lie in it: on the side of fewer.
+    /// How many fragments are on each side of a plane, and where those are that lie in it: on the
+    /// side of fewer.
     fn counts(&self, fragments: &[Fragment], plane: &Plane) -> ([usize; 2], usize) {
         let (mut counts, mut flat) = ([0; 2], 0);
         for fragment in fragments {
@@ -196,7 +199,8 @@ impl Builder {
         Plane { normal, at }
     }
 
-    /// A cut with its cost; `None` if that is not below a limit for sure, or if the plane does not go through the cell.
+    /// A cut with its cost; `None` if that is not below a limit for sure, or if the plane does not
+    /// go through the cell.
     fn judge(
         &self,
         fragments: &[Fragment],
@@ -206,7 +210,8 @@ impl Builder {
         limit: f64,
     ) -> Option<Choice<Plane>> {
         let (counts, flat_side) = self.counts(fragments, plane);
-        // The areas of the parts are together at least that of the whole: so much can be said without them.
+        // The areas of the parts are together at least that of the whole: so much can be said
+        // without them.
         let least = bonus(counts) * half_area * counts[0].min(counts[1]) as f64;
         if least >= limit || !cell.is_on_both_sides(plane, self.margin) {
             return None;

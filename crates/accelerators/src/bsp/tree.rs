@@ -1,8 +1,9 @@
 //! The tree in memory, and the way of a ray through it.
 //!
-//! In order, with an interval of the ray for each cell (the notes' t_min, t*, t_max; Havran, *Heuristic ray shooting
-//! algorithms*, 2000, appendix C). The ray is as wide as rounding may need (see `elements`), so it arrives at a plane
-//! before it leaves the side before, and the intervals overlap a little.
+//! In order, with an interval of the ray for each cell (the notes' t_min, t*, t_max; Havran,
+//! *Heuristic ray shooting algorithms*, 2000, appendix C). The ray is as wide as rounding may need
+//! (see `elements`), so it arrives at a plane before it leaves the side before, and the intervals
+//! overlap a little.
 
 use crate::elements::{Item, Mailbox, Structure, Visitor, WideRay, bounds};
 use crate::partition::{Content, Cut, MAX_DEPTH, Tree};
@@ -108,8 +109,9 @@ impl Structure for Partition {
                     let (leaves, arrives) = (along.leaves(cut.at), along.arrives(cut.at));
                     let side = u32::from(along.backwards);
                     let (before, beyond) = (children + side, children + 1 - side);
-                    // t* of the notes, which is two for a wide ray. A NaN changes nothing; the methods `min` and `max`
-                    // would say so too, in four instructions each instead of one.
+                    // t* of the notes, which is two for a wide ray. A NaN changes nothing; the
+                    // methods `min` and `max` would say so too, in four instructions each instead
+                    // of one.
                     let leaves = if leaves < far { leaves } else { far };
                     let arrives = if arrives > near { arrives } else { near };
                     match (near <= leaves, arrives <= far) {

@@ -1,7 +1,8 @@
 //! The build by the surface area heuristic in bins.
 //!
-//! Wald, *On fast construction of SAH-based bounding volume hierarchies*, 2007: at each node the centers of
-//! the items are put into bins along all three axes, and the best of the splits between bins is taken.
+//! Wald, *On fast construction of SAH-based bounding volume hierarchies*, 2007: at each node the
+//! centers of the items are put into bins along all three axes, and the best of the splits between
+//! bins is taken.
 
 use super::MAX_DEPTH;
 use super::tree::{Binary, Parts, Tree};
@@ -87,8 +88,8 @@ impl Binned {
     /// Brings the items of one side to the front.
     fn split(self, items: &mut [Item], centers: &Box4, depth: usize) -> Sides {
         let n = items.len();
-        // Halving leads to single items in as many steps as there are bits in n: from where that is all
-        // that there is room for, halve.
+        // Halving leads to single items in as many steps as there are bits in n: from where that is
+        // all that there is room for, halve.
         let must_halve = depth + (usize::BITS - n.leading_zeros()) as usize >= MAX_DEPTH;
         let bins = Bins::new(centers, self.bins.min(4 + n / self.items_a_bin));
         let best = if must_halve { None } else { bins.best(items) };
@@ -148,7 +149,8 @@ pub(super) fn partition(items: &mut [Item], goes_first: impl Fn(&Item) -> bool +
     let half = items.len() / 2;
     let (left, right) = items.split_at_mut(half);
     let (left, right) = rayon::join(|| partition(left, goes_first), || partition(right, goes_first));
-    // Those behind the middle of the left half change places with those before the middle of the right.
+    // Those behind the middle of the left half change places with those before the middle of the
+    // right.
     let between = &mut items[left.middle..half + right.middle];
     let moved = (half - left.middle).min(right.middle);
     let (front, back) = between.split_at_mut(between.len() - moved);
@@ -208,7 +210,8 @@ impl Bins {
     /// The bins of an item.
     #[inline(always)]
     fn of(&self, item: &Item) -> [usize; 3] {
-        // Conversions are slow; the last bits of a float that has no room for a fraction are an integer.
+        // Conversions are slow; the last bits of a float that has no room for a fraction are an
+        // integer.
         let place = ((item.center() - self.start) * self.scale).clamp(Vec4::ZERO, self.last);
         let bits = (place + Vec4::splat((1u32 << 23) as f32)).to_array();
         [bits[0], bits[1], bits[2]].map(|x| (x.to_bits() & 0xff) as usize)

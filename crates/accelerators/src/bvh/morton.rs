@@ -1,7 +1,8 @@
-//! The quickest build: elements in the order of a space-filling curve, divided where its bits change.
+//! The quickest build: elements in the order of a space-filling curve, divided where its bits
+//! change.
 //!
-//! Lauterbach et al., *Fast BVH construction on GPUs*, Eurographics 2009: the highest bit in which the first and the
-//! last code of a range differ divides it in space.
+//! Lauterbach et al., *Fast BVH construction on GPUs*, Eurographics 2009: the highest bit in which
+//! the first and the last code of a range differ divides it in space.
 
 use super::MAX_DEPTH;
 use super::tree::{Binary, Parts};
@@ -18,7 +19,8 @@ const BITS: u32 = 12;
 /// Bits of an element's number.
 const NUMBER: u32 = 64 - 3 * BITS;
 
-/// Builds over all elements; returns the nodes and what is in the leaves. The result depends on these and their order only.
+/// Builds over all elements; returns the nodes and what is in the leaves. The result depends on
+/// these and their order only.
 pub(super) fn build(items: &Items) -> (Vec<Binary>, Contents) {
     let keys = sorted(keys(items));
     let contents = items.contents(&keys, |key| number(*key));

@@ -8,8 +8,8 @@ use whitstone_simd::Lanes;
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(super) struct Node {
-    /// By axis, by side (0 smallest, 1 largest coordinate), by child. Where there is no child, the box is
-    /// inside out, so that no ray meets it.
+    /// By axis, by side (0 smallest, 1 largest coordinate), by child. Where there is no child, the
+    /// box is inside out, so that no ray meets it.
     pub(super) planes: [[[f32; WIDTH]; 2]; 3],
     /// [`Child`]ren.
     pub(super) children: [u32; WIDTH],
@@ -21,12 +21,13 @@ impl Node {
         children: [0; WIDTH],
     };
 
-    /// Which boxes the ray may meet between its `min` and `limit`, as bits, and where it enters them at
-    /// the earliest. Never leaves out a box that holds a hit of the double precision tests: the pad of the
-    /// ray pays for every rounding (`docs/accelerators.md`).
+    /// Which boxes the ray may meet between its `min` and `limit`, as bits, and where it enters
+    /// them at the earliest. Never leaves out a box that holds a hit of the double precision tests:
+    /// the pad of the ray pays for every rounding (`docs/accelerators.md`).
     #[inline(always)]
     pub(super) fn enter<L: Lanes<WIDTH>>(&self, l: L, ray: &LocalRay, limit: f32) -> (u32, L::Floats) {
-        // Functions of the axis instead of a loop: the three planes are independent, and two maxima wait for one another, not three.
+        // Functions of the axis instead of a loop: the three planes are independent, and two maxima
+        // wait for one another, not three.
         let enter = |axis: usize| {
             let plane = self.load(l, ray.planes[0][axis]);
             l.mul_add(plane, l.splat(ray.reciprocal[axis]), l.splat(ray.near[axis]))

@@ -1,9 +1,11 @@
-//! Sixteen rays of one octant through the hierarchy together, as long as enough of them want the same nodes.
+//! Sixteen rays of one octant through the hierarchy together, as long as enough of them want the
+//! same nodes.
 //!
-//! Wald, Slusallek, Benthin, Wagner, *Interactive rendering with coherent ray tracing*, 2001: here boxes are tested one
-//! by one with all rays, and so are the triangles of a leaf that enough rays want; where few rays are left, each goes alone.
-//! Boxes that bounds on all rays miss are left out first, eight at once (Boulos, Wald, Shirley, *Geometric and arithmetic
-//! culling methods for entire ray packets*, 2006, section 3).
+//! Wald, Slusallek, Benthin, Wagner, *Interactive rendering with coherent ray tracing*, 2001: here
+//! boxes are tested one by one with all rays, and so are the triangles of a leaf that enough rays
+//! want; where few rays are left, each goes alone. Boxes that bounds on all rays miss are left out
+//! first, eight at once (Boulos, Wald, Shirley, *Geometric and arithmetic culling methods for
+//! entire ray packets*, 2006, section 3).
 
 use super::Bvh;
 use super::node::Node;
@@ -234,8 +236,9 @@ impl Packet<'_, '_> {
         b
     }
 
-    /// Which boxes some ray may meet, as bits, all eight at once: others need not be tried. Products and sums are monotonic
-    /// when rounded too, so what is computed from bounds bounds what [`Self::enter`] computes.
+    /// Which boxes some ray may meet, as bits, all eight at once: others need not be tried.
+    /// Products and sums are monotonic when rounded too, so what is computed from bounds bounds
+    /// what [`Self::enter`] computes.
     #[inline(always)]
     fn cull<M: Machine>(&self, l: M, node: &Node, farthest: f32, b: &Bounds) -> u32 {
         let mut near = l.splat(b.min);
@@ -252,8 +255,8 @@ impl Packet<'_, '_> {
         l.at_most(near, far)
     }
 
-    /// Which of these rays may meet a box, and where the first of them enters it at the earliest; the same
-    /// numbers as in [`Node::enter`].
+    /// Which of these rays may meet a box, and where the first of them enters it at the earliest;
+    /// the same numbers as in [`Node::enter`].
     #[inline(always)]
     fn enter<L: Lanes<GROUP>>(&self, l: L, node: &Node, i: usize, rays: u32) -> (L::Floats, u32) {
         let mut near = l.load(&self.rays.min);

@@ -7,8 +7,9 @@ use crate::leaves::frame::LocalRay;
 use crate::leaves::state::{Asked, State, Streamed, Walk};
 use whitstone_simd::{Kernel, Lanes, Level, Machine, with_lanes};
 
-/// What a search has put off, the latest on top. A ray seldom puts off more than a few, and room that it does not use must be
-/// cleared all the same: a tenth of its time for the room that the deepest hierarchy may need. So the rest is put away.
+/// What a search has put off, the latest on top. A ray seldom puts off more than a few, and room
+/// that it does not use must be cleared all the same: a tenth of its time for the room that the
+/// deepest hierarchy may need. So the rest is put away.
 pub(super) struct Stack {
     top: [Later; Self::ROOM],
     below: Vec<Later>,
@@ -102,7 +103,8 @@ impl Walk for Bvh {
 }
 
 impl Bvh {
-    /// Goes through what is below a child; what is pending then may be nearest up to the limit that is returned.
+    /// Goes through what is below a child; what is pending then may be nearest up to the limit that
+    /// is returned.
     #[inline(always)]
     fn traverse<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
@@ -113,7 +115,8 @@ impl Bvh {
         stack: &mut Stack,
         mut limit: f32,
     ) -> f32 {
-        // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded into them.
+        // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded
+        // into them.
         let local = std::hint::black_box(local);
         // A search that ended early may have left something.
         stack.below.clear();
@@ -147,8 +150,9 @@ impl Bvh {
                 let stack = &mut stack.top;
                 let (second, rest) = next();
                 if rest == 0 {
-                    // A jump (which the black boxes keep), and no choice of numbers: so the processor can fetch the node that it
-                    // takes to be nearer before the distances are known.
+                    // A jump (which the black boxes keep), and no choice of numbers: so the
+                    // processor can fetch the node that it takes to be nearer before the distances
+                    // are known.
                     if second.0 < first.0 {
                         std::hint::black_box(());
                         stack[height % Stack::ROOM] = first;
@@ -197,8 +201,8 @@ impl Bvh {
     }
 }
 
-/// The way of one ray of many, from a child on. A kernel of its own, so that it is compiled apart: among what is done for many rays
-/// its numbers would not stay in registers.
+/// The way of one ray of many, from a child on. A kernel of its own, so that it is compiled apart:
+/// among what is done for many rays its numbers would not stay in registers.
 pub(super) struct One<'a, 's, const ANY: bool> {
     pub(super) bvh: &'a Bvh,
     pub(super) state: &'s mut State<'a, Streamed<'a>>,

@@ -1,9 +1,10 @@
 //! The build with spatial splits, for the quickest rays.
 //!
-//! Stich, Friedrich, Dietrich, *Spatial splits in bounding volume hierarchies*, HPG 2009: where the two sides
-//! of the best object split overlap, the items may be cut at a plane instead, and an item on both sides is
-//! there twice, each time with the box of its part. Which items are worth it: section 4.4 of the paper,
-//! *reference unsplitting*. A hit on an element that is there twice is the same hit, so nothing changes.
+//! Stich, Friedrich, Dietrich, *Spatial splits in bounding volume hierarchies*, HPG 2009: where the
+//! two sides of the best object split overlap, the items may be cut at a plane instead, and an item
+//! on both sides is there twice, each time with the box of its part. Which items are worth it:
+//! section 4.4 of the paper, *reference unsplitting*. A hit on an element that is there twice is
+//! the same hit, so nothing changes.
 
 use super::MAX_DEPTH;
 use super::binned::{Binned, Bins, MOST_BINS, Sides, Split, bounds, halve, partition};

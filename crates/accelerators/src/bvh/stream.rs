@@ -1,5 +1,6 @@
-//! Many rays at once: what has to be done before and after the way through the hierarchy is done for many rays side by
-//! side in vector registers, and on their way rays of one octant go together (`packet`).
+//! Many rays at once: what has to be done before and after the way through the hierarchy is done
+//! for many rays side by side in vector registers, and on their way rays of one octant go together
+//! (`packet`).
 
 use super::Bvh;
 use super::packet::{Packet, Wanted, WantedStack};

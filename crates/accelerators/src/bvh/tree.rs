@@ -24,8 +24,8 @@ impl Tree {
     }
 }
 
-/// A node: its first child follows it. Where its items begin follows from those of the nodes before it, so that a subtree
-/// is the same wherever it stands.
+/// A node: its first child follows it. Where its items begin follows from those of the nodes before
+/// it, so that a subtree is the same wherever it stands.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Binary {
     /// The fourth components hold `count` and `second`, as bits.
@@ -33,7 +33,8 @@ pub(super) struct Binary {
 }
 
 impl Binary {
-    /// Above all numbers; with it, they are the bits of normal floats. Others are slow to compute with.
+    /// Above all numbers; with it, they are the bits of normal floats. Others are slow to compute
+    /// with.
     const NORMAL: u32 = 1 << 30;
 
     /// In place of a node.

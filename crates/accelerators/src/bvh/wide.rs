@@ -1,11 +1,12 @@
 //! From a binary hierarchy to one of eight children a node.
 //!
-//! Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide BVHs*, HPG 2017,
-//! section 3.1: of all ways to take inner nodes of the binary hierarchy out, the one of least cost by the
-//! surface area heuristic, found by dynamic programming from the leaves up.
+//! Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide
+//! BVHs*, HPG 2017, section 3.1: of all ways to take inner nodes of the binary hierarchy out, the
+//! one of least cost by the surface area heuristic, found by dynamic programming from the leaves
+//! up.
 //!
-//! The nodes at the top are made first, then the subtrees below them, each by itself. Which these are depends on the
-//! hierarchy only, so the result does not depend on the number of threads.
+//! The nodes at the top are made first, then the subtrees below them, each by itself. Which these
+//! are depends on the hierarchy only, so the result does not depend on the number of threads.
 
 use super::node::Node;
 use super::tree::Binary;

@@ -19,8 +19,8 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    /// Cells for some of the elements in a box: about `density` each, and fewer if there would be more than
-    /// `most` references to an element on average.
+    /// Cells for some of the elements in a box: about `density` each, and fewer if there would be
+    /// more than `most` references to an element on average.
     pub(super) fn new(
         geometry: &Geometry,
         elements: &Elements,
@@ -109,8 +109,8 @@ impl Cells {
         })
     }
 
-    /// The cell of a position along an axis, the nearest one if it is outside. The conversion saturates, and makes
-    /// 0 of the NaN of a flat box.
+    /// The cell of a position along an axis, the nearest one if it is outside. The conversion
+    /// saturates, and makes 0 of the NaN of a flat box.
     fn coordinate(&self, axis: usize, x: f64) -> usize {
         let cell = ((x - self.bounds.min[axis]) * self.scale[axis]) as usize;
         cell.min(self.resolution[axis] - 1)
@@ -168,8 +168,8 @@ impl Cells {
         size_of_val(&*self.starts) + size_of_val(&*self.references)
     }
 
-    /// Visits the cells that the ray touches between `min` and the limit, in the order in which it arrives;
-    /// `visit` is given the limit and returns the new one, or `None` to stop.
+    /// Visits the cells that the ray touches between `min` and the limit, in the order in which it
+    /// arrives; `visit` is given the limit and returns the new one, or `None` to stop.
     #[inline]
     pub(super) fn walk(
         &self,
@@ -206,8 +206,8 @@ impl Cells {
         }
     }
 
-    /// Visits the cell that the ray has just arrived in, along `axis`, and those beside it that it has not left
-    /// along the other axes.
+    /// Visits the cell that the ray has just arrived in, along `axis`, and those beside it that it
+    /// has not left along the other axes.
     #[inline]
     fn touched(
         &self,
@@ -235,8 +235,8 @@ impl Cells {
     }
 }
 
-/// How many cells there are along each axis, if there are about so many of them, as cubic as can be, none
-/// with a shorter edge than `smallest`.
+/// How many cells there are along each axis, if there are about so many of them, as cubic as can
+/// be, none with a shorter edge than `smallest`.
 fn resolution(extent: DVec3, count: f64, smallest: f64) -> [usize; 3] {
     let extent = extent.to_array();
     let mut divided = extent.map(|e| e > 0.0);
@@ -315,7 +315,8 @@ impl Steps {
     fn aim(&mut self, cells: &Cells, ray: &WideRay, axis: usize, number: usize) {
         self.arrives = f64::INFINITY;
         if number + 1 < cells.resolution[axis] {
-            // A NaN means that the ray runs along the next cell: at the width that is no more than possible.
+            // A NaN means that the ray runs along the next cell: at the width that is no more than
+            // possible.
             self.arrives = self
                 .arrives
                 .min(ray.arrives(axis, cells.entry(ray, axis, number + 1)));

@@ -6,8 +6,9 @@ use crate::leaves::items::{Box4, Corners, Item};
 use crate::partition::{Choice, Cut, Cutter, Tree, cheaper, cost};
 use crate::split::{Axes, Split};
 
-/// Time of a step down, in units of the time of a leaf of up to eight elements. Measured on triangle meshes: from 1 to 1.6
-/// rays take the same time; below, the tree grows and they take more.
+/// Time of a step down, in units of the time of a leaf of up to eight elements. Measured on
+/// triangle meshes: from 1 to 1.6 rays take the same time; below, the tree grows and they take
+/// more.
 const STEP_COST: f64 = 1.4;
 
 /// Time for an element of a cell that will be cut further.
@@ -128,8 +129,8 @@ struct Costs {
 }
 
 impl Costs {
-    /// A cut with so many elements that are partly below, in the plane, and partly above; `None` if the plane
-    /// is not inside.
+    /// A cut with so many elements that are partly below, in the plane, and partly above; `None` if
+    /// the plane is not inside.
     fn cut(&self, plane: f32, below: usize, flat: usize, above: usize) -> Option<Choice<AxisCut>> {
         let axis = self.axis;
         if !(self.cell.min[axis] < plane && plane < self.cell.max[axis]) {
@@ -152,7 +153,8 @@ fn keep(best: &mut Option<Choice<AxisCut>>, cut: Option<Choice<AxisCut>>) {
     *best = best.take().into_iter().chain(cut).reduce(cheaper);
 }
 
-/// The best cut at an end of any box: the ends pass by in order, and the numbers on both sides are counted.
+/// The best cut at an end of any box: the ends pass by in order, and the numbers on both sides are
+/// counted.
 fn sweep(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
     /// In the order in which they count at the same place.
     #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -185,8 +187,8 @@ fn sweep(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
     best
 }
 
-/// The best cut at a border before some of the bins, which divide the cell evenly: for each bin, how many
-/// boxes begin and how many end in it.
+/// The best cut at a border before some of the bins, which divide the cell evenly: for each bin,
+/// how many boxes begin and how many end in it.
 fn binned(
     items: &[Item],
     cell: &Box4,

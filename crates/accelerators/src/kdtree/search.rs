@@ -1,8 +1,9 @@
 //! The nodes, and the way of a ray through them.
 //!
-//! In order, with an interval of the ray for each cell (the notes' t_min, t*, t_max; Havran, *Heuristic ray shooting
-//! algorithms*, 2000, appendix C). The ray is as wide as rounding may need (see `leaves::frame`), so it arrives at a
-//! plane before it leaves the side before, and the intervals overlap a little.
+//! In order, with an interval of the ray for each cell (the notes' t_min, t*, t_max; Havran,
+//! *Heuristic ray shooting algorithms*, 2000, appendix C). The ray is as wide as rounding may need
+//! (see `leaves::frame`), so it arrives at a plane before it leaves the side before, and the
+//! intervals overlap a little.
 
 use super::KdTree;
 use super::build::AxisCut;
@@ -17,13 +18,15 @@ use std::ops::Range;
 use whitstone_core::Effort;
 use whitstone_simd::Lanes;
 
-/// A node in 8 bytes (Pharr, Jakob, Humphreys, *Physically based rendering*, 3rd edition, 2016, section 4.4.1).
+/// A node in 8 bytes (Pharr, Jakob, Humphreys, *Physically based rendering*, 3rd edition, 2016,
+/// section 4.4.1).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
     /// Of an inner node the plane; of a leaf the first slot, as bits.
     plane: f32,
-    /// The axis, or 3 in a leaf, and above these two bits: in an inner node the first of the two children, which lie
-    /// side by side; in a leaf whether it holds triangles only, and above that the number of elements.
+    /// The axis, or 3 in a leaf, and above these two bits: in an inner node the first of the two
+    /// children, which lie side by side; in a leaf whether it holds triangles only, and above that
+    /// the number of elements.
     rest: u32,
 }
 
@@ -148,7 +151,8 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
         (near, far)
     }
 
-    /// Tests the triangles of a leaf, eight at once; returns the new limit, or `None` if the search is over.
+    /// Tests the triangles of a leaf, eight at once; returns the new limit, or `None` if the search
+    /// is over.
     #[inline(always)]
     fn triangles<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
@@ -201,7 +205,8 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
         local: &LocalRay,
         mut limit: f32,
     ) -> f32 {
-        // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded into them.
+        // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded
+        // into them.
         let local = std::hint::black_box(local);
         let nodes = &*self.tree.nodes;
         let (mut near, mut far) = self.inside(local, limit);
@@ -221,8 +226,9 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
                 let (arrives, leaves) = (t + local.near[axis], t + local.far[axis]);
                 let before = node.children() + local.side(axis) as u32;
                 let beyond = before ^ 1;
-                // Which way first is a jump, so that the processor need not wait for the numbers to go on where the ray
-                // often does the same; whether both ways is none, as that can be foreseen least.
+                // Which way first is a jump, so that the processor need not wait for the numbers to
+                // go on where the ray often does the same; whether both ways is none, as that can
+                // be foreseen least.
                 stack[height % MAX_DEPTH] = (beyond, if arrives > near { arrives } else { near }, far);
                 if near <= leaves {
                     height += usize::from(arrives <= far);

@@ -1,9 +1,9 @@
-//! The test of a ray against the triangles of a leaf in single precision: it says which the test in double
-//! precision certainly hits, which it may hit, and where.
+//! The test of a ray against the triangles of a leaf in single precision: it says which the test in
+//! double precision certainly hits, which it may hit, and where.
 //!
-//! The watertight test of the core crate (Woop, Benthin, Wald, JCGT 2(1), 2013) on eight triangles at once,
-//! with a bound on the error of the edge functions; proof in `docs/accelerators.md`. The same for one triangle and the rays of
-//! a packet.
+//! The watertight test of the core crate (Woop, Benthin, Wald, JCGT 2(1), 2013) on eight triangles
+//! at once, with a bound on the error of the edge functions; proof in `docs/accelerators.md`. The
+//! same for one triangle and the rays of a packet.
 
 use super::child::WIDTH;
 use super::frame::{LocalRay, LocalRays, ROUNDING};
@@ -17,10 +17,11 @@ pub(crate) const NUMBERS: usize = 9;
 /// From the start of a leaf so many numbers can be read, of whatever.
 pub(crate) const WINDOW: usize = NUMBERS * WIDTH;
 
-/// Rays and triangles lane by lane: one ray and the triangles of a leaf, or one triangle and the rays of a packet. The
-/// numbers of a ray are those of [`LocalRay`].
+/// Rays and triangles lane by lane: one ray and the triangles of a leaf, or one triangle and the
+/// rays of a packet. The numbers of a ray are those of [`LocalRay`].
 ///
-/// Methods instead of fields: a number that is the same everywhere is loaded where it is used; kept, it would be spilled.
+/// Methods instead of fields: a number that is the same everywhere is loaded where it is used;
+/// kept, it would be spilled.
 pub(crate) trait Pairs<const N: usize, L: Lanes<N>> {
     /// A coordinate of a corner, from the origin of the ray, along one of the axes of the ray.
     fn coordinate(&self, l: L, corner: usize, i: usize) -> L::Floats;
@@ -134,8 +135,8 @@ fn size<const N: usize, L: Lanes<N>>(l: L, p: [L::Floats; 3]) -> L::Floats {
     l.max(l.abs(p[0]), l.abs(p[1]))
 }
 
-/// One ray and the triangles of a leaf: `numbers` holds, axis by axis and corner by corner, a coordinate of all `count`
-/// triangles, and then something else.
+/// One ray and the triangles of a leaf: `numbers` holds, axis by axis and corner by corner, a
+/// coordinate of all `count` triangles, and then something else.
 pub(crate) struct Leaf<'a> {
     pub(crate) ray: &'a LocalRay,
     pub(crate) numbers: &'a [f32; WINDOW],
@@ -180,7 +181,8 @@ impl<L: Lanes<WIDTH>> Pairs<WIDTH, L> for Leaf<'_> {
     }
 }
 
-/// One triangle and rays of the same axes. `numbers` holds its coordinates, each `stride` from the one before.
+/// One triangle and rays of the same axes. `numbers` holds its coordinates, each `stride` from the
+/// one before.
 pub(crate) struct Beam<'a> {
     pub(crate) rays: &'a LocalRays,
     pub(crate) axes: [Axis; 3],

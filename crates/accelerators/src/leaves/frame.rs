@@ -31,8 +31,9 @@ impl Frame {
         }
     }
 
-    /// Around a box of finite size that holds points whose coordinates are `f32`: the same coordinates but for a
-    /// factor, so that these are exact in own coordinates too; `None` where that would be too coarse.
+    /// Around a box of finite size that holds points whose coordinates are `f32`: the same
+    /// coordinates but for a factor, so that these are exact in own coordinates too; `None` where
+    /// that would be too coarse.
     pub(crate) fn unmoved(aabb: &Aabb) -> Option<Self> {
         let around_zero = aabb.union(Aabb {
             min: -aabb.max,
@@ -98,10 +99,11 @@ static AXES: [[Axis; 3]; 3] = {
     [[Y, Z, X], [Z, X, Y], [X, Y, Z]]
 };
 
-/// Where the planes of eight boxes begin that are across an axis, on one side of them: by axis, by side (0 smallest, 1 largest coordinate),
-/// by box.
+/// Where the planes of eight boxes begin that are across an axis, on one side of them: by axis, by
+/// side (0 smallest, 1 largest coordinate), by box.
 ///
-/// An enumeration, so that it is known to be in range where it is used: that is done six times for every node.
+/// An enumeration, so that it is known to be in range where it is used: that is done six times for
+/// every node.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(u8)]
 pub(crate) enum Planes {
@@ -175,7 +177,8 @@ impl LocalRay {
         self.planes[0][axis] as usize >> 3 & 1
     }
 
-    /// With `STRAIGHT` without jumps, for loops over many rays: always something, and `sound` says whether it means anything.
+    /// With `STRAIGHT` without jumps, for loops over many rays: always something, and `sound` says
+    /// whether it means anything.
     #[inline(always)]
     fn new<const STRAIGHT: bool>(
         frame: &Frame,
@@ -424,7 +427,8 @@ impl LocalRays {
         self.sound[lane] = sound;
     }
 
-    /// Copies the ray of a lane. Not inlined: for AVX-512 the compiler makes gathers of it, which take longer.
+    /// Copies the ray of a lane. Not inlined: for AVX-512 the compiler makes gathers of it, which
+    /// take longer.
     #[inline(never)]
     pub(crate) fn get(&self, lane: usize, to: &mut LocalRay) {
         let lane = lane % GROUP;
@@ -461,7 +465,8 @@ impl LocalRays {
         same.then(|| AXES[self.axis[0] as usize % 3])
     }
 
-    /// For each axis the side that all rays enter boxes by, if they do so by the same ones and all fit.
+    /// For each axis the side that all rays enter boxes by, if they do so by the same ones and all
+    /// fit.
     #[inline(always)]
     pub(crate) fn octant(&self) -> Option<[usize; 3]> {
         let mut same = true;
@@ -475,7 +480,8 @@ impl LocalRays {
     }
 }
 
-/// The rays of [`LocalRays`] one by one, for what looks at one only; each is copied when it is first asked for.
+/// The rays of [`LocalRays`] one by one, for what looks at one only; each is copied when it is
+/// first asked for.
 #[derive(Default)]
 pub(crate) struct Alone {
     rays: [LocalRay; GROUP],

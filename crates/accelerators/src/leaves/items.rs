@@ -85,8 +85,8 @@ pub(crate) struct Item {
 }
 
 impl Item {
-    /// Above all numbers; with it, they are the bits of normal floats. Others are slow to compute with, even
-    /// where nobody looks at the result.
+    /// Above all numbers; with it, they are the bits of normal floats. Others are slow to compute
+    /// with, even where nobody looks at the result.
     const NORMAL: u32 = 1 << 28;
 
     pub(crate) fn new(aabb: Box4, number: u32) -> Self {
@@ -280,8 +280,8 @@ impl<'a> Items<'a> {
         self.quick_box(own).unwrap_or_else(|| self.item(number).aabb())
     }
 
-    /// The box of a triangle with these corners in own coordinates, if they are all that is needed to know it. All three are 0 for what is
-    /// no triangle.
+    /// The box of a triangle with these corners in own coordinates, if they are all that is needed
+    /// to know it. All three are 0 for what is no triangle.
     #[inline(always)]
     fn quick_box(&self, own: [Vec3A; 3]) -> Option<Box4> {
         let [a, b, c] = own;
@@ -306,8 +306,8 @@ impl<'a> Items<'a> {
         let length = all.len() + BEHIND;
         let block = |i: usize| {
             let block = all.chunks(BLOCK).nth(i).unwrap_or_default();
-            // Two short loops instead of a long one: then the processor has many loads under way, each of which takes
-            // longer than everything else here.
+            // Two short loops instead of a long one: then the processor has many loads under way,
+            // each of which takes longer than everything else here.
             let mut sources = [(ORIGIN, [0; 3]); BLOCK];
             for (source, one) in sources.iter_mut().zip(block) {
                 *source = self.source(self.element(number(one)));
@@ -369,8 +369,8 @@ impl<'a> Items<'a> {
     }
 }
 
-/// The corners of each element by its number, in own coordinates; not a number for what can be cut by its box only: what
-/// is no triangle, and needles, whose hits may lie beside them.
+/// The corners of each element by its number, in own coordinates; not a number for what can be cut
+/// by its box only: what is no triangle, and needles, whose hits may lie beside them.
 pub(crate) struct Corners(Vec<[Vec4; 3]>);
 
 impl Corners {
@@ -385,7 +385,8 @@ impl Corners {
         part(item, corners, (axis, heights), [low, high], borders)
     }
 
-    /// The boxes of what of an item lies below the first of rising planes, between each and the next, and above the last.
+    /// The boxes of what of an item lies below the first of rising planes, between each and the
+    /// next, and above the last.
     #[inline(always)]
     pub(crate) fn slices(
         &self,
@@ -412,7 +413,8 @@ impl Corners {
     }
 }
 
-/// Where the edges of a triangle go through a plane; `heights` are its corners along the axis that the plane is across.
+/// Where the edges of a triangle go through a plane; `heights` are its corners along the axis that
+/// the plane is across.
 #[inline(always)]
 fn crossed(corners: &[Vec4; 3], heights: [f32; 3], plane: f32) -> Box4 {
     let mut found = Box4::EMPTY;
@@ -528,8 +530,9 @@ fn bounded(aabb: &Aabb) -> bool {
     !aabb.is_empty() && far <= FARTHEST
 }
 
-/// Whether a triangle certainly needs no [`needle_pad`] whose corners are these, with such an error in each coordinate. Asks for more
-/// height than is enough and leaves out what is so small that squares could underflow or errors count.
+/// Whether a triangle certainly needs no [`needle_pad`] whose corners are these, with such an error
+/// in each coordinate. Asks for more height than is enough and leaves out what is so small that
+/// squares could underflow or errors count.
 #[inline(always)]
 fn is_no_needle([a, b, c]: [Vec3A; 3], error: f32) -> bool {
     let edges = [b - a, c - b, a - c];
@@ -539,8 +542,8 @@ fn is_no_needle([a, b, c]: [Vec3A; 3], error: f32) -> bool {
     longest > 1e-16 && enough * longest <= twice_area
 }
 
-/// What the box of a needle needs beyond the pad of every ray: the error of the triangle test, up to
-/// which a hit may seem to lie outside the box. It is never more than the longest edge.
+/// What the box of a needle needs beyond the pad of every ray: the error of the triangle test, up
+/// to which a hit may seem to lie outside the box. It is never more than the longest edge.
 fn needle_pad([a, b, c]: [DVec3; 3], frame: &Frame) -> f64 {
     let longest = (b - a)
         .length_squared()

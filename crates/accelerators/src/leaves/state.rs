@@ -13,8 +13,8 @@ use whitstone_simd::{Kernel, Lanes, Machine};
 pub(crate) trait Walk {
     fn leaves(&self) -> &Leaves;
 
-    /// Goes through everything that the ray may hit, nearer things roughly first; what is pending then may be nearest up
-    /// to the limit that is returned.
+    /// Goes through everything that the ray may hit, nearer things roughly first; what is pending
+    /// then may be nearest up to the limit that is returned.
     fn walk<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
         l: L,
@@ -24,7 +24,8 @@ pub(crate) trait Walk {
     ) -> f32;
 }
 
-/// A search for the nearest hit, or with `ANY` for some hit, in which case only whether there is one counts.
+/// A search for the nearest hit, or with `ANY` for some hit, in which case only whether there is
+/// one counts.
 pub(crate) struct Search<'a, const ANY: bool, W>(pub(crate) &'a W, pub(crate) &'a Query<'a>);
 
 impl<const ANY: bool, W: Walk> Kernel for Search<'_, ANY, W> {
@@ -328,7 +329,8 @@ impl<Q: Asked> State<'_, Q> {
         Sure::Nearer(self.put_off(bounds, leaf, lane, local, limit))
     }
 
-    /// Decides at once about a triangle that may be hit; returns the new limit, or `None` if the search is over.
+    /// Decides at once about a triangle that may be hit; returns the new limit, or `None` if the
+    /// search is over.
     #[inline(always)]
     pub(crate) fn unsure<const ANY: bool>(
         &mut self,

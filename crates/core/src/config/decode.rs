@@ -9,14 +9,15 @@ use toml::de::{DeTable, DeValue, ValueDeserializer};
 /// What the user wrote there.
 const INLINE_TABLE: &str = "a table with `type`";
 
-/// So many errors of one table are enough to see what is wrong with it; finding each costs a copy of it.
+/// So many errors of one table are enough to see what is wrong with it; finding each costs a copy
+/// of it.
 const MOST_ERRORS: usize = 32;
 
-/// Decodes a plugin's table into its `Config`, and reports *all* that is wrong with it (up to a number that
-/// no one reads).
+/// Decodes a plugin's table into its `Config`, and reports *all* that is wrong with it (up to a
+/// number that no one reads).
 ///
-/// Serde stops at the first error. To find the others, the entry at fault is taken out and the rest is
-/// decoded again; that a required key is missing is then no news.
+/// Serde stops at the first error. To find the others, the entry at fault is taken out and the rest
+/// is decoded again; that a required key is missing is then no news.
 pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> {
     let mut rest = table.clone();
     let mut removed: Vec<String> = Vec::new();
@@ -153,7 +154,8 @@ fn explain(message: String, span: SourceSpan) -> SceneError {
     error
 }
 
-/// A message of Serde in the words of TOML, and with what the user wrote in place of an [`inline_reference`].
+/// A message of Serde in the words of TOML, and with what the user wrote in place of an
+/// [`inline_reference`].
 fn as_written(message: &str) -> String {
     let reference = format!("string \"{}", INLINE.escape_debug());
     let replaced = message.split_once(&reference).and_then(|(before, after)| {

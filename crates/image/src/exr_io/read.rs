@@ -22,7 +22,8 @@ pub(crate) const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 /// Fewest bytes that a chunk takes: its entry in the offset table, its coordinate and its length.
 const MIN_CHUNK_BYTES: u64 = 8 + 4 + 4;
 
-/// Reads all channels of an EXR file, and its `whitstone:*` attributes. [`Limits::IMAGE`] are sensible limits.
+/// Reads all channels of an EXR file, and its `whitstone:*` attributes. [`Limits::IMAGE`] are
+/// sensible limits.
 ///
 /// # Errors
 /// [`ReadError`], which names the path; see the [module](super) for what is refused.
@@ -41,8 +42,8 @@ pub fn decode(bytes: &[u8], limits: Limits) -> Result<Image, ReadFault> {
     decode_channels(Cursor::new(bytes), limits, |_| true).map(|(image, _)| image)
 }
 
-/// Reads the channels that `keep` chooses by name; the others do not count towards the limits. Also returns the names
-/// of all channels.
+/// Reads the channels that `keep` chooses by name; the others do not count towards the limits. Also
+/// returns the names of all channels.
 pub(crate) fn decode_channels(
     mut source: impl Read + Seek,
     limits: Limits,
@@ -271,11 +272,11 @@ fn assemble(
     Ok(image)
 }
 
-/// Refuses the counters at the start of a DWA block that no block of its size can need. The decoder allocates what they
-/// say before it looks at the data, and a failed allocation ends the program.
+/// Refuses the counters at the start of a DWA block that no block of its size can need. The decoder
+/// allocates what they say before it looks at the data, and a failed allocation ends the program.
 fn check_dwa_counters(chunk: &Chunk, meta: &MetaData) -> Result<(), ReadFault> {
-    /// Places, among the eleven 64-bit counters, of those that say how much will come out: bytes of the unknown and of
-    /// the two run-length stages, AC and DC coefficients.
+    /// Places, among the eleven 64-bit counters, of those that say how much will come out: bytes of
+    /// the unknown and of the two run-length stages, AC and DC coefficients.
     const OUTPUT_COUNTERS: [usize; 5] = [1, 6, 7, 8, 9];
     let Some(header) = meta.headers.get(chunk.layer_index) else {
         return Err(ReadFault::Damaged(
@@ -301,7 +302,8 @@ fn check_dwa_counters(chunk: &Chunk, meta: &MetaData) -> Result<(), ReadFault> {
         // Stored as it is, because compression would not have helped.
         return Ok(());
     }
-    // Coefficients come in blocks of 8 x 8; no stage holds more than twice the bytes of the samples.
+    // Coefficients come in blocks of 8 x 8; no stage holds more than twice the bytes of the
+    // samples.
     let bound = (size.width() as u64 + 8)
         .saturating_mul(size.height() as u64 + 8)
         .saturating_mul(8 * header.channels.list.len() as u64)

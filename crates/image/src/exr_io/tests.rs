@@ -471,7 +471,8 @@ fn other_files_are_not_exr() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
-    /// Changed bytes give another image or an error, never a panic. The decoder's own panics are caught.
+    /// Changed bytes give another image or an error, never a panic. The decoder's own panics are
+    /// caught.
     #[test]
     fn changed_bytes_never_panic(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
         let limits = Limits { max_width: 512, max_height: 512, max_bytes: 16 << 20 };

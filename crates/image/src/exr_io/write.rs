@@ -128,9 +128,9 @@ fn header(image: &Image) -> io::Result<Header> {
     )
 }
 
-/// Puts the attributes of the only header into the order of their names. The `exr` crate keeps them in a hash map with
-/// random keys, so that the same image would give other bytes at every run. The header keeps its length, hence all
-/// offsets stay right.
+/// Puts the attributes of the only header into the order of their names. The `exr` crate keeps them
+/// in a hash map with random keys, so that the same image would give other bytes at every run. The
+/// header keeps its length, hence all offsets stay right.
 fn sort_attributes<F: Read + Write + Seek>(file: &mut F) -> io::Result<()> {
     /// Magic number and version.
     const START: u64 = 8;

@@ -324,7 +324,8 @@ fn excluded_pixels_leave_the_interior_alone() {
 
 #[test]
 fn a_bias_below_tolerance_everywhere_is_seen() {
-    // Blue, in the block at (32, 16): 5e-4 of the value too dark. Elsewhere as much, but with both signs in turn.
+    // Blue, in the block at (32, 16): 5e-4 of the value too dark. Elsewhere as much, but with both
+    // signs in turn.
     let reference = picture(64, 48);
     let ours = map(&reference, |x, y, [r, g, b]| {
         let biased = (32..48).contains(&x) && (16..32).contains(&y);
@@ -394,7 +395,8 @@ fn worst_pixels_are_sorted_and_ties_go_to_the_upper_left() {
 }
 
 proptest! {
-    /// Scaling both images scales the absolute metrics and leaves the relative ones; powers of two are exact.
+    /// Scaling both images scales the absolute metrics and leaves the relative ones; powers of two
+    /// are exact.
     #[test]
     fn scaling(seed in prop::collection::vec((0.0..4.0f32, 0.0..4.0f32), 12), exponent in -20..20i32) {
         let factor = 2.0_f32.powi(exponent);
@@ -411,7 +413,8 @@ proptest! {
         prop_assert_eq!(scaled.pixels_over_tolerance, plain.pixels_over_tolerance);
     }
 
-    /// mae <= rmse <= max_abs, |signed_mean| <= mae, and exchanging the images changes only signs of the absolute ones.
+    /// mae <= rmse <= max_abs, |signed_mean| <= mae, and exchanging the images changes only signs
+    /// of the absolute ones.
     #[test]
     fn order_and_symmetry(seed in prop::collection::vec((-4.0..4.0f32, -4.0..4.0f32), 12)) {
         let image = |pick: fn(&(f32, f32)) -> f32| {

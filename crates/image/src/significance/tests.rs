@@ -3,7 +3,8 @@ use approx::assert_relative_eq;
 
 const SIZE: usize = 48;
 
-/// Means of `samples` samples of a distribution, with their sample variance; the mean is moved by `bias` in a square.
+/// Means of `samples` samples of a distribution, with their sample variance; the mean is moved by
+/// `bias` in a square.
 fn noisy(seed: u64, samples: usize, bias: f32, squares: bool) -> Image {
     let mut state = seed;
     let mut random = move || {
@@ -107,8 +108,9 @@ fn noise_alone_is_not_significant_and_a_bias_is() {
     );
 }
 
-/// Means of 256 samples of 1 plus noise of a standard deviation, each with a bright event of a probability that adds a hundredth to the
-/// expectation; `factor` multiplies all samples in a square.
+/// Means of 256 samples of 1 plus noise of a standard deviation, each with a bright event of a
+/// probability that adds a hundredth to the expectation; `factor` multiplies all samples in a
+/// square.
 fn rare(seed: u64, deviation: f64, probability: f64, factor: f64) -> Image {
     let mut state = seed.wrapping_mul(0x2545_f491_4f6c_dd1d);
     let mut random = move || {
@@ -147,8 +149,8 @@ fn rare(seed: u64, deviation: f64, probability: f64, factor: f64) -> Image {
     image
 }
 
-/// Unbiased images whose pixels miss a rare event are not significant: of 60 at a level of 1 %, at most 3 (the probability of more is 0.3 %). By
-/// their own variances alone, all are.
+/// Unbiased images whose pixels miss a rare event are not significant: of 60 at a level of 1 %, at
+/// most 3 (the probability of more is 0.3 %). By their own variances alone, all are.
 #[test]
 fn rare_events_that_pixels_miss_are_no_faults() {
     let converged = Image::from_fn(SIZE, SIZE, |_, _| [1.01; 3]).unwrap();

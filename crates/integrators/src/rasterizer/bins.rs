@@ -1,4 +1,5 @@
-//! Which triangles may be seen in which square of the image, so that each square can be drawn by itself, by any thread.
+//! Which triangles may be seen in which square of the image, so that each square can be drawn by
+//! itself, by any thread.
 
 use super::fill::{Projected, outline};
 use whitstone_core::{DVec2, FilmSize, Geometry, Shape};

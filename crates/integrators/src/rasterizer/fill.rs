@@ -1,9 +1,10 @@
 //! Triangles in the image: projecting their vertices, clipping, filling, the depth buffer.
 //!
-//! A vertex is (x w, y w, depth, w): at (x, y) in the image, in pixels. Three such rows, without the depth, span a triangle as a cone from
-//! the camera, and a pixel is inside where (x, y, 1) is on the inner side of the three planes that bound the cone. So no division is
-//! needed, and no vertex that clipping would make: triangles that share an edge share its plane, up to the sign, and the rule for
-//! pixels exactly on it gives each to one of them.
+//! A vertex is (x w, y w, depth, w): at (x, y) in the image, in pixels. Three such rows, without
+//! the depth, span a triangle as a cone from the camera, and a pixel is inside where (x, y, 1) is
+//! on the inner side of the three planes that bound the cone. So no division is needed, and no
+//! vertex that clipping would make: triangles that share an edge share its plane, up to the sign,
+//! and the rule for pixels exactly on it gives each to one of them.
 
 use whitstone_core::simd::{self, select};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes, NO_SHAPE, RayStream};
@@ -50,7 +51,8 @@ pub(super) fn outline(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
     within(a.min(b).min(c) - ROUNDING, a.max(b).max(c) + ROUNDING, film)
 }
 
-/// [`outline`] of a triangle that is partly behind the camera: that part is cut off, and what is beside the image.
+/// [`outline`] of a triangle that is partly behind the camera: that part is cut off, and what is
+/// beside the image.
 #[cold]
 #[inline(never)]
 fn clipped(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
@@ -61,7 +63,8 @@ fn clipped(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
         DVec4::new(0.0, 1.0, 0.0, MARGIN),
         DVec4::new(0.0, -1.0, 0.0, film.y + MARGIN),
     ];
-    // Sutherland and Hodgman, *Reentrant polygon clipping*, 1974: each side adds one corner at most.
+    // Sutherland and Hodgman, *Reentrant polygon clipping*, 1974: each side adds one corner at
+    // most.
     let mut polygon = corners.to_vec();
     for side in sides {
         let before = std::mem::take(&mut polygon);
@@ -88,7 +91,8 @@ fn clipped(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
     within(low, high, film)
 }
 
-/// What of it is in the image. Numbers beyond all bounds, which compare with nothing, are everywhere.
+/// What of it is in the image. Numbers beyond all bounds, which compare with nothing, are
+/// everywhere.
 #[inline(always)]
 fn within(low: DVec2, high: DVec2, film: DVec2) -> Option<[DVec2; 2]> {
     let beside = low.cmpgt(film).any() || high.cmplt(DVec2::ZERO).any() || low.cmpgt(high).any();
@@ -99,7 +103,8 @@ fn within(low: DVec2, high: DVec2, film: DVec2) -> Option<[DVec2; 2]> {
 struct Filled {
     /// The planes opposite to its corners: positive inside.
     planes: [DVec3; 3],
-    /// Whether pixels exactly on a plane belong to the triangle: on left edges, and on level ones above it.
+    /// Whether pixels exactly on a plane belong to the triangle: on left edges, and on level ones
+    /// above it.
     owns: [bool; 3],
     /// Depths of the corners.
     depths: DVec3,
@@ -122,7 +127,8 @@ impl Filled {
         Some(Self { planes, owns, depths })
     }
 
-    /// Depth at a pixel and the weights of the second and third corner, with the perspective: NaN outside.
+    /// Depth at a pixel and the weights of the second and third corner, with the perspective: NaN
+    /// outside.
     #[inline(always)]
     fn at(&self, x: f64, y: f64) -> DVec3 {
         let [e0, e1, e2] = self.planes.map(|plane| plane.x * x + plane.y * y + plane.z);
@@ -232,8 +238,8 @@ impl Depths {
         }
     }
 
-    /// What is seen, as hits of the camera rays. The point that is shaded is where the ray meets the triangle; only where rounding
-    /// lets it pass by is it where the depth buffer says.
+    /// What is seen, as hits of the camera rays. The point that is shaded is where the ray meets
+    /// the triangle; only where rounding lets it pass by is it where the depth buffer says.
     pub(super) fn hits(&self, geometry: &Geometry, rays: &RayStream) -> Box<HitStream> {
         let mut hits = Box::<HitStream>::default();
         hits.clear(rays);
@@ -404,13 +410,15 @@ mod tests {
         assert_eq!(differences(SCENES, |vertex| vertex), 0);
     }
 
-    /// The check bites: vertices that are divided before what is behind the camera is cut off come out mirrored, and depths that are
-    /// interpolated without perspective put the wrong triangle in front.
+    /// The check bites: vertices that are divided before what is behind the camera is cut off come
+    /// out mirrored, and depths that are interpolated without perspective put the wrong triangle in
+    /// front.
     #[test]
     fn divided_vertices_differ_from_rays() {
         let divided = |v: DVec4| DVec4::new(v.x / v.w, v.y / v.w, v.z, 1.0);
         assert!(differences(50, divided) > 1_000, "{}", differences(50, divided));
-        // Also where all is in front of the camera: two large triangles that cut each other, away from the middle of their edges.
+        // Also where all is in front of the camera: two large triangles that cut each other, away
+        // from the middle of their edges.
         let camera = Pinhole {
             eye: DVec3::ZERO,
             axes: [DVec3::X, DVec3::Y, DVec3::NEG_Z],
@@ -435,7 +443,8 @@ mod tests {
         assert!(count(&stream.drawn(&geometry, &camera.to_image(), divided)) > 10);
     }
 
-    /// Parallel rays; edges run exactly through pixel centres, and every pixel belongs to one triangle.
+    /// Parallel rays; edges run exactly through pixel centres, and every pixel belongs to one
+    /// triangle.
     #[test]
     fn pixels_on_a_shared_edge_belong_to_one_triangle() {
         let to_image = DMat4::from_cols(DVec4::X, DVec4::Y, DVec4::Z, DVec4::W);

@@ -1,6 +1,7 @@
 //! Colours at the corners of triangles, interpolated.
 //!
-//! Gouraud, *Continuous shading of curved surfaces*, 1971. With the perspective: the weights are those of the point in the world.
+//! Gouraud, *Continuous shading of curved surfaces*, 1971. With the perspective: the weights are
+//! those of the point in the world.
 
 use crate::shadows::Shadows;
 use whitstone_core::{DVec2, Lobes, Medium, PathState, RawHit, Ray, Rgb, Scratch, Shape, Skip, World};
@@ -70,7 +71,8 @@ mod tests {
         }
     }
 
-    /// Under a lamp close above the middle, corners are dark, and so is the middle of what lies between them.
+    /// Under a lamp close above the middle, corners are dark, and so is the middle of what lies
+    /// between them.
     #[test]
     fn the_middle_is_the_mean_of_the_corners() {
         let positions = vec![

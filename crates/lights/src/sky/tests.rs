@@ -71,7 +71,8 @@ fn sunny(_: DVec2, d: DVec3) -> Rgb {
 fn a_small_sun_is_lit_without_bias() {
     let truth = truth(&sunny, 2048);
     for (n, limit) in [(4, 0.2), (8, 0.05), (16, 0.01), (32, 0.005)] {
-        // Looked up at 8 x 8 places of a cell: the disk of the sun is three cells wide, and its edge would be the largest error.
+        // Looked up at 8 x 8 places of a cell: the disk of the sun is three cells wide, and its
+        // edge would be the largest error.
         let found = bias(&directions(2 * n * n, 8, sunny), &truth);
         let before = bias(&equal(n, &sunny), &truth);
         println!("n = {n}: {found:.4}, equal parts of the sphere {before:.4}");
@@ -133,7 +134,8 @@ fn measured_skies() {
     }
 }
 
-/// A small change of the radiance moves no direction far, also where half of the sky is black and cuts are ambiguous.
+/// A small change of the radiance moves no direction far, also where half of the sky is black and
+/// cuts are ambiguous.
 #[test]
 fn rounding_does_not_move_directions() {
     let half = |_: DVec2, d: DVec3| Rgb::splat(if d.x > 0.0 { 1.0 } else { 0.0 });

@@ -6,8 +6,8 @@ fn incidence(sin: f64, cos: f64) -> (DVec3, DVec3) {
 }
 
 /// n_i, n_t, sine and cosine of v, R, 1 - R, cosine of refraction; the last three to 20 digits, by
-/// mpmath at 80 digits from the textbook formulas for the exact binary values of the first four (the
-/// angle is that of the vector (sine, cosine), whose length is not quite 1).
+/// mpmath at 80 digits from the textbook formulas for the exact binary values of the first four
+/// (the angle is that of the vector (sine, cosine), whose length is not quite 1).
 const FRESNEL: &[[f64; 7]] = &[
     [1.0, 1.5, 0.0, 1.0, 0.04, 0.96, 1.0],
     [1.0, 1.5, 1e-08, 1.0, 0.04, 0.96, 0.99999999999999997778],
@@ -494,7 +494,8 @@ fn fresnel_agrees_with_high_precision() {
         let found = interface.fresnel(&crossing);
         let error = |a: f64, b: f64| ((a - b) / b).abs();
         let what = format!("n_i {n_i} n_t {n_t} sin {sin}: {found:?}");
-        // Relative errors; what the direction's own rounding does to a steep function is allowed for.
+        // Relative errors; what the direction's own rounding does to a steep function is allowed
+        // for.
         assert!(
             error(crossing.cos_t, cos_t) < 4e-15,
             "{what}: {}",

@@ -1,4 +1,5 @@
-//! Quadrics: the formula of school for `f(o + t d) = 0`, and planes that cut. Glassner (ed.) 1989, ch. 2, 5.
+//! Quadrics: the formula of school for `f(o + t d) = 0`, and planes that cut. Glassner (ed.) 1989,
+//! ch. 2, 5.
 
 use super::{Real, Roots, Textbook, Vector, at};
 use crate::shapes::cone::Cone;

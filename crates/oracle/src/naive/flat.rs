@@ -44,7 +44,8 @@ impl<R: Real> Textbook<R> for Disk {
     }
 }
 
-/// Möller and Trumbore, *Fast, minimum storage ray/triangle intersection*, Journal of Graphics Tools 2(1), 1997.
+/// Möller and Trumbore, *Fast, minimum storage ray/triangle intersection*, Journal of Graphics
+/// Tools 2(1), 1997.
 pub(super) struct Triangles<R>(Vec<[Vector<R>; 3]>);
 
 impl<R: Real> Triangles<R> {

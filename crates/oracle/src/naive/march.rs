@@ -1,7 +1,8 @@
-//! Level sets by marching: steps of one length along the ray until the sign changes, then bisection.
+//! Level sets by marching: steps of one length along the ray until the sign changes, then
+//! bisection.
 //!
-//! Hart, Sandin and Kauffman 1989, *Ray tracing deterministic 3-D fractals*, name it as what is used where nothing better is known; what is thinner
-//! than a step is passed by.
+//! Hart, Sandin and Kauffman 1989, *Ray tracing deterministic 3-D fractals*, name it as what is
+//! used where nothing better is known; what is thinner than a step is passed by.
 
 use super::{Real, Textbook, Vector, at, dot};
 use crate::shapes::level::{Jet, Level, LevelSet, Number};

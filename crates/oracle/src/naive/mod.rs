@@ -1,8 +1,8 @@
-//! Textbook forms of every intersection, which are wrong on purpose: in single or double precision, written as they are found in
-//! books, without a thought for rounding.
+//! Textbook forms of every intersection, which are wrong on purpose: in single or double precision,
+//! written as they are found in books, without a thought for rounding.
 //!
-//! Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2 and 3, and what the files name. They are what a benchmark compares with,
-//! and what every test of accuracy must find fault with.
+//! Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2 and 3, and what the files name.
+//! They are what a benchmark compares with, and what every test of accuracy must find fault with.
 
 mod conic;
 mod csg;
@@ -129,7 +129,8 @@ pub trait Textbook<R: Real>: Send + Sync {
     /// The least positive ray parameter.
     fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R>;
 
-    /// All places where the line meets it, in order: every other one is an entry. Only solids need it.
+    /// All places where the line meets it, in order: every other one is an entry. Only solids need
+    /// it.
     fn roots(&self, o: Vector<R>, d: Vector<R>) -> SmallVec<[R; 8]> {
         self.closest(o, d).into_iter().collect()
     }

@@ -1,5 +1,5 @@
-//! Patches: Newton's steps from nine places. Toth, *On ray tracing parametric surfaces*, SIGGRAPH 1985, without what makes it
-//! certain.
+//! Patches: Newton's steps from nine places. Toth, *On ray tracing parametric surfaces*, SIGGRAPH
+//! 1985, without what makes it certain.
 
 use super::{Real, Textbook, Vector, cross, dot, minus, vector};
 

@@ -1,4 +1,5 @@
-//! What the quadrics have in common: a function of second degree, where it is zero, cut by planes across the axes.
+//! What the quadrics have in common: a function of second degree, where it is zero, cut by planes
+//! across the axes.
 
 use crate::interval::{Decided, Interval, Undecided};
 use crate::quadratic;
@@ -16,7 +17,8 @@ pub(super) struct Cut {
     pub(super) first_axis: usize,
 }
 
-/// `f = sum of square_i p_i² + xy p_x p_y + xz p_x p_z + yz p_y p_z + sum of linear_i p_i + constant`; inside it is at most zero.
+/// `f = sum of square_i p_i² + xy p_x p_y + xz p_x p_z + yz p_y p_z + sum of linear_i p_i +
+/// constant`; inside it is at most zero.
 pub(super) struct Conic {
     pub(super) square: Vector,
     /// xy, xz, yz.
@@ -55,8 +57,8 @@ impl Conic {
         self.twice(p).dot(p) + &rest + &rest
     }
 
-    /// Where the line meets the surface within the cut, and its caps. `moves` says by how much the function changes at a point for
-    /// a relative change of one of its own numbers.
+    /// Where the line meets the surface within the cut, and its caps. `moves` says by how much the
+    /// function changes at a point for a relative change of one of its own numbers.
     pub(super) fn meet(&self, line: &Line, cut: &Cut, moves: impl Fn(DVec3) -> f64) -> Decided<Roots> {
         let (o, d) = (&line.origin, &line.direction);
         let a = self.twice(d).dot(d);

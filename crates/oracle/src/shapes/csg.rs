@@ -117,7 +117,8 @@ impl Surface for Csg {
     }
 }
 
-/// The places where a solid is entered and left by turns. Where several triangles are met at once they must agree, and no part of a solid may be in another one.
+/// The places where a solid is entered and left by turns. Where several triangles are met at once
+/// they must agree, and no part of a solid may be in another one.
 fn alternating(roots: Roots) -> Decided<Vec<Root>> {
     let mut found: Vec<Root> = Vec::new();
     for (_, root) in sorted(roots.all.into_iter().map(|root| (0, root)))? {

@@ -1,4 +1,5 @@
-//! The box: the surface of `[-1,1]³`, which rays in its faces, along its edges and through its corners hit.
+//! The box: the surface of `[-1,1]³`, which rays in its faces, along its edges and through its
+//! corners hit.
 
 use super::Surface;
 use crate::interval::{Decided, Interval};
@@ -19,8 +20,8 @@ struct End {
 }
 
 impl End {
-    /// The later one of entries, the sooner one of exits (`later` = false). Where both are at one place, or not told apart,
-    /// the place is what both say.
+    /// The later one of entries, the sooner one of exits (`later` = false). Where both are at one
+    /// place, or not told apart, the place is what both say.
     fn decisive(self, other: Self, later: bool) -> Self {
         let (t, axis) = if later {
             (

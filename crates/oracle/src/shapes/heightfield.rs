@@ -1,4 +1,5 @@
-//! A generated landscape; its vertices are those that the model computes in doubles and rounds to single precision.
+//! A generated landscape; its vertices are those that the model computes in doubles and rounds to
+//! single precision.
 
 use super::triangle::Triangles;
 use serde::Deserialize;

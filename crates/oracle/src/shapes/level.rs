@@ -1,9 +1,11 @@
 //! Level sets: the boundary of where a function is negative.
 //!
-//! Along a line the function becomes one of the ray parameter. Where an interval of that certainly holds no zero of it, or where the
-//! function certainly only rises or only falls in it, so that the signs at both ends tell of one root or none, it is done with; other
-//! intervals are cut in two (Moore, Kearfott, Cloud 2009, ch. 8; Snyder 1992, *Interval analysis for computer graphics*).
-//! Doubles with outward rounding are enough for most of that. Only where they are not, and to narrow the roots, it takes many digits.
+//! Along a line the function becomes one of the ray parameter. Where an interval of that certainly
+//! holds no zero of it, or where the function certainly only rises or only falls in it, so that the
+//! signs at both ends tell of one root or none, it is done with; other intervals are cut in two
+//! (Moore, Kearfott, Cloud 2009, ch. 8; Snyder 1992, *Interval analysis for computer graphics*).
+//! Doubles with outward rounding are enough for most of that. Only where they are not, and to
+//! narrow the roots, it takes many digits.
 
 pub(crate) mod fractal;
 pub(crate) mod implicit;
@@ -23,7 +25,8 @@ use whitstone_core::DVec3;
 
 /// Intervals are cut here: not where symmetric shapes are likely to be met.
 const CUT: f64 = 0.487_3;
-/// Relative to where on the line it is, an interval of doubles that is not decided at this length takes more digits.
+/// Relative to where on the line it is, an interval of doubles that is not decided at this length
+/// takes more digits.
 const FAST: f64 = 1e-9;
 /// The same for the most digits: the line touches the surface.
 const LEAST: f64 = 1e-25;
@@ -33,8 +36,8 @@ pub(crate) trait Level: Send + Sync {
     /// Its value and derivative at a place.
     fn at<N: Number>(&self, p: &[Jet<N>; 3]) -> Jet<N>;
 
-    /// The box that the surface is in, if it is cut off by one; and a radius around the origin beyond which the function is positive,
-    /// if that is known.
+    /// The box that the surface is in, if it is cut off by one; and a radius around the origin
+    /// beyond which the function is positive, if that is known.
     fn bounds(&self) -> (Option<[DVec3; 2]>, Option<f64>);
 }
 

@@ -60,14 +60,15 @@ pub(crate) trait Surface: Send + Sync {
     /// All places where a line meets it.
     fn meet(&self, line: &Line) -> Decided<Roots>;
 
-    /// Centre and radius of a ball around all of it, as good as doubles are; `None` where it is endless, or has none at hand.
+    /// Centre and radius of a ball around all of it, as good as doubles are; `None` where it is
+    /// endless, or has none at hand.
     fn ball(&self) -> Option<(DVec3, f64)> {
         None
     }
 }
 
-/// Whether a line certainly passes by a ball: by far more than the rounding of these few operations. `size` bounds the numbers
-/// that the ball comes from.
+/// Whether a line certainly passes by a ball: by far more than the rounding of these few
+/// operations. `size` bounds the numbers that the ball comes from.
 pub(crate) fn passes_by((center, radius): (DVec3, f64), size: f64, o: DVec3, d: DVec3) -> bool {
     let across = (center - o).cross(d).length();
     let rounding = 1e-9 * (size + o.length()) * d.length();

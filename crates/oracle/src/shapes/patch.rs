@@ -1,10 +1,11 @@
 //! Bicubic Bezier patches.
 //!
-//! A line is two planes that hold it, so the patch is met where two bicubic functions are zero at once. A piece of the patch on which
-//! all control values of one of them, or of a combination of both, have one sign holds no root. One on which the functions,
-//! combined so that they are nearly the parameters themselves, have opposite signs on opposite sides (Miranda's theorem) holds
-//! exactly one. Others are cut in two. The one root is
-//! enclosed by Krawczyk's operator (Moore, Kearfott, Cloud, *Introduction to Interval Analysis*, 2009, 8.2 and 8.3).
+//! A line is two planes that hold it, so the patch is met where two bicubic functions are zero at
+//! once. A piece of the patch on which all control values of one of them, or of a combination of
+//! both, have one sign holds no root. One on which the functions, combined so that they are nearly
+//! the parameters themselves, have opposite signs on opposite sides (Miranda's theorem) holds
+//! exactly one. Others are cut in two. The one root is enclosed by Krawczyk's operator (Moore,
+//! Kearfott, Cloud, *Introduction to Interval Analysis*, 2009, 8.2 and 8.3).
 
 use super::Surface;
 use crate::interval::{Decided, Interval, Undecided};
@@ -17,7 +18,8 @@ use whitstone_core::{DVec3, SceneError, SceneErrors};
 /// Where pieces are cut: not where control points are likely to be met.
 const CUT: f64 = 0.4853515625;
 
-/// Pieces of one patch that are looked at before giving up; a line that passes an edge or touches needs more than any number.
+/// Pieces of one patch that are looked at before giving up; a line that passes an edge or touches
+/// needs more than any number.
 const MOST_PIECES: usize = 600;
 
 #[derive(Debug, Deserialize)]
@@ -60,7 +62,8 @@ impl Surface for Nets {
 
 fn meet(points: &[[f64; 3]; 16], number: u32, line: &Line) -> Decided<Vec<Root>> {
     let points: Vec<Vector> = points.iter().map(|point| line.point(*point)).collect();
-    // Two vectors across the line, by its largest component: their products with what is on the line are exactly zero.
+    // Two vectors across the line, by its largest component: their products with what is on the
+    // line are exactly zero.
     let d = line.direction.nearest().abs();
     let axis = d.max_position();
     let across = [1, 2].map(|k| {
@@ -219,7 +222,8 @@ impl Net {
     }
 }
 
-/// A part of a patch: two functions of two parameters from 0 to 1, and from where to where those are.
+/// A part of a patch: two functions of two parameters from 0 to 1, and from where to where those
+/// are.
 struct Piece {
     seen: [Net; 2],
     u: [Interval; 2],
@@ -351,7 +355,8 @@ impl Piece {
     }
 }
 
-/// The inverse of the middle of a matrix of intervals, in doubles: any would do, a good one makes bounds narrow.
+/// The inverse of the middle of a matrix of intervals, in doubles: any would do, a good one makes
+/// bounds narrow.
 fn inverse(matrix: &Combination) -> Option<Combination> {
     let [[a, b], [c, d]] = [0, 1].map(|i| [0, 1].map(|j| matrix[i][j].nearest()));
     let determinant = a * d - b * c;

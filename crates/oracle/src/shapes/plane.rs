@@ -24,7 +24,8 @@ pub(super) fn meet(line: &Line) -> Decided<Option<Interval>> {
     }
 }
 
-/// The place where a line meets the plane z = 0, if it is one of those that `holds` says of its x and y.
+/// The place where a line meets the plane z = 0, if it is one of those that `holds` says of its x
+/// and y.
 pub(super) fn part(line: &Line, holds: impl Fn(&Interval, &Interval) -> Decided<bool>) -> Decided<Roots> {
     let Some(t) = meet(line)? else {
         return Ok(Roots::default());

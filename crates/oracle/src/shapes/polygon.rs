@@ -67,8 +67,9 @@ impl Surface for Polygon {
     }
 }
 
-/// Whether an edge crosses the half-line from (x, y) towards growing x. A vertex at the same height counts as above it, so that of
-/// two edges that meet there both or none cross where the line only touches.
+/// Whether an edge crosses the half-line from (x, y) towards growing x. A vertex at the same height
+/// counts as above it, so that of two edges that meet there both or none cross where the line only
+/// touches.
 fn crosses(p: [&Interval; 2], q: [&Interval; 2], x: &Interval, y: &Interval) -> Decided<bool> {
     let above = |v: &Interval| Ok((v - y).sign()? != Ordering::Less);
     let (p_above, q_above) = (above(p[1])?, above(q[1])?);

@@ -42,7 +42,8 @@ impl Surface for Triangles {
     }
 }
 
-/// False only if the line certainly passes by: by far more than the rounding of these few operations.
+/// False only if the line certainly passes by: by far more than the rounding of these few
+/// operations.
 fn may_meet(vertices: &[[f64; 3]; 3], o: DVec3, d: DVec3) -> bool {
     let [a, b, c] = vertices.map(DVec3::from_array);
     let radius = (b - a).length().max((c - a).length());
@@ -50,8 +51,9 @@ fn may_meet(vertices: &[[f64; 3]; 3], o: DVec3, d: DVec3) -> bool {
     !passes_by((a, radius), size, o, d) && !certainly_outside([a - o, b - o, c - o], d, size + o.length())
 }
 
-/// True only if the line through the origin in the direction d certainly passes by a triangle: on different sides of two of its edges,
-/// by far more than the rounding of these few operations. `size` bounds the numbers that the corners come from.
+/// True only if the line through the origin in the direction d certainly passes by a triangle: on
+/// different sides of two of its edges, by far more than the rounding of these few operations.
+/// `size` bounds the numbers that the corners come from.
 fn certainly_outside([a, b, c]: [DVec3; 3], d: DVec3, size: f64) -> bool {
     let rounding = 1e-13 * size * size * d.length();
     let volumes = [b.cross(c), c.cross(a), a.cross(b)].map(|cross| d.dot(cross));
@@ -98,7 +100,8 @@ mod tests {
     use super::*;
     use whitstone_core::Ray;
 
-    /// Lines around, through and along edges of slivers and distant triangles: what the filter rejects, the exact test does.
+    /// Lines around, through and along edges of slivers and distant triangles: what the filter
+    /// rejects, the exact test does.
     #[test]
     fn what_is_rejected_in_doubles_is_never_met() {
         let mut state = 1_u64;

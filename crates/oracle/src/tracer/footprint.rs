@@ -1,7 +1,9 @@
-//! Section 10, *Footprints*: how rays of neighbouring samples lie to each other, and what they see of a surface.
+//! Section 10, *Footprints*: how rays of neighbouring samples lie to each other, and what they see
+//! of a surface.
 //!
-//! Derivatives are central differences of the functions that the rest of this tracer consists of: of the camera, of what a line across a surface meets, of the
-//! branches of a material. So nothing is derived by hand, whatever the shape or the material is.
+//! Derivatives are central differences of the functions that the rest of this tracer consists of:
+//! of the camera, of what a line across a surface meets, of the branches of a material. So nothing
+//! is derived by hand, whatever the shape or the material is.
 
 use whitstone_core::{DVec2, DVec3, Ray};
 
@@ -11,7 +13,8 @@ const GRAZING: f64 = 1.0 / (1 << 20) as f64;
 const WIDEST: f64 = 1.0;
 /// How far apart rays are that are compared, in sample distances.
 pub(super) const APART: f64 = 1.0 / (1 << 12) as f64;
-/// How far apart points of a surface or of texture space are that are compared, as a part of their coordinates.
+/// How far apart points of a surface or of texture space are that are compared, as a part of their
+/// coordinates.
 pub(super) const NEAR: f64 = 1.0 / (1 << 20) as f64;
 
 /// Towards the next sample to the right and the next one below.
@@ -33,7 +36,8 @@ pub(super) struct Footprint {
 }
 
 impl Differential {
-    /// Of a ray whose neighbours in these four places are `moved` away from it, in pixels; samples are so far apart.
+    /// Of a ray whose neighbours in these four places are `moved` away from it, in pixels; samples
+    /// are so far apart.
     pub(super) fn between([left, right, above, below]: [&Ray; 4], moved: f64, samples: f64) -> Self {
         let per = samples / (2.0 * moved);
         Self {
@@ -66,7 +70,8 @@ pub(super) fn bounded(d: DVec3) -> DVec3 {
     }
 }
 
-/// The derivative from values on both sides, that far away each, and in the middle, of which one outside may be missing.
+/// The derivative from values on both sides, that far away each, and in the middle, of which one
+/// outside may be missing.
 pub(super) fn slope<T>(before: Option<T>, here: T, after: Option<T>, away: f64) -> T
 where
     T: std::ops::Sub<Output = T> + std::ops::Mul<f64, Output = T> + Default,

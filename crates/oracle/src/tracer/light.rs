@@ -104,7 +104,8 @@ enum Sky {
 /// What a projector throws.
 pub(super) struct Slide {
     position: DVec3,
-    /// To the right and up, each divided by half the size of the slide at 1 m, and the way of the light.
+    /// To the right and up, each divided by half the size of the slide at 1 m, and the way of the
+    /// light.
     frame: [DVec3; 3],
     intensity: Rgb,
     slide: Texture,

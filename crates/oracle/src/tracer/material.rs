@@ -460,7 +460,8 @@ impl At<'_> {
                     scaled(self.with(a).branches(medium), w.map(|w| 1.0 - w)).collect();
                 let of_a = all.len();
                 for branch in scaled(self.with(b).branches(medium), w) {
-                    // Those in one direction are one, also for the least contribution; of one that is glossy there are several.
+                    // Those in one direction are one, also for the least contribution; of one that
+                    // is glossy there are several.
                     let mut of_a = all[..of_a].iter_mut();
                     let same = of_a.find(|one| one.transmitted == branch.transmitted);
                     match same {
@@ -500,8 +501,9 @@ impl At<'_> {
         }
     }
 
-    /// Of light that goes straight on from the viewer's side: what is left of it, and the medium behind where that is another one.
-    /// Without `filtered` only the holes of masks let it through. Section 7.
+    /// Of light that goes straight on from the viewer's side: what is left of it, and the medium
+    /// behind where that is another one. Without `filtered` only the holes of masks let it through.
+    /// Section 7.
     pub(super) fn filter(&self, filtered: bool, medium: Medium) -> (Rgb, Option<Medium>) {
         let nothing = (Rgb::splat(0.0), None);
         let behind = |interface: &Interface| {
@@ -557,7 +559,8 @@ impl At<'_> {
         }
     }
 
-    /// The axes of a lobe about r: the model's frame is turned along the shortest ways, to n and then to r.
+    /// The axes of a lobe about r: the model's frame is turned along the shortest ways, to n and
+    /// then to r.
     fn across(&self, r: DVec3) -> [DVec3; 2] {
         let turned = |q: DVec3, a: DVec3, b: DVec3| {
             let m = (a + b).try_normalize();

@@ -1,14 +1,17 @@
 //! A Whitted tracer of its own: the third opinion on a pixel.
 //!
-//! It tries every shape for every ray and follows the tree by plain recursion, so that there is little to be wrong. Where a ray meets a
-//! surface is found with as many digits as it takes ([`crate::Oracle`]); the point is then the double vector nearest to it, and what is
-//! computed there are the formulas of `docs/whitted-model.md`, in double precision, in their plainest form.
+//! It tries every shape for every ray and follows the tree by plain recursion, so that there is
+//! little to be wrong. Where a ray meets a surface is found with as many digits as it takes
+//! ([`crate::Oracle`]); the point is then the double vector nearest to it, and what is computed
+//! there are the formulas of `docs/whitted-model.md`, in double precision, in their plainest form.
 //!
-//! How much of a value is certain is found by stochastic arithmetic (Vignes 1993, *A stochastic arithmetic for reliable scientific
-//! computation*): the tree is followed again several times, with every point and direction moved at random by a few units in the
-//! last place. What these values differ by is its uncertainty; a pixel in which that is large is ill-posed.
+//! How much of a value is certain is found by stochastic arithmetic (Vignes 1993, *A stochastic
+//! arithmetic for reliable scientific computation*): the tree is followed again several times, with
+//! every point and direction moved at random by a few units in the last place. What these values
+//! differ by is its uncertainty; a pixel in which that is large is ill-posed.
 //!
-//! What it does not know it says: a scene with such a part has no tracer, and a ray whose hit no number of digits decides has no value.
+//! What it does not know it says: a scene with such a part has no tracer, and a ray whose hit no
+//! number of digits decides has no value.
 
 mod camera;
 mod coincident;
@@ -56,7 +59,8 @@ impl Care {
         repeats: 4,
         ulps: 2.0,
     };
-    /// Enough to see the values that it can take then: for pixels that touch an edge, or of which somebody else's value differs.
+    /// Enough to see the values that it can take then: for pixels that touch an edge, or of which
+    /// somebody else's value differs.
     pub const GREAT: Self = Self {
         repeats: 32,
         ulps: 8.0,
@@ -72,8 +76,8 @@ pub enum Value {
         rgb: [f64; 3],
         /// How far the truth may be from it, by channel.
         uncertainty: [f64; 3],
-        /// All values that were seen, those of moved rays included. Where one yes-or-no test is undecided, the truth is one of
-        /// them and nothing in between.
+        /// All values that were seen, those of moved rays included. Where one yes-or-no test is
+        /// undecided, the truth is one of them and nothing in between.
         seen: Vec<[f64; 3]>,
     },
     /// The oracle does not know, and why.
@@ -186,7 +190,8 @@ pub(crate) fn unknown_part(plugin: &PluginTable<'_>, what: &str) -> SceneErrors 
     .into()
 }
 
-/// Pseudo-random signs and sizes, of splitmix64 (Steele, Lea and Flood 2014); none in the first run.
+/// Pseudo-random signs and sizes, of splitmix64 (Steele, Lea and Flood 2014); none in the first
+/// run.
 struct Jitter {
     state: Option<u64>,
     ulps: f64,
@@ -448,7 +453,8 @@ impl Tracer {
         Ok(sum * transmittance)
     }
 
-    /// Section 8: what a surface gives off and reflects of the lights; `shadow` says what reaches it of a light.
+    /// Section 8: what a surface gives off and reflects of the lights; `shadow` says what reaches
+    /// it of a light.
     fn local(
         &self,
         material: &At<'_>,

@@ -194,7 +194,8 @@ impl Pattern for Worley {
         let p = q * self.scale;
         let cell = p.floor();
         let mut nearest = [f64::INFINITY; 2];
-        // A point is within sqrt(3) of one of its own cell, and within 2 sqrt(3) of one of the next.
+        // A point is within sqrt(3) of one of its own cell, and within 2 sqrt(3) of one of the
+        // next.
         for step in 0..9_i32.pow(3) {
             let offset = [step % 9 - 4, step / 9 % 9 - 4, step / 81 - 4];
             let place: [f64; 3] = std::array::from_fn(|axis| cell[axis] + f64::from(offset[axis]));

@@ -195,7 +195,8 @@ pub(super) struct Lookup<'a> {
     pub(super) offset: Option<Pair>,
 }
 
-/// A file with its numbers as they are in it: whole ones where it holds codes, of which the largest is then told.
+/// A file with its numbers as they are in it: whole ones where it holds codes, of which the largest
+/// is then told.
 pub(super) struct Codes {
     pub(super) size: [usize; 2],
     pub(super) values: Vec<[f64; 3]>,

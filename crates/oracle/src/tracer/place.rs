@@ -1,4 +1,5 @@
-//! What a shape knows of a point on it beside the place: texture coordinates and the shading normal. Section 9.
+//! What a shape knows of a point on it beside the place: texture coordinates and the shading
+//! normal. Section 9.
 
 use super::texture::around;
 use crate::shapes::csg;
@@ -154,7 +155,8 @@ impl Coordinates {
         }
     }
 
-    /// Texture coordinates of a point of the shape, with the number of the primitive and its parameters, where it has such.
+    /// Texture coordinates of a point of the shape, with the number of the primitive and its
+    /// parameters, where it has such.
     pub(super) fn uv(&self, p: DVec3, primitive: u32, parameters: Option<[f64; 2]>) -> DVec2 {
         let turn = around(p.x, p.y) / TAU;
         match self {
@@ -199,7 +201,8 @@ impl Coordinates {
         }
     }
 
-    /// The interpolated normal, of any length, in the space that `normals` leads to; `None` where it is the geometric one.
+    /// The interpolated normal, of any length, in the space that `normals` leads to; `None` where
+    /// it is the geometric one.
     pub(super) fn normal(&self, p: DVec3, primitive: u32, normals: &DMat3) -> Option<DVec3> {
         let mesh = match self {
             Self::Triangles(mesh) => mesh,

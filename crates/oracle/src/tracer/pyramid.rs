@@ -16,7 +16,8 @@ pub(super) struct Level {
     pub(super) texels: Vec<Rgb>,
 }
 
-/// The parts of a line in `many` equal ones that part `k` of `few` covers, each with its share of it.
+/// The parts of a line in `many` equal ones that part `k` of `few` covers, each with its share of
+/// it.
 fn covered(many: usize, few: usize, k: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
     let ratio = many as f64 / few as f64;
     let (start, end) = (k as f64 * ratio, (k + 1) as f64 * ratio);
@@ -70,7 +71,8 @@ impl Level {
         self.texels[j * self.size[0] + i]
     }
 
-    /// Between the four nearest middles; the picture is the unit square, (0, 0) its left top corner.
+    /// Between the four nearest middles; the picture is the unit square, (0, 0) its left top
+    /// corner.
     pub(super) fn bilinear(&self, wrap: [Wrap; 2], place: DVec2) -> Rgb {
         let x = place * self.extent() - 0.5;
         let (low, part) = (x.floor(), x - x.floor());

@@ -139,7 +139,8 @@ impl Pattern for Ramp {
             }
             _ => (x - cell(x)).max(0.0),
         };
-        // From the left, each pair of stops changes the colour by as much of their difference as lies before t.
+        // From the left, each pair of stops changes the colour by as much of their difference as
+        // lies before t.
         let mut color = self.stops[0].1;
         for pair in self.stops.windows(2) {
             let share = ((t - pair[0].0) / (pair[1].0 - pair[0].0)).clamp(0.0, 1.0);

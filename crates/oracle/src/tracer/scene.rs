@@ -19,7 +19,8 @@ use whitstone_core::config::decode;
 use whitstone_core::{DAffine3, DMat3, DVec2, DVec3, Ray, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
 
-/// Of a surface that a ray leaves, a root this near to its start is that surface itself, as a part of the coordinates.
+/// Of a surface that a ray leaves, a root this near to its start is that surface itself, as a part
+/// of the coordinates.
 const LEFT: f64 = 1e-11;
 
 /// A surface that holds a point is this many units in the last place from it at most.
@@ -41,7 +42,8 @@ struct Part {
 /// How a surface continues next to a point, for derivatives.
 #[derive(Clone, Copy, PartialEq)]
 enum Continues {
-    /// Flat: the formulas of its coordinates hold in the whole plane. Whether one of them is an angle.
+    /// Flat: the formulas of its coordinates hold in the whole plane. Whether one of them is an
+    /// angle.
     Flat { angle: bool },
     /// Where a line across it meets it.
     Curved,
@@ -143,7 +145,8 @@ impl Scene {
         }
     }
 
-    /// All places where a ray meets surfaces, from the nearest to the farthest, as [`Self::nearest`].
+    /// All places where a ray meets surfaces, from the nearest to the farthest, as
+    /// [`Self::nearest`].
     pub(super) fn all(&self, ray: &Ray, from: Option<(usize, u32)>, end: f64) -> Result<Vec<Hit>, Unsure> {
         let mut bits = FIRST_BITS;
         loop {
@@ -317,8 +320,8 @@ impl Scene {
         part.material.at(place, hit.normal, -ray.direction)
     }
 
-    /// The corners of the triangle that was hit: how much of each is at the hit, where it is, and its material as seen from a
-    /// point; none of what is not made of triangles.
+    /// The corners of the triangle that was hit: how much of each is at the hit, where it is, and
+    /// its material as seen from a point; none of what is not made of triangles.
     pub(super) fn corners(&self, hit: &Hit, eye: DVec3) -> Vec<(f64, DVec3, At<'_>)> {
         let part = &self.parts[hit.shape];
         let p = part.object(hit.point);
@@ -363,7 +366,8 @@ impl Part {
         )
     }
 
-    /// (u, v) and n_s of the primitive that was hit, at the point across the surface from `q`, as it continues beyond its edges.
+    /// (u, v) and n_s of the primitive that was hit, at the point across the surface from `q`, as
+    /// it continues beyond its edges.
     fn beside(&self, hit: &Hit, q: DVec3) -> Option<(DVec2, DVec3)> {
         let (point, normal, parameters) = match self.continues {
             Continues::Curved => {

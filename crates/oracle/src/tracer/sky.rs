@@ -1,7 +1,7 @@
 //! Section 7, sky light: the lights that an environment is.
 //!
-//! A region is a list of strips along each axis, the parts of rows and columns that lie in it. Cutting a region cuts one list, and what is
-//! asked for is the sum over all pairs of strips.
+//! A region is a list of strips along each axis, the parts of rows and columns that lie in it.
+//! Cutting a region cuts one list, and what is asked for is the sum over all pairs of strips.
 
 use super::light::Light;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -33,7 +33,8 @@ fn angle(index: usize, of: usize, full: f64) -> f64 {
     full * index as f64 / of as f64 - full / 2.0
 }
 
-/// The lights for n > 0, each with its direction and E. `look` is the texture, at (u, v) and a direction.
+/// The lights for n > 0, each with its direction and E. `look` is the texture, at (u, v) and a
+/// direction.
 pub(super) fn lights(n: u32, s: usize, look: impl Fn(DVec2, DVec3) -> Rgb) -> Vec<Light> {
     let cells: Vec<Rgb> = (0..ROWS * COLUMNS)
         .map(|cell| {
@@ -125,7 +126,8 @@ fn span(strips: &[Strip]) -> [f64; 2] {
     [strips[0].from, strips[strips.len() - 1].to]
 }
 
-/// Two lists of strips, the first with this share of the weight. Each has at least one strip, if only an empty one.
+/// Two lists of strips, the first with this share of the weight. Each has at least one strip, if
+/// only an empty one.
 fn cut(strips: &[Strip], weights: &[f64], share: f64) -> (Vec<Strip>, Vec<Strip>) {
     let wanted = share * weights.iter().sum::<f64>();
     let mut before = 0.0;

@@ -168,7 +168,8 @@ fn difference(a: Texel, b: Texel) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }
 
-/// Where the cheapest way along a block crosses each of its rows; `d` is the difference by the place across and along.
+/// Where the cheapest way along a block crosses each of its rows; `d` is the difference by the
+/// place across and along.
 fn seam(block: usize, overlap: usize, d: &dyn Fn(usize, usize) -> f64) -> Vec<usize> {
     // Within one of a place.
     let near = |i: usize| i.saturating_sub(1)..(i + 2).min(overlap);

@@ -1,5 +1,5 @@
-//! The functions of Embree 3 and 4 that are called. The layouts are those of `rtcore_ray.h` and `rtcore_common.h`;
-//! what differs between the versions is the last arguments of the two queries.
+//! The functions of Embree 3 and 4 that are called. The layouts are those of `rtcore_ray.h` and
+//! `rtcore_common.h`; what differs between the versions is the last arguments of the two queries.
 
 #![allow(unsafe_code, reason = "Embree is a C library")]
 
@@ -87,8 +87,8 @@ macro_rules! functions {
 
         impl Functions {
             fn load(library: &Library) -> Result<Self, libloading::Error> {
-                // SAFETY: both versions declare these functions with these types in their headers, and the
-                // library is never unloaded.
+                // SAFETY: both versions declare these functions with these types in their headers,
+                // and the library is never unloaded.
                 unsafe { Ok(Self { $($field: *library.get($name)?,)* }) }
             }
         }
@@ -217,8 +217,8 @@ pub(super) struct Scene {
     embree: &'static Embree,
     device: Handle,
     scene: Handle,
-    /// What Embree reads while the scene is there: vertices of each mesh, three numbers each and one more at the end,
-    /// because it loads four.
+    /// What Embree reads while the scene is there: vertices of each mesh, three numbers each and
+    /// one more at the end, because it loads four.
     vertices: Vec<Vec<f32>>,
     /// And the indices in here.
     _geometry: Arc<Geometry>,
@@ -226,7 +226,8 @@ pub(super) struct Scene {
     bytes: Box<AtomicIsize>,
 }
 
-// SAFETY: a device and a committed scene may be used, and released, by any thread (Embree's manual, "Thread safety").
+// SAFETY: a device and a committed scene may be used, and released, by any thread (Embree's manual,
+// "Thread safety").
 unsafe impl Send for Scene {}
 // SAFETY: queries of a committed scene may run at the same time, and nothing else is done with it.
 unsafe impl Sync for Scene {}
@@ -292,9 +293,10 @@ impl Scene {
         let mut vertices: Vec<f32> = mesh.positions.iter().flat_map(single).collect();
         vertices.push(0.0);
         let triangles = &mesh.triangles;
-        // SAFETY: device and scene are there. The buffers hold as many elements as is said, vertices with one
-        // number more than that, so that the last can be loaded as four; they are neither moved on the heap nor
-        // changed, and dropped after the scene. All indices are below the number of vertices, as meshes promise.
+        // SAFETY: device and scene are there. The buffers hold as many elements as is said,
+        // vertices with one number more than that, so that the last can be loaded as four; they are
+        // neither moved on the heap nor changed, and dropped after the scene. All indices are below
+        // the number of vertices, as meshes promise.
         unsafe {
             let geometry = (f.new_geometry)(self.device, TYPE_TRIANGLE);
             (f.set_geometry_quality)(geometry, quality as c_int);
@@ -331,11 +333,13 @@ impl Scene {
             instance: [INVALID; 17],
         };
         match self.embree.queries {
-            // SAFETY: the scene is committed; ray and context are laid out as the header of version 3 says.
+            // SAFETY: the scene is committed; ray and context are laid out as the header of version
+            // 3 says.
             Queries::Three { intersect, .. } => unsafe {
                 intersect(self.scene, &mut Context::new(), &mut query);
             },
-            // SAFETY: as above with version 4, whose header allows that there are no further arguments.
+            // SAFETY: as above with version 4, whose header allows that there are no further
+            // arguments.
             Queries::Four { intersect, .. } => unsafe {
                 intersect(self.scene, &mut query, ptr::null());
             },
@@ -395,7 +399,8 @@ impl Context {
 impl Drop for Scene {
     fn drop(&mut self) {
         let f = &self.embree.functions;
-        // SAFETY: both are there and released once; vertices, geometry and counter are dropped after this.
+        // SAFETY: both are there and released once; vertices, geometry and counter are dropped
+        // after this.
         unsafe {
             (f.release_scene)(self.scene);
             (f.set_monitor)(self.device, None, ptr::null_mut());

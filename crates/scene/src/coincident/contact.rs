@@ -4,7 +4,8 @@ use super::meet;
 use super::parts::Parts;
 use whitstone_core::{Aabb, DVec2, DVec3, Geometry, SurfacePart};
 
-/// How far apart surfaces may be that coincide, relative to the largest coordinate of both: 16 units in the last place.
+/// How far apart surfaces may be that coincide, relative to the largest coordinate of both: 16
+/// units in the last place.
 const APART: f64 = 16.0 * f64::EPSILON;
 
 /// Normals and offsets are sorted, and compared more closely where they differ by less than this.
@@ -13,7 +14,8 @@ const ALIKE: f64 = 1e-10;
 /// Polygons that have less than this part of the smaller one in common only touch.
 const LEAST_OVERLAP: f64 = 1e-9;
 
-/// Points of a common part, along each side of a grid, at which rays tell whether both faces are there.
+/// Points of a common part, along each side of a grid, at which rays tell whether both faces are
+/// there.
 const PROBES: usize = 12;
 
 /// A common part of two surfaces.
@@ -59,7 +61,8 @@ pub(super) fn find(geometry: &Geometry, parts: &Parts<'_>) -> Vec<Contact> {
     contacts
 }
 
-/// Most pairs of overlapping faces that are looked at: equal shapes in one place have a pair for each two.
+/// Most pairs of overlapping faces that are looked at: equal shapes in one place have a pair for
+/// each two.
 const MOST_PAIRS: usize = 50_000;
 
 fn contact(
@@ -168,7 +171,8 @@ fn sweep(parts: &Parts<'_>, mut run: Vec<usize>, mut pair: impl FnMut(usize, usi
     }
 }
 
-/// The corners of what two flat parts have in common, with the normal of the first; `None` if they do not coincide.
+/// The corners of what two flat parts have in common, with the normal of the first; `None` if they
+/// do not coincide.
 fn flat_overlap(a: &SurfacePart, b: &SurfacePart) -> Option<Vec<(DVec3, DVec3)>> {
     let ((at, n), (other, m)) = (plane_of(a)?, plane_of(b)?);
     if n.cross(m).length() > 1e-6 {
@@ -226,7 +230,8 @@ fn size(corners: &[DVec3]) -> f64 {
     Aabb::around(corners.iter().copied()).extent().length_squared()
 }
 
-/// The part of a convex polygon that lies in another one, both in nearly one plane; `None` if they only touch.
+/// The part of a convex polygon that lies in another one, both in nearly one plane; `None` if they
+/// only touch.
 ///
 /// Sutherland and Hodgman, *Reentrant polygon clipping*, Communications of the ACM 17(1), 1974.
 fn common(one: &[DVec3], two: &[DVec3], n: DVec3) -> Option<Vec<DVec3>> {

@@ -1,4 +1,5 @@
-//! An affine map near the identity that moves the surfaces of a shape by given distances along their normals.
+//! An affine map near the identity that moves the surfaces of a shape by given distances along
+//! their normals.
 
 use whitstone_core::{DMat3, DVec3};
 

@@ -1,12 +1,15 @@
-//! Coincident surfaces: faces of different shapes that lie in one plane where they overlap, equal spheres, equal cylinders.
+//! Coincident surfaces: faces of different shapes that lie in one plane where they overlap, equal
+//! spheres, equal cylinders.
 //!
-//! Section 9 of the model puts them in a fixed order, with infinitesimal gaps between them. Here the gaps have a width, which is far
-//! below what a picture shows and far above all roundings, and the *shapes* are changed once, before an accelerator is built
-//! over them: by an affine map that differs from the identity in the twelfth digit. Rays, shadow rays, streams, accelerators and the rasterizer need
-//! no rule of their own, and scenes without coincident surfaces are not touched.
+//! Section 9 of the model puts them in a fixed order, with infinitesimal gaps between them. Here
+//! the gaps have a width, which is far below what a picture shows and far above all roundings, and
+//! the *shapes* are changed once, before an accelerator is built over them: by an affine map that
+//! differs from the identity in the twelfth digit. Rays, shadow rays, streams, accelerators and the
+//! rasterizer need no rule of their own, and scenes without coincident surfaces are not touched.
 //!
-//! `parts` collects what may coincide, `contact` finds what does, `order` says how far each surface moves along the common
-//! normal, and `fit` finds the map of each shape that moves all its surfaces so.
+//! `parts` collects what may coincide, `contact` finds what does, `order` says how far each surface
+//! moves along the common normal, and `fit` finds the map of each shape that moves all its surfaces
+//! so.
 
 mod contact;
 mod fit;
@@ -23,16 +26,19 @@ use whitstone_core::{
 
 use fit::Change;
 
-/// Width of a gap, relative to the largest coordinate of the surfaces and the distance from which they are seen: 4096 units in the last place.
+/// Width of a gap, relative to the largest coordinate of the surfaces and the distance from which
+/// they are seen: 4096 units in the last place.
 const GAP: f64 = 1.0 / (1u64 << 40) as f64;
 
 /// The least width of a gap, relative to how far rays start above both surfaces.
 const ABOVE_ERRORS: f64 = 32.0;
 
-/// The shapes of a group are seen from at most this many times their largest coordinate without loss.
+/// The shapes of a group are seen from at most this many times their largest coordinate without
+/// loss.
 const VIEW_OF_GROUP: f64 = 64.0;
 
-/// How much longer than a gap the way to a light is that lies in coincident surfaces, where it meets them at a slant.
+/// How much longer than a gap the way to a light is that lies in coincident surfaces, where it
+/// meets them at a slant.
 const SLANT: f64 = 64.0;
 
 /// Two shapes with a common part of surface.
@@ -44,7 +50,8 @@ pub struct Coincidence {
     pub form: &'static str,
     /// A point of it, in the space of the shapes.
     pub place: DVec3,
-    /// The width of the gap in metres; `None` if the shapes could not be drawn apart, so that rounding decides which is met first.
+    /// The width of the gap in metres; `None` if the shapes could not be drawn apart, so that
+    /// rounding decides which is met first.
     pub gap: Option<f64>,
 }
 
@@ -95,7 +102,8 @@ pub(crate) fn eyes(camera: &dyn Camera, film: FilmSize) -> Vec<DVec3> {
     eyes.into_iter().filter(|eye| eye.is_finite()).collect()
 }
 
-/// Puts gaps between surfaces that coincide. `anew` builds a shape anew, in another place, by its number.
+/// Puts gaps between surfaces that coincide. `anew` builds a shape anew, in another place, by its
+/// number.
 pub(crate) fn draw_apart(
     geometry: Geometry,
     seen: &Seen<'_>,

@@ -1,8 +1,9 @@
 //! The order in which coincident surfaces lie behind one another.
 //!
-//! Solids that lie behind the common surface, those whose outside is in front of it, come first; then open surfaces; then solids in
-//! front of it. Of solids on one side the lowest number is nearest to the middle. Of open surfaces the lowest number is first on
-//! the side that its own normal points to, and the others follow in the same way.
+//! Solids that lie behind the common surface, those whose outside is in front of it, come first;
+//! then open surfaces; then solids in front of it. Of solids on one side the lowest number is
+//! nearest to the middle. Of open surfaces the lowest number is first on the side that its own
+//! normal points to, and the others follow in the same way.
 
 use super::contact::Contact;
 use super::parts::Parts;
@@ -172,7 +173,8 @@ fn ordered(mut members: Vec<Member>) -> Vec<Member> {
     order
 }
 
-/// How many gaps each member moves: more than those behind it that it touches. The one that is hardest to move stays.
+/// How many gaps each member moves: more than those behind it that it touches. The one that is
+/// hardest to move stays.
 fn levels(order: Vec<Member>, edges: &BTreeSet<[usize; 2]>) -> Vec<(Member, i64)> {
     let mut places: BTreeMap<usize, usize> = BTreeMap::new();
     for (place, member) in order.iter().enumerate() {

@@ -1,8 +1,10 @@
 //! Vertices that are moved along their normals by a height.
 //!
-//! Cook, *Shade trees*, 1984, section "Displacement maps": unlike bump mapping, which turns the normals only, this moves the surface, so
-//! that silhouettes and shadows show it as well. The height is looked up at the vertices, in object space: how fine the relief becomes is a matter
-//! of how fine the mesh is. All corners at one position move as one, so that no gap opens at a seam of texture coordinates.
+//! Cook, *Shade trees*, 1984, section "Displacement maps": unlike bump mapping, which turns the
+//! normals only, this moves the surface, so that silhouettes and shadows show it as well. The
+//! height is looked up at the vertices, in object space: how fine the relief becomes is a matter of
+//! how fine the mesh is. All corners at one position move as one, so that no gap opens at a seam of
+//! texture coordinates.
 
 use super::subdivision::Surface;
 use rayon::prelude::*;
@@ -17,8 +19,8 @@ use whitstone_core::{ColorSource, Context, DVec2, DVec3, Needs, SceneError, Scen
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Displacement {
-    /// The height: a texture, of which the first channel counts. It is looked up in object space: at the vertex before it is moved, with its texture
-    /// coordinates and its normal.
+    /// The height: a texture, of which the first channel counts. It is looked up in object space:
+    /// at the vertex before it is moved, with its texture coordinates and its normal.
     height: TextureRef,
     /// Metres in object space for a height of 1, outwards; may be negative.
     #[serde(default = "one")]
@@ -37,8 +39,8 @@ fn zero() -> Finite {
     Finite::new(0.0).expect("0 is finite")
 }
 
-/// What displacing takes besides the surface, after so many levels of subdivision: a normal and a mean height a point, and the
-/// heights that it is the mean of.
+/// What displacing takes besides the surface, after so many levels of subdivision: a normal and a
+/// mean height a point, and the heights that it is the mean of.
 pub(super) fn bytes(surface: &Surface, levels: u32) -> u64 {
     let [points, _] = surface.size_after(levels);
     let point = size_of::<DVec3>() + size_of::<Mean>() + size_of::<f64>();
@@ -266,7 +268,8 @@ mod tests {
         }
     }
 
-    /// Both sides of a seam see other texture coordinates; the point moves by the mean of its three corners.
+    /// Both sides of a seam see other texture coordinates; the point moves by the mean of its three
+    /// corners.
     #[test]
     fn seams_stay_closed() {
         let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 4 0\n\
@@ -285,7 +288,8 @@ mod tests {
         assert_eq!(mesh.uvs.len(), mesh.positions.len());
     }
 
-    /// Case 44 of the catalogue: from next to nothing to walls a ramp has the normal that it should, and what folds over has normals at all.
+    /// Case 44 of the catalogue: from next to nothing to walls a ramp has the normal that it
+    /// should, and what folds over has normals at all.
     #[test]
     fn normals_follow_any_amplitude() {
         let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nf 1/1 2/2 3/2\nf 1/1 3/2 4/1\n";

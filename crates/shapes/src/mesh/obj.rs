@@ -1,7 +1,7 @@
 //! Wavefront OBJ: `v`, `vt`, `vn` and `f`; everything else is ignored.
 //!
-//! Not by a library: those that there are hand out groups as separate meshes, in single precision, forget
-//! the line of an error, and misalign corners of which only some have a normal.
+//! Not by a library: those that there are hand out groups as separate meshes, in single precision,
+//! forget the line of an error, and misalign corners of which only some have a normal.
 
 use super::{FileError, Triangles, fan, shorten};
 use std::borrow::Cow;
@@ -130,8 +130,8 @@ impl File {
     }
 }
 
-/// Counted from 1, or backwards from -1 for the one defined last, into counted from 0. Whether it is in
-/// range is known at the end of the file only, save for what lies before the first.
+/// Counted from 1, or backwards from -1 for the one defined last, into counted from 0. Whether it
+/// is in range is known at the end of the file only, save for what lies before the first.
 fn index(text: &str, count: usize) -> Option<u32> {
     let index: i64 = text.parse().ok()?;
     match index {

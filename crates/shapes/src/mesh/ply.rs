@@ -214,8 +214,8 @@ fn is_list(data_type: &PropertyType) -> bool {
     matches!(data_type, PropertyType::List(..))
 }
 
-/// What follows the header. The number of elements in the header is taken for no promise, so memory stays in
-/// proportion to the file.
+/// What follows the header. The number of elements in the header is taken for no promise, so memory
+/// stays in proportion to the file.
 enum Body<'a> {
     Text(Lines<'a>),
     Binary(Reader<&'a [u8]>),
@@ -240,7 +240,8 @@ impl Body<'_> {
 
 fn explain(error: &ParseError, line: Option<usize>) -> FileError {
     let text = error.to_string();
-    // "Line 7: what is wrong", then tabbed lines: the offending text, which may be very long, and details.
+    // "Line 7: what is wrong", then tabbed lines: the offending text, which may be very long, and
+    // details.
     let without_line = text
         .split_once(": ")
         .filter(|(start, _)| start.starts_with("Line "));

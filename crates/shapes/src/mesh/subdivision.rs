@@ -1,8 +1,9 @@
 //! Subdivision of triangles into smooth surfaces.
 //!
-//! Loop, *Smooth subdivision surfaces based on triangles*, 1987; at borders the cubic spline of Hoppe et al., *Piecewise smooth
-//! surface reconstruction*, 1994, section 3. Normals are the sums of those of the triangles, weighted by their areas: unlike the tangents of the
-//! limit surface they need no rules for borders.
+//! Loop, *Smooth subdivision surfaces based on triangles*, 1987; at borders the cubic spline of
+//! Hoppe et al., *Piecewise smooth surface reconstruction*, 1994, section 3. Normals are the sums
+//! of those of the triangles, weighted by their areas: unlike the tangents of the limit surface
+//! they need no rules for borders.
 
 use super::Triangles;
 use schemars::JsonSchema;
@@ -130,13 +131,15 @@ impl Surface {
     /// What refining takes at most.
     fn bytes(&self, levels: u32) -> u64 {
         let [points, triangles] = self.size_after(levels);
-        // The last level reads a quarter of the triangles and makes all; points have normals in the end.
+        // The last level reads a quarter of the triangles and makes all; points have normals in the
+        // end.
         let point = size_of::<[DVec3; 2]>() + size_of::<DVec2>();
         let triangle = 2 * size_of::<[u32; 3]>() + size_of::<[u64; 3]>();
         points * point as u64 + triangles * triangle as u64
     }
 
-    /// Points and triangles, at most: each level leaves every edge twice and three new ones a triangle.
+    /// Points and triangles, at most: each level leaves every edge twice and three new ones a
+    /// triangle.
     pub(super) fn size_after(&self, levels: u32) -> [u64; 2] {
         let (mut points, mut triangles) = (self.points.len() as u64, self.sides.len() as u64);
         let mut edges = 3 * triangles;
@@ -205,7 +208,8 @@ impl Surface {
     }
 }
 
-/// The edges in the order of their ends, and for each triangle (a, b, c) the numbers of ab, bc and ca.
+/// The edges in the order of their ends, and for each triangle (a, b, c) the numbers of ab, bc and
+/// ca.
 fn edges_of(triangles: &[[u32; 3]]) -> (Vec<Edge>, Vec<[u32; 3]>) {
     let mut sides: Vec<(u64, u32, u8)> = Vec::with_capacity(3 * triangles.len());
     for (triangle, number) in triangles.iter().zip(0..) {
@@ -298,7 +302,8 @@ fn weight(k: f64) -> f64 {
     (0.625 - middle * middle) / k
 }
 
-/// Each triangle as four: those at its corners, and the one between them. Edges are numbered from `first`.
+/// Each triangle as four: those at its corners, and the one between them. Edges are numbered from
+/// `first`.
 fn divide(triangles: &[[u32; 3]], edges: &[[u32; 3]], first: u32) -> Vec<[u32; 3]> {
     let four = |(triangle, edges): (&[u32; 3], &[u32; 3])| {
         let ([a, b, c], [ab, bc, ca]) = (*triangle, edges.map(|edge| first + edge));
@@ -366,7 +371,8 @@ mod tests {
         assert!((weight(6.0) - 1.0 / 16.0).abs() < 1e-15);
     }
 
-    /// A flat border becomes the cubic spline of its points, and corners of one triangle have two sharp edges.
+    /// A flat border becomes the cubic spline of its points, and corners of one triangle have two
+    /// sharp edges.
     #[test]
     fn borders_are_splines() {
         let mesh = refined(&[[0.0; 3], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0]], &[[0, 1, 2]], 1);
@@ -428,7 +434,8 @@ mod tests {
         assert_eq!(mesh.positions.len(), mesh.normals.len());
     }
 
-    /// More levels come nearer to the limit: a sphere-like surface whose vertices move less and less.
+    /// More levels come nearer to the limit: a sphere-like surface whose vertices move less and
+    /// less.
     #[test]
     fn levels_converge() {
         let radius = |levels| {

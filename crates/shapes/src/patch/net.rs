@@ -1,6 +1,8 @@
-//! Sixteen control points: values, derivatives and parts of a bicubic Bezier surface by de Casteljau's steps.
+//! Sixteen control points: values, derivatives and parts of a bicubic Bezier surface by de
+//! Casteljau's steps.
 //!
-//! Farin, *Curves and Surfaces for CAGD* (5th ed.), chapters 4 (curves), 3.3 (blossoms) and 14 (surfaces).
+//! Farin, *Curves and Surfaces for CAGD* (5th ed.), chapters 4 (curves), 3.3 (blossoms) and 14
+//! (surfaces).
 
 use std::ops::{Add, Mul, Sub};
 
@@ -74,7 +76,8 @@ impl<T: Point> Net<T> {
         }
     }
 
-    /// Point and first derivatives. A derivative is exactly zero where the points that it comes from are equal.
+    /// Point and first derivatives. A derivative is exactly zero where the points that it comes
+    /// from are equal.
     pub(super) fn at(&self, u: f64, v: f64) -> Jet<T> {
         let rows = [0, 1, 2, 3].map(|i| cubic(self.line(Way::U, i), u));
         let (p, along_v) = cubic(rows.map(|row| row.0), v);

@@ -1,18 +1,20 @@
-//! Where a surface, seen along a ray, covers the ray: all roots of two bicubic functions of two parameters.
+//! Where a surface, seen along a ray, covers the ray: all roots of two bicubic functions of two
+//! parameters.
 //!
-//! A piece of the surface is multiplied by the inverse of its mean derivative, after which it would be (u - u0,
-//! v - v0) if it were flat. How far its control points are from that bounds where roots can be (the linear
-//! clipping of Nishita, Sederberg, Kakimoto, *Ray Tracing Trimmed Rational Surface Patches*, SIGGRAPH 1990, in
-//! the form of an interval Newton step; Toth, *On Ray Tracing Parametric Surfaces*, SIGGRAPH 1985): the piece
-//! is cut down to that, or dropped. If the bound is so narrow that the map is a contraction, at most one root
-//! is left and Newton's steps, kept inside, must find it. What cannot be cut down is halved where it looks
-//! longest.
+//! A piece of the surface is multiplied by the inverse of its mean derivative, after which it would
+//! be (u - u0, v - v0) if it were flat. How far its control points are from that bounds where roots
+//! can be (the linear clipping of Nishita, Sederberg, Kakimoto, *Ray Tracing Trimmed Rational
+//! Surface Patches*, SIGGRAPH 1990, in the form of an interval Newton step; Toth, *On Ray Tracing
+//! Parametric Surfaces*, SIGGRAPH 1985): the piece is cut down to that, or dropped. If the bound is
+//! so narrow that the map is a contraction, at most one root is left and Newton's steps, kept
+//! inside, must find it. What cannot be cut down is halved where it looks longest.
 
 use super::net::{Jet, Net, Way};
 use whitstone_core::DVec2;
 
-/// Below this width of the bounds, derivatives differ from the mean one by 6 times as much (three times the
-/// differences of control points in each of two parameters), and Newton's steps contract by 0.6/0.7 at worst.
+/// Below this width of the bounds, derivatives differ from the mean one by 6 times as much (three
+/// times the differences of control points in each of two parameters), and Newton's steps contract
+/// by 0.6/0.7 at worst.
 const CONTRACTS: f64 = 0.05;
 
 /// A piece that is cut down to less than this is not halved.
@@ -43,8 +45,8 @@ fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
     })
 }
 
-/// Calls `found` with the parameters of every root, some of them perhaps twice. Points that are nearer to the
-/// ray than `near` count as on it.
+/// Calls `found` with the parameters of every root, some of them perhaps twice. Points that are
+/// nearer to the ray than `near` count as on it.
 pub(super) fn roots(first: Piece, near: f64, mut found: impl FnMut(DVec2)) {
     let mut next = Some(first);
     // Empty, which costs nothing, unless something is halved.
@@ -208,14 +210,15 @@ fn newton(net: &Net<DVec2>, start: DVec2, near: f64) -> Option<DVec2> {
         }
         at = next;
     }
-    // Seen at a slant, a root that rounding has put beyond the border may lie far beside a point of the border
-    // that is on the ray.
+    // Seen at a slant, a root that rounding has put beyond the border may lie far beside a point of
+    // the border that is on the ray.
     [Way::U, Way::V]
         .into_iter()
         .find_map(|way| along_border(net, way, at, near))
 }
 
-/// The place on a border, from a corner or a point of it, that is nearest to the ray, if it is near.
+/// The place on a border, from a corner or a point of it, that is nearest to the ray, if it is
+/// near.
 fn along_border(net: &Net<DVec2>, way: Way, start: DVec2, near: f64) -> Option<DVec2> {
     let mut at = start;
     let across = if way == Way::U { at.y } else { at.x };

@@ -30,7 +30,8 @@ fn roll() -> [DVec3; 16] {
     })
 }
 
-/// With a cusp along the middle of u: the lines of a quarter of a loop that stands still in its tip.
+/// With a cusp along the middle of u: the lines of a quarter of a loop that stands still in its
+/// tip.
 fn cusp() -> [DVec3; 16] {
     let line = [(0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)];
     std::array::from_fn(|k| {

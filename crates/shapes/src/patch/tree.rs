@@ -1,8 +1,8 @@
 //! Boxes around parts of patches, one inside the other.
 //!
-//! A patch is halved, where it is least even, until its control points lie nearly as a flat piece's would, or
-//! it has been halved so often. The boxes are those of control points, in which the surface lies (Farin, 14.3).
-//! Parts are joined by halving lists of them at the median.
+//! A patch is halved, where it is least even, until its control points lie nearly as a flat piece's
+//! would, or it has been halved so often. The boxes are those of control points, in which the
+//! surface lies (Farin, 14.3). Parts are joined by halving lists of them at the median.
 
 use super::net::{Net, Way};
 use whitstone_core::{Aabb, DVec2, DVec3};
@@ -155,8 +155,8 @@ impl Tree {
         self.nodes[0].bounds
     }
 
-    /// Calls `visit` with every part whose box the ray meets between two parameters, the nearer of two boxes
-    /// first. What it returns is the new far end.
+    /// Calls `visit` with every part whose box the ray meets between two parameters, the nearer of
+    /// two boxes first. What it returns is the new far end.
     pub(super) fn walk(&self, ray: &Slabs, near: f64, far: f64, mut visit: impl FnMut(&Leaf) -> f64) {
         let mut far = far;
         let meets =

@@ -32,7 +32,8 @@ impl Family for InsideBall {
         );
         let ray = Ray::new(DVec3::new(0.0, 0.8, 0.0), DVec3::X);
         let pipeline = lab.pipeline(&scene)?;
-        // It begins on the middle of a chord; a chord is seen from the centre under twice this angle.
+        // It begins on the middle of a chord; a chord is seen from the centre under twice this
+        // angle.
         let half = 0.8f64.acos();
         let angle = std::f64::consts::FRAC_PI_2 - half - 2.0 * bounces * half;
         let truth = DVec3::new(angle.cos(), angle.sin(), 0.0);

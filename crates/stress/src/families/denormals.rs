@@ -1,15 +1,16 @@
-//! Numbers at the lower end of double precision: components that are nearly zero, and scenes that are nearly nothing.
+//! Numbers at the lower end of double precision: components that are nearly zero, and scenes that
+//! are nearly nothing.
 //!
-//! Below 2e-308 doubles lose digits one by one, and processors may take a hundred times as long for them: that the times of all
-//! steps are about the same is to be seen in the diagram.
+//! Below 2e-308 doubles lose digits one by one, and processors may take a hundred times as long for
+//! them: that the times of all steps are about the same is to be seen in the diagram.
 
 use crate::About;
 use crate::rays::{RayFamily, Several, clear, past};
 use whitstone_core::{DVec3, Ray};
 use whitstone_testkit::Random;
 
-/// Rays along an axis but for next to nothing, at shapes whose coordinates are zero but for as much. Single precision has zeros in the place of most of
-/// these numbers.
+/// Rays along an axis but for next to nothing, at shapes whose coordinates are zero but for as
+/// much. Single precision has zeros in the place of most of these numbers.
 pub(crate) static ALMOST_ZERO: Several = Several(&[
     almost_zero(|k| format!("[[shape]]\ntype = \"sphere\"\ncenter = [{k:?}, -{k:?}, {k:?}]\n")),
     almost_zero(|_| "[[shape]]\ntype = \"box\"\n".to_owned()),
@@ -50,7 +51,8 @@ const fn almost_zero(scene: fn(f64) -> String) -> RayFamily {
 fn down(size: f64, random: &mut Random) -> Option<Ray> {
     let mut place = [0, 1].map(|_| f64::from((1.3 * random.signed()) as f32));
     let mut across = [0, 1].map(|_| (size * (1.0 + random.unit())).copysign(random.signed()));
-    // One ray in four runs in the plane of a face of the box, into which it leads: there, reciprocals of what is almost zero meet zero.
+    // One ray in four runs in the plane of a face of the box, into which it leads: there,
+    // reciprocals of what is almost zero meet zero.
     if random.below(4) == 0 {
         let axis = random.below(2);
         place[axis] = 1f64.copysign(random.signed());
@@ -60,8 +62,8 @@ fn down(size: f64, random: &mut Random) -> Option<Ray> {
     Some(Ray::new(DVec3::new(place[0], place[1], 3.0), direction))
 }
 
-/// Scenes of no size. The square of a triangle's area is below all numbers from 1e-77 m on, where it counts as flat; a radius whose square is, from
-/// 1e-154 m on, is refused.
+/// Scenes of no size. The square of a triangle's area is below all numbers from 1e-77 m on, where
+/// it counts as flat; a radius whose square is, from 1e-154 m on, is refused.
 pub(crate) static ALMOST_NOTHING: Several = Several(&[
     almost_nothing(|s| format!("[[shape]]\ntype = \"sphere\"\nradius = {s:?}\n")),
     almost_nothing(|s| format!("[[shape]]\ntype = \"box\"\ntransform = {{ scale = {s:?} }}\n")),

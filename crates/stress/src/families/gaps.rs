@@ -1,4 +1,5 @@
-//! Rays that leave surfaces: shadows of what is almost there, thin panes, mirrors that almost touch, leaks of closed meshes.
+//! Rays that leave surfaces: shadows of what is almost there, thin panes, mirrors that almost
+//! touch, leaks of closed meshes.
 
 use crate::lab::{rows, single, textbook_of, tree};
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
@@ -17,7 +18,8 @@ const EPSILON: f64 = 1e-4;
 pub(crate) struct ShadowGap;
 
 impl ShadowGap {
-    /// A floor, a blocker at this height that begins at this x, a lamp one above the place in question.
+    /// A floor, a blocker at this height that begins at this x, a lamp one above the place in
+    /// question.
     fn scene(gap: f64, begins: f64) -> String {
         let middle = begins + 0.5;
         let lamp = Self::lamp(gap);
@@ -301,7 +303,8 @@ fn reflections<R: Real>(scene: &str, ray: &Ray) -> Result<u64, String> {
     Ok(count)
 }
 
-/// A closed mesh, far from the origin, seen from inside: no ray may pass it, at a vertex or an edge least of all, with any accelerator.
+/// A closed mesh, far from the origin, seen from inside: no ray may pass it, at a vertex or an edge
+/// least of all, with any accelerator.
 pub(crate) struct Leaks;
 
 /// Rays of one batch.
@@ -342,7 +345,8 @@ impl Family for Leaks {
             let batch = aim(&pipelines[0], center, BATCH.min(wished - begin), &mut random)?;
             let found = pipelines.iter().map(|pipeline| leaks(pipeline, &batch));
             ours.failures += found.sum::<u64>();
-            // The others are asked about the first batch, textbooks, which try every triangle, about a part of it.
+            // The others are asked about the first batch, textbooks, which try every triangle,
+            // about a part of it.
             if begin == 0 {
                 aimed = batch;
             }
@@ -394,7 +398,8 @@ fn leaks(pipeline: &Pipeline, rays: &[Ray]) -> u64 {
     rays.par_iter().filter(leaves).count() as u64
 }
 
-/// From inside the tube of a ring with the radius 0.7: one in three at a vertex, at a place on an edge, at one on a triangle.
+/// From inside the tube of a ring with the radius 0.7: one in three at a vertex, at a place on an
+/// edge, at one on a triangle.
 fn aim(pipeline: &Pipeline, center: DVec3, count: usize, random: &mut Random) -> Result<Vec<Ray>, String> {
     let Some(Shape::Triangles(mesh)) = pipeline.world.geometry.shapes().first() else {
         return Err("the mesh is none".to_owned());

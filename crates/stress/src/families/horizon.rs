@@ -7,7 +7,8 @@ use whitstone_oracle::naive::Real;
 
 /// Pixels side by side, in a single row.
 const WIDTH: u32 = 16;
-/// Height of the eye above the plane, in squares: nine and a half, so that no view ends at a border of squares, where any filter shows the mean.
+/// Height of the eye above the plane, in squares: nine and a half, so that no view ends at a border
+/// of squares, where any filter shows the mean.
 const HEIGHT: f64 = 3.0 * PI;
 /// Of half of the angle of view: a pixel is a thousandth of a radian wide.
 const HALF: f64 = 8e-3;
@@ -15,7 +16,8 @@ const HALF: f64 = 8e-3;
 const BRIGHT: f64 = 240.0 / 255.0;
 const DARK: f64 = 30.0 / 255.0;
 
-/// Ever more squares in a pixel, seen ever more from the side, until none has a colour of its own: all pixels show their mean.
+/// Ever more squares in a pixel, seen ever more from the side, until none has a colour of its own:
+/// all pixels show their mean.
 pub(crate) struct Horizon;
 
 impl Horizon {

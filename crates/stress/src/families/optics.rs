@@ -1,4 +1,5 @@
-//! Light at surfaces: glass that is hardly there, total reflection that hardly begins, sharp highlights, black glass, near lamps.
+//! Light at surfaces: glass that is hardly there, total reflection that hardly begins, sharp
+//! highlights, black glass, near lamps.
 
 use crate::lab::{radiance, tree};
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
@@ -8,7 +9,8 @@ use whitstone_oracle::naive::Real;
 use whitstone_oracle::optics::{decay, lobe, refract};
 use whitstone_testkit::Random;
 
-/// Fresnel's equations as they stand in books: reflectance and cosine of transmission. `None` for total reflection.
+/// Fresnel's equations as they stand in books: reflectance and cosine of transmission. `None` for
+/// total reflection.
 fn fresnel<R: Real>(cosine: f64, ior: f64) -> Option<[f64; 2]> {
     let (one, here, eta) = (R::of(1.0), R::of(cosine), R::of(ior));
     let square = one - (one - here * here) / (eta * eta);
@@ -196,7 +198,8 @@ impl Family for PhongExponent {
         let mut random = Random::new(exponent.to_bits());
         let [mut ours, mut double, mut single] = [Sample::default(); 3];
         for _ in 0..lab.rays.min(100) {
-            // The lamp mirrored at the ground, and an eye so far beside it that about 1/e of the highlight is left.
+            // The lamp mirrored at the ground, and an eye so far beside it that about 1/e of the
+            // highlight is left.
             let mut lamp = random.direction();
             lamp.z = lamp.z.abs() + 0.5;
             let mirrored = DVec3::new(-lamp.x, -lamp.y, lamp.z).normalize();
@@ -342,7 +345,8 @@ impl Family for NearLamp {
     }
 }
 
-/// The point by the ray's formula, begun a constant above the surface, as books do to be rid of its own shadow.
+/// The point by the ray's formula, begun a constant above the surface, as books do to be rid of its
+/// own shadow.
 fn naive_lamp<R: Real>(ray: &Ray, lamp: f64, level: f64) -> f64 {
     let (o, d) = (
         ray.origin.to_array().map(R::of),

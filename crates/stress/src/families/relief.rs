@@ -1,7 +1,7 @@
 //! Reliefs that only the shading knows, from next to nothing to walls.
 //!
-//! Displacement moves the surface itself, and what rays meet are triangles as any others: that their normals are right at any amplitude is
-//! a test of `crates/shapes/src/mesh/displacement.rs`.
+//! Displacement moves the surface itself, and what rays meet are triangles as any others: that
+//! their normals are right at any amplitude is a test of `crates/shapes/src/mesh/displacement.rs`.
 
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use whitstone_core::{Branches, DVec3, SurfacePoint};
@@ -11,7 +11,8 @@ use whitstone_testkit::Random;
 /// How far the height rises along x, in each metre, times the amplitude.
 const RISE: f64 = 2.0;
 
-/// A ramp on a mirror, as a bump and as a map of normals: where the mirror sends a ray tells its normal.
+/// A ramp on a mirror, as a bump and as a map of normals: where the mirror sends a ray tells its
+/// normal.
 pub(crate) struct Relief;
 
 impl Relief {
@@ -28,7 +29,8 @@ impl Relief {
              height = {{ type = \"solid\", size = [2, 1, 1], values = [0, 1], wrap = \"clamp\" }}"
         );
         let slope = RISE * amplitude;
-        // A colour has parts from -1 to 1. What the normal is follows from the doubles that are written down.
+        // A colour has parts from -1 to 1. What the normal is follows from the doubles that are
+        // written down.
         let largest = slope.max(1.0);
         let [x, z] = [-slope, 1.0].map(|part| 0.5 + 0.5 * part / largest);
         let map = format!("type = \"normal_map\", map = [{x:?}, 0.5, {z:?}]");
@@ -75,7 +77,8 @@ impl Family for Relief {
                 let mut branches = Branches::default();
                 let point = SurfacePoint::new(place, 0.0, DVec3::Z);
                 pipeline.world.materials[0].branches(&point, view, &mut branches);
-                // Whoever sees the surface from above and the relief from below sees the surface as if there were none.
+                // Whoever sees the surface from above and the relief from below sees the surface as
+                // if there were none.
                 let seen = if towards * view.z > 0.0 { normal } else { DVec3::Z };
                 let truth = mirrored(seen, view);
                 match branches.iter().next() {
@@ -102,7 +105,8 @@ fn mirrored(normal: DVec3, view: DVec3) -> DVec3 {
     2.0 * normal.dot(view) * normal - view
 }
 
-/// Blinn's bumps as books have them: a quotient of differences over a small step, and no question who sees the slope from behind.
+/// Blinn's bumps as books have them: a quotient of differences over a small step, and no question
+/// who sees the slope from behind.
 fn textbook<R: Real>(amplitude: f64, x: f64, view: DVec3) -> DVec3 {
     let (one, step) = (R::of(1.0), R::of(1e-4));
     let height = |x: R| R::of(amplitude) * (R::of(RISE) * x - R::of(0.5));

@@ -123,7 +123,8 @@ fn theirs(lab: &Lab<'_>, scale: f64) -> Result<Vec<f64>, String> {
     lab.mitsuba_pixels(&scene(scale), &all)
 }
 
-/// Which pixels see a place that the lamp reaches, by textbook forms, shadow rays begun a constant away.
+/// Which pixels see a place that the lamp reaches, by textbook forms, shadow rays begun a constant
+/// away.
 fn lit<R: Real>(scale: f64) -> Result<Vec<f64>, String> {
     let text = scene(scale);
     let shapes: Vec<Box<dyn Textbook<R>>> = (0..SHAPES)

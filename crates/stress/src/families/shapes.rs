@@ -88,7 +88,8 @@ pub(crate) static APEX: RayFamily = RayFamily {
     knobs: || decades(-1, -12),
     scene: |_| "[[shape]]\ntype = \"cone\"\ncaps = false\nradii = [1, 0]\nz = [-1, 0]\n".to_owned(),
     ray: |distance, random| {
-        // Below the tip at the origin the cone is as wide as it is deep: a third of the rays pass above.
+        // Below the tip at the origin the cone is as wide as it is deep: a third of the rays pass
+        // above.
         let height = if random.below(3) == 0 { 0.5 } else { -0.5 } * distance * (1.0 + random.unit());
         Some(single(
             DVec3::new(0.25 * height * random.signed(), -3.0 - random.unit(), height),
@@ -146,7 +147,8 @@ fn at_ring(distance: f64, tube: f64, random: &mut Random) -> Option<Ray> {
     let mut from = random.direction();
     from.z = from.z.abs() + 0.6;
     let origin = (middle + distance * from.normalize()).as_vec3().as_dvec3();
-    // At most 0.9 radii beside the middle line: a hit. What passes it at more may hit the other side: the oracle knows.
+    // At most 0.9 radii beside the middle line: a hit. What passes it at more may hit the other
+    // side: the oracle knows.
     past(middle, origin, 0.9 * tube * random.unit(), tube, random)
 }
 

@@ -1,4 +1,5 @@
-//! A sky at its poles, where all meridians meet, and at its seam, where its picture begins and ends.
+//! A sky at its poles, where all meridians meet, and at its seam, where its picture begins and
+//! ends.
 
 use crate::lab::radiance;
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
@@ -15,7 +16,8 @@ pub(crate) struct Sky {
     about: About,
     /// The largest angle, as a power of ten.
     first: i32,
-    /// A direction about so far from the place, and (u, v) there, from the angles that it is made of: so nothing of it cancels.
+    /// A direction about so far from the place, and (u, v) there, from the angles that it is made
+    /// of: so nothing of it cancels.
     look: fn(f64, &mut Random) -> (DVec3, [f64; 2]),
     /// Whether the textbook form knows that the picture goes on where it ends.
     naive_wraps: bool,
@@ -110,7 +112,8 @@ impl Family for Sky {
     }
 }
 
-/// Unlike its neighbours, also across the seam and from the lowest row to the highest, which the model takes for neighbours too.
+/// Unlike its neighbours, also across the seam and from the lowest row to the highest, which the
+/// model takes for neighbours too.
 fn texel(column: usize, row: usize) -> f64 {
     ((3 * column + 7 * row) % 16) as f64 / 16.0
 }
@@ -138,7 +141,8 @@ fn shown(place: [f64; 2], wraps: bool) -> f64 {
     sum
 }
 
-/// (u, v) by inverse cosines, as books write spherical coordinates: they lose half of all digits where they are flat.
+/// (u, v) by inverse cosines, as books write spherical coordinates: they lose half of all digits
+/// where they are flat.
 fn textbook<R: Real>(direction: DVec3) -> [f64; 2] {
     let [x, y, z] = direction.to_array().map(R::of);
     let sine = (R::of(1.0) - y * y).sqrt();

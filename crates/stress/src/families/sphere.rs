@@ -55,7 +55,8 @@ pub(crate) static PLANET: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// Rays that pass a sphere's top just above or below: the height is a number that single precision has, as the sphere stands below the origin.
+/// Rays that pass a sphere's top just above or below: the height is a number that single precision
+/// has, as the sphere stands below the origin.
 pub(crate) static TANGENT: RayFamily = RayFamily {
     about: About {
         name: "tangent",

@@ -23,7 +23,8 @@ struct Config {
 const TEXT: &str = "amount = 1.0..9";
 const LIMIT: f64 = 5.0;
 
-/// What is found is the law, at an amount little above the limit; the scene breaks it again, and no more when the amount is right.
+/// What is found is the law, at an amount little above the limit; the scene breaks it again, and no
+/// more when the amount is right.
 fn bites<F: Lawful, P: Plugin<F>>(law: &str, laws: &[fn(&F::Product)]) -> toml::Table {
     let found = first_failure::<F, P>(TEXT, laws).expect_err("the law is broken");
     assert!(found.law.contains(law), "{found}");
@@ -77,7 +78,8 @@ impl Primitive for WrongBall {
 #[test]
 fn a_wrong_shape() {
     let scene = bites::<Shapes, Wrong>("normals must have unit length", &[]);
-    // The camera looks along the ray, and the shape stands where it stood: as it is, which is the smallest place.
+    // The camera looks along the ray, and the shape stands where it stood: as it is, which is the
+    // smallest place.
     assert!(scene["camera"]["look_at"]["origin"].is_array());
     assert_eq!(
         scene["shape"][0]["transform"]["matrix"][0][0].as_float(),

@@ -1,7 +1,9 @@
 //! Texture optimisation: Kwatra, Essa, Bobick and Kwatra 2005, sections 3 and 3.1.
 //!
-//! The energy of a picture is the sum over its neighbourhoods of the squared error to the piece of the sample that is nearest. Searching these pieces
-//! lowers it, and so does giving each texel the mean of the pieces that cover it: the code next to the mean is the one with the least sum of squares.
+//! The energy of a picture is the sum over its neighbourhoods of the squared error to the piece of
+//! the sample that is nearest. Searching these pieces lowers it, and so does giving each texel the
+//! mean of the pieces that cover it: the code next to the mean is the one with the least sum of
+//! squares.
 
 use super::codes::{Codes, differences};
 use whitstone_core::simd;
@@ -15,7 +17,8 @@ pub(super) struct Optimization {
 }
 
 impl Optimization {
-    /// Where neighbourhoods begin along an axis of so many texels: a quarter of a side apart, the last one at the end.
+    /// Where neighbourhoods begin along an axis of so many texels: a quarter of a side apart, the
+    /// last one at the end.
     fn starts(&self, length: usize) -> impl Iterator<Item = usize> + Clone {
         let last = length - self.side;
         (0..last).step_by((self.side / 4).max(1)).chain([last])
@@ -44,7 +47,8 @@ impl Optimization {
         texels + 2 * squares * size_of::<usize>() as u64
     }
 
-    /// All iterations. Where nothing changes any more, those that are left would change nothing either.
+    /// All iterations. Where nothing changes any more, those that are left would change nothing
+    /// either.
     pub(super) fn improve(&self, picture: &mut Codes, sample: &Codes) {
         let mut nearest = Vec::new();
         for _ in 0..self.iterations {
@@ -57,7 +61,8 @@ impl Optimization {
         }
     }
 
-    /// For each neighbourhood the nearest piece of the sample; `known` are those of the iteration before, if there was one.
+    /// For each neighbourhood the nearest piece of the sample; `known` are those of the iteration
+    /// before, if there was one.
     fn search(&self, picture: &Codes, sample: &Codes, known: &[usize]) -> Vec<usize> {
         let find = |(number, square)| {
             let known = known.get(number).copied();
@@ -102,7 +107,8 @@ impl Optimization {
         best
     }
 
-    /// Each texel becomes the mean of what the pieces of its neighbourhoods have there, halves rounded up.
+    /// Each texel becomes the mean of what the pieces of its neighbourhoods have there, halves
+    /// rounded up.
     fn blend(&self, picture: &mut Codes, sample: &Codes, nearest: &[usize]) {
         let columns = sample.width - self.side + 1;
         let mut sums = vec![Sum::default(); picture.data.len()];
@@ -122,7 +128,8 @@ impl Optimization {
     }
 }
 
-/// Texels that are to become one: fewer than a hundred, as sides are at most 7 times as long as what lies between neighbourhoods.
+/// Texels that are to become one: fewer than a hundred, as sides are at most 7 times as long as
+/// what lies between neighbourhoods.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     codes: [u32; 3],

@@ -105,7 +105,8 @@ impl Quilt {
                 errors.push(sum);
             }
         }
-        // Of the least that is not 0: where the sample goes on as it does there, that would be the only one.
+        // Of the least that is not 0: where the sample goes on as it does there, that would be the
+        // only one.
         let least = errors.iter().copied().filter(|e| *e > 0).min().unwrap_or(0);
         let most = least as f64 * (1.0 + self.tolerance);
         let fits = |e: &u64| *e as f64 <= most;
@@ -119,7 +120,8 @@ impl Quilt {
         [at % columns, at / columns]
     }
 
-    /// For each step along a strip, the first texel across it that is new: a path on which both sides differ least in sum.
+    /// For each step along a strip, the first texel across it that is new: a path on which both
+    /// sides differ least in sum.
     fn seam(&self, error: impl Fn(usize, usize) -> u32) -> Vec<usize> {
         // The least sum up to each texel, step by step.
         let mut sums: Vec<Vec<u32>> = Vec::with_capacity(self.block);

@@ -190,7 +190,8 @@ impl Facts {
                 ..Setting::named(value)
             }
         });
-        // Without a change it is the scene itself. One that names the default is found to be the same later.
+        // Without a change it is the scene itself. One that names the default is found to be the
+        // same later.
         Sweep::Settings(settings.filter(|setting| !setting.overrides.is_empty()).collect())
     }
 

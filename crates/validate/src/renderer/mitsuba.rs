@@ -1,4 +1,5 @@
-//! Mitsuba 3 as a Whitted tracer: `references/mitsuba` drives its intersections, BSDFs and emitters.
+//! Mitsuba 3 as a Whitted tracer: `references/mitsuba` drives its intersections, BSDFs and
+//! emitters.
 
 use super::Reference;
 use crate::driver::{Driver, DriverError, Setting, Versions};

@@ -1,4 +1,5 @@
-//! The renderers that serve as references. Each has a file with all in which it differs for the harness.
+//! The renderers that serve as references. Each has a file with all in which it differs for the
+//! harness.
 
 mod mitsuba;
 mod povray;
@@ -11,7 +12,8 @@ use std::fmt;
 use std::ops::Deref;
 use std::path::Path;
 
-/// A renderer that serves as a reference, with a driver that speaks `references/mitsuba/PROTOCOL.md`.
+/// A renderer that serves as a reference, with a driver that speaks
+/// `references/mitsuba/PROTOCOL.md`.
 pub trait Reference: Sync {
     /// For people.
     fn title(&self) -> &'static str;
@@ -32,7 +34,8 @@ pub trait Reference: Sync {
         format!("{}.toml", self.name())
     }
 
-    /// Whether it is installed for Whitstone alone, so that its version changes with its requirements only.
+    /// Whether it is installed for Whitstone alone, so that its version changes with its
+    /// requirements only.
     fn is_private(&self) -> bool;
 
     /// Where its driver runs; made on first use, of which `say` is told.
@@ -52,8 +55,8 @@ pub trait Reference: Sync {
     /// Those of the driver.
     fn versions(&self, driver: &mut Driver) -> Result<Versions, DriverError>;
 
-    /// Renders a scene into an EXR file. An image with layers `variance.*` has noise, and is compared by a test of
-    /// significance.
+    /// Renders a scene into an EXR file. An image with layers `variance.*` has noise, and is
+    /// compared by a test of significance.
     ///
     /// # Errors
     /// Those of the driver.
@@ -94,8 +97,8 @@ pub trait Reference: Sync {
     /// Whether it computes in single precision, so that far or tiny scenes show its roundings.
     fn is_single_precision(&self) -> bool;
 
-    /// What of a scene has to be changed on both sides for it. What Mitsuba confirms of what is changed needs no second
-    /// opinion; all else of the scene then can have one.
+    /// What of a scene has to be changed on both sides for it. What Mitsuba confirms of what is
+    /// changed needs no second opinion; all else of the scene then can have one.
     fn adaptations(&self, _scene: &toml::Table) -> Vec<Adaptation> {
         Vec::new()
     }

@@ -1,7 +1,7 @@
 //! Mitsuba's own C++ integrators, along the driver's camera rays: is the driver really Mitsuba?
 //!
-//! `direct` renders scenes of surfaces that the lights reach, `path` those of surfaces that only reflect and refract. Of a
-//! scene with both, the reflections are left out on both sides.
+//! `direct` renders scenes of surfaces that the lights reach, `path` those of surfaces that only
+//! reflect and refract. Of a scene with both, the reflections are left out on both sides.
 
 use super::{Adaptation, Reference, mitsuba, without_layers};
 use crate::driver::{Driver, DriverError, Rendered, SceneText, Setting, Versions};

@@ -65,8 +65,9 @@ impl Kind {
 }
 
 impl Changes {
-    /// Between an older run, called `name`, and a newer one. Cases belong together by scene, configuration and who rendered the reference;
-    /// times are left out, since they belong to the machine.
+    /// Between an older run, called `name`, and a newer one. Cases belong together by scene,
+    /// configuration and who rendered the reference; times are left out, since they belong to the
+    /// machine.
     pub fn between(name: String, old: &Baseline, new: &Results) -> Self {
         let before: BTreeMap<_, &CaseResult> = old.results.iter().map(|case| (key(case), case)).collect();
         let mut rows = Vec::new();

@@ -1,8 +1,9 @@
 //! The report that people look at: one HTML file without outside parts.
 //!
-//! `page.html` and `case.html` are its templates, compiled and escaped by `askama`; `view` turns results into what
-//! they show; `page.css` and the scripts go into the page as they are. It reads well without these, which sort, filter and
-//! copy (`page.js`), show pixels in other ways than the pictures do (`viewer.js`) and point at the dots of diagrams (`studies.js`).
+//! `page.html` and `case.html` are its templates, compiled and escaped by `askama`; `view` turns
+//! results into what they show; `page.css` and the scripts go into the page as they are. It reads
+//! well without these, which sort, filter and copy (`page.js`), show pixels in other ways than the
+//! pictures do (`viewer.js`) and point at the dots of diagrams (`studies.js`).
 
 mod case;
 mod changes;
@@ -80,7 +81,8 @@ pub fn html(results: &Results, extras: &Extras) -> String {
     Page::new(results, extras, Shape::Whole).to_string()
 }
 
-/// Files of a report by their paths: the page alone, or for more than [`ON_ONE_PAGE`] cases an index and a page for each scene.
+/// Files of a report by their paths: the page alone, or for more than [`ON_ONE_PAGE`] cases an
+/// index and a page for each scene.
 pub fn pages(results: &Results, extras: &Extras) -> Vec<(String, String)> {
     if results.results.len() <= ON_ONE_PAGE {
         return vec![(INDEX.to_owned(), html(results, extras))];

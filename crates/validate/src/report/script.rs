@@ -6,8 +6,9 @@ use crate::pixels::{CODES_A_DECADE, LEAST_RESIDUAL};
 use std::collections::{BTreeMap, BTreeSet};
 use whitstone_image::ColorMap;
 
-/// The other error pictures that the page draws by itself, also with scales that are the same in all reports: least and largest
-/// value in units of radiance, and size of the least and the largest relative value with a sign.
+/// The other error pictures that the page draws by itself, also with scales that are the same in
+/// all reports: least and largest value in units of radiance, and size of the least and the largest
+/// relative value with a sign.
 const ABSOLUTE: [f64; 2] = [1e-7, 1e-1];
 const SIGNED: [f64; 2] = [1e-7, 1e-1];
 

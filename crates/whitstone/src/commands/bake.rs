@@ -21,25 +21,33 @@ enum What {
     Cubemap(Cubemap),
 }
 
-/// Turn a sky by latitude and longitude into the six faces of a cube, which the light `environment` takes as `faces`
+/// Turn a sky by latitude and longitude into the six faces of a cube, which the light `environment`
+/// takes as `faces`
 ///
-/// FOLDER gets px.exr, nx.exr, py.exr, ny.exr, pz.exr and nz.exr, with linear values, and faces.toml, a scene with this light alone: to use it, write
-/// `include = ["FOLDER/faces.toml"]` at the top of a scene, or copy the light, which is printed too. What was there under these names is replaced.
+/// FOLDER gets px.exr, nx.exr, py.exr, ny.exr, pz.exr and nz.exr, with linear values, and
+/// faces.toml, a scene with this light alone: to use it, write `include = ["FOLDER/faces.toml"]` at
+/// the top of a scene, or copy the light, which is printed too. What was there under these names is
+/// replaced.
 ///
-/// A texel is the mean of the sky at points of its square that are no further apart than the texels of the picture. What the faces show differs from what
-/// the picture shows by less than 1.1 h G: h = 2/SIZE is the distance of texels in the middle of a face in radians, where they are widest apart, and G the greatest
-/// change of the sky per radian. Where the sky is smooth it is about h^2 times its curvature, but for half a texel along the edges of the
-/// cube, where faces are not blended with their neighbours.
+/// A texel is the mean of the sky at points of its square that are no further apart than the texels
+/// of the picture. What the faces show differs from what the picture shows by less than 1.1 h G: h
+/// = 2/SIZE is the distance of texels in the middle of a face in radians, where they are widest
+/// apart, and G the greatest change of the sky per radian. Where the sky is smooth it is about h^2
+/// times its curvature, but for half a texel along the edges of the cube, where faces are not
+/// blended with their neighbours.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone bake cubemap sky.exr --size 256 -o sky")]
 struct Cubemap {
-    /// A picture by latitude and longitude, twice as wide as high: PNG, JPEG (both sRGB) or EXR (linear); -z is in its middle, +x to the right of it, +y at its top
+    /// A picture by latitude and longitude, twice as wide as high: PNG, JPEG (both sRGB) or EXR
+    /// (linear); -z is in its middle, +x to the right of it, +y at its top
     #[arg(value_name = "PICTURE")]
     picture: PathBuf,
-    /// Side of the faces in texels [default: a quarter of the picture's width, which is as fine as the picture at its horizon]
+    /// Side of the faces in texels [default: a quarter of the picture's width, which is as fine as
+    /// the picture at its horizon]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096))]
     size: Option<u32>,
-    /// The folder for the files, made if it is not there [default: the picture's name without its ending, in the working folder]
+    /// The folder for the files, made if it is not there [default: the picture's name without its
+    /// ending, in the working folder]
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
 }
@@ -135,7 +143,8 @@ fn sky(picture: &Path, registry: &Registry) -> Result<Pipeline, Failure> {
     Pipeline::build(&plan, registry).map_err(told)
 }
 
-/// Of a texel by column and row, over `parts` x `parts` points of its square; `seen` is the sky by the place on the face, from -1 to 1 to the right and up.
+/// Of a texel by column and row, over `parts` x `parts` points of its square; `seen` is the sky by
+/// the place on the face, from -1 to 1 to the right and up.
 fn mean([i, j]: [usize; 2], size: usize, parts: usize, seen: impl Fn(f64, f64) -> Rgb) -> [f32; 3] {
     let at =
         |texel: usize, part: usize| (2 * (texel * parts + part) + 1) as f64 / (size * parts) as f64 - 1.0;

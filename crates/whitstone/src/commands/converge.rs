@@ -20,21 +20,24 @@ const STUDIES: &str = "studies";
 /// Where pictures of stored studies are, seen from `docs`.
 const PICTURES: &str = "images/converge";
 
-/// Measure error against run time, Whitstone's and Mitsuba's, and say how long each takes to reach an error
+/// Measure error against run time, Whitstone's and Mitsuba's, and say how long each takes to reach
+/// an error
 ///
-/// A study names a scene, what is swept, and what is taken for true. All configurations are rendered in turns, several times,
-/// half of them at a second sitting after all other studies; what is told is the median, and where it lies with 95%. Nothing is
-/// claimed below the truth's own error, nor beyond the points that were measured. What is finished is kept under
+/// A study names a scene, what is swept, and what is taken for true. All configurations are
+/// rendered in turns, several times, half of them at a second sitting after all other studies; what
+/// is told is the median, and where it lies with 95%. Nothing is claimed below the truth's own
+/// error, nor beyond the points that were measured. What is finished is kept under
 /// target/whitstone/converge: a run that was broken off goes on where it stopped.
 ///
-/// Exit code 0 if everything that the studies expect holds, none of which depends on time; 1 if not, if a
-/// setting could not be measured, or if the truth is not true enough for any claim.
+/// Exit code 0 if everything that the studies expect holds, none of which depends on time; 1 if
+/// not, if a setting could not be measured, or if the truth is not true enough for any claim.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  whitstone converge samples\n  whitstone converge studies/lens.toml --plots plots\n  whitstone converge scenes/showcase/cornell.toml\n  whitstone converge --quick"
 )]
 pub struct Arguments {
-    /// Stored studies by name, files of studies, or scenes, of which the samples a pixel are swept; all stored studies by default
+    /// Stored studies by name, files of studies, or scenes, of which the samples a pixel are swept;
+    /// all stored studies by default
     studies: Vec<String>,
     /// The small form of the studies that have one, without Mitsuba: seconds instead of minutes
     #[arg(long)]
@@ -187,14 +190,16 @@ fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
     Ok(studies)
 }
 
-/// Whether a file is a scene: one without a list of series, and with something that only scenes have.
+/// Whether a file is a scene: one without a list of series, and with something that only scenes
+/// have.
 fn is_scene(path: &Path) -> bool {
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let first = |key: &str| text.lines().any(|line| line.trim_start().starts_with(key));
     !first("[[series") && ["[camera]", "[[shape]]", "include"].iter().any(|key| first(key))
 }
 
-/// The study of a scene that has none: samples a pixel, by every sampler that has any number of them.
+/// The study of a scene that has none: samples a pixel, by every sampler that has any number of
+/// them.
 fn of_scene(path: &Path) -> Result<Study, Failure> {
     let absolute = std::path::absolute(path).map_err(Failure::environment)?;
     let scene = toml_text(&absolute.display().to_string());

@@ -15,11 +15,12 @@ use whitstone_validate::{Live, Renderer};
 
 /// Check that rendering and live validation work here, and say what to do where they do not
 ///
-/// Renders a small picture, looks for Python, makes the private Python environment if it is not there (a
-/// download of about 100 MB, once; see --no-install), and starts Mitsuba in it. Asks POV-Ray for its version.
+/// Renders a small picture, looks for Python, makes the private Python environment if it is not
+/// there (a download of about 100 MB, once; see --no-install), and starts Mitsuba in it. Asks
+/// POV-Ray for its version.
 ///
-/// Exit code 0 if rendering and live validation by Mitsuba work, 3 if not. POV-Ray is a second reference, which
-/// `validate --reference povray` uses.
+/// Exit code 0 if rendering and live validation by Mitsuba work, 3 if not. POV-Ray is a second
+/// reference, which `validate --reference povray` uses.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone doctor --json doctor.json")]
 pub struct Arguments {

@@ -11,7 +11,8 @@ use std::sync::Arc;
 use whitstone_core::{Counters, Geometry, Needs, Registry};
 use whitstone_scene::{Cost, Pipeline, Plan, RenderOptions};
 
-/// Say what is built for a scene, what is left out and why; with --pixel, follow the rays of one pixel beside those of Mitsuba
+/// Say what is built for a scene, what is left out and why; with --pixel, follow the rays of one
+/// pixel beside those of Mitsuba
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone explain scenes/showcase/classic.toml --pixel 256,300")]
 pub struct Arguments {
@@ -19,8 +20,8 @@ pub struct Arguments {
     scene: SceneArguments,
     #[command(flatten)]
     pixel: PixelArguments,
-    /// Write a picture of the boxes of the accelerator over that of the scene, as PNG: white for the whole, then
-    /// orange, blue, yellow, green, red, pink by level
+    /// Write a picture of the boxes of the accelerator over that of the scene, as PNG: white for
+    /// the whole, then orange, blue, yellow, green, red, pink by level
     #[arg(long, value_name = "FILE")]
     draw_bounds: Option<PathBuf>,
     /// Down to which level to draw

@@ -9,9 +9,11 @@ use whitstone_core::{Entry, FamilyName, Registry, nearest};
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone list shapes")]
 pub struct Arguments {
-    /// Only this family: cameras, shapes, accelerators, materials, textures, lights, samplers, integrators
+    /// Only this family: cameras, shapes, accelerators, materials, textures, lights, samplers,
+    /// integrators
     family: Option<String>,
-    /// As JSON, on standard output, with the twin of each in a reference renderer, its example scene and the laws that its tests call
+    /// As JSON, on standard output, with the twin of each in a reference renderer, its example
+    /// scene and the laws that its tests call
     #[arg(long)]
     json: bool,
 }

@@ -142,8 +142,8 @@ impl Cli {
     }
 }
 
-/// A number of threads. More than any machine runs at once would only wait for each other, and starting
-/// tens of thousands can exhaust it.
+/// A number of threads. More than any machine runs at once would only wait for each other, and
+/// starting tens of thousands can exhaust it.
 fn threads(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(count) if count <= 1024 => Ok(count),
@@ -174,13 +174,16 @@ fn finite(text: &str) -> Result<f64, String> {
 pub struct SceneArguments {
     /// The scene file (TOML)
     pub scene: PathBuf,
-    /// Change a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`, `'film={width=64,height=64}'`
+    /// Change a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`,
+    /// `'film={width=64,height=64}'`
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
-    /// Refuse a scene whose meshes and accelerators need more memory, in GiB; by default what the machine has left
+    /// Refuse a scene whose meshes and accelerators need more memory, in GiB; by default what the
+    /// machine has left
     #[arg(long, value_name = "GIB", value_parser = gib)]
     pub max_memory: Option<u64>,
-    /// Folder of what is kept between runs: textures that took long to make, the environment of Mitsuba
+    /// Folder of what is kept between runs: textures that took long to make, the environment of
+    /// Mitsuba
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     pub target: PathBuf,
     /// Make anew also what is kept there

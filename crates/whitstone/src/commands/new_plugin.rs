@@ -9,8 +9,9 @@ use whitstone_image::atomic;
 
 /// Write a package with a plugin that works and obeys the laws, to be changed into one of your own
 ///
-/// A shape is a superquadric under another name, a material chalk, a texture ripples, a light a moon, a camera a fisheye: the plugin, its
-/// laws, an example scene and a command line that has all of Whitstone's plugins beside it. It stands on Whitstone's crates by path.
+/// A shape is a superquadric under another name, a material chalk, a texture ripples, a light a
+/// moon, a camera a fisheye: the plugin, its laws, an example scene and a command line that has all
+/// of Whitstone's plugins beside it. It stands on Whitstone's crates by path.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone new-plugin shape blob --into ../blob")]
 pub struct Arguments {

@@ -7,7 +7,8 @@ use whitstone_image::atomic;
 /// Where a part begins and ends: two lines that stay.
 pub(super) type Marks = [&'static str; 2];
 
-/// Puts each text between its marks, where the page has them. A page that has none of them is an error.
+/// Puts each text between its marks, where the page has them. A page that has none of them is an
+/// error.
 pub(super) fn write(path: &Path, parts: &[(Marks, String)]) -> Result<(), Failure> {
     let at = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));
     let mut page = std::fs::read_to_string(path).map_err(|error| at(error.to_string()))?;

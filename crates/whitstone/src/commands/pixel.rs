@@ -22,8 +22,8 @@ const COLUMN: usize = 48;
 /// Which pixel.
 #[derive(Args, Clone, Debug)]
 pub(super) struct PixelArguments {
-    /// Print the tree of rays of this pixel: column from the left, row from the top, both from 0. Beside that of Mitsuba, up to
-    /// where the two part
+    /// Print the tree of rays of this pixel: column from the left, row from the top, both from 0.
+    /// Beside that of Mitsuba, up to where the two part
     #[arg(long, value_name = "X,Y", value_parser = parse)]
     pixel: Option<[usize; 2]>,
     /// Which sample of the pixel

@@ -14,11 +14,12 @@ use whitstone_validate::{Mode, Validator, quoted, scene_key};
 /// Largest image that is stored, in pixels: the references of a repository are to stay small.
 const MAX_PIXELS: u64 = 192 * 192;
 
-/// Render references to be stored with a live Mitsuba or POV-Ray, show them, and with --accept keep them
+/// Render references to be stored with a live Mitsuba or POV-Ray, show them, and with --accept keep
+/// them
 ///
-/// For each scene whose stored reference is missing or of another version of the scene, a picture of
-/// ours, the reference and the error is written. Nothing is stored without --accept, nor of films of more
-/// than 192 x 192 pixels.
+/// For each scene whose stored reference is missing or of another version of the scene, a picture
+/// of ours, the reference and the error is written. Nothing is stored without --accept, nor of
+/// films of more than 192 x 192 pixels.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]

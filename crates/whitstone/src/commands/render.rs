@@ -15,7 +15,8 @@ use whitstone_scene::{Plan, RenderOptions};
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// The image to write: .exr or .png; by default the scene's name with .exr in the working folder
+    /// The image to write: .exr or .png; by default the scene's name with .exr in the working
+    /// folder
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Also write a PNG preview beside the EXR
@@ -27,7 +28,8 @@ pub struct Arguments {
     /// Threads; 0 for one a core. The image does not depend on it
     #[arg(long, default_value_t = 0, value_parser = super::threads)]
     threads: usize,
-    /// Compute also what this scene does not need, as if it were not known: the same image, to measure what leaving out saves
+    /// Compute also what this scene does not need, as if it were not known: the same image, to
+    /// measure what leaving out saves
     #[arg(long)]
     one_size_fits_all: bool,
     /// Write sizes, times and ray counts to this file as JSON

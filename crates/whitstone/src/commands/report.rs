@@ -13,11 +13,13 @@ use whitstone_validate::report::{Baseline, Changes, Diagram, Extras, Kind, SCENE
 use whitstone_validate::sensitivity::Parameter;
 use whitstone_validate::{CaseResult, Pictures, Results, counted};
 
-/// Write the report of the last `validate` anew, with what `converge`, `stress` and `sensitivity` found last, and open it
+/// Write the report of the last `validate` anew, with what `converge`, `stress` and `sensitivity`
+/// found last, and open it
 ///
-/// The page is index.html in the folder of the results: one file that works from disk, without a network; of more than 150 cases it
-/// is an index, and each scene has a page in the folder `scenes` beside it. With
-/// --baseline it also says what changed since an earlier run, and so does the terminal.
+/// The page is index.html in the folder of the results: one file that works from disk, without a
+/// network; of more than 150 cases it is an index, and each scene has a page in the folder `scenes`
+/// beside it. With --baseline it also says what changed since an earlier run, and so does the
+/// terminal.
 ///
 /// Exit code 1 if a case of the baseline passed there and fails now, or is gone; else 0.
 #[derive(Args, Debug)]
@@ -71,7 +73,8 @@ pub(super) fn check<'a>(target: &Path, others: impl IntoIterator<Item = &'a Path
     others.try_for_each(|path| atomic::check(path).map_err(Failure::environment))
 }
 
-/// Writes the results of a validation: `results.json`, pictures that a later `report` needs, and the page.
+/// Writes the results of a validation: `results.json`, pictures that a later `report` needs, and
+/// the page.
 pub(super) fn write(results: &Results, target: &Path, json: Option<&Path>) -> Result<(), Failure> {
     let folder = folder(target);
     make_folder(&folder)?;
@@ -121,7 +124,8 @@ fn stress(target: &Path) -> PathBuf {
     target.join("stress").join("diagrams.json")
 }
 
-/// What an earlier command left for reports; nothing where it is not there or of another version, which is told.
+/// What an earlier command left for reports; nothing where it is not there or of another version,
+/// which is told.
 fn kept<T: serde::de::DeserializeOwned + Default>(path: &Path) -> T {
     if !path.is_file() {
         return T::default();

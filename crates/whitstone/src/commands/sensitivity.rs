@@ -14,11 +14,13 @@ use whitstone_validate::{Options, Validator, scene_key};
 /// That names of scenes are relative to.
 const SCENES: &str = "scenes";
 
-/// Change every number of a scene on our side only, until the comparison fails: the smallest change that is seen
+/// Change every number of a scene on our side only, until the comparison fails: the smallest change
+/// that is seen
 ///
-/// Each number but those of the film and of the table `expect` is changed by a ten-millionth of itself, then by ten times as much, and so
-/// on up to ten times itself; whole numbers by one and by themselves. What no change of it makes fail is told, and what
-/// changes no pixel at all. The next `report` shows it with the scene.
+/// Each number but those of the film and of the table `expect` is changed by a ten-millionth of
+/// itself, then by ten times as much, and so on up to ten times itself; whole numbers by one and by
+/// themselves. What no change of it makes fail is told, and what changes no pixel at all. The next
+/// `report` shows it with the scene.
 ///
 /// Exit code 0; 1 if the scene does not pass as it is.
 #[derive(Args, Debug)]

@@ -12,8 +12,9 @@ use whitstone_validate::shrink::shrink;
 
 /// Take everything out of a scene that fails without which it still fails
 ///
-/// Shapes, lights and keys go one after another as long as the comparison with the live reference fails. What is left is written as a scene of its own,
-/// and is what to look at, or to tell others of.
+/// Shapes, lights and keys go one after another as long as the comparison with the live reference
+/// fails. What is left is written as a scene of its own, and is what to look at, or to tell others
+/// of.
 #[derive(Args, Debug)]
 #[command(
     mut_arg("reference", |argument| argument.default_value("live")),

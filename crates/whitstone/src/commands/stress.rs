@@ -21,14 +21,14 @@ use whitstone_validate::report::Diagram;
 
 /// Turn knobs over decades until engines break, and say at which value each does
 ///
-/// Every family asks Whitstone, its deliberately naive variants and Mitsuba the same questions, and holds the answers to the oracle or to a closed
-/// form. The frontier is the first value of the knob at which an engine is of no use any more; "none" is best. The next `report` shows
-/// the diagrams.
+/// Every family asks Whitstone, its deliberately naive variants and Mitsuba the same questions, and
+/// holds the answers to the oracle or to a closed form. The frontier is the first value of the knob
+/// at which an engine is of no use any more; "none" is best. The next `report` shows the diagrams.
 ///
 /// A run that is broken off goes on where it was, if it is asked for again by the same program.
 ///
-/// Exit code 0 if Whitstone keeps its promise in every family, gets at least as far as Mitsuba and Embree, and the naive variants fail;
-/// 1 if not.
+/// Exit code 0 if Whitstone keeps its promise in every family, gets at least as far as Mitsuba and
+/// Embree, and the naive variants fail; 1 if not.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --list"
@@ -39,7 +39,8 @@ pub struct Arguments {
     /// Ask 60 questions at each step
     #[arg(long, conflicts_with = "rays")]
     quick: bool,
-    /// How many questions each step asks; "watertight" asks a hundred times as many, with every accelerator
+    /// How many questions each step asks; "watertight" asks a hundred times as many, with every
+    /// accelerator
     #[arg(long, default_value_t = 400, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     rays: u32,
     /// Do not go on with a run that was broken off
@@ -175,7 +176,8 @@ fn diagram(family: &FamilyReport) -> Diagram {
     }
 }
 
-/// The marks around what is written into a page: the table of all families, and that of those in which Mitsuba takes part.
+/// The marks around what is written into a page: the table of all families, and that of those in
+/// which Mitsuba takes part.
 const TABLE: Marks = [
     "<!-- frontiers: written by `cargo xtask stress --page` -->",
     "<!-- end of frontiers -->",

@@ -20,25 +20,29 @@ const REFERENCES: &str = "references";
 /// In seconds.
 const TIME_LIMIT: u64 = 300;
 
-/// Render scenes with Whitstone and with a reference renderer, compare the images, and say who is right
+/// Render scenes with Whitstone and with a reference renderer, compare the images, and say who is
+/// right
 ///
-/// The reference is a live Mitsuba in a private Python environment that is made on first use, or with
-/// --reference povray the installed POV-Ray. If it is not available, the stored references of the
-/// repository are used, and the report says so. Scenes that the reference cannot render are skipped and
-/// reported if the other one has a stored reference of them.
+/// The reference is a live Mitsuba in a private Python environment that is made on first use, or
+/// with --reference povray the installed POV-Ray. If it is not available, the stored references of
+/// the repository are used, and the report says so. Scenes that the reference cannot render are
+/// skipped and reported if the other one has a stored reference of them.
 ///
 /// Verdicts: pass (the images agree), confirmed (the reference is too weak in this scene, and the
-/// arbitrary-precision oracle confirms ours), FAIL (ours is wrong), undecided (nobody can tell, with the
-/// reason). Exit code 0 if all cases pass or are confirmed, 1 if one fails or is undecided.
+/// arbitrary-precision oracle confirms ours), FAIL (ours is wrong), undecided (nobody can tell,
+/// with the reason). Exit code 0 if all cases pass or are confirmed, 1 if one fails or is
+/// undecided.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
     scenes: Scenes,
-    /// Also try the settings that users sweep: accelerators and threads beside the scene's own picture, depths and texture
-    /// filters beside a live reference; what a scene does not need is left out and told
+    /// Also try the settings that users sweep: accelerators and threads beside the scene's own
+    /// picture, depths and texture filters beside a live reference; what a scene does not need is
+    /// left out and told
     #[arg(long)]
     matrix: bool,
-    /// Query the arbitrary-precision oracle about every pixel over tolerance, not only where the verdict depends on it
+    /// Query the arbitrary-precision oracle about every pixel over tolerance, not only where the
+    /// verdict depends on it
     #[arg(long)]
     oracle: bool,
     /// Never query the oracle: what only it could decide is undecided
@@ -104,7 +108,8 @@ pub enum ReferenceMode {
     PovrayLive,
     /// Stored references of POV-Ray only
     PovrayStored,
-    /// Mitsuba's own direct and path integrators, live, or exit code 3: shows that the driver is Mitsuba
+    /// Mitsuba's own direct and path integrators, live, or exit code 3: shows that the driver is
+    /// Mitsuba
     MitsubaStock,
 }
 
@@ -150,7 +155,8 @@ impl Scenes {
         }
     }
 
-    /// What of the command line decides about a result, beside the scenes: as it must be written again.
+    /// What of the command line decides about a result, beside the scenes: as it must be written
+    /// again.
     pub fn flags(&self) -> String {
         let mut flags: Vec<(&str, String)> = Vec::new();
         flags.extend(self.overrides.iter().map(|change| ("--set", change.clone())));

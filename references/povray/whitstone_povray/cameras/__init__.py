@@ -1,9 +1,11 @@
 """Cameras (model §4): `twin(fields, width, height)` gives a `Camera`.
 
-A lens is a camera for each of its points: from there, what is in focus fills the same window of the plane in focus.
+A lens is a camera for each of its points: from there, what is in focus fills the same window of the
+plane in focus.
 
-POV-Ray shows the point `location + direction + x right + y up` at x, y from -1/2 to 1/2 across the image. Given outright, without
-`look_at` and `angle`, these vectors are taken as they are, so a right-handed world needs no mirroring.
+POV-Ray shows the point `location + direction + x right + y up` at x, y from -1/2 to 1/2 across the
+image. Given outright, without `look_at` and `angle`, these vectors are taken as they are, so a
+right-handed world needs no mirroring.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ Window = Tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Camera:
-    """Where it stands, its axes (right, up, backwards), and the window l, r, b, t at distance d; lengths in metres."""
+    """Where it stands, its axes (right, up, backwards), and the window l, r, b, t at distance d;
+    lengths in metres.
+    """
 
     kind: str
     origin: Vector
@@ -39,7 +43,9 @@ class Camera:
         return [(x, y, point) for x, y in positions for point in range(len(self.lens))]
 
     def origins(self, setting: Setting, samples: List[Tuple[float, float, int]]) -> str:
-        """Where rays start, in POV-Ray's language: calls of the macro `Starts` with a point, or of `Window` with a corner, two sides and numbers of pixels."""
+        """Where rays start, in POV-Ray's language: calls of the macro `Starts` with a point, or of
+        `Window` with a corner, two sides and numbers of pixels.
+        """
         if self.kind == "perspective":
             u, v, _ = self.axes
             points = sorted({self.lens[point] for _, _, point in samples})
@@ -61,7 +67,8 @@ class Camera:
         if self.kind == "perspective":
             x, y = self.lens[point]
             location = tuple(e + x * p + y * q for e, p, q in zip(self.origin, u, v))
-            # The part of the window's size that a metre of the lens is, seen from the plane in focus.
+            # The part of the window's size that a metre of the lens is, seen from the plane in
+            # focus.
             part = self.distance / self.focus
             direction = tuple((a - part * x) * p + (c - part * y) * q - self.distance * r for p, q, r in zip(u, v, w))
             size = 1.0

@@ -1,4 +1,6 @@
-"""Twin of the camera `thin_lens`: POV-Ray's perspective camera, from every point of the lens (its own lens is a random one)."""
+"""Twin of the camera `thin_lens`: POV-Ray's perspective camera, from every point of the lens (its
+own lens is a random one).
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Lights (model §7): `twin(fields)` gives a `Light`.
 
-A point light in POV-Ray falls off by `2 / (1 + (r / fade_distance)^2)`. With a fade distance that is small beside r that is the
-inverse square, to a relative (fade_distance / r)^2: below 1e-6 beyond 1 mm.
+A point light in POV-Ray falls off by `2 / (1 + (r / fade_distance)^2)`. With a fade distance that
+is small beside r that is the inverse square, to a relative (fade_distance / r)^2: below 1e-6 beyond
+1 mm.
 """
 
 from __future__ import annotations

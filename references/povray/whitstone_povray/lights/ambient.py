@@ -1,4 +1,5 @@
-"""Twin of the light `ambient`: `emission` in the finish of every material that has an ambient term."""
+"""Twin of the light `ambient`: `emission` in the finish of every material that has an ambient term.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Twin of the light `directional`: POV-Ray's `parallel` light, whose rays start on a plane far away."""
+"""Twin of the light `directional`: POV-Ray's `parallel` light, whose rays start on a plane far
+away.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Twin of the light `spot`: a point light in a small shell that lets through what the model says.
 
-POV-Ray's own spot light falls off by a cubic of the cosine, the model by a line in the angle. The shell is seen by shadow rays only, and
-its transparency is a function of the direction. Rays to other lights would have to pass the shell's few square millimetres to differ.
+POV-Ray's own spot light falls off by a cubic of the cosine, the model by a line in the angle. The
+shell is seen by shadow rays only, and its transparency is a function of the direction. Rays to
+other lights would have to pass the shell's few square millimetres to differ.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from ..fields import REQUIRED
 from ..transforms import sub, unit
 from . import Fields, Light, point_source
 
-# Radius of the shell in metres. POV-Ray leaves out what is nearer to a light than 1e-3 of its units.
+# Radius of the shell in metres. POV-Ray leaves out what is nearer to a light than 1e-3 of its
+# units.
 SHELL = 1e-3
 
 

@@ -1,6 +1,7 @@
 """Materials (model §8): `twin(fields, textures, ambient)` gives a `Material`.
 
-`finish` has defaults that the model has not (`ambient 0.1`, `diffuse 0.6`), so each one says all. There is no 1/pi in POV-Ray.
+`finish` has defaults that the model has not (`ambient 0.1`, `diffuse 0.6`), so each one says all.
+There is no 1/pi in POV-Ray.
 """
 
 from __future__ import annotations
@@ -13,17 +14,20 @@ from ..errors import NeedsChannels
 from ..fields import Context, Fields, Vector
 from ..textures import Library, Surface, Texture
 
-# Keeps the sums short: what is transparent stands half for what passes and half for what stays (see `whitted`).
+# Keeps the sums short: what is transparent stands half for what passes and half for what stays (see
+# `whitted`).
 FILTER = 0.5
 
 
 @dataclass(frozen=True)
 class Material:
-    """What an object of POV-Ray gets: textures of the outside and of the inside, and an interior."""
+    """What an object of POV-Ray gets: textures of the outside and of the inside, and an interior.
+    """
 
     texture: Callable[[Surface], str]
     interior: str = ""
-    # Light goes through, so the shape must be closed, and is doubled by one that casts its shadow: the model's shadows are opaque.
+    # Light goes through, so the shape must be closed, and is doubled by one that casts its shadow:
+    # the model's shadows are opaque.
     transparent: bool = False
     # Whether rays go on from it.
     branches: bool = False
@@ -62,7 +66,8 @@ class Medium:
 def medium(fields: Fields) -> Medium:
     """`interior_ior`, `exterior_ior`, `absorption`, `exterior_absorption`, by `interior { }`.
 
-    Of POV-Ray's two ways to absorb by exp(-a t), its fading does not darken what is reflected inside; its media do.
+    Of POV-Ray's two ways to absorb by exp(-a t), its fading does not darken what is reflected
+    inside; its media do.
     """
     inside = fields.number("interior_ior", 1.5, lambda ior: ior > 0, "an index > 0")
     outside = fields.number("exterior_ior", 1.0, lambda ior: ior > 0, "an index > 0")

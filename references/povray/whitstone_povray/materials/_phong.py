@@ -32,7 +32,9 @@ class Lobes:
             self.pigment, self.diffuse, self.emission = self.k_d, 1.0, ambient
 
     def highlight(self, blinn: bool) -> str:
-        """The lobe. `specular` is by the half vector, with the inverse of the exponent as roughness."""
+        """The lobe. `specular` is by the half vector, with the inverse of the exponent as
+        roughness.
+        """
         if blinn:
             return f"phong 0 specular {sdl.number(self.k_s)} roughness {sdl.number(1 / self.exponent)}"
         return f"specular 0 phong {sdl.number(self.k_s)} phong_size {sdl.number(self.exponent)}"

@@ -1,7 +1,9 @@
-"""Twin of the material `conductor`: a `texture_map` of mirrors by the angle of incidence, POV-Ray's pattern `aoi`.
+"""Twin of the material `conductor`: a `texture_map` of mirrors by the angle of incidence, POV-Ray's
+pattern `aoi`.
 
-POV-Ray 3.7 knows Fresnel's formulas for real indices only. Between two mirrors of the map it blends linearly, so the reflectance is a polygon
-with corners where it bends most, within 1e-6 of the formula.
+POV-Ray 3.7 knows Fresnel's formulas for real indices only. Between two mirrors of the map it blends
+linearly, so the reflectance is a polygon with corners where it bends most, within 1e-6 of the
+formula.
 """
 
 from __future__ import annotations
@@ -37,7 +39,8 @@ METALS = {
 
 
 def reflectance(eta: float, k: float, c: float) -> float:
-    """R of the model at a cosine, by complex numbers: Fresnel's amplitudes for the index eta + ik."""
+    """R of the model at a cosine, by complex numbers: Fresnel's amplitudes for the index eta + ik.
+    """
     index = complex(eta, k)
     if index == 1 or c <= 0:
         return 0.0 if index == 1 and c > 0 else 1.0

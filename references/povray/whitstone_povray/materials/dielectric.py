@@ -1,7 +1,8 @@
-"""Twin of the material `dielectric`: `reflection { 0, 1 fresnel }` with `conserve_energy`, and a filter.
+"""Twin of the material `dielectric`: `reflection { 0, 1 fresnel }` with `conserve_energy`, and a
+filter.
 
-Transmitted radiance is not scaled by the squared relative index in POV-Ray; here the filter of the outside is that factor, that of the
-inside its inverse.
+Transmitted radiance is not scaled by the squared relative index in POV-Ray; here the filter of the
+outside is that factor, that of the inside its inverse.
 """
 
 from __future__ import annotations

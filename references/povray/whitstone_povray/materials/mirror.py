@@ -1,4 +1,6 @@
-"""Twin of the material `mirror`: `reflection`; of a texture, a `texture_map` of mirrors, since what they show is linear in the reflectance."""
+"""Twin of the material `mirror`: `reflection`; of a texture, a `texture_map` of mirrors, since what
+they show is linear in the reflectance.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Shapes (model §9): `twin(fields, place)` gives a `Solid`.
 
-A twin writes its object in the shape's own space, in POV-Ray's units: lengths through `place.length`, points through `place.point`. What
-stands around it (texture, interior, transform, instances) is put there by `document`.
+A twin writes its object in the shape's own space, in POV-Ray's units: lengths through
+`place.length`, points through `place.point`. What stands around it (texture, interior, transform,
+instances) is put there by `document`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Level sets by POV-Ray's `isosurface`: functions of metres, declared one by one and called by one another."""
+"""Level sets by POV-Ray's `isosurface`: functions of metres, declared one by one and called by one
+another.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +9,15 @@ from typing import List, Sequence
 
 from . import Place, Solid, Surface, axes, sdl
 
-# In POV-Ray's units of 2^-10 m: the depth of roots, far less than its guard of shadows, and the step of the differences that normals are made of.
+# In POV-Ray's units of 2^-10 m: the depth of roots, far less than its guard of shadows, and the
+# step of the differences that normals are made of.
 ACCURACY = 2e-6
 
 
 class Functions:
-    """The functions of one shape. Equal ones have equal names, so that a declaration may be met twice."""
+    """The functions of one shape. Equal ones have equal names, so that a declaration may be met
+    twice.
+    """
 
     def __init__(self) -> None:
         self.lines: List[str] = []
@@ -27,7 +32,9 @@ class Functions:
         return name
 
     def solid(self, place: Place, name: str, container: str, steepest: float, closed: bool) -> Solid:
-        """The surface where a function of x, y, z in metres is 0, negative inside; it changes by `steepest` per metre at most."""
+        """The surface where a function of x, y, z in metres is 0, negative inside; it changes by
+        `steepest` per metre at most.
+        """
         call = f"{sdl.number(place.setting.scale)}*{name}({','.join(axes(place))})"
         body = (
             f"isosurface {{ function {{ {call} }} contained_by {{ {container} }} open all_intersections "

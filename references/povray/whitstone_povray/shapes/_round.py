@@ -1,4 +1,6 @@
-"""What the twins of round shapes have in common: quadrics of POV-Ray, cut by boxes, and their texture coordinates."""
+"""What the twins of round shapes have in common: quadrics of POV-Ray, cut by boxes, and their
+texture coordinates.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ def heights(fields: Fields, default: Tuple[float, float], least: float = -math.i
 
 
 def around(place: Place, z: Tuple[float, float], radii: Tuple[float, float], caps: bool) -> Surface:
-    """Texture coordinates about the z axis: on the side the angle and the height, on caps the distance and the angle."""
+    """Texture coordinates about the z axis: on the side the angle and the height, on caps the
+    distance and the angle.
+    """
     x, y, height = axes(place)
     (low, high), near = z, sdl.number(_ON_CAP * (z[1] - z[0]))
     turn, up = angle(x, y), f"(({height}-{sdl.number(low)})/{sdl.number(high - low)})"
@@ -38,10 +42,13 @@ def around(place: Place, z: Tuple[float, float], radii: Tuple[float, float], cap
 
 
 def quadric(place: Place, coefficients: Sequence[float]) -> str:
-    """POV-Ray's `quadric` for ten coefficients in metres, without its end: those of squares and products, of x, y, z, and the constant."""
+    """POV-Ray's `quadric` for ten coefficients in metres, without its end: those of squares and
+    products, of x, y, z, and the constant.
+    """
     scale = place.setting.scale
     linear, constant = [scale * c for c in coefficients[6:9]], scale * scale * coefficients[9]
-    # The box that POV-Ray 3.7 puts around a hyperboloid is right only if the constant is 1 or -1 once squares are completed.
+    # The box that POV-Ray 3.7 puts around a hyperboloid is right only if the constant is 1 or -1
+    # once squares are completed.
     at_center = constant - sum(b * b / (4 * a) for a, b in zip(coefficients[:3], linear) if a != 0)
     size = abs(at_center) or 1.0
     squares, products, linear = ([c / size for c in part] for part in (coefficients[:3], coefficients[3:6], linear))
@@ -49,7 +56,8 @@ def quadric(place: Place, coefficients: Sequence[float]) -> str:
 
 
 def cut(place: Place, body: str, low: Sequence[float], high: Sequence[float], caps: bool) -> str:
-    """An object without its end, as far as it is in a box: closed by the faces of the box, or open."""
+    """An object without its end, as far as it is in a box: closed by the faces of the box, or open.
+    """
     box = f"box {{ {place.point(low)}, {place.point(high)} }}"
     if caps:
         return f"intersection {{ {body} }} {box}"

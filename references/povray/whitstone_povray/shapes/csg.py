@@ -19,7 +19,9 @@ _MAX_OPERANDS = 256
 
 
 class _OfOperands:
-    """Texture coordinates that are those of the operand that is seen: asked for, they have no twin. The place in the world is known."""
+    """Texture coordinates that are those of the operand that is seen: asked for, they have no twin.
+    The place in the world is known.
+    """
 
     mapped = False
 
@@ -53,7 +55,8 @@ def _operand(table: object, where: str, fields: Fields, place: Place, depth: int
     stands = Place(place.setting, transforms.product(place.own, own))
     solid = _twin(inner, stands, depth + 1) if nested else found(inner, stands)
     inner.close()
-    # POV-Ray 3.7 cuts the bounding box of a difference by a plane that it has turned, and loses parts.
+    # POV-Ray 3.7 cuts the bounding box of a difference by a plane that it has turned, and loses
+    # parts.
     body = f"box {{ {place.point((-_FAR, -_FAR, -_FAR))}, {place.point((_FAR, _FAR, 0))}" if plane else solid.body
     if not (plane or solid.closed):
         inner.error("", "bounds no volume, so it cannot be an operand")

@@ -1,4 +1,6 @@
-"""Twin of the shape `fractal`: POV-Ray's `isosurface` of the logarithm of the last iterate, the iterates as nested functions."""
+"""Twin of the shape `fractal`: POV-Ray's `isosurface` of the logarithm of the last iterate, the
+iterates as nested functions.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ def _julia(functions: Functions, c: Sequence[float], depth: int) -> str:
 
 
 def _mandelbulb(functions: Functions, power: int, depth: int) -> str:
-    """Of the iterate and the point that it began at: ln(|z_depth|²/4) / power^depth, no less than where the iterate is 1 long."""
+    """Of the iterate and the point that it began at: ln(|z_depth|²/4) / power^depth, no less than
+    where the iterate is 1 long.
+    """
     names = ["pa", "pb", "pc", "pd", "pe", "pf"]
     squared = "(pa*pa+pb*pb+pc*pc)"
     length = functions.declare(names[:3], f"pow({squared},{number(power / 2)})")

@@ -1,4 +1,6 @@
-"""Twin of the shape `implicit`: POV-Ray's `isosurface` with the same formulas, its `blob` for metaballs alone."""
+"""Twin of the shape `implicit`: POV-Ray's `isosurface` with the same formulas, its `blob` for
+metaballs alone.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ class Field:
     """A function of POV-Ray."""
 
     name: str
-    # For a number e, the radius of a ball around the origin outside of which the function is at least e.
+    # For a number e, the radius of a ball around the origin outside of which the function is at
+    # least e.
     reach: Callable[[float], float]
     # A bound on its slope in a ball around the origin.
     slope: Callable[[float], float]

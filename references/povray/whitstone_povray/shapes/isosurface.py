@@ -1,4 +1,6 @@
-"""Twin of the shape `isosurface`: POV-Ray's `isosurface`, the trilinear interpolation as functions of functions."""
+"""Twin of the shape `isosurface`: POV-Ray's `isosurface`, the trilinear interpolation as functions
+of functions.
+"""
 
 from __future__ import annotations
 
@@ -97,7 +99,9 @@ def _piecewise(parameter: str, count: int, at: Callable[[int], str]) -> str:
 
 
 def _steepest(size: List[int], found: List[float]) -> float:
-    """No gradient of an interpolation is longer than one made of the largest differences along each axis."""
+    """No gradient of an interpolation is longer than one made of the largest differences along each
+    axis.
+    """
     total, step = 0.0, 1
     for axis, n in enumerate(size):
         differences = (abs(found[i + step] - found[i]) for i in range(len(found)) if i // step % n < n - 1)
@@ -122,7 +126,8 @@ def twin(fields: Fields, place: Place) -> Solid:
     found = values(fields, size)
     if found is None:
         return nothing
-    # Negative inside. What is the level itself is outside; POV-Ray has no opinion, so it is moved there a little.
+    # Negative inside. What is the level itself is outside; POV-Ray has no opinion, so it is moved
+    # there a little.
     found = [level - value for value in found]
     little = 1e-10 * max(map(abs, found))
     found = [value if value != 0 else little for value in found]

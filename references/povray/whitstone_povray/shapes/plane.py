@@ -1,4 +1,6 @@
-"""Twin of the shape `plane`: POV-Ray's `plane`. POV-Ray sees nothing beyond 1e7 of its units, some 10 km."""
+"""Twin of the shape `plane`: POV-Ray's `plane`. POV-Ray sees nothing beyond 1e7 of its units, some
+10 km.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Twin of the shape `polygon`: POV-Ray's `polygon`, drawn in the plane z = 0 and put into its own plane."""
+"""Twin of the shape `polygon`: POV-Ray's `polygon`, drawn in the plane z = 0 and put into its own
+plane.
+"""
 
 from __future__ import annotations
 

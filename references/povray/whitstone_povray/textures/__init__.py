@@ -17,7 +17,8 @@ __all__ = ["Fields", "Library", "Point", "Surface", "Texture", "Vector", "cell",
 
 @dataclass(frozen=True)
 class Surface:
-    """Where a point is, as expressions of POV-Ray's functions in its x, y, z: texture coordinates, and the place in the world in metres.
+    """Where a point is, as expressions of POV-Ray's functions in its x, y, z: texture coordinates,
+    and the place in the world in metres.
 
     `mapped` where POV-Ray puts u, v in the place of x, y for a texture by texture coordinates.
     """
@@ -34,7 +35,9 @@ class Surface:
 
 @dataclass(frozen=True)
 class Texture:
-    """A colour, or a number from 0 to 1 for each point of texture space and the colours that it stands for."""
+    """A colour, or a number from 0 to 1 for each point of texture space and the colours that it
+    stands for.
+    """
 
     constant: Optional[Vector]
     value: Optional[Callable[[Point], str]] = None
@@ -49,7 +52,9 @@ class Texture:
         return f"{'uv_mapping ' if by_uv else ''}function {{ 0.25+0.5*({self.value(self.mapping.point(surface))}) }}"
 
     def choose(self, surface: Surface, look: Callable[[Vector], str]) -> str:
-        """The inside of `texture { }`, by what a colour looks like: for what is linear in that colour."""
+        """The inside of `texture { }`, by what a colour looks like: for what is linear in that
+        colour.
+        """
         if self.constant is not None or self.value is None:
             return look(self.constant or (0.0, 0.0, 0.0))
         looks = " ".join(f"[{entry(place)} {look(color)}]" for place, color in self.stops)

@@ -1,4 +1,6 @@
-"""The point of texture space that belongs to a point of a surface (model §10, `mapping`), as expressions of POV-Ray's functions."""
+"""The point of texture space that belongs to a point of a surface (model §10, `mapping`), as
+expressions of POV-Ray's functions.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,8 @@ class Mapping:
         if self.projection == "cylindrical":
             return turn(x, y), z, "0"
         if self.projection == "cube":
-            # `select` takes its second argument where the first is below 0: the lowest axis counts at equality.
+            # `select` takes its second argument where the first is below 0: the lowest axis counts
+            # at equality.
             def by_axis(on_x: str, on_y: str, on_z: str) -> str:
                 return f"select(abs({x})-max(abs({y}),abs({z})),select(abs({y})-abs({z}),{on_z},{on_y}),{on_x})"
 

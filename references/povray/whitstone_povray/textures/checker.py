@@ -1,4 +1,6 @@
-"""Twin of the texture `checker`: a function. POV-Ray's own `checker` is of three dimensions, with a tolerance."""
+"""Twin of the texture `checker`: a function. POV-Ray's own `checker` is of three dimensions, with a
+tolerance.
+"""
 
 from __future__ import annotations
 

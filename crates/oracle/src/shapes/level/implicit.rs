@@ -246,7 +246,8 @@ impl Field {
 }
 
 impl Field {
-    /// A radius around the origin beyond which the field is above `e` >= 0; infinite where none is known.
+    /// A radius around the origin beyond which the field is above `e` >= 0; infinite where none is
+    /// known.
     fn reach(&self, e: f64) -> f64 {
         let far = |v: [f64; 3]| DVec3::from_array(v).length();
         let most = |fields: &[Self], e: f64| fields.iter().map(|field| field.reach(e)).fold(0.0, f64::max);

@@ -1,11 +1,13 @@
-//! Numbers with their derivative along a line, and with how much they move for a relative change of one of all constants in them.
+//! Numbers with their derivative along a line, and with how much they move for a relative change of
+//! one of all constants in them.
 
 use super::number::Number;
 
 #[derive(Clone)]
 pub(crate) struct Jet<N> {
     pub(crate) value: N,
-    /// Of a function with a crease, of all its sides (Clarke's); `None` where nothing is known of it.
+    /// Of a function with a crease, of all its sides (Clarke's); `None` where nothing is known of
+    /// it.
     pub(crate) slope: Option<N>,
     /// The sum over the constants c of |df/dc c|, so a bound of what worst signs do.
     pub(crate) moves: f64,

@@ -1,4 +1,5 @@
-//! Numbers that are known to lie in an interval: of doubles, which is fast, or of as many digits as it takes.
+//! Numbers that are known to lie in an interval: of doubles, which is fast, or of as many digits as
+//! it takes.
 
 use crate::interval::Interval;
 use std::cmp::Ordering;
@@ -252,7 +253,8 @@ fn arc_cotangent(n: &Interval) -> Interval {
     sum
 }
 
-/// Cosine and sine of a narrow interval, by their series at a part of the angle, which is then doubled.
+/// Cosine and sine of a narrow interval, by their series at a part of the angle, which is then
+/// doubled.
 fn circle(angle: &Interval) -> [Interval; 2] {
     let mut halvings = 0;
     let mut x = angle.clone();

@@ -1,4 +1,5 @@
-//! A PLY file: a header that lists elements and their properties, and the values of these in order, as text or as bytes.
+//! A PLY file: a header that lists elements and their properties, and the values of these in order,
+//! as text or as bytes.
 
 use super::{Corner, Mesh};
 

@@ -1,7 +1,7 @@
 //! Bodies in text: a line an element.
 //!
-//! Not by the library: it refuses numbers such as `.5` and `1.`, rounds to single precision, and tells of a
-//! fault in the terms of its grammar.
+//! Not by the library: it refuses numbers such as `.5` and `1.`, rounds to single precision, and
+//! tells of a fault in the terms of its grammar.
 
 use crate::mesh::{FileError, shorten};
 use ply_rs_bw::ply::{ElementDef, Property, PropertyAccess, PropertyType, ScalarType};

@@ -32,8 +32,9 @@ impl Page {
         parse_document(sink, html5ever::ParseOpts::default()).one(html)
     }
 
-    /// The elements that a selector names, in the order of the page. It is made of names, `#id`, `.class`,
-    /// `[attribute]` and `[attribute='value']`; a space stands between an element and one anywhere in it.
+    /// The elements that a selector names, in the order of the page. It is made of names, `#id`,
+    /// `.class`, `[attribute]` and `[attribute='value']`; a space stands between an element and one
+    /// anywhere in it.
     pub(super) fn select(&self, selector: &str) -> Vec<Rc<Node>> {
         let steps: Vec<&str> = selector.split(' ').collect();
         let mut found = Vec::new();

@@ -67,8 +67,8 @@ fn compare(arguments: &Arguments, path: &Path) -> Result<Comparison, String> {
     Ok(comparison)
 }
 
-/// All images below a folder, by their paths in it, without the variants of stored references. Links to folders are not
-/// followed: they may lead in circles.
+/// All images below a folder, by their paths in it, without the variants of stored references.
+/// Links to folders are not followed: they may lead in circles.
 fn images(folder: &Path) -> Result<BTreeSet<PathBuf>, Failure> {
     let mut found = BTreeSet::new();
     let mut open = vec![PathBuf::new()];

@@ -37,7 +37,8 @@ pub(super) struct Comparison {
     pub(super) over: usize,
     /// Those that it explains; absent where the reference has no range.
     pub(super) explained: Option<usize>,
-    /// Pixels over tolerance between values of the reference that equal none of them; absent where it has no range.
+    /// Pixels over tolerance between values of the reference that equal none of them; absent where
+    /// it has no range.
     ambiguous: Option<usize>,
     /// Whether both images show one colour each.
     vacuous: bool,
@@ -48,8 +49,8 @@ pub(super) struct Comparison {
     pub(super) broken: Vec<String>,
 }
 
-/// The pixels of `over` that the stored variation of the reference explains, and the number of those that are ambiguous; `None`
-/// where it has no variation.
+/// The pixels of `over` that the stored variation of the reference explains, and the number of
+/// those that are ambiguous; `None` where it has no variation.
 fn explain(
     ours: &Image,
     reference: &Image,
@@ -373,7 +374,8 @@ impl Comparison {
     }
 
     pub(super) fn json(&self, arguments: &Arguments, ours: &Path, reference: &Path) -> Value {
-        // JSON has no infinity: a residual of a value that is not finite is null, and so is the value.
+        // JSON has no infinity: a residual of a value that is not finite is null, and so is the
+        // value.
         json!({
             "ours": ours,
             "reference": reference,

@@ -17,17 +17,20 @@ use whitstone_validate::stored::read_variants;
 
 /// Compare an image with a reference: all metrics, the pixels over tolerance, the worst pixels
 ///
-/// Both files are OpenEXR; their channels R, G, B are compared. Images of different sizes or without these
-/// channels are an error (exit code 2): nothing is cropped or resampled. Values that are not finite are
-/// counted first, and one is enough to fail. A pixel is over tolerance if on any channel
+/// Both files are OpenEXR; their channels R, G, B are compared. Images of different sizes or
+/// without these channels are an error (exit code 2): nothing is cropped or resampled. Values that
+/// are not finite are counted first, and one is enough to fail. A pixel is over tolerance if on any
+/// channel
 /// |ours - reference| > RELATIVE * |reference| + ABSOLUTE * mean |reference|.
 ///
-/// Of two folders, all files *.exr below them are compared that have the same path; one that only one of
-/// them has is an error.
+/// Of two folders, all files *.exr below them are compared that have the same path; one that only
+/// one of them has is an error.
 ///
-/// Images with layers of variance are also tested for differences that noise does not explain: docs/compare.md.
+/// Images with layers of variance are also tested for differences that noise does not explain:
+/// docs/compare.md.
 ///
-/// Exit code 0 if all limits given are kept, 1 if not. Without limits no pixel may be over tolerance.
+/// Exit code 0 if all limits given are kept, 1 if not. Without limits no pixel may be over
+/// tolerance.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  whitstone compare ours.exr reference.exr --max-rel-rmse-interior 1e-5 --png trio.png\n  whitstone compare renders references --junit compare.xml"
@@ -45,7 +48,8 @@ pub struct Arguments {
     /// Write the verdict to this file as JUnit XML, which most CI systems show
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
-    /// Write a picture: ours, the reference, and the relative error with its colour scale; of two folders, a folder of pictures
+    /// Write a picture: ours, the reference, and the relative error with its colour scale; of two
+    /// folders, a folder of pictures
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
     /// Brightness of the picture and of what SSIM compares, in stops
@@ -57,10 +61,12 @@ pub struct Arguments {
     /// Largest relative root mean squared difference that passes
     #[arg(long, value_name = "X", value_parser = at_least_0)]
     max_rel_rmse_interior: Option<f64>,
-    /// Leave pixels at the edges of this layer of either image out of the interior; numbers need a step, as in depth.Z=0.1
+    /// Leave pixels at the edges of this layer of either image out of the interior; numbers need a
+    /// step, as in depth.Z=0.1
     #[arg(long = "edges-of", value_name = "LAYER[=STEP]", value_parser = edge_layer)]
     edges_of: Vec<EdgeLayer>,
-    /// Most pixels over tolerance that pass [default: 0 if no other limit is given, else any number]
+    /// Most pixels over tolerance that pass [default: 0 if no other limit is given, else any
+    /// number]
     #[arg(long, value_name = "N")]
     max_over: Option<usize>,
     /// Most connected pixels over tolerance that pass
@@ -72,7 +78,8 @@ pub struct Arguments {
     /// Tolerance of a pixel, as a fraction of the mean of the reference
     #[arg(long, value_name = "ABSOLUTE", default_value_t = Tolerance::default().absolute, value_parser = at_least_0)]
     absolute: f64,
-    /// Also how visible the difference is (FLIP), over exposures and as shown at the exposure 0: seconds a megapixel
+    /// Also how visible the difference is (FLIP), over exposures and as shown at the exposure 0:
+    /// seconds a megapixel
     #[arg(long)]
     flip: bool,
     /// Largest mean of FLIP over exposures that passes, 0 to 1
@@ -84,7 +91,8 @@ pub struct Arguments {
     /// Least SSIM that passes, at most 1
     #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = super::finite)]
     min_ssim: Option<f64>,
-    /// Fail if noise explains some pixel only with a smaller probability than this over the whole image; needs layers of variance
+    /// Fail if noise explains some pixel only with a smaller probability than this over the whole
+    /// image; needs layers of variance
     #[arg(long, value_name = "P", value_parser = probability)]
     significance: Option<f64>,
     /// How many of the worst pixels to list

@@ -1,9 +1,11 @@
-//! A matte surface that is darker towards its rim, as dust is (Minnaert, *The Reciprocity Principle in Lunar Photometry*, 1941).
+//! A matte surface that is darker towards its rim, as dust is (Minnaert, *The Reciprocity Principle
+//! in Lunar Photometry*, 1941).
 //!
-//! f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1): the same both ways, and what it reflects of light from
-//! everywhere has the closed form in `local`.
+//! f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1): the same both ways,
+//! and what it reflects of light from everywhere has the closed form in `local`.
 //!
-//! - Twin: none; the tests hold it to energy, reciprocity, and to the matte surface that it becomes.
+//! - Twin: none; the tests hold it to energy, reciprocity, and to the matte surface that it
+//!   becomes.
 //! - Example: `scenes/chalk.toml`.
 
 use schemars::JsonSchema;
@@ -21,7 +23,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Share of the light that is reflected where it comes from and goes straight up, from 0 to 1; a texture or a colour.
+    /// Share of the light that is reflected where it comes from and goes straight up, from 0 to 1;
+    /// a texture or a colour.
     #[serde(default = "half")]
     reflectance: TextureRef,
     /// At least 1: 1 is a plain matte surface, more is darker towards the rim. 1.5 if left out.

@@ -23,7 +23,8 @@ pub struct Config {
     /// What is up; y if left out.
     #[serde(default = "y")]
     up: Vector3,
-    /// Angle across the longer side of the image, in degrees above 0 and up to 360; 180 if left out.
+    /// Angle across the longer side of the image, in degrees above 0 and up to 360; 180 if left
+    /// out.
     #[serde(default)]
     #[schemars(with = "Option<f64>")]
     fov: Option<Spanned<Finite>>,

@@ -1,6 +1,7 @@
 //! Parallel light of a ball that is lit from the side: the more of its dark half is seen, the less.
 //!
-//! The phase function of a matte ball (Lambert, *Photometria*, 1760): (sin a + (pi - a) cos a)/pi at the phase angle a.
+//! The phase function of a matte ball (Lambert, *Photometria*, 1760): (sin a + (pi - a) cos a)/pi
+//! at the phase angle a.
 //!
 //! - Twin: none; the tests hold it to the closed values of the formula.
 //! - Example: `scenes/moon.toml`.
@@ -24,7 +25,8 @@ pub struct Config {
     direction: Spanned<Vector3>,
     /// Irradiance in W/m² on a surface that faces it when it is full.
     irradiance: Color,
-    /// Angle between the sun and the viewer as the ball sees them, in degrees from 0 (full) to 180 (new); 0 if left out.
+    /// Angle between the sun and the viewer as the ball sees them, in degrees from 0 (full) to 180
+    /// (new); 0 if left out.
     #[serde(default)]
     #[schemars(with = "Option<f64>")]
     phase: Option<Spanned<Finite>>,
