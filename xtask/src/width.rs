@@ -67,7 +67,7 @@ fn marks(extension: Option<&str>) -> &'static [&'static str] {
     match extension {
         Some("md") => &[],
         Some("rs") => &["///", "//!", "//"],
-        _ => &["#"],
+        _ => &["# "],
     }
 }
 
@@ -90,7 +90,9 @@ fn too_long(text: &str, marks: &[&str]) -> Vec<usize> {
             fenced = !fenced;
         }
         let code = fenced || body.starts_with("    ");
-        let whole = ["|", "![", "<!--"].iter().any(|mark| body.starts_with(mark));
+        let whole = ["|", "![", "<!--"]
+            .iter()
+            .any(|mark| body.trim_start().starts_with(mark));
         // A link or a path cannot be broken.
         let is_one_word = !body.trim().contains(' ');
         if !code && !whole && !is_one_word && line.chars().count() > MOST {
