@@ -174,8 +174,8 @@ impl Geometry {
         }
     }
 
-    /// Number of instance paths ([`InstancePath`]), [`InstancePath::WORLD`] included. Values beyond
-    /// `u32` cannot be traced.
+    /// Number of instance paths ([`InstancePath`]), [`InstancePath::WORLD`] included. The
+    /// pipeline rejects scenes with more than `u32::MAX`.
     pub fn paths(&self) -> u64 {
         self.paths
     }

@@ -41,7 +41,7 @@ pub trait Integrator: Send + Sync {
         }
     }
 
-    /// For object-order methods, which project shapes to pixels: the prepared image, which returns
+    /// For object-order methods, which project shapes to pixels: a prepared renderer that returns
     /// the radiance along camera rays, or the reason why the scene is refused. `None` for methods
     /// that trace rays from pixels to objects.
     fn object_order(

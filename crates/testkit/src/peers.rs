@@ -12,7 +12,8 @@ use whitstone_core::{
     Accelerator, Accelerators, DVec3, Geometry, Interval, Plugin, RawHit, Ray, Shape, Skip, TriangleMesh,
 };
 
-/// One in this many rays may hit another primitive: a ray that passes an edge within rounding.
+/// Number of test rays. One in 500 may hit another primitive: those that pass an edge within
+/// rounding.
 const RAYS: u32 = 20_000;
 const MOST_OTHERS: u32 = RAYS / 500;
 

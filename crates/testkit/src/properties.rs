@@ -75,7 +75,7 @@ pub fn first_failure<F: Lawful, P: Plugin<F>>(
 ) -> Result<(), Box<Failure>> {
     let template = Template::new(text);
     let (built, refused) = (Cell::new(0), RefCell::new(String::new()));
-    // Of the last configuration that failed: after shrinking, the smallest one.
+    // The law that the last failing configuration breaks: after shrinking, the smallest one.
     let found: RefCell<Option<Broken>> = RefCell::new(None);
     let check = |text: &str, place: &F::Place| -> bool {
         match checked::<F, P>(text, place, laws) {
