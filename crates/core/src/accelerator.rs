@@ -3,11 +3,11 @@ use crate::{Aabb, Interval, RawHit, Ray, Skip};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-/// A structure over a [`crate::Geometry`] that finds hits faster than trying everything.
+/// An acceleration structure over a [`crate::Geometry`].
 ///
-/// **Same answer law**: every accelerator returns bit for bit what trying every element in order
-/// would return: the nearest hit, at equal distance the lowest (shape, primitive). A node may be
-/// left out only if it is *strictly* farther than the best hit.
+/// **Same answer law**: every accelerator returns bit for bit the result of testing every element
+/// in order: the nearest hit, and among equal distances the lowest (shape, primitive). A node may
+/// be culled only if it is *strictly* farther than the best hit.
 pub trait Accelerator: Send + Sync {
     /// The nearest hit inside the interval.
     fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit>;
@@ -33,40 +33,40 @@ pub trait Accelerator: Send + Sync {
         }
     }
 
-    /// Why an image depends on this accelerator, if it does: what departs from the law is told to
-    /// whoever looks at the image. `None` for all that obey it.
+    /// Why the image depends on this accelerator, if it does not obey the law; the note is reported
+    /// with the image. `None` for accelerators that obey the law.
     fn caveat(&self) -> Option<&str> {
         None
     }
 
-    /// What was built, for people.
+    /// Human-readable figures about the structure that was built.
     fn statistics(&self) -> Statistics;
 
-    /// What [`Self::closest`] has to do for a ray; `None` where that is not counted.
+    /// Traversal statistics of [`Self::closest`] for one ray; `None` if they are not counted.
     fn effort(&self, _ray: &Ray, _interval: Interval, _skip: Skip) -> Option<Effort> {
         None
     }
 
-    /// The volumes that space or the elements are divided into, for pictures: down to the level
-    /// `deepest`, the whole being level 0. `None` for what has none.
+    /// The bounding volumes or cells, for debug images, down to level `deepest`; the root is level
+    /// 0. `None` if the structure has no volumes.
     fn outlines(&self, _deepest: usize) -> Option<Vec<Outline>> {
         None
     }
 }
 
-/// What a search does.
+/// Traversal statistics of one query.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Effort {
-    /// Inner nodes and cells that were visited.
+    /// Inner nodes and cells visited.
     pub steps: u64,
-    /// Tests of elements.
+    /// Element tests.
     pub tests: u64,
 }
 
 /// The edges of one volume of an accelerator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
-    /// Levels below the whole.
+    /// Level; the root is 0.
     pub depth: usize,
     /// Both ends of each edge, in world space.
     pub segments: Vec<[DVec3; 2]>,
@@ -78,7 +78,7 @@ impl Outline {
         Self::of_parallelepiped(depth, aabb, [DVec3::X, DVec3::Y, DVec3::Z])
     }
 
-    /// The edges of a box in a frame of its own, which `axes` spans; none if it is empty.
+    /// The edges of a box in the frame spanned by `axes`; none if it is empty.
     pub fn of_parallelepiped(depth: usize, aabb: &Aabb, axes: [DVec3; 3]) -> Self {
         let corner = |number: usize| {
             let sides = [0, 1, 2].map(|axis| [aabb.min, aabb.max][number >> axis & 1][axis]);
@@ -100,7 +100,7 @@ impl Outline {
     }
 }
 
-/// Figures that an accelerator reports about itself, by name, such as `nodes`, `leaves`, `depth`,
+/// Named figures that an accelerator reports about itself, such as `nodes`, `leaves`, `depth`,
 /// `bytes`, `sah_cost`, `build_seconds`.
 pub type Statistics = BTreeMap<&'static str, f64>;
 

@@ -1,18 +1,18 @@
-//! Which medium a ray is in where transparent bodies overlap.
+//! Nested dielectrics: the medium that a ray is in where transparent bodies overlap.
 //!
 //! Schmidt and Budge, *Simple nested dielectrics in ray traced images*, JGT 7(2), 2002: every body
-//! has a priority, a ray knows which bodies it is in, and the one of the highest priority counts.
-//! Faces behind which the same body counts as in front of them are not there. So water may reach a
-//! little into the glass that holds it, and neither needs a face that names both.
+//! has a priority, a ray stores the set of bodies that it is inside, and the body with the highest
+//! priority fills the space. An interface with the same dominant medium on both sides is ignored. A
+//! liquid may therefore overlap its container slightly; no shared boundary surface is needed.
 //!
-//! Only scenes with priorities pay for it: all others have no [`Bodies`], and a ray that is in
-//! nothing carries one number that nobody reads.
+//! Scenes without priorities pay almost nothing: they have no [`Bodies`], and each ray carries one
+//! unused integer.
 
 use crate::{Branch, BranchKind, Branches, DVec3, Filter, Material, Rgb, SurfacePoint};
 use std::cmp::Reverse;
 use std::sync::Arc;
 
-/// What fills a body, or surrounds all of them.
+/// The medium that fills a body, or the space around all bodies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Substance {
     /// Index of refraction.
@@ -29,15 +29,15 @@ impl Substance {
     };
 }
 
-/// A material of bodies that may overlap.
+/// A material of nested dielectrics, which may overlap.
 pub trait Overlapping: Send + Sync {
-    /// Where bodies overlap, that of the highest priority counts.
+    /// Where bodies overlap, the one with the highest priority fills the space.
     fn priority(&self) -> u32;
 
     /// What fills the body.
     fn substance(&self) -> Substance;
 
-    /// The branches at a face between two substances, seen from the first of them, in place of
+    /// The branches at an interface from `from`, the viewer's side, to `to`; replaces
     /// [`Material::branches`].
     fn branches_between(
         &self,
@@ -48,53 +48,53 @@ pub trait Overlapping: Send + Sync {
         out: &mut Branches,
     );
 
-    /// What a shadow ray keeps of its light at such a face, where shadows are filtered.
+    /// Transmittance of a shadow ray at such an interface, if shadows are filtered.
     fn filter_between(&self, point: &SurfacePoint, direction: DVec3, from: Substance, to: Substance) -> Rgb;
 }
 
-/// The bodies that a ray is in.
+/// The set of nested dielectrics that a ray is inside, one bit per body.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inside(u64);
 
 impl Inside {
-    /// Outside of all.
+    /// Outside all bodies.
     pub const NOTHING: Self = Self(0);
 
-    /// The rank of the body that counts; 64 where there is none.
+    /// Rank of the dominant body; 64 if there is none.
     fn top(self) -> u32 {
         self.0.trailing_zeros()
     }
 }
 
-/// The bodies of a scene. There is none of this in scenes without priorities.
+/// The nested dielectrics of a scene; absent in scenes without priorities.
 pub struct Bodies {
-    /// By rank: the highest priority first, of equal ones the first in the scene.
+    /// By rank: descending priority, ties in scene order.
     substances: Vec<Substance>,
     /// By shape: the bit of its body, or 0.
     bits: Vec<u64>,
 }
 
-/// A face of a body as a ray comes to it.
+/// An interface of a body as a ray reaches it (medium interface).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Face {
-    /// The bodies in front of it.
+    /// The bodies that contain the space in front of it.
     pub before: Inside,
-    /// The bodies behind it.
+    /// The bodies that contain the space behind it.
     pub behind: Inside,
-    /// What counts in front of it.
+    /// The dominant medium in front of it.
     pub from: Substance,
-    /// What counts behind it.
+    /// The dominant medium behind it.
     pub to: Substance,
-    /// Whether the same body counts on both sides: rays go on as if there were no face.
+    /// Whether the same body dominates on both sides: rays then ignore the interface.
     pub passed: bool,
 }
 
 impl Bodies {
-    /// Most bodies of a scene.
+    /// Maximum number of bodies in a scene.
     pub const MOST: usize = 64;
 
-    /// Of the materials of all shapes; `None` where none has a priority. Bodies beyond
-    /// [`Self::MOST`] are left out: the pipeline refuses such scenes.
+    /// Collects the bodies from the materials of all shapes; `None` if no material has a priority.
+    /// Bodies beyond [`Self::MOST`] are dropped: the pipeline rejects such scenes.
     pub fn of(materials: &[Arc<dyn Material>]) -> Option<Self> {
         let all = materials.iter().enumerate();
         let mut bodies: Vec<_> = all
@@ -104,7 +104,7 @@ impl Bodies {
             return None;
         }
         bodies.truncate(Self::MOST);
-        // Stable: of equal priorities the first in the scene comes first.
+        // Stable: bodies with equal priorities keep their scene order.
         bodies.sort_by_key(|(_, body)| Reverse(body.priority()));
         let mut bits = vec![0; materials.len()];
         for (rank, (shape, _)) in bodies.iter().enumerate() {
@@ -116,9 +116,9 @@ impl Bodies {
         })
     }
 
-    /// The face of a shape as a ray in these bodies comes to it, from outside of this body or from
-    /// inside; `None` where the shape is no such body. On which side of its own face a ray is
-    /// counts more than what it was in before, so that a camera may stand in a body.
+    /// The interface of a shape, for a ray in the bodies `inside` that reaches it from outside or
+    /// inside of its own body; `None` if the shape is no nested dielectric. `from_outside`
+    /// overrides `inside` for this body, so that a camera may be placed inside it.
     pub fn face(&self, shape: u32, inside: Inside, from_outside: bool) -> Option<Face> {
         let bit = self.bits[shape as usize];
         if bit == 0 {
@@ -145,7 +145,7 @@ impl Bodies {
 }
 
 impl Face {
-    /// How rays go on.
+    /// The branches of a ray at the interface.
     pub fn branches(&self, body: &dyn Overlapping, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
         if self.passed {
             out.push(Branch {
@@ -158,7 +158,7 @@ impl Face {
         }
     }
 
-    /// What a shadow ray keeps, where shadows are filtered.
+    /// Transmittance of a shadow ray, if shadows are filtered.
     pub fn filter(&self, body: &dyn Overlapping, point: &SurfacePoint, direction: DVec3) -> Filter {
         if self.passed {
             return Filter::straight(Rgb::WHITE);
@@ -169,7 +169,7 @@ impl Face {
         }
     }
 
-    /// The bodies that a branch is in.
+    /// The bodies that a branch of this kind travels in.
     pub fn inside(&self, kind: BranchKind) -> Inside {
         match kind {
             BranchKind::Reflection => self.before,
@@ -227,21 +227,21 @@ mod tests {
         assert!(bodies(&[]).is_none());
     }
 
-    /// In, on and out of three bodies, of which the middle one counts most.
+    /// Into, in and out of three bodies, of which the middle one has the highest priority.
     #[test]
     fn the_highest_priority_counts() {
         let bodies = bodies(&[Some(1), None, Some(7), Some(1)]).unwrap();
         assert!(bodies.face(1, Inside::NOTHING, true).is_none());
         let mut inside = Inside::NOTHING;
-        // Shape, from outside, index in front and behind.
+        // Shape, from outside, expected index of refraction in front and behind.
         for (shape, enters, from, to) in [
             (0, true, 1.0, 2.0),
             (2, true, 2.0, 4.0),
-            // Less than what the ray is in: passed.
+            // Lower priority than the current body: ignored.
             (3, true, 4.0, 4.0),
             (0, false, 4.0, 4.0),
             (2, false, 4.0, 5.0),
-            // Equal to what the ray is in, and earlier in the scene.
+            // Same priority as the current body, but earlier in the scene.
             (0, true, 5.0, 2.0),
             (3, false, 2.0, 2.0),
             (0, false, 2.0, 1.0),
@@ -257,7 +257,7 @@ mod tests {
     #[test]
     fn the_side_of_a_face_counts_more_than_what_was_known() {
         let bodies = bodies(&[Some(3)]).unwrap();
-        // A camera inside, which knows nothing of it.
+        // A camera inside the body: its ray starts with an empty set.
         let face = bodies.face(0, Inside::NOTHING, false).unwrap();
         assert_eq!(
             (face.from.ior, face.to, face.passed),

@@ -11,14 +11,13 @@ pub struct FilmSize {
     pub height: u32,
 }
 
-/// Turns positions in the image into rays.
+/// Maps raster positions to rays.
 pub trait Camera: Send + Sync {
     /// The ray through `raster`, in pixels from the top left corner, x right and y down (section 3
-    /// of the model). The direction is of unit length; the ray starts at the near limit, if there
-    /// is one.
+    /// of the model). Its direction has unit length. It starts at the near limit, if there is one.
     fn ray(&self, raster: DVec2) -> Ray;
 
-    /// [`Self::ray`] through each of `rays.len` positions: origins and directions.
+    /// [`Self::ray`] through each of `rays.len` positions; sets origins and directions.
     fn ray_stream(&self, raster: &Lanes<DVec2>, rays: &mut RayStream) {
         for lane in 0..rays.len {
             let ray = self.ray(raster[lane]);
@@ -27,25 +26,24 @@ pub trait Camera: Send + Sync {
         }
     }
 
-    /// How far in front of the camera the ray through `raster` starts, in metres along it: what is
-    /// nearer is not seen. Negative for one that starts behind it.
+    /// Distance from the camera to the start of the ray through `raster`, in metres along the ray.
+    /// Nearer surfaces are not seen. Negative if the ray starts behind the camera.
     fn near(&self, _raster: DVec2) -> f64 {
         0.0
     }
 
-    /// Points of the lens through which every position in the image is seen: 1 for a pinhole.
+    /// Number of lens points through which every raster position is seen: 1 for a pinhole.
     fn lens_points(&self) -> u32 {
         1
     }
 
-    /// The ray through `raster` from a point of the lens, by its number (below
-    /// [`Self::lens_points`]). [`Self::ray`] is the one through the middle of the lens.
+    /// The ray through `raster` from lens point `point` (below [`Self::lens_points`]).
+    /// [`Self::ray`] goes through the centre of the lens.
     fn lens_ray(&self, raster: DVec2, _point: u32) -> Ray {
         self.ray(raster)
     }
 
-    /// [`Self::lens_ray`] through each of `rays.len` positions, all from the same point of the
-    /// lens.
+    /// [`Self::lens_ray`] through each of `rays.len` positions, all from the same lens point.
     fn lens_stream(&self, raster: &Lanes<DVec2>, point: u32, rays: &mut RayStream) {
         if self.lens_points() == 1 {
             return self.ray_stream(raster, rays);
@@ -57,10 +55,10 @@ pub trait Camera: Send + Sync {
         }
     }
 
-    /// The way back from points to positions in the image, where that is linear: a matrix that
-    /// takes a point of the world to (x w, y w, depth, w), with x, y the raster position at which
-    /// it is seen, and depth how far it is in front of the camera, in metres along the view. `None`
-    /// if straight lines are not straight in the image.
+    /// The projective matrix from world space to the raster, if the camera has one. It maps a point
+    /// to (x w, y w, depth, w), where (x, y) is the raster position and depth the distance in front
+    /// of the camera, in metres along the view direction. `None` if straight lines are not straight
+    /// in the image.
     fn projection(&self) -> Option<DMat4> {
         None
     }

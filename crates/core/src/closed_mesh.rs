@@ -1,4 +1,4 @@
-//! A mesh of triangles as a solid.
+//! A triangle mesh as a solid.
 
 use crate::solid::{self, Spans};
 use crate::triangle::ShearedRay;
@@ -8,37 +8,37 @@ use std::collections::HashMap;
 use std::fmt;
 use std::ops::Range;
 
-/// Triangles in a leaf at most.
+/// Maximum number of triangles in a leaf.
 const LEAF: usize = 4;
 
-/// A mesh that bounds a volume: inside is where its triangles go around a point more often outwards
-/// than inwards.
+/// A mesh that bounds a volume: a point is inside if the winding number of the mesh around it is
+/// positive.
 ///
-/// The crossings of a line pair up whatever it runs through ([`ShearedRay::pierce`]); those inside
-/// of another part of the mesh do not count. Triangles are found by boxes within boxes, halved at
-/// the median of the longest side.
+/// The crossings of any line pair up ([`ShearedRay::pierce`]); crossings inside another part of the
+/// mesh are ignored. Triangles are found with a bounding volume hierarchy, split at the median of
+/// the longest axis.
 pub struct ClosedMesh {
     mesh: TriangleMesh,
-    /// Numbers of triangles, by leaves.
+    /// Triangle ids, ordered by leaf.
     order: Vec<u32>,
-    /// Each in front of all that it holds.
+    /// In depth-first order: every node precedes its descendants.
     nodes: Vec<Node>,
 }
 
 struct Node {
     bounds: Aabb,
-    /// The first node behind all that this one holds.
+    /// Index of the first node after this subtree.
     next: usize,
-    /// Of a leaf, in `order`.
+    /// Of a leaf: a range of `order`.
     triangles: Range<usize>,
 }
 
 /// Why a mesh bounds no volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NotClosed {
-    /// So many edges are not run along as often in the one direction as in the other.
+    /// This many edges are not traversed equally often in both directions.
     Edges(usize),
-    /// Its triangles face inwards.
+    /// The triangles face inwards.
     InsideOut,
 }
 
@@ -60,8 +60,8 @@ impl fmt::Display for NotClosed {
 }
 
 impl Shape {
-    /// As an operand of constructive solid geometry. Fails, with the reason where it is a mesh, if
-    /// it bounds no volume.
+    /// The shape as an operand of constructive solid geometry. Fails if it bounds no volume; for a
+    /// mesh the error says why.
     pub fn into_solid(self) -> Result<Box<dyn Primitive>, Option<NotClosed>> {
         match self {
             Self::Opaque(primitive) if primitive.solid() => Ok(primitive),
@@ -72,7 +72,7 @@ impl Shape {
 }
 
 impl ClosedMesh {
-    /// Fails if the mesh has no inside. Vertices at the same place are one.
+    /// Fails if the mesh has no inside. Vertices at the same position count as one.
     pub fn new(mesh: TriangleMesh) -> Result<Self, NotClosed> {
         let open = open_edges(&mesh);
         if open > 0 {
@@ -88,14 +88,14 @@ impl ClosedMesh {
         Ok(Self { mesh, order, nodes })
     }
 
-    /// Bytes that [`Self::new`] takes at most, those of the mesh not counted.
+    /// Upper bound on the bytes that [`Self::new`] allocates, without the mesh itself.
     pub fn bytes(mesh: &TriangleMesh) -> u64 {
-        // A node for two triangles, and one and a half edges a triangle with as many free places.
+        // One node per two triangles, and 1.5 edges per triangle in a half-full hash table.
         let each = size_of::<u32>() + size_of::<Node>() + 3 * size_of::<([[u64; 3]; 2], i64)>();
         mesh.triangles.len() as u64 * each as u64
     }
 
-    /// Calls back for all triangles near the line.
+    /// Calls `visit` for all triangles near the line.
     fn near(&self, ray: &Ray, mut visit: impl FnMut(u32)) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
@@ -112,16 +112,16 @@ impl ClosedMesh {
 }
 
 impl TriangleMesh {
-    /// Whether it bounds a volume: every edge runs as often in the one direction as in the other.
-    /// Vertices at the same place are one.
+    /// Whether the mesh bounds a volume: every edge is traversed equally often in both directions.
+    /// Vertices at the same position count as one.
     pub fn is_closed(&self) -> bool {
         open_edges(self) == 0
     }
 }
 
-/// How many edges do not cancel each other.
+/// Number of edges whose traversals do not cancel.
 fn open_edges(mesh: &TriangleMesh) -> usize {
-    // Zero has two signs and one place.
+    // Adding 0 turns -0 into +0: both are the same position.
     let place = |vertex: u32| {
         (mesh.positions[vertex as usize] + 0.0)
             .to_array()
@@ -141,7 +141,7 @@ fn open_edges(mesh: &TriangleMesh) -> usize {
     balance.values().filter(|sum| **sum != 0).count()
 }
 
-/// Six times the volume, positive where triangles face outwards.
+/// Six times the signed volume, positive if triangles face outwards.
 fn volume(mesh: &TriangleMesh) -> f64 {
     let center = bounds(mesh, 0..mesh.triangles.len() as u32).center();
     let parts = (0..mesh.triangles.len() as u32).map(|triangle| {
@@ -155,7 +155,7 @@ fn bounds(mesh: &TriangleMesh, triangles: impl IntoIterator<Item = u32>) -> Aabb
     Aabb::around(triangles.into_iter().flat_map(|triangle| mesh.corners(triangle)))
 }
 
-/// Adds the nodes of a range of triangles. As deep as the range can be halved.
+/// Appends the subtree for a range of triangles. The depth is logarithmic.
 fn build(mesh: &TriangleMesh, order: &mut [u32], range: Range<usize>, nodes: &mut Vec<Node>) {
     let own = nodes.len();
     let bounds = bounds(mesh, order[range.clone()].iter().copied());
@@ -184,13 +184,13 @@ fn build(mesh: &TriangleMesh, order: &mut [u32], range: Range<usize>, nodes: &mu
     nodes[own].next = nodes.len();
 }
 
-/// False only if the line certainly passes by what [`ShearedRay::beside`] sees of the box.
+/// False only if the line certainly misses the box as [`ShearedRay::beside`] transforms it.
 fn is_near(ray: &Ray, bounds: &Aabb) -> bool {
     let (low, high) = (bounds.min - ray.origin, bounds.max - ray.origin);
-    // Places beside the line are off by roundings of places relative to its origin.
+    // Sheared positions have rounding errors relative to their distance from the line's origin.
     let off = DVec3::splat(8.0 * f64::EPSILON * low.abs().max(high.abs()).max_element());
     let (one, other) = ((low - off) / ray.direction, (high + off) / ray.direction);
-    // 0/0 is NaN and changes nothing.
+    // 0/0 is NaN; `max` and `min` ignore it.
     let near = one
         .min(other)
         .to_array()
@@ -269,7 +269,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// An octahedron around the origin, its corners moved.
+    /// An octahedron around the origin with displaced corners.
     fn octahedron(moved: [DVec3; 6]) -> TriangleMesh {
         let corners = [
             DVec3::X,
@@ -315,7 +315,7 @@ mod tests {
             ..whole.clone()
         };
         assert_eq!(ClosedMesh::new(mirrored).err(), Some(NotClosed::InsideOut));
-        // Every triangle with vertices of its own.
+        // Unshared vertices: every triangle has its own.
         let split = TriangleMesh {
             positions: (0..8).flat_map(|triangle| whole.corners(triangle)).collect(),
             triangles: (0..8).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
@@ -327,7 +327,7 @@ mod tests {
     #[test]
     fn lines_run_through_it_from_face_to_face() {
         let solid = ClosedMesh::new(octahedron([DVec3::ZERO; 6])).unwrap();
-        // From within; through two corners; through two edges; beside.
+        // From inside; through two corners; through two edges; a miss.
         let found = |origin: [f64; 3], direction: [f64; 3]| {
             let spans = spans(&solid, &Ray::new(origin.into(), direction.into()));
             spans
@@ -343,7 +343,7 @@ mod tests {
 
     proptest! {
         /// Lines through corners, edges and along faces: crossings pair up, and the middle of a
-        /// part is inside.
+        /// span is inside.
         #[test]
         fn crossings_pair_up(
             moved in prop::array::uniform6(prop::array::uniform3(-0.2..0.2f64)),
@@ -373,7 +373,7 @@ mod tests {
                 prop_assert!(span.enter.t < span.exit.t);
                 let middle = ray.at(0.5 * (span.enter.t + span.exit.t));
                 let cut = spans(&solid, &Ray::new(middle, DVec3::new(0.3, -0.5, 0.8)));
-                // A line may run along an edge or a face, where either is right.
+                // A line may run along an edge or a face, where either answer is correct.
                 let on_surface = (0..8).any(|triangle| {
                     let [a, b, c] = mesh.corners(triangle);
                     (b - a).cross(c - a).normalize().dot(middle - a).abs() < 1e-9

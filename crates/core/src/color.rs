@@ -3,7 +3,7 @@ use glam::DVec3;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Mul, MulAssign};
 
-/// A linear Rec. 709 colour or a spectral quantity in its three channels: radiance in W/(m² sr),
+/// A linear Rec. 709 colour, or a quantity in these three channels: radiance in W/(m² sr),
 /// irradiance in W/m², or a dimensionless weight.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rgb {
@@ -31,7 +31,7 @@ impl Rgb {
         Self::new(value, value, value)
     }
 
-    /// One of two colours, by values: straight-line code.
+    /// Selects one of two colours without a branch.
     #[inline(always)]
     pub fn choose(first: bool, a: Self, b: Self) -> Self {
         let pick = |a: f64, b: f64| select(first, a, b);
@@ -61,9 +61,8 @@ impl Rgb {
         Self::new(f(self.r), f(self.g), f(self.b))
     }
 
-    /// Transmittance of a segment of `length` metres in a medium with this absorption coefficient
-    /// (per metre): exp(-a t); where a channel does not absorb, exactly 1 for any length, infinite
-    /// ones included.
+    /// Transmittance exp(-a t) of a segment of `length` metres in a medium with this absorption
+    /// coefficient (per metre). Exactly 1 in channels without absorption, even for infinite length.
     pub fn transmittance(self, length: f64) -> Self {
         self.map(|a| if a == 0.0 { 1.0 } else { (-a * length).exp() })
     }

@@ -1,7 +1,8 @@
-//! Typed values of plugin tables: each refuses what is out of range at the value itself.
+//! Types for the parameters of plugin tables. Each rejects values outside its range, with the
+//! position of the value.
 //!
-//! A plugin's `Config` is a struct of these with `#[serde(deny_unknown_fields)]`, so that an error
-//! knows the place of the one value that is wrong.
+//! A plugin's `Config` is a struct of these types with `#[serde(deny_unknown_fields)]`, so that an
+//! error points to the one value that is wrong.
 
 mod decode;
 
@@ -20,19 +21,20 @@ use std::fmt;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// The table of one plugin, without the keys that the scene crate takes out (`type`, `id`, ...).
+/// The table of one plugin, without the keys that the scene crate removes (`type`, `id`, ...).
 pub type Table<'s> = Spanned<DeTable<'s>>;
 
-/// The text that stands for the inline plugin number `index` where a table was hoisted out of its
-/// parent: see [`PluginRef`].
+/// The placeholder for inline plugin number `index`, whose table was hoisted out of its parent: see
+/// [`PluginRef`].
 pub fn inline_reference(index: usize) -> String {
     format!("{INLINE}{index}")
 }
 
-/// U+0001 cannot be in a TOML key and hardly in an id, so no id of a scene is mistaken for it.
+/// U+0001 cannot occur in a TOML key and is unlikely in an id, so no id is mistaken for a
+/// placeholder.
 const INLINE: char = '\u{1}';
 
-/// The number of the inline plugin that a text stands for.
+/// The number of the inline plugin that a placeholder stands for.
 fn inline_index(text: &str) -> Option<usize> {
     text.strip_prefix(INLINE)?.parse().ok()
 }
@@ -61,7 +63,7 @@ macro_rules! number {
         pub struct $name(f64);
 
         impl $name {
-            /// The value if it is in range.
+            /// The value, if it is in range.
             pub fn new(value: f64) -> Option<Self> {
                 let accept: fn(f64) -> bool = $accept;
                 accept(value).then_some(Self(value))
@@ -120,7 +122,7 @@ number!(
 pub struct IntegerIn<const MIN: u32, const MAX: u32>(u32);
 
 impl<const MIN: u32, const MAX: u32> IntegerIn<MIN, MAX> {
-    /// The value if it is in range.
+    /// The value, if it is in range.
     pub fn new(value: u32) -> Option<Self> {
         (MIN..=MAX).contains(&value).then_some(Self(value))
     }
@@ -249,17 +251,17 @@ impl JsonSchema for Vector2 {
     }
 }
 
-/// One number for both, or a pair: a scale in two directions.
+/// A scale along two axes: one number for both, or a pair.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale2(DVec2);
 
 impl Scale2 {
-    /// The same in both directions.
+    /// The same factor along both axes.
     pub const fn splat(value: f64) -> Self {
         Self(DVec2::splat(value))
     }
 
-    /// The two factors.
+    /// The factors.
     pub const fn get(self) -> DVec2 {
         self.0
     }
@@ -288,7 +290,7 @@ impl JsonSchema for Scale2 {
     }
 }
 
-/// A colour of at least 0 in every channel: a number (grey) or three numbers.
+/// A colour, each channel at least 0: a number (grey) or three numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Color(Rgb);
 
@@ -327,14 +329,13 @@ impl JsonSchema for Color {
     }
 }
 
-/// A reference to a plugin of another family where a table names or contains it: the id of a shared
-/// one, or an inline table, which the scene crate has taken out before and replaced by
-/// [`inline_reference`].
+/// A reference to a plugin: the id of a shared plugin, or an inline table. The scene crate hoists
+/// inline tables beforehand and replaces them by [`inline_reference`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum PluginRef {
-    /// The id under which the scene shares it.
+    /// The id of a shared plugin.
     Shared(String),
-    /// The number of an inline table that was hoisted.
+    /// The number of a hoisted inline table.
     Inline(usize),
 }
 
@@ -344,13 +345,13 @@ impl From<&str> for PluginRef {
     }
 }
 
-/// A colour parameter as it is written: a number, three numbers, the id of a shared texture, or an
-/// inline texture. [`crate::Context::texture`] turns it into a [`crate::ColorSource`].
+/// A colour parameter as written: a number, three numbers, the id of a shared texture, or an inline
+/// texture. [`crate::Context::texture`] turns it into a [`crate::ColorSource`].
 #[derive(Clone, Debug)]
 pub struct TextureRef {
-    /// Place in the source; `None` for a default.
+    /// Position in the source; `None` for a default.
     pub span: Option<SourceSpan>,
-    /// What is there.
+    /// The value.
     pub value: TextureValue,
 }
 
@@ -364,7 +365,7 @@ pub enum TextureValue {
 }
 
 impl TextureRef {
-    /// A default.
+    /// A grey default.
     pub const fn grey(value: f64) -> Self {
         Self {
             span: None,
@@ -427,18 +428,18 @@ impl JsonSchema for TextureRef {
                 "type": "object",
                 "properties": { "type": { "type": "string" } },
                 "required": ["type"],
-                // By this the schema of whole scenes puts the types that there are in its place.
+                // The schema of whole scenes replaces this by the available types.
                 "x-family": "texture"
             }
         ] })
     }
 }
 
-/// The path of a file, relative to the folder of the scene, with its place in the source. The key
-/// that holds it is always called `file`.
+/// The path of a file, relative to the folder of the scene, with its position in the source. Its
+/// key is always called `file`.
 #[derive(Clone, Debug)]
 pub struct FilePath {
-    /// Place in the source.
+    /// Position in the source.
     pub span: SourceSpan,
     /// As written.
     pub path: String,
@@ -487,7 +488,7 @@ impl<'de, T: Deserialize<'de> + Copy, const N: usize> Visitor<'de> for ArrayVisi
                 .next_element::<T>()
                 .map_err(|error| A::Error::custom(format!("element {}: {error}", values.len())))?;
             let Some(value) = next else { break };
-            // More than N values need not be kept to be counted as too many.
+            // Further values are counted but not stored.
             if values.len() == N {
                 return Err(A::Error::custom(format!(
                     "expected an array of {N} numbers, found more"
@@ -502,7 +503,7 @@ impl<'de, T: Deserialize<'de> + Copy, const N: usize> Visitor<'de> for ArrayVisi
     }
 }
 
-/// One number, meant N times, or exactly N.
+/// One number for all N components, or exactly N numbers.
 struct GreyOr<T, const N: usize> {
     expected: &'static str,
     array: ArrayVisitor<T, N>,

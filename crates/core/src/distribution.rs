@@ -1,34 +1,34 @@
-//! Reflection in several directions at once.
+//! Glossy reflection by several rays.
 //!
-//! Cook, Porter and Carpenter, *Distributed ray tracing*, SIGGRAPH 1984, section 4.1: gloss is what
-//! mirrors show in many directions about that of the mirror. Here the directions are fixed, the
-//! same at every point and in every program, so that there is no noise. They turn with the mirror
-//! direction by the least rotation: where both change little, so does every direction, but for one
+//! Cook, Porter and Carpenter, *Distributed ray tracing*, SIGGRAPH 1984, section 4.1: a glossy
+//! reflection is traced in several directions around the mirror direction. Here the directions are
+//! fixed, the same at every point and in every renderer, so that there is no noise. The minimal
+//! rotation carries them to the mirror direction, so that they vary continuously except at one
 //! pole.
 //!
-//! Only scenes with such materials pay for it: their rays are followed one by one.
+//! Only scenes with glossy materials pay for it: their rays are traced one at a time.
 
 use crate::{Branch, BranchKind, Branches, DVec3, PathLetter, SurfacePoint, World};
 
-/// The reflected branch of a surface, spread over directions in equal shares.
+/// The glossy lobe of a surface: the reflection branch, split into equally weighted directions.
 #[derive(Clone, Copy, Debug)]
 pub struct Distribution<'a> {
     /// Unit normal on the viewer's side.
     pub n: DVec3,
-    /// Unit vectors about +z, which stands for the mirror direction.
+    /// Unit vectors around +z, which represents the mirror direction.
     pub lobe: &'a [DVec3],
 }
 
-/// What is taken to the normal: the pole, its opposite, is no axis, and lies where cameras seldom
-/// see a surface face.
+/// Fixed axis that is rotated onto the normal to build a tangent frame. The frame is singular only
+/// for n = -AXIS, chosen so that few visible surfaces face that way.
 const AXIS: DVec3 = DVec3::new(0.48, 0.64, 0.6);
 
-/// A unit vector across it.
+/// A unit vector perpendicular to `AXIS`.
 const ACROSS: DVec3 = DVec3::new(0.8, -0.6, 0.0);
 
-/// Takes a vector across `a` to one across `b` by the least rotation that takes `a` to `b`, which
-/// are unit vectors: since `q` is across `a`, by a mirror. Where `b` is `-a` there is no least one,
-/// and `q` stays.
+/// Applies the minimal rotation from `a` to `b` (unit vectors) to `q`, which is perpendicular to
+/// `a`; for such vectors it equals a reflection. If `b` is `-a` there is no minimal rotation, and
+/// `q` is returned.
 fn carried(q: DVec3, a: DVec3, b: DVec3) -> DVec3 {
     let m = a + b;
     let length = m.length_squared();
@@ -40,10 +40,10 @@ fn carried(q: DVec3, a: DVec3, b: DVec3) -> DVec3 {
 }
 
 impl Distribution<'_> {
-    /// The directions about a mirror direction, in order.
+    /// The directions around a mirror direction, in order.
     pub fn directions(&self, mirrored: DVec3) -> impl DoubleEndedIterator<Item = DVec3> + ExactSizeIterator {
         let x = carried(carried(ACROSS, AXIS, self.n), self.n, mirrored);
-        // Across already, but for what rounding does next to the pole.
+        // Already perpendicular, except for rounding errors near the pole.
         let x = (x - x.dot(mirrored) * mirrored).normalize();
         let y = mirrored.cross(x);
         self.lobe.iter().map(move |q| q.x * x + q.y * y + q.z * mirrored)
@@ -51,8 +51,8 @@ impl Distribution<'_> {
 }
 
 impl World {
-    /// Calls `visit` with the branches of a surface from the last to the first: with all that stand
-    /// for a reflected one where the material spreads it.
+    /// Calls `visit` for each branch of a surface in reverse order. A glossy reflection is visited
+    /// as all its rays.
     pub fn backwards(
         &self,
         shape: u32,
@@ -69,7 +69,8 @@ impl World {
             }
             let material = &self.materials[shape as usize];
             let Some(distribution) = material.distribution(point, view) else {
-                // Called as if it were spread where the other side of the surface is.
+                // Not glossy here, for example on this side of the surface: labelled as ray 0 of a
+                // glossy reflection.
                 visit(branch, PathLetter::among(material.reflections(), 0));
                 continue;
             };
@@ -107,7 +108,8 @@ mod tests {
             assert!((found.length() - 1.0).abs() < 1e-14, "{b}");
             assert!(found.dot(b).abs() < 1e-14, "{b}");
         }
-        // In the plane of the rotation as the axis itself, across it not at all.
+        // A vector in the plane of rotation turns like the axis; the perpendicular one is
+        // unchanged.
         let b = (a + q).normalize();
         assert!((carried(q, a, b) - (q - a).normalize()).length() < 1e-15);
         let still = a.cross(q);
@@ -127,8 +129,7 @@ mod tests {
         }
     }
 
-    /// Beside one another, but for the pole: a step moves a direction by no more than a few of its
-    /// length.
+    /// Continuity away from the pole: a step changes a direction by at most a few times its length.
     #[test]
     fn directions_follow_the_normal() {
         let lobe = [DVec3::new(0.6, 0.0, 0.8), DVec3::new(0.0, 0.6, 0.8)];

@@ -2,25 +2,24 @@ use std::fmt;
 use std::ops::Range;
 use thiserror::Error;
 
-/// A range of bytes in the scene's source text. When a scene has several files, the ranges of all
-/// of them lie behind one another; the scene crate's source map turns a range into file, line,
-/// column.
+/// A byte range in the scene's source text. The files of a scene share one range, one after the
+/// other; the scene crate's source map converts a range to file, line and column.
 pub type SourceSpan = Range<usize>;
 
-/// One thing that is wrong with a scene, at its place.
+/// An error in a scene, with its position.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error("{message}")]
 pub struct SceneError {
-    /// The offending value; `None` only if the fault has no place (an empty document).
+    /// The offending value; `None` only if there is no position (an empty document).
     pub span: Option<SourceSpan>,
-    /// What is wrong, and what was expected.
+    /// The fault, and what was expected.
     pub message: String,
-    /// What to do about it.
+    /// A hint on how to fix it.
     pub help: Option<String>,
 }
 
 impl SceneError {
-    /// An error at a place.
+    /// An error at a position.
     pub fn at(span: SourceSpan, message: impl Into<String>) -> Self {
         Self {
             span: Some(span),
@@ -29,7 +28,7 @@ impl SceneError {
         }
     }
 
-    /// An error without a place; the caller that knows the plugin's table adds it.
+    /// An error without a position; the caller that knows the plugin's table adds it.
     pub fn anywhere(message: impl Into<String>) -> Self {
         Self {
             span: None,
@@ -38,7 +37,7 @@ impl SceneError {
         }
     }
 
-    /// The same with advice.
+    /// Adds a hint.
     #[must_use]
     pub fn with_help(mut self, help: impl Into<String>) -> Self {
         self.help = Some(help.into());
@@ -46,12 +45,12 @@ impl SceneError {
     }
 }
 
-/// All that is wrong with a scene: never empty where it is returned as an error.
+/// All errors of a scene; never empty if returned as an error.
 #[derive(Clone, Debug, Default, Error, PartialEq, Eq)]
 pub struct SceneErrors(pub Vec<SceneError>);
 
 impl SceneErrors {
-    /// Adds the errors of a failed step and gives back the value of a good one.
+    /// Collects the errors of a failed step, or returns the value of a successful one.
     pub fn take<T>(&mut self, result: Result<T, Self>) -> Option<T> {
         match result {
             Ok(value) => Some(value),
@@ -62,7 +61,7 @@ impl SceneErrors {
         }
     }
 
-    /// Gives errors that have no place the place `span`.
+    /// Sets `span` as the position of errors that have none.
     #[must_use]
     pub fn or_at(mut self, span: &SourceSpan) -> Self {
         for error in &mut self.0 {
@@ -71,7 +70,7 @@ impl SceneErrors {
         self
     }
 
-    /// `Ok(value)` if there is no error, else all of them.
+    /// `Ok(value)` if there are no errors, otherwise all of them.
     pub fn into_result<T>(self, value: T) -> Result<T, Self> {
         if self.0.is_empty() { Ok(value) } else { Err(self) }
     }
@@ -103,13 +102,13 @@ pub struct DuplicateType {
     pub family: &'static str,
     /// The TOML `type`.
     pub name: &'static str,
-    /// Crate that registered it first.
+    /// The crate that registered it first.
     pub first: &'static str,
-    /// Crate that tried again.
+    /// The crate that registered it again.
     pub second: &'static str,
 }
 
-/// The candidate nearest to `name` by edit distance, if it is near enough to be a slip of the pen.
+/// The candidate nearest to `name` by edit distance, if near enough to be a typo.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     candidates
         .into_iter()
@@ -119,7 +118,7 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         .map(|(_, candidate)| candidate)
 }
 
-/// Letters to insert, to remove, to replace, or to swap with their neighbour (optimal string
+/// Number of letters to insert, remove, replace or swap with a neighbour (optimal string
 /// alignment).
 fn edit_distance(a: &str, b: &str) -> usize {
     let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());

@@ -1,41 +1,40 @@
-//! How far apart neighbouring rays are, and what they see of a surface together: for textures that
-//! are filtered.
+//! Ray differentials and footprints, for texture filtering.
 //!
-//! Igehy, *Tracing ray differentials*, SIGGRAPH 1999. Where a ray goes on, its equations 9 to 17
-//! are not written out for each material: a material is asked again for the branches of a neighbour
-//! that is nearer by [`STEP`], and a camera for its ray, so that whatever bends rays spreads them
-//! too. All of it only filters: single precision is enough, and no ray goes elsewhere for it.
+//! Igehy, *Tracing ray differentials*, SIGGRAPH 1999. Equations 9 to 17 (reflection and refraction)
+//! are not implemented per material. Instead, the material computes the branches of a neighbouring
+//! ray, offset by [`STEP`], and the camera its ray: every material and camera has differentials
+//! without extra code. They only affect filtering: single precision is enough, and no ray changes
+//! direction.
 
 use crate::simd::{self, select};
 use crate::stream::{LANES, Lanes, Optional, RayStream};
 use crate::{Branches, Camera, Geometry, Inside, Needs, PathLetter, RawHit, Ray, SurfacePoint, World};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
-/// The step of the forward differences, as a part of the distance to the next sample: a power of 2.
-/// Their truncation error is of the order of the step times the curvature; at 1/256 it was ten
-/// times the error of the rest of an image. Their rounding error is 2^-36 of a coordinate, in
-/// sample distances.
+/// Step of the forward differences, relative to the distance to the next sample: a power of 2. The
+/// truncation error is of the order of the step times the curvature; at 1/256 it was ten times the
+/// other errors of an image. The rounding error is 2^-36 of a coordinate, in sample distances.
 pub const STEP: f64 = 1.0 / (1 << 17) as f64;
 
-/// The least cosine between a ray and the normal by which a footprint is prolonged.
+/// Lower bound on the cosine between ray and normal: limits how far a footprint is stretched.
 const GRAZING: f64 = 1.0 / (1 << 20) as f64;
 
-/// The most that a branch may spread, in radians a sample: at the critical angle there would be no
-/// bound.
+/// Upper bound on the differential of a branch's direction, in radians per sample. At the critical
+/// angle it would be unbounded.
 const WIDEST: f64 = 1.0;
 
-/// How the rays of the next sample to the right and of the next one below lie beside a ray: first
-/// derivatives, scaled to the distance of samples.
+/// The ray differentials: first derivatives of a ray towards the next sample to the right and the
+/// next sample below, scaled to the sample distance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spread {
-    /// Of the origins, in metres.
+    /// Derivatives of the origin, in metres.
     pub origin: [Vec3; 2],
-    /// Of the unit directions.
+    /// Derivatives of the unit direction.
     pub direction: [Vec3; 2],
 }
 
-/// What a ray and its neighbours see of a surface: how far the neighbours' points are. Zero where
-/// it is not known, so that textures show their finest level.
+/// The offsets from a hit to the hits of the two neighbouring rays on the surface. Zero if unknown:
+/// textures then use their finest level.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Footprint {
     /// In metres, in the tangent plane.
@@ -45,23 +44,23 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// A point, or not known.
+    /// A point, or unknown.
     pub const NONE: Self = Self {
         position: [Vec3::ZERO; 2],
         uv: [Vec2::ZERO; 2],
     };
 }
 
-// Pairs are written out below: arrays that are mapped become calls, which take longer than what is
-// called.
+// The code for both neighbours is written out below: mapping over arrays compiles to calls, which
+// cost more than the work they do.
 
-/// The derivative from values that are [`STEP`] apart.
+/// The derivative from two values that are [`STEP`] apart.
 #[inline(always)]
 fn slope(here: DVec3, beside: DVec3, scale: f64) -> Vec3 {
     ((beside - here) * (scale / STEP)).as_vec3()
 }
 
-/// The spread of a camera ray whose neighbours are these.
+/// The differentials of a camera ray from its two neighbours.
 #[inline(always)]
 fn between(ray: &Ray, right: &Ray, below: &Ray, scale: f64) -> Spread {
     Spread {
@@ -77,16 +76,16 @@ fn between(ray: &Ray, right: &Ray, below: &Ray, scale: f64) -> Spread {
 }
 
 impl Spread {
-    /// Of the camera ray through `raster` from a point of the lens, whose neighbours are `scale`
-    /// pixels away.
+    /// The differentials of the camera ray through `raster` from a lens point; neighbours are
+    /// `scale` pixels away.
     pub fn of_camera(camera: &dyn Camera, raster: DVec2, point: u32, scale: f64) -> Self {
         let at = |raster| camera.lens_ray(raster, point);
         let (right, below) = (at(raster + DVec2::X * STEP), at(raster + DVec2::Y * STEP));
         between(&at(raster), &right, &below, scale)
     }
 
-    /// How far the neighbours are in the plane across `normal` at the point `t` of the ray, in
-    /// metres (equations 10 to 12): prolonged by no more than the reciprocal of `GRAZING`.
+    /// The offsets of the neighbours in the plane across `normal` at parameter `t` of the ray, in
+    /// metres (equations 10 to 12). They are stretched by at most 1/`GRAZING`.
     #[inline]
     pub fn meet(&self, ray: &Ray, t: f64, normal: DVec3) -> [DVec3; 2] {
         let cosine = ray.direction.dot(normal);
@@ -98,7 +97,7 @@ impl Spread {
         [step(0), step(1)]
     }
 
-    /// What is seen at the hit of a ray; texture coordinates only where `needs` names them.
+    /// The footprint at the hit of a ray; texture coordinates only if `needs` contains them.
     pub fn footprint(
         &self,
         geometry: &Geometry,
@@ -124,9 +123,9 @@ impl Spread {
 }
 
 impl World {
-    /// How a branch in unit direction `direction` spreads at a point as it is seen by its ray: by
-    /// what the same material does to the neighbours of the ray. Surfaces that do not tell how they
-    /// go on count as flat. `inside` are the bodies that the ray is in.
+    /// The differentials of a branch in unit direction `direction`, found by applying the material
+    /// to the neighbours of the ray. `point` is after rule S. Surfaces without derivatives count as
+    /// flat. `inside` are the bodies that the ray is in.
     #[allow(clippy::too_many_arguments, reason = "all that a branch depends on")]
     pub fn spread_of_branch(
         &self,
@@ -146,14 +145,15 @@ impl World {
                 .beside(point, hit, beside.position, self.needs_of(hit.shape));
             if let Some(there) = there {
                 beside.uv = there.uv;
-                // Rule S has been applied to the point, not to what is beside it.
+                // Rule S has been applied to `point`, but not to `there`.
                 let same = there.n_s.dot(point.n_s) >= 0.0;
                 beside.n_s = select(same, 1.0, -1.0) * there.n_s;
             }
             let view = -(ray.direction + STEP * spread.direction[side].as_dvec3()).normalize();
             let mut branches = Branches::default();
             self.branches(hit.shape, inside, &beside, view, &mut branches);
-            // Beyond the critical angle there is none: then as if the ray went straight on.
+            // Beyond the critical angle the neighbour has no such branch: use the differential of
+            // the ray.
             let found = branches
                 .iter()
                 .find(|branch| PathLetter::from(branch.kind) == letter);
@@ -175,7 +175,7 @@ impl World {
     }
 }
 
-/// Numbers in single precision side by side: a row for each component.
+/// Columns of single-precision numbers: one for each component.
 #[derive(Clone)]
 #[repr(align(64))]
 pub struct Rows<const N: usize>([Lanes<f32>; N]);
@@ -199,7 +199,7 @@ impl<const N: usize> Rows<N> {
         self.0[row + 2][lane] = value.z;
     }
 
-    /// As [`crate::stream::Vectors::gather`].
+    /// See [`crate::stream::Vectors::gather`].
     pub(crate) fn gather(&mut self, start: usize, from: &Self, lanes: &[u16]) {
         for (to, from) in self.0.iter_mut().zip(&from.0) {
             crate::stream::gather(to, start, from, lanes);
@@ -207,14 +207,14 @@ impl<const N: usize> Rows<N> {
     }
 }
 
-/// The spreads of the rays of a stream.
+/// The ray differentials of a stream of rays.
 pub type SpreadStream = Rows<12>;
 
-/// The footprints of the points of a stream.
+/// The footprints of a stream of points.
 pub type FootprintStream = Rows<10>;
 
 impl SpreadStream {
-    /// The spread of a lane.
+    /// The differentials of a lane.
     #[inline(always)]
     pub fn get(&self, lane: usize) -> Spread {
         Spread {
@@ -223,7 +223,7 @@ impl SpreadStream {
         }
     }
 
-    /// Replaces the spread of a lane.
+    /// Replaces the differentials of a lane.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, spread: &Spread) {
         self.put(0, lane, spread.origin[0]);
@@ -259,8 +259,8 @@ impl FootprintStream {
 }
 
 impl RayStream {
-    /// [`Spread::of_camera`] of every ray, which a camera has given for these positions. `beside`
-    /// is working memory.
+    /// [`Spread::of_camera`] for every ray; the camera has generated the rays from these positions.
+    /// `beside` is working memory.
     pub fn spread_from_camera(
         &mut self,
         camera: &dyn Camera,

@@ -15,10 +15,10 @@ pub struct TriangleMesh {
     pub normals: Vec<DVec3>,
     /// Texture coordinates, as many as positions, or none (then they are zero).
     pub uvs: Vec<DVec2>,
-    /// Three vertex numbers a triangle, all below the number of positions.
+    /// Three vertex indices per triangle, each less than the number of positions.
     pub triangles: Vec<[u32; 3]>,
-    /// -1 if the transform that was applied to the positions mirrors, else 1: the winding says
-    /// where outside is in object space.
+    /// -1 if the transform that was applied to the positions mirrors, otherwise 1. The winding
+    /// defines the outside in object space.
     pub orientation: f64,
 }
 
@@ -36,8 +36,8 @@ impl TriangleMesh {
         ray.intersect(a, b, c)
     }
 
-    /// The nearest hits of a stream among all triangles; `shape` is the number of this mesh. Hits
-    /// that were found before are replaced by nearer ones.
+    /// Intersects a stream with all triangles; `shape` is the number of this mesh. Nearer hits
+    /// replace those already in `hits`.
     pub fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
         let sheared = ShearedStream::new(rays);
         simd::dispatch(
@@ -68,7 +68,7 @@ impl TriangleMesh {
         );
     }
 
-    /// Sets the lanes of the rays that any triangle hits inside their intervals.
+    /// Sets the lanes whose rays hit any triangle inside their intervals.
     pub fn occluded_stream(&self, shape: u32, rays: &RayStream, hidden: &mut Lanes<bool>) {
         let sheared = ShearedStream::new(rays);
         simd::dispatch(
@@ -93,8 +93,8 @@ impl TriangleMesh {
         let weights = [1.0 - u - v, u, v];
         let position = weights[0] * a + weights[1] * b + weights[2] * c;
         // Pharr, Jakob, Humphreys, PBR (4th ed.), 6.8.4: gamma(7) times the sum of the absolute
-        // products; the weights are at most 1, and one unit more pays for the rounding of the
-        // leave.
+        // products. The weights are at most 1; one more unit covers the rounding of the spawned
+        // ray's origin.
         let largest = a.abs().max(b.abs()).max(c.abs()).max_element();
         let error = 8.0 * f64::EPSILON * largest;
         let n_g = (b - a).cross(c - a).normalize() * self.orientation;
@@ -103,7 +103,7 @@ impl TriangleMesh {
             |values: [DVec3; 3]| weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2];
         if needs.contains(Needs::SHADING_NORMAL) && !self.normals.is_empty() {
             let n_s = blend(indices.map(|i| self.normals[i as usize]));
-            // Opposite vertex normals can cancel: then only the geometry is left to go by.
+            // Opposite vertex normals can cancel: fall back to the geometric normal.
             point.n_s = n_s.try_normalize().unwrap_or(n_g);
         }
         if needs.contains(Needs::UV) && !self.uvs.is_empty() {
@@ -123,17 +123,17 @@ impl TriangleMesh {
     }
 }
 
-/// One thing that an accelerator stores.
+/// An item that an accelerator stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Element {
-    /// A triangle of the mesh that is this shape.
+    /// A triangle of a mesh.
     Triangle {
         /// Number of the shape.
         shape: u32,
-        /// Number of the triangle in it.
+        /// Number of the triangle in the shape.
         triangle: u32,
     },
-    /// The shape as a whole; also a copy of a group.
+    /// A whole shape; also an instance of a group.
     Opaque {
         /// Number of the shape.
         shape: u32,
@@ -143,9 +143,9 @@ pub enum Element {
 /// All shapes of a scene or of a group, by number. Accelerators are built over its elements.
 pub struct Geometry {
     shapes: Vec<Shape>,
-    /// Copies of groups: the first of their numbers, which ascend, and the place of the shape.
+    /// The instances: first path of each, ascending, and index of its shape.
     copies: Vec<(u32, u32)>,
-    /// How many copies of shapes there are, the shapes themselves counted as one.
+    /// Number of instance paths, [`InstancePath::WORLD`] included.
     paths: u64,
 }
 
@@ -156,7 +156,7 @@ impl Default for Geometry {
 }
 
 impl Geometry {
-    /// From the shapes in the order of the scene.
+    /// Builds the geometry from the shapes in scene order.
     pub fn new(mut shapes: Vec<Shape>) -> Self {
         let mut copies = Vec::new();
         let mut paths = 1u64;
@@ -174,13 +174,13 @@ impl Geometry {
         }
     }
 
-    /// How many numbers of copies ([`InstancePath`]) there are, 0 among them: no more than `u32`
-    /// can count.
+    /// Number of instance paths ([`InstancePath`]), [`InstancePath::WORLD`] included. The
+    /// pipeline rejects scenes with more than `u32::MAX`.
     pub fn paths(&self) -> u64 {
         self.paths
     }
 
-    /// The numbers of the instance shapes that lead to a copy, the outermost first.
+    /// The numbers of the instance shapes along a path, outermost first.
     pub fn placed_by(&self, path: InstancePath) -> Vec<u32> {
         let Some((shape, instance)) = self.copy(path) else {
             return Vec::new();
@@ -189,7 +189,7 @@ impl Geometry {
         let mut inside = group
             .geometry()
             .placed_by(InstancePath(path.0 - instance.first_path.0));
-        // The ones behind it have been numbered by their own groups.
+        // The deeper ones already have scene-wide numbers.
         if let Some(first) = inside.first_mut() {
             *first += group.first_shape();
         }
@@ -197,7 +197,7 @@ impl Geometry {
         inside
     }
 
-    /// The instance that a copy belongs to, and its place.
+    /// The instance that a path leads through, and the number of its shape.
     fn copy(&self, path: InstancePath) -> Option<(u32, &Instance)> {
         let after = self.copies.partition_point(|(first, _)| *first <= path.0);
         let (_, shape) = self.copies.get(after.checked_sub(1)?)?;
@@ -207,7 +207,7 @@ impl Geometry {
         }
     }
 
-    /// The surface at a hit of this ray on a copy.
+    /// The surface at a hit of this ray on an instance.
     #[cold]
     #[inline(never)]
     pub(crate) fn instanced(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
@@ -215,7 +215,7 @@ impl Geometry {
         instance.surface(ray, hit, needs)
     }
 
-    /// The shapes by number, to be changed and put together anew.
+    /// The shapes by number, by value, to modify and rebuild.
     pub fn into_shapes(self) -> Vec<Shape> {
         self.shapes
     }
@@ -225,7 +225,7 @@ impl Geometry {
         &self.shapes
     }
 
-    /// Everything that can be hit, in the order in which ties are decided.
+    /// All elements, in the order in which ties are resolved.
     pub fn elements(&self) -> impl Iterator<Item = Element> + '_ {
         self.shapes.iter().zip(0u32..).flat_map(|(part, shape)| {
             let count = match part {
@@ -251,7 +251,7 @@ impl Geometry {
         }
     }
 
-    /// The hit of a ray with one element inside the interval. `sheared` must be made from `ray`.
+    /// The hit of a ray with one element inside the interval. `sheared` must be built from `ray`.
     #[inline]
     pub fn intersect(
         &self,
@@ -289,7 +289,7 @@ impl Geometry {
         match self.shapes.get(hit.shape as usize) {
             Some(Shape::Triangles(mesh)) => mesh.surface(hit, needs),
             Some(Shape::Opaque(primitive)) => primitive.surface(ray, hit, needs),
-            // The shapes of groups have numbers behind all those of the scene.
+            // Shapes of groups are numbered after all shapes of the scene.
             Some(Shape::Instance(_)) | None => self.instanced(ray, hit, needs),
         }
     }

@@ -1,8 +1,8 @@
-//! One hash of integers, for whatever is generated: the same in every renderer, as section 9 of the
-//! model states it.
+//! The integer hash of all procedural content, identical in every renderer (section 9 of the
+//! model).
 
-/// `lowbias32` (C. Wellons, *Prospecting for hash functions*, 2018): changes about half of all bits
-/// for each bit that differs.
+/// `lowbias32` (C. Wellons, *Prospecting for hash functions*, 2018): flipping one input bit flips
+/// about half of the output bits.
 #[inline(always)]
 pub const fn mix(mut x: u32) -> u32 {
     x ^= x >> 16;

@@ -10,37 +10,37 @@ use std::borrow::Cow;
 use std::sync::Arc;
 use toml::Spanned;
 
-/// Half the distance from 1 to the next number: the relative error of one rounding.
+/// Unit roundoff: half the distance from 1 to the next number.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
-/// How far beside an element its hits may seem to lie, relative to the largest coordinate.
+/// How far outside its bounds an element may appear to be hit, relative to the largest coordinate.
 const PAD: f64 = 1.0 / (1u64 << 40) as f64;
 
-/// Cells along each axis into which the bounds of a group are cut.
+/// Number of grid cells along each axis of the bounds of a group.
 const CELLS: usize = 4;
 
-/// Up to this condition number the width of rays covers what the transformation rounds: see
-/// `docs/accelerators.md`. Copies that are sheared more have no box and are tried for every ray.
+/// Up to this condition number the width of rays covers the rounding of the transform: see
+/// `docs/accelerators.md`. Instances with a larger one get infinite bounds and are tested for every
+/// ray.
 const MAX_CONDITION: f64 = 32.0;
 
-/// The width of rays at the boxes of copies, relative to the largest coordinate: half of what
-/// accelerators give to rays, so that none leaves out what is a hit here.
+/// The width of rays at the bounds of instances, relative to the largest coordinate. It is half of
+/// the width that accelerators use, so that none culls what is a hit here.
 const WIDTH: f64 = 1.0 / (1u64 << 41) as f64;
 
-/// Shapes that are placed together, any number of times, in a space of their own and with their own
-/// accelerator.
+/// A group of shapes that is instanced any number of times, with its own space and accelerator.
 pub struct Group {
     geometry: Arc<Geometry>,
     accelerator: Box<dyn Accelerator>,
-    /// Number in the scene of the first shape.
+    /// Scene-wide number of the first shape.
     first_shape: u32,
-    /// Boxes that hold together every point that a ray can hit.
+    /// Boxes whose union contains every point that a ray can hit.
     bounds: Vec<Aabb>,
 }
 
 impl Group {
-    /// From shapes in the group's space. They have the numbers from `first_shape` on in the scene;
-    /// the accelerator is built over the geometry.
+    /// From shapes in the group's space, numbered in the scene from `first_shape` on. The
+    /// accelerator must be built over the geometry.
     pub fn new(geometry: Arc<Geometry>, accelerator: Box<dyn Accelerator>, first_shape: u32) -> Self {
         Self {
             bounds: bounds(&geometry),
@@ -55,19 +55,19 @@ impl Group {
         &self.geometry
     }
 
-    /// Over the geometry.
+    /// Built over the geometry.
     pub fn accelerator(&self) -> &dyn Accelerator {
         &*self.accelerator
     }
 
-    /// Number in the scene of the first shape.
+    /// Scene-wide number of the first shape.
     pub fn first_shape(&self) -> u32 {
         self.first_shape
     }
 }
 
-/// Boxes around the parts of a geometry that lie in the cells of a coarse grid: turned, they hold
-/// less empty space than one box does.
+/// Bounds of the parts of a geometry in the cells of a coarse grid. Transformed, they contain less
+/// empty space than a single box.
 fn bounds(geometry: &Geometry) -> Vec<Aabb> {
     let all = || {
         geometry
@@ -91,8 +91,8 @@ fn bounds(geometry: &Geometry) -> Vec<Aabb> {
     used.map(|cell| cell.padded(PAD * reach)).collect()
 }
 
-/// What the box of a needle needs besides: the error of the triangle test, up to which a hit may
-/// seem to lie outside of it. It is never more than the longest edge.
+/// Additional padding for the box of a sliver triangle: the error of the triangle test, by which a
+/// hit may appear outside the box. At most the longest edge.
 fn needle_pad(geometry: &Geometry, element: Element, reach: f64) -> f64 {
     let (Element::Triangle { shape, triangle }, shapes) = (element, geometry.shapes()) else {
         return 0.0;
@@ -104,35 +104,35 @@ fn needle_pad(geometry: &Geometry, element: Element, reach: f64) -> f64 {
     let squares = [(b - a), (c - b), (a - c)].map(DVec3::length_squared);
     let longest = squares[0].max(squares[1]).max(squares[2]);
     let twice_area = (b - a).cross(c - a).length_squared();
-    // The height on the longest edge is twice the area over that edge.
+    // The height above the longest edge is twice the area over that edge.
     if longest * longest <= 256.0 * twice_area || longest == 0.0 {
         return 0.0;
     }
-    // 64 roundings of coordinates up to eight times as far as the geometry reaches.
+    // 64 roundings of coordinates up to eight times the extent of the geometry.
     let error = 512.0 * f64::EPSILON * reach * (longest / twice_area.sqrt());
     error.min(longest.sqrt())
 }
 
-/// A copy of a group. Rays are taken into the group's space with directions of any length, so that
-/// the parameter stays the same; what is hit there is the hit.
+/// An instance of a group. Rays are transformed to the group's space without normalising their
+/// directions, so that ray parameters are the same in both spaces.
 pub struct Instance {
     group: Arc<Group>,
     transform: Transform,
-    /// The number of this copy; those of copies inside the group follow.
+    /// The path of this instance; nested instances follow.
     pub(crate) first_path: InstancePath,
     bounds: Aabb,
-    /// For each plane across an axis of the group's space: how far a unit step along each axis can
-    /// lead away from where rays meet it.
+    /// Bounds how far a hit lies off the surface, in the group's space: entry (i, j) is the offset
+    /// along axis i per unit of coordinate j.
     tilt: DMat3,
 }
 
 impl Instance {
-    /// A group seen through `world_from_group`.
+    /// A group with transform `world_from_group`.
     pub fn new(group: Arc<Group>, transform: Transform) -> Self {
         let forward = transform.world_from_object().matrix3;
         let inverse = transform.object_from_world().matrix3;
-        // Points are placed by the matrix and met through its rounded inverse: the residual says
-        // how far apart these are; then the rounding of the residual and of the origins of rays
+        // Points are transformed by the matrix, rays by its rounded inverse. The residual bounds
+        // their disagreement; added are the rounding of the residual and of the origins of rays
         // that start here.
         let residual = inverse * forward - DMat3::IDENTITY;
         Self {
@@ -144,22 +144,22 @@ impl Instance {
         }
     }
 
-    /// What is placed.
+    /// The instanced group.
     pub fn group(&self) -> &Arc<Group> {
         &self.group
     }
 
-    /// From the group's space to that of its surroundings.
+    /// From the group's space to the enclosing space.
     pub fn transform(&self) -> &Transform {
         &self.transform
     }
 
-    /// A box that holds every point that a ray can hit.
+    /// A box that contains every point that a ray can hit.
     pub fn bounds(&self) -> Aabb {
         self.bounds
     }
 
-    /// How many copies this is: itself, and those inside the group.
+    /// Number of instance paths: this one and those nested in the group.
     pub fn paths(&self) -> u64 {
         self.group.geometry.paths()
     }
@@ -175,11 +175,11 @@ impl Instance {
         hit.map(|hit| self.outside(hit))
     }
 
-    /// A hit in the group as it is called outside.
+    /// Renumbers a hit from the group's numbering to that of the enclosing geometry.
     fn outside(&self, hit: RawHit) -> RawHit {
         let shape = match hit.instance {
             InstancePath::WORLD => self.group.first_shape + hit.shape,
-            // The copy inside has numbered it already.
+            // The nested instance has renumbered the shape already.
             _ => hit.shape,
         };
         let instance = InstancePath(self.first_path.0 + hit.instance.0);
@@ -201,17 +201,17 @@ impl Instance {
             .occluded(&ray, interval, self.skip_inside(skip))
     }
 
-    /// The part of an interval in which a ray touches the box. Besides saving time it makes what is
-    /// outside no hit by definition: from so far away that the group is smaller than rounding, its
-    /// own tests tell nothing.
+    /// The part of an interval in which a ray overlaps the box. Hits outside it do not count: if
+    /// the group is smaller than the rounding error at the ray's origin, its own tests are
+    /// meaningless.
     #[inline]
     fn inside(&self, ray: &Ray, interval: Interval) -> Option<Interval> {
         let Aabb { min, max } = self.bounds;
         let reach = min.abs().max(max.abs()).max(ray.origin.abs());
         let forward = DVec3::ONE.copysign(ray.direction) * (WIDTH * reach.max_element());
         let reciprocal = ray.direction.recip();
-        // NaN, from zero times infinity, means that the ray runs in the very border: `max` and
-        // `min` ignore it.
+        // NaN (zero times infinity) means that the ray lies exactly in a box plane: `max` and `min`
+        // ignore it.
         let to_min = [
             (min - ray.origin - forward) * reciprocal,
             (min - ray.origin + forward) * reciprocal,
@@ -234,8 +234,7 @@ impl Instance {
         (near <= far).then_some(Interval { min: near, max: far })
     }
 
-    /// [`Self::closest`] for every ray of a stream. Hits that were found before are replaced by
-    /// nearer ones.
+    /// [`Self::closest`] for every ray of a stream. Nearer hits replace those already in `hits`.
     pub fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         let mut inside = Inside::default();
         self.enter(rays, |lane| Some(hits.t.0[lane]), &mut inside);
@@ -247,7 +246,7 @@ impl Instance {
         for to in 0..inside.rays.len {
             let lane = usize::from(inside.lanes[to]);
             let hit = match found.get(to) {
-                // Streams begin at 0, but nothing before the box is a hit.
+                // Stream rays start at 0, but hits before the box do not count.
                 Some(hit) if hit.t <= inside.near[to] => {
                     let interval = Interval::up_to(hits.t.0[lane]);
                     self.closest(&rays.ray(lane), interval, rays.skip.skip(lane))
@@ -276,13 +275,13 @@ impl Instance {
         self.group.accelerator.occluded_stream(&inside.rays, &mut found);
         for to in (0..inside.rays.len).filter(|to| found[*to]) {
             let lane = usize::from(inside.lanes[to]);
-            // Streams begin at 0: where the box does not, it is asked again from there.
+            // Stream rays start at 0. If the box starts later, test again from there.
             hidden[lane] = inside.near[to] <= 0.0
                 || self.occluded(&rays.ray(lane), rays.interval(lane), rays.skip.skip(lane));
         }
     }
 
-    /// The rays that touch the box, in the group's space.
+    /// Collects the rays that overlap the box, transformed to the group's space.
     fn enter(&self, rays: &RayStream, limit: impl Fn(usize) -> Option<f64>, inside: &mut Inside) {
         for lane in 0..rays.len {
             let ray = rays.ray(lane);
@@ -300,7 +299,8 @@ impl Instance {
         }
     }
 
-    /// Number in the group of a path that leads through this copy: 0 for the group's own shapes.
+    /// The path relative to this instance: 0 for the group's own shapes; `None` if it does not lead
+    /// through this instance.
     fn path_inside(&self, path: InstancePath) -> Option<InstancePath> {
         let inside = path.0.wrapping_sub(self.first_path.0);
         (u64::from(inside) < self.paths()).then_some(InstancePath(inside))
@@ -322,7 +322,7 @@ impl Instance {
     /// The surface at a hit of this ray.
     ///
     /// Pharr, Jakob, Humphreys, PBR (4th ed.), 6.8.6: the error of a transformed point is the
-    /// transformed error and that of the transformation, here along the normal.
+    /// transformed error plus that of the transformation, here along the normal.
     pub fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         let local = self.transform.ray_to_object(ray);
         let geometry = &self.group.geometry;
@@ -363,7 +363,8 @@ impl Instance {
         };
         SurfacePoint {
             position: self.transform.point_to_world(point.position),
-            // Three products and three sums, and one unit more for the rounding of the leave.
+            // Three products, three sums, and one more unit for the rounding of the spawned ray's
+            // origin.
             error: of_group + 5.0 * UNIT * n_g.abs().dot(terms),
             n_g,
             n_s,
@@ -400,12 +401,12 @@ impl Instance {
     }
 }
 
-/// The rays of a stream that touch a copy, close together.
+/// The rays of a stream that overlap an instance, compacted.
 struct Inside {
     rays: RayStream,
-    /// Where they touch the box first.
+    /// Ray parameters at which they enter the box.
     near: Lanes<f64>,
-    /// Where they come from.
+    /// Their lanes in the original stream.
     lanes: Lanes<u16>,
 }
 
@@ -419,7 +420,7 @@ impl Default for Inside {
     }
 }
 
-/// A box around boxes of the group's space, with all that hits may seem to lie beside them.
+/// World-space bounds of boxes of the group's space, padded for rounding errors of hits.
 fn world_bounds(parts: &[Aabb], transform: &Transform) -> Aabb {
     if parts.iter().all(Aabb::is_empty) {
         return Aabb::EMPTY;
@@ -428,15 +429,15 @@ fn world_bounds(parts: &[Aabb], transform: &Transform) -> Aabb {
     let condition = forward.matrix3.abs() * transform.object_from_world().matrix3.abs();
     let condition = (condition * DVec3::ONE).max_element();
     let finite = parts.iter().all(Aabb::is_finite);
-    // Written so that NaN does not pass.
+    // Negated so that NaN takes this branch.
     if !(finite && condition <= MAX_CONDITION) {
         return Aabb::EVERYTHING;
     }
     let whole = parts.iter().fold(Aabb::EMPTY, |whole, part| {
         whole.union(transform.aabb_to_world(part))
     });
-    // Rounding of the corners, and of rays that are taken to the group's origin, which may lie far
-    // away.
+    // Rounding of the corners, and of rays that are transformed relative to the group's origin,
+    // which may be far away.
     let reach = whole
         .min
         .abs()
@@ -450,11 +451,10 @@ fn world_bounds(parts: &[Aabb], transform: &Transform) -> Aabb {
     }
 }
 
-/// The id of a group of shapes, with its place in the source. The key that holds it is always
-/// called `group`.
+/// The id of a group of shapes, with its position in the source. Its key is always called `group`.
 #[derive(Clone, Debug)]
 pub struct GroupRef {
-    /// Place in the source.
+    /// Position in the source.
     pub span: SourceSpan,
     /// As in `[group.ID]`.
     pub id: String,
@@ -483,7 +483,7 @@ impl JsonSchema for GroupRef {
 }
 
 impl GroupRef {
-    /// That there are no groups to place.
+    /// The error that no group has this id.
     pub fn no_groups(&self) -> SceneError {
         SceneError::at(self.span.clone(), format!("no group has the id \"{}\"", self.id))
     }

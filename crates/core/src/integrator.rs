@@ -16,24 +16,24 @@ use std::sync::Arc;
 
 /// Computes the radiance that arrives along a camera ray.
 pub trait Integrator: Send + Sync {
-    /// Whether it follows the branches of materials: if not, the plan leaves out what only branches
-    /// need.
+    /// Whether it follows the branches of materials. If not, the plan skips everything that only
+    /// branches need.
     fn follows_branches(&self) -> bool;
 
-    /// How many bounces a ray lives at most that goes on each time in so many directions, in equal
-    /// shares of all light: so that scenes without an end in sight can be refused.
+    /// Upper bound on path length when every bounce splits into `directions` equally weighted rays.
+    /// The pipeline rejects scenes whose ray count would explode.
     fn bounces(&self, directions: u32) -> u32 {
         let _ = directions;
         0
     }
 
-    /// Radiance along the ray, a pure function of world and ray. `scratch` is working memory, kept
-    /// between calls of one thread, and counts the rays; if it has a record, every ray is noted
-    /// there.
+    /// Radiance along the ray, a pure function of `world` and `ray`.
+    ///
+    /// `scratch` is working memory that one thread keeps between calls. It counts the rays and, if
+    /// it has a record, stores every ray there.
     fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb;
 
-    /// [`Self::radiance`] for every ray of a stream of camera rays: the same bits, and the same
-    /// counts.
+    /// [`Self::radiance`] for every ray of a stream of camera rays, with identical bits and counts.
     fn radiance_stream(&self, world: &World, rays: &RayStream, scratch: &mut Scratch, out: &mut Colors) {
         for lane in 0..rays.len {
             scratch.spread = rays.spread(lane);
@@ -41,9 +41,9 @@ pub trait Integrator: Send + Sync {
         }
     }
 
-    /// For methods that go from objects to pixels: what is asked for the radiance along camera rays
-    /// instead, once it has seen the whole scene; or why it cannot show it. `None` for those that
-    /// trace rays from pixels to objects.
+    /// For object-order methods, which project shapes to pixels: a prepared renderer that returns
+    /// the radiance along camera rays, or the reason why the scene is refused. `None` for methods
+    /// that trace rays from pixels to objects.
     fn object_order(
         &self,
         view: &View<'_>,
@@ -54,47 +54,47 @@ pub trait Integrator: Send + Sync {
     }
 }
 
-/// So many lights that it pays to ask each whether it reaches a stream of points at all.
+/// Number of lights from which culling them per stream of points pays off.
 const MANY_LIGHTS: usize = 8;
 
-/// What an integrator sees of a scene, ready to trace.
+/// A scene as integrators see it, ready to trace.
 pub struct World {
     /// All shapes.
     pub geometry: Arc<Geometry>,
-    /// Over the geometry.
+    /// Built over the geometry.
     pub accelerator: Box<dyn Accelerator>,
     /// The material of each shape, by its number.
     pub materials: Vec<Arc<dyn Material>>,
     /// Lights that give samples, in the order of the scene.
     pub lights: Vec<Arc<dyn Light>>,
-    /// Lights that are seen behind everything.
+    /// Lights that are seen by rays that hit nothing.
     pub backgrounds: Vec<Arc<dyn Light>>,
-    /// Whether lights are asked, before they give their samples for a stream of points, if they
-    /// reach any of them. The image is the same.
+    /// Whether lights that reach no point of a stream are skipped before they are sampled. The
+    /// image does not change.
     pub culls_lights: bool,
     /// Sum of the ambient radiances.
     pub ambient: Rgb,
-    /// By how much earlier shadow rays end before lights than rounding asks for, in metres: more
-    /// than 0 where surfaces that hold lights have been moved.
+    /// Additional distance before a light at which shadow rays end, in metres, beyond the margin
+    /// for rounding. It is positive if surfaces that coincide with lights have been moved.
     pub light_margin: f64,
-    /// The bodies that may overlap, if there are any: then rays are followed one by one.
+    /// The nested dielectrics, if there are any. Rays are then traced one at a time.
     pub bodies: Option<Bodies>,
-    /// Whether some material spreads its reflections over directions.
+    /// Whether some material has glossy reflections, traced by several rays.
     pub(crate) spreads_reflections: bool,
     /// See [`World::one_by_one`].
     one_by_one: bool,
-    /// What each material reads, in the same order: asked once, not at every hit.
+    /// The attributes that each material reads, by shape, cached here to avoid a call per hit.
     needs: Vec<Needs>,
-    /// How each material answers, in the same order.
+    /// The responses of each material, in the same order.
     responses: Vec<Lobes>,
-    /// All that any material does.
+    /// Union of the responses of all materials.
     pub(crate) lobes: Lobes,
     /// Whether any material reads footprints.
     footprints: bool,
 }
 
 impl World {
-    /// Sorts lights by what they give.
+    /// Builds the scene and sorts the lights by their contributions.
     pub fn new(
         geometry: Arc<Geometry>,
         accelerator: Box<dyn Accelerator>,
@@ -106,7 +106,7 @@ impl World {
         let lobes = responses.iter().fold(Lobes::NOTHING, |all, lobes| all | *lobes);
         let footprints = needs.iter().any(|needs| needs.contains(Needs::FOOTPRINT));
         if footprints {
-            // Rays that go on must know how far apart they are.
+            // Rays that are reflected or transmitted must keep their ray differentials.
             for (needs, lobes) in needs.iter_mut().zip(&responses) {
                 if lobes.intersects(Lobes::BRANCHES) {
                     *needs |= Needs::FOOTPRINT;
@@ -141,9 +141,8 @@ impl World {
         }
     }
 
-    /// The same world without what was found out about it: as if every material read everything and
-    /// answered in every way that does no harm, and as if shadow rays might go through surfaces.
-    /// The same image, by more work: what it costs beside this world is what leaving out saves.
+    /// Disables all scene-specific specialisation (attribute needs, lobe flags, light culling). The
+    /// image is bit-identical; the extra cost is what specialisation saves.
     #[must_use]
     pub fn one_size_fits_all(mut self) -> Self {
         self.needs.fill(Needs::EVERYTHING);
@@ -156,29 +155,28 @@ impl World {
         self
     }
 
-    /// How the material of a shape answers.
+    /// The responses of a shape's material.
     pub fn lobes_of(&self, shape: u32) -> Lobes {
         self.responses[shape as usize]
     }
 
-    /// What is read of the surface points of a shape.
+    /// The attributes that are read of a shape's surface points.
     pub(crate) fn needs_of(&self, shape: u32) -> Needs {
         self.needs[shape as usize]
     }
 
-    /// Whether rays must be followed one by one: what they carry, or into how many they branch, has
-    /// no column in streams.
+    /// True if rays need state (medium set) or branching that `RayStream` cannot store, so
+    /// integrators must use the scalar path.
     pub fn one_by_one(&self) -> bool {
         self.one_by_one
     }
 
-    /// Whether some texture in use reads footprints, so that rays must carry how far apart they
-    /// are.
+    /// Whether some texture in use reads footprints, so that rays must carry ray differentials.
     pub fn reads_footprints(&self) -> bool {
         self.footprints
     }
 
-    /// Counts points of a shape that are shaded.
+    /// Counts shaded points of a shape.
     #[inline]
     pub fn count_shaded(&self, shape: u32, points: usize, counters: &mut Counters) {
         let needs = self.needs[shape as usize];
@@ -188,14 +186,14 @@ impl World {
         counters.textured += counted(Needs::TEXTURE);
     }
 
-    /// The face of a body that may overlap others, as a ray in these bodies comes to it; `None` of
-    /// all other surfaces.
+    /// The interface of a nested dielectric, for a ray in the bodies `inside`; `None` for all other
+    /// surfaces.
     pub fn face(&self, shape: u32, inside: Inside, point: &SurfacePoint, view: DVec3) -> Option<Face> {
         let bodies = self.bodies.as_ref()?;
         bodies.face(shape, inside, point.n_g.dot(view) > 0.0)
     }
 
-    /// How a ray in these bodies goes on at a surface.
+    /// The branches at a surface, for a ray in the bodies `inside`.
     pub fn branches(
         &self,
         shape: u32,
@@ -211,7 +209,7 @@ impl World {
         }
     }
 
-    /// What a ray sees that hits nothing.
+    /// The background radiance, seen by a ray that hits nothing.
     pub fn background(&self, direction: DVec3) -> Rgb {
         self.backgrounds
             .iter()
@@ -235,13 +233,13 @@ impl World {
         }
     }
 
-    /// The surface at a hit, with the normals and coordinates that its material reads.
+    /// The surface at a hit, with the normals and texture coordinates that its material reads.
     pub fn surface(&self, ray: &Ray, hit: &RawHit) -> SurfacePoint {
         self.geometry.surface(ray, hit, self.needs[hit.shape as usize])
     }
 
-    /// The footprint of a ray at its hit, with what the material reads of it; none if the ray does
-    /// not carry how far apart it is from others.
+    /// The footprint of a ray at its hit, with the attributes that the material reads; none if the
+    /// ray carries no ray differentials.
     pub fn footprint(
         &self,
         ray: &Ray,
@@ -258,8 +256,7 @@ impl World {
         }
     }
 
-    /// [`Self::surface`] for every ray of a stream, all of which hit this shape, as its viewers see
-    /// it.
+    /// [`Self::surface`] for every ray of a stream, all of which hit this shape, after rule S.
     pub fn surface_stream(&self, shape: u32, rays: &RayStream, hits: &HitStream, points: &mut PointStream) {
         points.len = rays.len;
         let needs = self.needs[shape as usize];
@@ -291,13 +288,13 @@ impl World {
         );
     }
 
-    /// Union of what the materials in use read.
+    /// Union of the attributes that the materials in use read.
     pub fn needs(&self) -> Needs {
         self.needs.iter().fold(Needs::NOTHING, |all, needs| all | *needs)
     }
 
-    /// The lights that reach a surface point on the side of `view`, into `scratch.incoming`.
-    /// `medium` is that on this side.
+    /// Gathers the lights that reach a surface point on the side of `view` into `scratch.incoming`.
+    /// `medium` is the medium on that side.
     pub fn gather_lights(
         &self,
         point: &SurfacePoint,
@@ -348,14 +345,14 @@ impl World {
 /// Shadow rays of a stream of points.
 #[derive(Default)]
 struct ShadowRays {
-    /// Lane by lane of the points, of use only where lit.
+    /// Indexed by point; valid only in lit lanes.
     all: RayStream,
-    /// Those of them that are lit, close together.
+    /// The lit lanes of `all`, compacted.
     lit: RayStream,
     hidden: Hidden,
 }
 
-/// What [`Accelerator::occluded_stream`] found.
+/// The result of [`Accelerator::occluded_stream`].
 struct Hidden(Lanes<bool>);
 
 impl Default for Hidden {
@@ -367,15 +364,15 @@ impl Default for Hidden {
 /// Working memory for the lights of a stream of points.
 #[derive(Default)]
 pub struct LightMemory {
-    /// Light samples; after [`World::gather_lights_stream`] black where they do not reach their
-    /// points.
+    /// Light samples; after [`World::gather_lights_stream`], those that do not reach their points
+    /// are black.
     pub samples: SampleStreams,
     shadows: Box<ShadowRays>,
 }
 
 impl World {
-    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`. `leaves` names
-    /// the primitives that the points lie on, `media` the absorption coefficients on their viewers'
+    /// [`Self::gather_lights`] for every point of a stream, into `memory.samples`. `leaves` are the
+    /// primitives that the points lie on, `media` the absorption coefficients on the viewers'
     /// sides.
     pub fn gather_lights_stream(
         &self,
@@ -473,21 +470,21 @@ pub struct Scratch {
     pub samples: Vec<LightSample>,
     /// Lights that reach the point being shaded.
     pub incoming: Vec<Incoming>,
-    /// Rays still to be traced.
+    /// Rays that are still to be traced.
     pub pending: Vec<PathState>,
     /// Rays traced so far by this thread.
     pub counters: Counters,
-    /// Working memory of the integrator's own kind; see [`Scratch::take_memory`].
+    /// Working memory private to the integrator; see [`Scratch::take_memory`].
     memory: Option<Box<dyn Any + Send>>,
-    /// How far the camera ray of the next call of [`Integrator::radiance`] is from its neighbours,
-    /// where textures ask for it ([`World::reads_footprints`]): taken by that call.
+    /// Ray differentials of the camera ray that the next call of [`Integrator::radiance`] traces,
+    /// if textures read footprints ([`World::reads_footprints`]). That call takes them.
     pub spread: Option<Spread>,
-    /// Where integrators note every ray of the tree, if there is a list: for finding faults.
+    /// If present, integrators record every ray of the tree here, for debugging.
     pub record: Option<Vec<TreeNode>>,
 }
 
 impl Scratch {
-    /// With a record, still empty.
+    /// Working memory with an empty record.
     pub fn recording() -> Self {
         Self {
             record: Some(Vec::new()),
@@ -495,7 +492,7 @@ impl Scratch {
         }
     }
 
-    /// The working memory that was put back last, if it is of this kind, else new one.
+    /// The working memory that was put back last, if it has this type; otherwise new memory.
     pub fn take_memory<M: Default + Send + 'static>(&mut self) -> Box<M> {
         let kept = self.memory.take().and_then(|memory| memory.downcast().ok());
         kept.unwrap_or_default()
@@ -506,7 +503,7 @@ impl Scratch {
         self.memory = Some(memory);
     }
 
-    /// Notes a ray in the record, if there is one, and returns its number there.
+    /// Adds a ray to the record, if there is one, and returns its index.
     #[inline]
     pub fn note(
         &mut self,
@@ -521,8 +518,8 @@ impl Scratch {
         }
     }
 
-    /// Notes in the record, if there is one, a branch that is not followed because it lies beyond
-    /// the depth limit, with the radiance that stands for it.
+    /// Adds to the record, if there is one, a branch that is not followed because of the depth
+    /// limit, with the radiance used in its place.
     #[inline]
     pub fn note_limit(&mut self, path: &PathState, local: Rgb) {
         if let Some(nodes) = &mut self.record {
@@ -559,19 +556,18 @@ impl Scratch {
     }
 }
 
-/// A ray of the tree under a camera ray and what it found. The sum of `throughput * local` over all
-/// nodes is the radiance along the camera ray.
+/// A node of a ray tree: a ray and the surface that it hits. The sum of `throughput * local` over
+/// all nodes is the radiance along the camera ray.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TreeNode {
-    /// "" for the camera ray, then a letter for each branch: R for reflection, T for transmission.
-    /// Where a reflection is spread over directions, R and the number of the direction in two
-    /// digits.
+    /// "" for the camera ray, then a letter per branch: R for reflection, T for transmission. A ray
+    /// of a glossy reflection is R and its number in two digits.
     pub path: String,
-    /// Number of the shape that was hit; -1 for none.
+    /// Number of the shape that was hit; -1 if none.
     pub shape: i64,
-    /// Number of the primitive in it; -1 for none.
+    /// Number of the primitive in the shape; -1 if none.
     pub primitive: i64,
-    /// Which copy of the shape; 0 for what is in no copy.
+    /// Instance of the shape; 0 if it is not instanced.
     pub copy: u32,
     /// Distance in metres; infinite for a miss.
     pub t: f64,
@@ -581,25 +577,25 @@ pub struct TreeNode {
     pub n_s: DVec3,
     /// Factor on the node's radiance in the pixel.
     pub throughput: Rgb,
-    /// Radiance that the node adds by itself: lights at a surface, or the background.
+    /// Radiance that the node itself adds: local illumination and emission, or the background.
     pub local: Rgb,
-    /// Whether this is a branch beyond the depth limit, which was not traced: a leaf with what
-    /// stands for it.
+    /// Whether this branch exceeds the depth limit and was not traced: a leaf with the radiance
+    /// used in its place.
     pub limit: bool,
 }
 
-/// Rays traced, and what was computed where they ended.
+/// Numbers of rays traced and of points shaded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Nearest-hit queries: camera rays and branches.
     pub closest: u64,
     /// Shadow rays.
     pub shadow: u64,
-    /// Points that were shaded, those that shadow rays go through among them.
+    /// Shaded points, including surfaces that shadow rays pass through.
     pub shaded: u64,
-    /// Those of them whose texture coordinates were computed.
+    /// Shaded points whose texture coordinates were computed.
     pub uv: u64,
-    /// Those of them for which textures were asked.
+    /// Shaded points at which textures were evaluated.
     pub textured: u64,
 }
 

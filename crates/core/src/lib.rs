@@ -1,8 +1,8 @@
-//! The vocabulary of Whitstone: geometry in `f64`, the traits that plugins implement, the registry
-//! that names them, and errors that point into the scene file.
+//! The core types of Whitstone: geometry in `f64`, the traits that plugins implement, the registry
+//! that lists them, and errors with positions in the scene file.
 //!
-//! This crate does no input or output and knows no plugin. Everything else depends on it, and it on
-//! nothing of the workspace. The meaning of every quantity is fixed in `docs/whitted-model.md`.
+//! This crate does no input or output and contains no plugin. All other crates depend on it; it
+//! depends only on `whitstone-simd`. `docs/whitted-model.md` defines the meaning of every quantity.
 
 mod accelerator;
 mod bodies;

@@ -3,19 +3,19 @@ use crate::{Aabb, Rgb};
 use glam::DVec3;
 use std::ops::{BitOr, BitOrAssign};
 
-/// A source of light. A light gives some of: samples that reach a point along a direction, a
-/// uniform ambient radiance, the radiance of what lies behind everything.
+/// A light source. It contributes any of: light samples at a point, a uniform ambient radiance, and
+/// the background radiance that rays see which hit nothing.
 pub trait Light: Send + Sync {
-    /// Which of the methods below give something.
+    /// The contributions that this light makes.
     fn gives(&self) -> LightGives;
 
-    /// Adds what arrives at a point, not yet tested for shadows: at most a fixed number of samples.
+    /// Adds light samples at a point, without shadow test; their number is bounded.
     fn samples(&self, point: DVec3, out: &mut Vec<LightSample>) {
         let _ = (point, out);
     }
 
-    /// [`Self::samples`] for the first `len` points of a stream. What arrives at different points
-    /// as the k-th sample shares a stream; where there is none, its irradiance is black.
+    /// [`Self::samples`] for the first `len` points of a stream. The k-th samples of all points
+    /// form one stream; a point without a k-th sample has black irradiance there.
     fn samples_stream(&self, len: usize, points: &Vectors, out: &mut SampleStreams) {
         let mut streams: Vec<usize> = Vec::new();
         let mut samples = Vec::new();
@@ -32,16 +32,18 @@ pub trait Light: Send + Sync {
         }
     }
 
-    /// Whether [`Self::samples`] may give anything but black at any point of a box, which may be
-    /// endless. `true` where that is not known: a light is left out of a scene if this is `false`
-    /// for all that could show it, and, where there are many lights, of a stream of points if it is
-    /// `false` for the box around them. That box may be a point: rounding is on the side of `true`.
+    /// Whether [`Self::samples`] may be other than black at any point of a box, which may be
+    /// unbounded or a single point.
+    ///
+    /// `false` culls the light: from the scene, if no surface is affected, and, in scenes with many
+    /// lights, for a stream of points with these bounds. Return `true` if unsure; rounding must err
+    /// towards `true`.
     fn reaches(&self, bounds: &Aabb) -> bool {
         let _ = bounds;
         true
     }
 
-    /// Uniform radiance from all around, for the materials' ambient terms.
+    /// Uniform radiance from all directions, for the ambient terms of materials.
     fn ambient(&self) -> Rgb {
         Rgb::BLACK
     }
@@ -60,7 +62,7 @@ pub trait Light: Send + Sync {
     }
 }
 
-/// Light that may reach a point.
+/// Light from one direction that may reach a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightSample {
     /// Unit direction from the point to the light.
@@ -71,7 +73,7 @@ pub struct LightSample {
     pub irradiance: Rgb,
 }
 
-/// Which contributions a light makes, as a set.
+/// The set of contributions that a light makes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LightGives(u8);
 

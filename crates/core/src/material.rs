@@ -10,26 +10,26 @@ use std::fmt;
 use std::ops::BitOr;
 use toml::Spanned;
 
-/// How a surface answers light.
+/// How a surface scatters and emits light.
 ///
-/// The surface points passed in have been through rule S ([`SurfacePoint::seen_from`]); rule G is
-/// the integrator's business for lights and branches alike.
+/// Rule S ([`SurfacePoint::seen_from`]) has been applied to all surface points passed in.
+/// Integrators apply rule G, to lights and branches alike.
 pub trait Material: Send + Sync {
-    /// Which of the methods below can give something.
+    /// Which of the methods below may return something other than zero.
     fn lobes(&self) -> Lobes;
 
-    /// What it reads of a surface point.
+    /// The surface attributes that it reads.
     fn needs(&self) -> Needs;
 
-    /// Radiance towards `view` (unit, away from the surface) from ambient light and from the lights
-    /// that reach the point.
+    /// Local illumination: the radiance towards `view` (unit, away from the surface) due to ambient
+    /// light and to the lights that reach the point.
     fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
         let _ = (point, view, light);
         Rgb::BLACK
     }
 
-    /// [`Self::local`] for every point of a stream. Lanes of light samples that are black do not
-    /// reach their points.
+    /// [`Self::local`] for every point of a stream. A light sample that does not reach its point is
+    /// black in that lane.
     fn local_stream(&self, points: &PointStream, ambient: Rgb, lights: &SampleStreams, out: &mut Colors) {
         let mut incoming = Vec::with_capacity(lights.len());
         for lane in 0..points.len {
@@ -51,7 +51,7 @@ pub trait Material: Send + Sync {
         }
     }
 
-    /// Radiance that the surface gives off by itself towards `view`, in light and in the dark.
+    /// Radiance emitted towards `view`, independent of illumination.
     fn emission(&self, point: &SurfacePoint, view: DVec3) -> Rgb {
         let _ = (point, view);
         Rgb::BLACK
@@ -64,16 +64,15 @@ pub trait Material: Send + Sync {
         }
     }
 
-    /// What a shadow ray in this direction keeps when it goes straight on through the surface. The
-    /// point is as a viewer sees it where the ray comes from. `filtered`: also what is transparent,
-    /// not holes only.
+    /// Transmittance of an undeviated shadow ray. `point` is oriented towards the ray's origin. If
+    /// `filtered`, transparent surfaces attenuate light; otherwise only cut-outs let it pass.
     fn shadow(&self, point: &SurfacePoint, direction: DVec3, filtered: bool) -> Filter {
         let _ = (point, direction, filtered);
         Filter::OPAQUE
     }
 
-    /// Itself as a body that may overlap others, if it has a priority among them: then what its
-    /// faces do depends on what a ray is in.
+    /// This material as a nested dielectric, if it has a priority. Its interfaces then depend on
+    /// the bodies that the ray is in.
     fn overlapping(&self) -> Option<&dyn Overlapping> {
         None
     }
@@ -90,19 +89,18 @@ pub trait Material: Send + Sync {
         }
     }
 
-    /// The directions in which a Whitted integrator goes on, reflection first.
+    /// The specular rays that a Whitted integrator follows, reflection first.
     fn branches(&self, point: &SurfacePoint, view: DVec3, out: &mut Branches) {
         let _ = (point, view, out);
     }
 
-    /// Over how many directions the reflected branch is spread at most: over 1, its own, but by
-    /// what is glossy.
+    /// Maximum number of reflection rays per hit: 1 unless the material is glossy.
     fn reflections(&self) -> u32 {
         1
     }
 
-    /// How the reflected branch, which goes in the mirror direction, is spread over directions;
-    /// `None` where it is not.
+    /// The glossy lobe around the mirror direction of the reflection branch; `None` for a perfect
+    /// mirror.
     fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
         let _ = (point, view);
         None
@@ -114,7 +112,7 @@ pub trait Material: Send + Sync {
 pub struct Illumination<'a> {
     /// Uniform radiance from all around.
     pub ambient: Rgb,
-    /// Lights on the viewer's side of the geometry that are not shadowed.
+    /// Unshadowed lights on the viewer's side of the geometric surface.
     pub lights: &'a [Incoming],
 }
 
@@ -127,7 +125,7 @@ pub struct Incoming {
     pub irradiance: Rgb,
 }
 
-/// Kinds of response, as a set.
+/// The set of responses that a material can have (BSDF flags).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lobes(u8);
 
@@ -138,27 +136,26 @@ impl Lobes {
     pub const REFLECTION: Self = Self(2);
     /// [`Material::branches`] can transmit.
     pub const TRANSMISSION: Self = Self(4);
-    /// [`Material::branches`] can go straight on.
+    /// [`Material::branches`] can continue undeviated.
     pub const STRAIGHT: Self = Self(8);
     /// [`Material::emission`] can be other than black.
     pub const EMISSION: Self = Self(16);
-    /// [`Material::shadow`] can let light through, also where shadows are not filtered.
+    /// [`Material::shadow`] can let light through, even if shadows are not filtered.
     pub const HOLES: Self = Self(32);
-    /// [`Material::shadow`] can let light through where shadows are filtered.
+    /// [`Material::shadow`] can let light through if shadows are filtered.
     pub const FILTERS: Self = Self(64);
-    /// It answers by other normals than those of the shape.
+    /// It shades with a normal other than the shape's (normal or bump map).
     pub const OWN_NORMAL: Self = Self(128);
     /// Every kind of branch.
     pub const BRANCHES: Self = Self(2 + 4 + 8);
-    /// Everything that the surface shows without following a ray.
+    /// Everything that the surface shows without following rays: local illumination and emission.
     pub const SHOWN: Self = Self(1 + 16);
-    /// What a material can be asked for although it says that it has none of it, and the answer is
-    /// nothing.
+    /// Responses that may be evaluated for a material that lacks them: the result is then zero.
     pub const HARMLESS: Self = Self(1 + 2 + 4 + 16);
     /// No response at all.
     pub const NOTHING: Self = Self(0);
 
-    /// What is in this set and not in `other`.
+    /// The set difference: this set without `other`.
     #[must_use]
     pub const fn without(self, other: Self) -> Self {
         Self(self.0 & !other.0)
@@ -182,48 +179,45 @@ impl BitOr for Lobes {
     }
 }
 
-/// Which side of the surface a branch goes to.
+/// The side of the surface that a branch goes to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BranchKind {
-    /// Back to the viewer's side, staying in the medium that the viewer is in.
+    /// Back to the viewer's side, in the viewer's medium.
     Reflection,
-    /// To the other side, into a medium with this absorption coefficient (per metre).
+    /// To the other side, into a medium with the given absorption coefficient.
     Transmission {
         /// Per metre, each channel at least 0.
         absorption: Rgb,
     },
-    /// Straight on to the other side, staying in the medium that the ray travels in: there is no
-    /// body behind the surface.
+    /// Undeviated to the other side, in the same medium: the surface bounds no body.
     Straight,
 }
 
-/// What a surface does to the light of a shadow ray.
+/// The effect of a surface on the light of a shadow ray (transmittance).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filter {
-    /// Factor on the light.
+    /// Transmittance.
     pub weight: Rgb,
-    /// The medium behind the surface, by its absorption coefficient (per metre), if it is another
-    /// one.
+    /// Absorption coefficient (per metre) of the medium behind the surface, if the medium changes.
     pub medium: Option<Rgb>,
 }
 
 impl Filter {
-    /// Nothing goes through.
+    /// No light passes.
     pub const OPAQUE: Self = Self::straight(Rgb::BLACK);
 
-    /// Without a body behind the surface.
+    /// With transmittance `weight`, without a change of medium.
     pub const fn straight(weight: Rgb) -> Self {
         Self { weight, medium: None }
     }
 }
 
-/// The value of a parameter where a material is expected inside another one: one written where it
-/// stands, or the id of a shared one.
+/// A parameter that expects a material: an inline table or the id of a shared material.
 #[derive(Clone, Debug)]
 pub struct MaterialRef {
-    /// Place in the source.
+    /// Position in the source.
     pub span: SourceSpan,
-    /// What is there.
+    /// The reference or the inline table.
     pub material: PluginRef,
 }
 
@@ -273,12 +267,12 @@ impl JsonSchema for MaterialRef {
     }
 }
 
-/// A direction in which to go on.
+/// A specular ray to follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Branch {
     /// Unit direction away from the surface.
     pub direction: DVec3,
-    /// Factor on the radiance that comes from there.
+    /// Factor on the radiance from that direction.
     pub weight: Rgb,
     /// Side and medium.
     pub kind: BranchKind,
@@ -292,7 +286,7 @@ pub struct Branches {
 }
 
 impl Branches {
-    /// Adds a branch. A second one of its kind is a fault of the material and panics.
+    /// Adds a branch. Panics if there is already one of its kind: that is a bug in the material.
     pub fn push(&mut self, branch: Branch) {
         let slot = match branch.kind {
             BranchKind::Reflection => &mut self.reflection,
@@ -302,8 +296,8 @@ impl Branches {
         *slot = Some(branch);
     }
 
-    /// Adds a share of the branches of a part of the material; one that is there already in the
-    /// same direction takes it up.
+    /// Adds the branches of a component of the material, scaled by `share`. If a branch of that
+    /// kind exists, its weight grows and it keeps its direction.
     pub fn merge(&mut self, parts: &Self, share: Rgb) {
         for part in parts.iter() {
             let weight = part.weight * share;
@@ -325,30 +319,30 @@ impl Branches {
     }
 }
 
-/// One branch of each point of a stream, where it has it.
+/// One kind of branch for each point of a stream.
 #[derive(Clone, Default)]
 pub struct BranchStream {
     /// Unit directions away from the surfaces.
     pub direction: Vectors,
-    /// Factors on the radiance that comes from there; a branch of weight zero is none.
+    /// Factors on the radiance from there; weight zero means no branch.
     pub weight: Colors,
 }
 
 /// The branches of the points of a stream: at most a reflection and a transmission each.
 #[derive(Clone, Default)]
 pub struct BranchStreams {
-    /// On the viewer's side, in the medium that the viewer is in.
+    /// On the viewer's side, in the viewer's medium.
     pub reflection: BranchStream,
     /// To the other side.
     pub transmission: BranchStream,
-    /// Absorption coefficients (per metre) of the media that transmitted rays travel in.
+    /// Absorption coefficients (per metre) of the media of the transmitted rays.
     pub absorption: Colors,
-    /// Whether the transmitted ray goes straight on in its medium, instead of in that of
-    /// `absorption`. Read only of materials that have this lobe.
+    /// Whether the transmitted ray continues undeviated in its current medium, instead of entering
+    /// that of `absorption`. Read only for materials with the lobe [`Lobes::STRAIGHT`].
     pub straight: Flags,
 }
 
-/// A yes or no for each lane.
+/// A boolean per lane.
 #[derive(Clone)]
 pub struct Flags(pub Lanes<bool>);
 
@@ -359,14 +353,14 @@ impl Default for Flags {
 }
 
 impl BranchStreams {
-    /// Takes both branches from a lane.
+    /// Removes both branches of a lane.
     #[inline(always)]
     pub fn clear(&mut self, lane: usize) {
         self.reflection.weight.set(lane, Rgb::BLACK);
         self.transmission.weight.set(lane, Rgb::BLACK);
     }
 
-    /// Replaces the branch of its kind in a lane.
+    /// Replaces the branch of this kind in a lane.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, branch: &Branch) {
         let stream = match branch.kind {

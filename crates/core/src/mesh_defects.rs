@@ -1,37 +1,37 @@
-//! Defects of meshes that bound a body: what refracts at them goes in and never comes out, or comes
-//! out twice.
+//! Defects of meshes that should bound a body: a refracted ray then enters without leaving, or
+//! leaves twice.
 
 use crate::{Lobes, Shape, TriangleMesh, World};
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
-/// What keeps a mesh from bounding a body. Vertices at the same place are one; triangles that have
-/// two corners at one place are never hit and do not count.
+/// The defects that keep a mesh from bounding a body. Vertices at the same position count as one.
+/// Triangles with two corners at the same position are never hit and are ignored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshDefects {
-    /// Edges of one face only.
+    /// Edges with one face.
     pub border_edges: usize,
-    /// Edges of more than two faces.
+    /// Edges with more than two faces.
     pub crowded_edges: usize,
-    /// Edges of two faces that face different sides.
+    /// Edges whose two faces have opposite orientation.
     pub flipped_edges: usize,
-    /// Faces with the three corners of an earlier face.
+    /// Faces with the same three corners as an earlier face.
     pub duplicate_faces: usize,
 }
 
 impl MeshDefects {
-    /// Counts them. A duplicate is counted as such and then left out: its edges are those of the
-    /// face that it repeats.
+    /// Counts the defects. A duplicate face is counted and then ignored: its edges are those of the
+    /// first face.
     pub fn of(mesh: &TriangleMesh) -> Self {
         let mut places = HashMap::new();
         let mut faces = HashMap::new();
-        // How many faces run along an edge, and how many more in the one direction than in the
-        // other.
+        // Per edge: the number of its faces, and the number of traversals in one direction minus
+        // those in the other.
         let mut edges: HashMap<[usize; 2], (usize, i64)> = HashMap::new();
         let mut defects = Self::default();
         for triangle in &mesh.triangles {
             let corners = triangle.map(|vertex| {
-                // Zero has two signs and one place.
+                // Adding 0 turns -0 into +0: both are the same position.
                 let place = (mesh.positions[vertex as usize] + 0.0).to_array();
                 let next = places.len();
                 *places.entry(place.map(f64::to_bits)).or_insert(next)
@@ -63,7 +63,7 @@ impl MeshDefects {
         defects
     }
 
-    /// Whether there is none.
+    /// Whether there are no defects.
     pub fn is_empty(self) -> bool {
         self == Self::default()
     }
@@ -95,8 +95,8 @@ impl fmt::Display for MeshDefects {
 }
 
 impl World {
-    /// The meshes, by the numbers of their shapes, that refract and do not bound a body. Meshes in
-    /// groups count once, however often they are placed.
+    /// The refracting meshes that do not bound a body, by the numbers of their shapes. Meshes in
+    /// groups count once, however many instances there are.
     pub fn open_refracting_meshes(&self) -> Vec<(u32, MeshDefects)> {
         let mut found = BTreeMap::new();
         self.find_open(self.geometry.shapes(), 0, &mut found);
@@ -131,7 +131,7 @@ mod tests {
     use super::*;
     use crate::DVec3;
 
-    /// The walls of a box of `size`³ squares on its surface, each two triangles.
+    /// The surface of a box of `size`³ cubes; each square is two triangles.
     fn walls(size: i32) -> TriangleMesh {
         let mut mesh = TriangleMesh {
             orientation: 1.0,
@@ -147,8 +147,7 @@ mod tests {
                         p[(axis + 2) % 3] = f64::from(j + b);
                         DVec3::from_array(p)
                     };
-                    // Each square has vertices of its own, as files with normals at vertices have
-                    // them.
+                    // Unshared vertices: each square has its own, as in files with vertex normals.
                     let first = mesh.positions.len() as u32;
                     mesh.positions
                         .extend([corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)]);
@@ -176,7 +175,8 @@ mod tests {
             again.rotate_left(face % 3);
             mesh.triangles.push(again);
         }
-        // On the last side: five squares apart have 4 edges each, two that touch have 6 together.
+        // On the last side: five isolated squares have 4 edges each, two adjacent ones have 6
+        // together.
         let mut removed = [(1, 1), (1, 3), (3, 1), (3, 3), (5, 1), (5, 4), (5, 5)];
         removed.reverse();
         for (i, j) in removed {
@@ -193,7 +193,7 @@ mod tests {
         let mut mesh = walls(2);
         mesh.triangles[3].swap(0, 1);
         assert_eq!(MeshDefects::of(&mesh).flipped_edges, 3);
-        // A wall through the middle of the box, that begins and ends in its sides.
+        // A wall through the middle of the box, connected to its sides.
         let mut mesh = walls(1);
         let first = mesh.positions.len() as u32;
         mesh.positions

@@ -2,23 +2,21 @@ use crate::stream::{Colors, Lanes, RayStream};
 use crate::{Camera, FilmSize, Geometry, SceneError, Scratch, World};
 use glam::DVec2;
 
-/// What an object-order method looks at before any ray is asked for.
+/// The input of an object-order method, available before any ray is traced.
 #[derive(Clone, Copy)]
 pub struct View<'a> {
     /// All shapes.
     pub geometry: &'a Geometry,
-    /// Who looks.
+    /// The camera.
     pub camera: &'a dyn Camera,
     /// The size of the image.
     pub film: FilmSize,
 }
 
-/// Finds what camera rays meet from the objects: each is brought to the image, instead of the image
-/// to all of them.
+/// An object-order renderer: it projects shapes to pixels, instead of tracing rays from pixels.
 pub trait ObjectOrder: Send + Sync {
-    /// Radiance along the camera rays through these positions of the image. What it finds and
-    /// counts may differ from [`crate::Integrator::radiance_stream`] only where rounding decides:
-    /// at edges.
+    /// Radiance along the camera rays through these raster positions. Hits and counts may differ
+    /// from [`crate::Integrator::radiance_stream`] only at edges, where rounding decides.
     fn radiance_stream(
         &self,
         world: &World,
@@ -29,11 +27,11 @@ pub trait ObjectOrder: Send + Sync {
     );
 }
 
-/// Why an object-order method cannot show a scene.
+/// Why an object-order method cannot render a scene.
 #[derive(Debug)]
 pub struct Refused {
-    /// The number of the shape that is at fault, if it is one: the error is shown there.
+    /// The number of the offending shape, if there is one: the error is reported there.
     pub shape: Option<u32>,
-    /// What is wrong.
+    /// The error.
     pub error: SceneError,
 }

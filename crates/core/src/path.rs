@@ -1,32 +1,32 @@
-//! Rays on their way through a tree of rays.
+//! State of the rays of a ray tree.
 
 use crate::{BranchKind, Inside, Ray, Rgb, Skip, Spread};
 use std::fmt;
 
-/// A ray of the tree under a camera ray, waiting to be traced.
+/// A ray of a ray tree that is still to be traced.
 #[derive(Clone, Copy, Debug)]
 pub struct PathState {
-    /// In world space, unit direction.
+    /// In world space, with unit direction.
     pub ray: Ray,
-    /// The primitive it leaves.
+    /// The primitive that it starts on.
     pub skip: Skip,
     /// Factor on its radiance in the pixel.
     pub throughput: Rgb,
-    /// Absorption coefficient of the medium it travels in, per metre.
+    /// Absorption coefficient of the medium that it travels in, per metre.
     pub absorption: Rgb,
-    /// The bodies that it is in, of those that may overlap.
+    /// The nested dielectrics that it is inside.
     pub inside: Inside,
-    /// Bounces before it: 0 for a camera ray.
+    /// Number of bounces so far: 0 for a camera ray.
     pub depth: u32,
-    /// For [`Scratch::record`](crate::Scratch::record): the number there of the node that it comes
-    /// from, and the letter of the branch; `None` for a camera ray.
+    /// For [`Scratch::record`](crate::Scratch::record): index of the parent node and letter of the
+    /// branch; `None` for a camera ray.
     pub origin: Option<(u32, PathLetter)>,
-    /// How far apart it is from its neighbours, where textures ask for it.
+    /// Ray differentials, if textures read footprints.
     pub spread: Option<Spread>,
 }
 
 impl PathState {
-    /// The start of a tree: a camera ray, in empty space.
+    /// A camera ray in empty space: the root of a tree.
     #[inline]
     pub fn camera(ray: Ray) -> Self {
         Self {
@@ -42,36 +42,36 @@ impl PathState {
     }
 }
 
-/// What a ray travels in.
+/// The medium that a ray travels in.
 #[derive(Clone, Copy, Debug)]
 pub struct Medium {
     /// Absorption coefficient, per metre.
     pub absorption: Rgb,
-    /// The bodies that it is in, of those that may overlap.
+    /// The nested dielectrics that the ray is inside.
     pub inside: Inside,
 }
 
 impl Medium {
-    /// In no body that may overlap others.
+    /// A medium outside all nested dielectrics.
     pub const fn absorbing(absorption: Rgb) -> Self {
         let inside = Inside::NOTHING;
         Self { absorption, inside }
     }
 }
 
-/// Which branch a ray is.
+/// The kind of branch that a ray is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PathLetter {
     /// Reflection.
     R,
     /// Transmission.
     T,
-    /// One of the directions of a reflection that is spread, by its number.
+    /// One ray of a glossy reflection, by its number.
     Among(u8),
 }
 
 impl PathLetter {
-    /// Of reflection number `number` out of so many.
+    /// Ray `number` of a reflection by `reflections` rays; R if there is only one.
     pub fn among(reflections: u32, number: u8) -> Self {
         if reflections > 1 {
             Self::Among(number)

@@ -1,7 +1,7 @@
 use glam::DVec3;
 
-/// A half-line `origin + t * direction`. Distances `t` are in units of the direction's length; rays
-/// of the integrators have unit directions, rays in a shape's own space need not.
+/// A half-line `origin + t * direction`. Distances `t` are in units of the direction's length:
+/// integrators use unit directions, rays in a shape's object space may have any length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
     /// Where t = 0, in metres.
@@ -51,8 +51,8 @@ impl Interval {
     }
 }
 
-/// An axis-aligned bounding box in world space. `EMPTY` holds nothing; a box of an endless shape
-/// has infinite corners.
+/// An axis-aligned bounding box in world space. `EMPTY` contains nothing; the box of an unbounded
+/// shape has infinite corners.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aabb {
     /// Smallest coordinates.
@@ -62,7 +62,7 @@ pub struct Aabb {
 }
 
 impl Aabb {
-    /// The box that contains nothing and is neutral in [`Aabb::union`].
+    /// The empty box, the neutral element of [`Aabb::union`].
     pub const EMPTY: Self = Self {
         min: DVec3::INFINITY,
         max: DVec3::NEG_INFINITY,
@@ -115,7 +115,7 @@ impl Aabb {
         (self.max - self.min).max(DVec3::ZERO)
     }
 
-    /// Half the surface area, in m²: what the surface area heuristic compares.
+    /// Half the surface area, in m², for the surface area heuristic.
     pub fn half_area(&self) -> f64 {
         let e = self.extent();
         e.x * e.y + e.y * e.z + e.z * e.x

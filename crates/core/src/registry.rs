@@ -12,17 +12,17 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A kind of plugin: what it makes, and what it is given besides its own parameters.
+/// A kind of plugin: the type that it builds and the input that it receives besides its parameters.
 pub trait Family: 'static {
     /// The name, as in "unknown shape type".
     const NAME: FamilyName;
     /// What a plugin of the family builds.
     type Product;
-    /// What it builds from besides its configuration.
+    /// The input besides the configuration.
     type Input<'a>;
 }
 
-/// The families by name.
+/// The plugin families.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum FamilyName {
     /// Cameras.
@@ -44,7 +44,7 @@ pub enum FamilyName {
 }
 
 impl FamilyName {
-    /// All of them, in the order of the documentation.
+    /// All families, in the order of the documentation.
     pub const ALL: [Self; 8] = [
         Self::Camera,
         Self::Shape,
@@ -56,7 +56,7 @@ impl FamilyName {
         Self::Integrator,
     ];
 
-    /// In singular, as in messages and as the TOML table.
+    /// The singular, as in messages and as the name of the TOML table.
     pub const fn singular(self) -> &'static str {
         match self {
             Self::Camera => "camera",
@@ -70,7 +70,7 @@ impl FamilyName {
         }
     }
 
-    /// In plural, as the crate's folder is called.
+    /// The plural, as in the name of the crate's folder.
     pub const fn plural(self) -> &'static str {
         match self {
             Self::Camera => "cameras",
@@ -99,9 +99,9 @@ macro_rules! families {
 }
 
 families! {
-    /// Cameras know the size of the image.
+    /// Cameras receive the image size.
     Cameras = Camera, Box<dyn Camera>, FilmSize;
-    /// Shapes know where they stand: `world_from_object`.
+    /// Shapes receive their `world_from_object` transform.
     Shapes = Shape, Shape, Transform;
     /// Accelerators are built over the whole geometry.
     Accelerators = Accelerator, Box<dyn Accelerator>, Arc<Geometry>;
@@ -117,15 +117,15 @@ families! {
     Integrators = Integrator, Box<dyn Integrator>, ();
 }
 
-/// One plugin: a type that can be named in a scene.
+/// A plugin: a type that a scene can name.
 pub trait Plugin<F: Family> {
     /// The TOML `type`; also the stem of its file, its Cargo feature and its example scene.
     const TYPE: &'static str;
-    /// Its parameters. The first line of its documentation is the one-line summary in
-    /// `whitstone list`.
+    /// Its parameters. The first line of the documentation is the summary that `whitstone list`
+    /// prints.
     type Config: DeserializeOwned + JsonSchema;
 
-    /// Builds it. Errors without a place are shown at the plugin's table.
+    /// Builds the product. Errors without a position are reported at the plugin's table.
     fn build(
         config: Self::Config,
         input: F::Input<'_>,
@@ -133,67 +133,67 @@ pub trait Plugin<F: Family> {
     ) -> Result<F::Product, SceneErrors>;
 }
 
-/// What a plugin may ask of the scene while it is built.
+/// The services of the scene that a plugin may use while it is built.
 pub trait Context {
-    /// The texture or constant that a parameter names. Built once, however often it is named.
+    /// The texture or constant that a parameter refers to. A shared texture is built once.
     fn texture(&mut self, reference: &TextureRef) -> Result<ColorSource, SceneErrors>;
 
-    /// The material that is a part of another one. Built once if it is shared; one that contains
-    /// itself is an error.
+    /// The material that a parameter refers to. A shared material is built once; a material that
+    /// contains itself is an error.
     fn material(&mut self, reference: &MaterialRef) -> Result<Arc<dyn Material>, SceneErrors> {
         Err(SceneError::at(reference.span.clone(), "no materials here").into())
     }
 
-    /// The path of a file that a parameter names; the file exists and is a regular file.
+    /// The path of a file that a parameter names. The file exists and is a regular file.
     fn file(&self, file: &FilePath) -> Result<PathBuf, SceneError>;
 
-    /// The picture in a file: what the texture `image` makes of it with its border around it, with
-    /// its errors at the file.
+    /// The image in a file, as the texture `image` loads it, with a border. Errors are reported at
+    /// the file.
     fn picture(&mut self, file: &FilePath) -> Result<Arc<dyn Texture>, SceneErrors> {
         Err(SceneError::at(file.span.clone(), "no pictures here").into())
     }
 
-    /// The triangles of a mesh file where they stand: what the shape `mesh` makes of it, with its
-    /// errors at the file.
+    /// The triangles of a mesh file in world space, as the shape `mesh` loads them. Errors are
+    /// reported at the file.
     fn triangles(&mut self, file: &FilePath, transform: &Transform) -> Result<TriangleMesh, SceneErrors> {
         let _ = transform;
         Err(SceneError::at(file.span.clone(), "no meshes here").into())
     }
 
-    /// The group of shapes that a parameter names. Built once, however often it is placed.
+    /// The group of shapes that a parameter names. It is built once, however many instances it has.
     fn group(&self, group: &GroupRef) -> Result<Arc<Group>, SceneErrors> {
         Err(group.no_groups().into())
     }
 
-    /// The solid that is an operand of a shape which stands at `around`: the operand's own
-    /// transform comes before it. What bounds no volume is an error at the operand.
+    /// The solid that is an operand of a shape with transform `around`. The operand's own transform
+    /// is applied first. An operand that bounds no volume is an error, reported at the operand.
     fn solid(&mut self, operand: &SolidRef, around: &Transform) -> Result<Box<dyn Primitive>, SceneErrors> {
         let _ = around;
         Err(SceneError::at(operand.span.clone(), "no operands here").into())
     }
 
-    /// Says before so many bytes are allocated that they will be: an error where the scene may not
-    /// have them. What grows with a number in the scene or with a file asks; what is small need
-    /// not.
+    /// Announces an allocation of `bytes` bytes; fails if it exceeds the scene's memory limit. Call
+    /// it for sizes that depend on a number in the scene or on a file; small allocations need no
+    /// call.
     fn reserve(&mut self, bytes: u64) -> Result<(), SceneErrors> {
         let _ = bytes;
         Ok(())
     }
 
-    /// What was kept of these parts, if it is so many bytes. The parts are all that it is made
-    /// from, and a name with a version.
+    /// Looks up a cached result of `length` bytes; `None` if there is none. `parts` is the cache
+    /// key: all the input of the result, and a name with a version.
     fn recall(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
         let _ = (parts, length);
         None
     }
 
-    /// Keeps what was made of these parts for later runs, if anything is kept at all: for what
-    /// takes longer to make than to read.
+    /// Caches a result under `parts` for later runs, if caching is enabled. For results that take
+    /// longer to compute than to read.
     fn keep(&mut self, parts: &[&[u8]], made: &[u8]) {
         let _ = (parts, made);
     }
 
-    /// Tells the user something that is no error.
+    /// Reports a warning to the user.
     fn warn(&mut self, warning: SceneError);
 }
 
@@ -203,7 +203,7 @@ type BuildFn<F> = for<'a> fn(
     &mut dyn Context,
 ) -> Result<<F as Family>::Product, SceneErrors>;
 
-/// What the registry knows of a plugin. Nothing is built until a scene names it.
+/// A registered plugin. It builds nothing until a scene names it.
 pub struct Entry {
     /// Its family.
     pub family: FamilyName,
@@ -213,13 +213,14 @@ pub struct Entry {
     pub crate_name: &'static str,
     #[cfg(feature = "schema")]
     schema: fn() -> Schema,
-    /// A `BuildFn` of the family, which `build` downcasts again.
+    /// A `BuildFn` of the family; `build` downcasts it.
     build: Box<dyn Any + Send + Sync>,
 }
 
 #[cfg(feature = "schema")]
 impl Entry {
-    /// JSON Schema of its parameters, without `type` and the keys common to the family.
+    /// JSON Schema of its parameters, without `type` and the keys that all plugins of the family
+    /// have.
     pub fn schema(&self) -> Schema {
         (self.schema)()
     }
@@ -233,29 +234,30 @@ impl Entry {
     }
 }
 
-/// The plugins that can be named in a scene. Registration is explicit: every family crate has a
-/// `register` function, and a third party's crate has its own.
+/// The plugins that a scene can name. Registration is explicit: every crate of plugins, third-party
+/// ones included, has a `register` function.
 #[derive(Default)]
 pub struct Registry {
     entries: BTreeMap<(FamilyName, &'static str), Entry>,
-    /// Of slim binaries: family, type and crate.
+    /// Plugins missing from a slim binary: family, type and crate.
     absent: &'static [(FamilyName, &'static str, &'static str)],
     twins: Vec<Twin>,
 }
 
-/// What a reference renderer needs to render a plugin from outside.
+/// The reference implementation of a third-party plugin, in the language of a reference renderer's
+/// driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Twin {
     /// The reference, such as `mitsuba`.
     pub reference: &'static str,
-    /// A file name for the text.
+    /// File name for the source text.
     pub file: &'static str,
-    /// The text, in the language of the reference's driver.
+    /// The source text, in the language of the reference's driver.
     pub text: &'static str,
 }
 
 impl Registry {
-    /// Adds a plugin, on behalf of the crate `crate_name` (`env!("CARGO_PKG_NAME")`).
+    /// Adds a plugin of the crate `crate_name` (`env!("CARGO_PKG_NAME")`).
     pub fn add<F: Family, P: Plugin<F>>(&mut self, crate_name: &'static str) -> Result<(), DuplicateType> {
         let entry = Entry {
             family: F::NAME,
@@ -276,14 +278,15 @@ impl Registry {
         }
     }
 
-    /// Tells what this program was built without, as family, type and crate, for the message about
-    /// a scene that names it.
+    /// Declares the plugins that this binary was built without, as family, type and crate. The
+    /// error about a scene that names one uses them.
     pub fn leave_out(&mut self, absent: &'static [(FamilyName, &'static str, &'static str)]) {
         self.absent = absent;
     }
 
-    /// Adds the twin of a plugin from outside, so that its scenes can be validated: for `mitsuba` a
-    /// Python file as `references/mitsuba/whitstone_mitsuba/twins.py` describes it.
+    /// Adds the reference implementation (twin) of a third-party plugin, so that its scenes can be
+    /// validated. For `mitsuba` it is a Python file in the form that
+    /// `references/mitsuba/whitstone_mitsuba/twins.py` describes.
     pub fn add_twin(&mut self, reference: &'static str, file: &'static str, text: &'static str) {
         self.twins.push(Twin {
             reference,
@@ -292,18 +295,18 @@ impl Registry {
         });
     }
 
-    /// The twins of plugins from outside for a reference.
+    /// The twins of third-party plugins for a reference.
     pub fn twins(&self, reference: &str) -> impl Iterator<Item = &Twin> {
         self.twins.iter().filter(move |twin| twin.reference == reference)
     }
 
-    /// All plugins, by family and name.
+    /// All plugins, sorted by family and name.
     pub fn entries(&self) -> impl Iterator<Item = &Entry> {
         self.entries.values()
     }
 
-    /// The plugin of a type. The error says which types there are and which is nearest; it has no
-    /// place.
+    /// The plugin of a type. The error lists the available types and the nearest name; it has no
+    /// position.
     pub fn get(&self, family: FamilyName, name: &str) -> Result<&Entry, SceneError> {
         if let Some((_, entry)) = self.entries.iter().find(|((f, n), _)| *f == family && *n == name) {
             return Ok(entry);
@@ -430,7 +433,7 @@ mod tests {
         let error = registry.get(FamilyName::Sampler, "line").err().unwrap();
         assert!(error.message.contains("built without the sampler type \"line\""));
         assert!(error.help.unwrap().contains("the feature `line` of `two`"));
-        // Another family has no such type at all.
+        // Another family does not have this type.
         let error = registry.get(FamilyName::Shape, "line").err().unwrap();
         assert!(error.message.contains("unknown shape type"));
     }

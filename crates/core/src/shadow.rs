@@ -1,28 +1,27 @@
-//! Shadow rays: what hides a light, and what lets a part of it through.
+//! Shadow rays: occlusion and transmittance between a surface and a light.
 
 use crate::{Counters, Interval, LightSample, Lobes, Medium, Ray, Rgb, Skip, SurfacePoint, World};
 use glam::DVec3;
 
-/// Light of which less than this is left in every channel counts as none: the cut of the lecture
-/// notes.
+/// Transmittance below this in every channel counts as zero: the threshold of the lecture notes.
 const CUT: f64 = 0.002;
 
-/// A shadow ray that has gone through so many surfaces is hidden.
+/// A shadow ray that crosses this many surfaces counts as blocked.
 const MOST_CROSSINGS: usize = 1000;
 
-/// What stands between a surface and a light.
+/// The surfaces that block light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shadowing {
-    /// Nothing: every light is visible.
+    /// None: every light is visible.
     None,
-    /// All surfaces, but for their holes.
+    /// All surfaces, except their cut-outs.
     Opaque,
-    /// All surfaces; what is transparent lets light through.
+    /// All surfaces, but transparent ones only attenuate.
     Filtered,
 }
 
 impl Shadowing {
-    /// What surfaces do that matters to shadow rays.
+    /// The lobes that let light through.
     pub(crate) fn passing(self) -> Lobes {
         match self {
             Self::None => Lobes::NOTHING,
@@ -32,9 +31,10 @@ impl Shadowing {
     }
 }
 
-/// The ray from a point to a light, and how far it must be free: some roundings of the coordinates
-/// less than to the light. So a surface that holds the light does not hide it, as the model demands
-/// of anything that is not strictly between. `margin`: see [`World::light_margin`].
+/// The shadow ray from a point to a light, and the length that must be unoccluded: the distance
+/// minus some roundings of the coordinates. A surface that coincides with the light therefore does
+/// not block it; the model requires blockers to lie strictly between. `margin`: see
+/// [`World::light_margin`].
 #[inline(always)]
 pub(crate) fn shadow_ray(point: &SurfacePoint, sample: &LightSample, margin: f64) -> (Ray, f64) {
     let coordinates = point.position.abs().max_element() + sample.distance;
@@ -47,15 +47,15 @@ pub(crate) fn shadow_ray(point: &SurfacePoint, sample: &LightSample, margin: f64
     aim(&ray, free, point.leave(sample.direction))
 }
 
-/// The ray from `start` to where another one, that begins nearly there, is after `free` metres, and
-/// its length. In the direction of the other one it would cross a plane through that place earlier,
-/// by the way between the two over the slope.
+/// The ray from `start`, near the origin of `ray`, to the point of `ray` at `free` metres, and its
+/// length. With the direction of `ray` instead, it would reach a surface through that point too
+/// early, by the offset between the rays over the slope.
 #[inline(always)]
 fn aim(ray: &Ray, free: f64, start: DVec3) -> (Ray, f64) {
     let moved = start - ray.origin;
     let way = ray.direction * free - moved;
     let length = way.length();
-    // Neither without end nor behind the start; written so that NaN does not pass.
+    // Fails for infinite lengths, points behind the start, and NaN.
     if (way.dot(ray.direction) > 0.0) & (length < f64::INFINITY) {
         (Ray::new(start, way / length), length)
     } else {
@@ -64,13 +64,13 @@ fn aim(ray: &Ray, free: f64, start: DVec3) -> (Ray, f64) {
 }
 
 impl World {
-    /// Whether some surface lets light through, so that it does not do to ask if any is hit.
+    /// Whether some surface lets light through, so that an occlusion test does not suffice.
     pub(crate) fn lets_through(&self, shadowing: Shadowing) -> bool {
         self.lobes.intersects(shadowing.passing())
     }
 
-    /// The share of light that comes along a shadow ray from `free` metres away. `medium` is what
-    /// the ray starts in; only filtered shadows see it.
+    /// Transmittance of a shadow ray from its origin up to `free` metres. `medium` is the medium at
+    /// the origin; only filtered shadows use it.
     pub(crate) fn light_through(
         &self,
         ray: Ray,

@@ -3,67 +3,73 @@ use crate::{Aabb, Footprint, Instance, Interval, Ray, Spans, SurfacePart, Triang
 use glam::{DVec2, DVec3};
 use std::ops::{BitOr, BitOrAssign};
 
-/// What a shape turns itself into: all that an accelerator sees. Its number in the scene
-/// (`shape_id`) is the place of its table in the file; the shapes of groups are numbered behind all
-/// others.
+/// The geometry that a shape plugin produces; accelerators see nothing else.
+///
+/// The number of a shape (`shape_id`) is the index of its table in the file. Shapes inside groups
+/// are numbered after all others.
 #[non_exhaustive]
 pub enum Shape {
     /// Triangles in world space.
     Triangles(TriangleMesh),
     /// Anything else that can intersect a ray.
     Opaque(Box<dyn Primitive>),
-    /// A copy of a group of shapes.
+    /// An instance of a group of shapes.
     Instance(Box<Instance>),
 }
 
-/// A thing that rays hit and that is not made of triangles, in world space.
+/// A shape that is not made of triangles, in world space.
 ///
-/// **Purity law**: what is returned depends on the ray, the skipped primitive and the object only;
-/// the interval merely filters. Without it, images would depend on the order in which an
-/// accelerator visits its nodes.
+/// **Purity law**: results depend only on the ray, the skipped primitive and the object; the
+/// interval only filters hits. Otherwise images would depend on the order in which an accelerator
+/// visits its nodes.
 pub trait Primitive: Send + Sync {
-    /// A box that holds every point that a ray can hit; infinite for endless shapes.
+    /// A box that contains every point that a ray can hit; infinite for unbounded shapes.
     fn bounds(&self) -> Aabb;
 
-    /// The nearest hit inside the interval. `leaves` names the sub-primitive that the ray was
-    /// spawned on, if it is one of this object's: a planar one is not hit again; a curved one
-    /// ignores the root that is the start itself.
+    /// The nearest hit inside the interval.
+    ///
+    /// `leaves` is the sub-primitive that the ray was spawned on, if it belongs to this object. A
+    /// planar sub-primitive is not hit again; a curved one ignores the root at the ray's start.
     fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit>;
 
-    /// The surface at a hit that `closest` returned for this ray. Only what `needs` names must be
-    /// right in the result.
+    /// The surface at a hit that `closest` returned for this ray. Only the attributes in `needs`
+    /// must be valid in the result.
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
 
-    /// The surface next to a hit, nearest to `q`, which is beside it in its tangent plane: the same
-    /// sub-primitive, which goes on beyond its border, with texture coordinates that go on too
-    /// where they start anew. Of `point`, the surface at the hit, only position and texture
-    /// coordinates are read; of the result only the shading normal and what `needs` names. `None`
-    /// from shapes that cannot tell: textures of (u, v) show their finest level there, and mirrors
-    /// count as flat.
+    /// Evaluates the same sub-primitive at the point nearest `q`, which lies in the tangent plane
+    /// close to `hit`. Used for ray differentials.
+    ///
+    /// The primitive is extrapolated past its edge and (u, v) is unwrapped across seams, so that
+    /// finite differences stay small. Only position and texture coordinates of `point`, the surface
+    /// at the hit, are read. Only the shading normal and the attributes in `needs` are valid in the
+    /// result. Shapes without derivatives return `None`: textures of (u, v) then use their finest
+    /// level, and reflections treat the surface as flat.
     fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
         let _ = (point, hit, q, needs);
         None
     }
 
-    /// Whether it bounds a volume, so that it may be an operand of constructive solid geometry.
+    /// Whether the shape bounds a volume, so that it may be an operand of constructive solid
+    /// geometry.
     fn solid(&self) -> bool {
         false
     }
 
-    /// Adds the parts of the *whole line* of the ray that lie inside, if this is a solid. What lies
-    /// in front of the ray's start are the hits of [`Self::closest`], bit for bit, but for those
-    /// that touch at a single point.
+    /// Adds the parts of the *whole line* of the ray that lie inside the shape, if it is a solid.
+    /// The span ends in front of the ray's start equal the hits of [`Self::closest`] bit for bit,
+    /// except where the ray only touches the surface at a point.
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
         let _ = (ray, spans);
     }
 
-    /// How many sub-primitives a solid has: their numbers are below.
+    /// Number of sub-primitives of a solid; their ids range from 0 to one less.
     fn primitives(&self) -> u32 {
         1
     }
 
-    /// Whether a ray that starts on this sub-primitive of a solid goes inside. By default what the
-    /// normal at the start says, for solids whose normal follows from point and number.
+    /// Whether a ray that starts on this sub-primitive of a solid enters the solid. The default
+    /// uses the normal at the start, which suits solids whose normal follows from point and
+    /// sub-primitive.
     fn goes_inside(&self, ray: &Ray, primitive: u32) -> bool {
         let start = PrimitiveHit {
             t: 0.0,
@@ -74,15 +80,15 @@ pub trait Primitive: Send + Sync {
         point.n_g.dot(ray.direction) < 0.0
     }
 
-    /// The parts of its surface that are flat, spherical or cylindrical, which may coincide with
-    /// those of other shapes. By default none: surfaces that nobody knows of are met in the order
-    /// of the distances as they are computed.
+    /// The flat, spherical and cylindrical parts of the surface, which may coincide with parts of
+    /// other shapes. The default is none: hits on undeclared parts are ordered by computed
+    /// distance.
     fn parts(&self) -> Vec<SurfacePart> {
         Vec::new()
     }
 
-    /// [`Self::closest`] for every ray of a stream; `shape` is the number of this object. Hits that
-    /// were found before are replaced by nearer ones.
+    /// [`Self::closest`] for every ray of a stream. `shape` is the number of this object. Nearer
+    /// hits replace those already in `hits`.
     fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
         for lane in 0..rays.len {
             let interval = Interval::up_to(hits.t.0[lane]);
@@ -93,7 +99,7 @@ pub trait Primitive: Send + Sync {
         }
     }
 
-    /// Sets the lanes of the rays that this object hits inside their intervals.
+    /// Sets the lanes whose rays hit this object inside their intervals.
     fn occluded_stream(&self, shape: u32, rays: &RayStream, hidden: &mut Lanes<bool>) {
         for (lane, hidden) in hidden.iter_mut().enumerate().take(rays.len) {
             let leaves = rays.skip.skip(lane).of_shape(InstancePath::WORLD, shape);
@@ -112,19 +118,19 @@ pub trait Primitive: Send + Sync {
     }
 }
 
-/// A hit as a primitive sees it.
+/// A hit as returned by a primitive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PrimitiveHit {
     /// Ray parameter.
     pub t: f64,
-    /// Number of the sub-primitive (the face of a box); 0 where there is one only.
+    /// Number of the sub-primitive (for a box, its face); 0 if there is only one.
     pub primitive: u32,
-    /// Two surface parameters; their meaning is the primitive's own.
+    /// Two surface parameters; each primitive defines their meaning.
     pub params: DVec2,
 }
 
 impl PrimitiveHit {
-    /// As an accelerator returns it.
+    /// Converts to the form that an accelerator returns.
     #[inline]
     pub fn of_shape(self, instance: InstancePath, shape: u32) -> RawHit {
         RawHit {
@@ -137,8 +143,9 @@ impl PrimitiveHit {
     }
 }
 
-/// Which copy of a shape was hit: [`InstancePath::WORLD`] for what is not instanced. Copies are
-/// numbered depth first in the order of the scene, copies within a copy right behind it.
+/// The instance that a hit shape belongs to: [`InstancePath::WORLD`] if it is not instanced.
+/// Instances are numbered depth first in scene order; nested instances directly follow their
+/// parent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct InstancePath(pub u32);
 
@@ -147,7 +154,7 @@ impl InstancePath {
     pub const WORLD: Self = Self(0);
 }
 
-/// A hit as an accelerator returns it: no normals, no texture coordinates.
+/// A hit as returned by an accelerator: without normals and texture coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RawHit {
     /// Ray parameter.
@@ -155,7 +162,7 @@ pub struct RawHit {
     /// Two surface parameters; for triangles the barycentric weights of the second and third
     /// vertex.
     pub params: DVec2,
-    /// Copy of the shape.
+    /// Instance of the shape.
     pub instance: InstancePath,
     /// Number of the shape in the scene.
     pub shape: u32,
@@ -164,25 +171,26 @@ pub struct RawHit {
 }
 
 impl RawHit {
-    /// The order in which hits at the same distance win: lowest first.
+    /// The identifiers that break ties between hits at equal distance: the lowest wins.
     #[inline]
     pub fn id(&self) -> (InstancePath, u32, u32) {
         (self.instance, self.shape, self.primitive)
     }
 
-    /// Whether this hit is to be preferred to `other`: nearer, or equally near and lower in number.
+    /// Whether this hit wins over `other`: it is nearer, or equally near with a lower id.
     #[inline]
     pub fn beats(&self, other: &Self) -> bool {
         self.t < other.t || (self.t == other.t && self.id() < other.id())
     }
 }
 
-/// The primitive that a spawned ray starts on, so that it is not hit again by rounding.
+/// The primitive that a spawned ray starts on, which it must not hit again (self-intersection
+/// filter).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skip(Option<(InstancePath, u32, u32)>);
 
 impl Skip {
-    /// A camera ray: nothing is skipped.
+    /// Nothing is skipped: for camera rays.
     pub const NOTHING: Self = Self(None);
 
     /// A ray that leaves the primitive of `hit`.
@@ -195,12 +203,12 @@ impl Skip {
         Self(Some((instance, shape, primitive)))
     }
 
-    /// What is skipped, if anything is: copy, shape, primitive.
+    /// The skipped primitive, if any: instance, shape, primitive.
     pub const fn id(&self) -> Option<(InstancePath, u32, u32)> {
         self.0
     }
 
-    /// The sub-primitive of this shape that is left, if it is one of this shape's.
+    /// The skipped sub-primitive, if it belongs to this shape.
     #[inline]
     pub fn of_shape(&self, instance: InstancePath, shape: u32) -> Option<u32> {
         match self.0 {
@@ -210,22 +218,20 @@ impl Skip {
     }
 }
 
-/// What a consumer of surface points wants computed, as a set.
+/// The set of surface attributes that a consumer of surface points reads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Needs(u32);
 
 impl Needs {
-    /// Position, error bound and geometric normal only: these are always given.
+    /// Position, error bound and geometric normal only, which are always computed.
     pub const NOTHING: Self = Self(0);
     /// The interpolated normal; without it the shading normal equals the geometric one.
     pub const SHADING_NORMAL: Self = Self(1);
     /// Texture coordinates.
     pub const UV: Self = Self(2);
-    /// Some texture is asked: nothing that a shape computes, but the counters of
-    /// `explain --measure` tell it.
+    /// Some texture is evaluated. Shapes ignore this; it feeds the counters of `explain --measure`.
     pub const TEXTURE: Self = Self(4);
-    /// What neighbouring rays see: nothing that a shape computes in `surface`, but rays then carry
-    /// how far apart they are.
+    /// The footprint. Shapes ignore this in `surface`, but rays then carry ray differentials.
     pub const FOOTPRINT: Self = Self(8);
     /// All of these.
     pub const EVERYTHING: Self = Self(15);
@@ -252,18 +258,18 @@ impl BitOrAssign for Needs {
 /// A point on a surface, in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
-    /// On the surface up to `error`.
+    /// On the surface, within `error`.
     pub position: DVec3,
-    /// Bound on the distance of `position` from the surface, in metres, along its normal: rays
-    /// leave from this far above the surface.
+    /// Upper bound on the distance of `position` from the surface, in metres along the normal.
+    /// Spawned rays start this far above the surface.
     pub error: f64,
-    /// Unit normal of the geometry; it points outside.
+    /// Unit geometric normal; it points outside.
     pub n_g: DVec3,
-    /// Unit normal for shading.
+    /// Unit shading normal.
     pub n_s: DVec3,
     /// Texture coordinates.
     pub uv: DVec2,
-    /// What the neighbouring rays see: the integrator adds it where the material reads it.
+    /// Footprint of the ray; the integrator adds it if the material reads it.
     pub footprint: Footprint,
 }
 
@@ -281,14 +287,15 @@ impl SurfacePoint {
         }
     }
 
-    /// Where a ray in direction `d` leaves: on that side of the surface, beyond its error bound.
+    /// Origin of a ray spawned in direction `d`: on that side of the surface, outside the error
+    /// bound.
     #[inline(always)]
     pub fn leave(&self, d: DVec3) -> DVec3 {
         self.position + (self.error * self.n_g.dot(d).signum()) * self.n_g
     }
 
-    /// Rule S of the model: the shading normal, made to agree with the geometric one about the side
-    /// that the viewer (in direction `view`) is on.
+    /// Rule S of the model: flips the shading normal if it disagrees with the geometric normal
+    /// about which side the viewer (in direction `view`) is on.
     #[must_use]
     #[inline(always)]
     pub fn seen_from(mut self, view: DVec3) -> Self {
@@ -298,7 +305,8 @@ impl SurfacePoint {
         self
     }
 
-    /// The shading normal turned towards a viewer in direction `view`; after [`Self::seen_from`].
+    /// The shading normal, oriented towards a viewer in direction `view`; call after
+    /// [`Self::seen_from`].
     #[inline(always)]
     pub fn n_towards(&self, view: DVec3) -> DVec3 {
         if self.n_g.dot(view) >= 0.0 {
@@ -308,13 +316,14 @@ impl SurfacePoint {
         }
     }
 
-    /// Rule G of the model for directions that must be on the viewer's side of the geometry.
+    /// Rule G of the model for reflected directions: `a` and `b` are on the same side of the
+    /// geometry.
     #[inline(always)]
     pub fn same_side(&self, a: DVec3, b: DVec3) -> bool {
         self.n_g.dot(a) * self.n_g.dot(b) > 0.0
     }
 
-    /// Rule G for transmitted directions.
+    /// Rule G for transmitted directions: `a` and `b` are on opposite sides of the geometry.
     #[inline(always)]
     pub fn opposite_sides(&self, a: DVec3, b: DVec3) -> bool {
         self.n_g.dot(a) * self.n_g.dot(b) < 0.0

@@ -1,4 +1,4 @@
-//! Solids: shapes with an inside, and the parts of lines in them.
+//! Solids: shapes with an inside, and the intervals in which lines are inside them.
 
 use crate::config::PluginRef;
 use crate::{Interval, PrimitiveHit, SourceSpan};
@@ -11,22 +11,21 @@ use std::borrow::Cow;
 use std::fmt;
 use toml::Spanned;
 
-/// A part of a line that lies in a solid. The line goes on before the start of the ray, so
-/// parameters may be negative, and infinite where the solid is endless.
+/// An interval of a line inside a solid. Parameters may be negative, since the line extends behind
+/// the ray's start, and infinite for unbounded solids.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
-    /// Where the line enters.
+    /// Where the line enters the solid.
     pub enter: PrimitiveHit,
-    /// Where it leaves; farther along.
+    /// Where the line leaves the solid; farther along.
     pub exit: PrimitiveHit,
 }
 
-/// The parts of a line that lie in a solid: in order, none of them empty, no two with a common
-/// point.
+/// The intervals of a line inside a solid: ascending, non-empty, without common points.
 pub type Spans = SmallVec<[Span; 4]>;
 
 impl Span {
-    /// `None` if nothing lies between the ends.
+    /// `None` if the interval is empty.
     #[inline]
     pub fn new(enter: PrimitiveHit, exit: PrimitiveHit) -> Option<Self> {
         (enter.t < exit.t).then_some(Self { enter, exit })
@@ -34,7 +33,7 @@ impl Span {
 }
 
 impl PrimitiveHit {
-    /// A hit with the only sub-primitive, without parameters; also the end of a span at infinity.
+    /// A hit with sub-primitive 0 and zero parameters; also an end of a span at infinity.
     pub const fn plain(t: f64) -> Self {
         Self {
             t,
@@ -44,8 +43,8 @@ impl PrimitiveHit {
     }
 }
 
-/// The spans between crossings of a closed surface, which are sorted: every other one is an entry.
-/// Those at the same place cancel each other, and so does what has no partner.
+/// The spans between sorted crossings of a closed surface, which enter and leave alternately. Pairs
+/// at the same position cancel; a last crossing without a partner is ignored.
 pub fn pair_up(crossings: &[PrimitiveHit]) -> Spans {
     let mut spans = Spans::new();
     for pair in crossings.chunks_exact(2) {
@@ -54,8 +53,8 @@ pub fn pair_up(crossings: &[PrimitiveHit]) -> Spans {
     spans
 }
 
-/// Adds a span that begins no sooner than the last one ends. Where it begins just there, both
-/// become one; an empty one is left out.
+/// Appends a span that does not begin before the last one ends. If they touch, they are merged; an
+/// empty span is ignored.
 pub fn push(spans: &mut Spans, enter: PrimitiveHit, exit: PrimitiveHit) {
     let Some(span) = Span::new(enter, exit) else {
         return;
@@ -66,9 +65,11 @@ pub fn push(spans: &mut Spans, enter: PrimitiveHit, exit: PrimitiveHit) {
     }
 }
 
-/// The nearest end of a span inside the interval. `inside` says of a ray that starts on the surface
-/// whether it goes into the solid: then the first end beyond its start is an exit, else an entry.
-/// If it is not, it is the start itself, moved in front by rounding.
+/// The nearest end of a span inside the interval.
+///
+/// For a ray that starts on the surface, `inside` says whether it enters the solid. The first end
+/// beyond its start must then be an exit if `inside`, otherwise an entry. If it is not, it is the
+/// start itself, moved forward by rounding, and is skipped.
 pub fn first_end(spans: &[Span], interval: Interval, inside: Option<bool>) -> Option<PrimitiveHit> {
     let ends = spans
         .iter()
@@ -83,12 +84,12 @@ pub fn first_end(spans: &[Span], interval: Interval, inside: Option<bool>) -> Op
     interval.contains(end.t).then_some(end)
 }
 
-/// A shape that is written inside another one, as a part of it, with its place in the source.
+/// A shape written inline as an operand of another shape, with its position in the source.
 #[derive(Clone, Debug)]
 pub struct SolidRef {
-    /// Place in the source.
+    /// Position in the source.
     pub span: SourceSpan,
-    /// The table that was there.
+    /// The inline table.
     pub shape: PluginRef,
 }
 
@@ -166,7 +167,7 @@ mod tests {
             |ends: &[f64], inside| first_end(&spans(ends), Interval::FORWARD, inside).map(|end| end.t);
         let two = [-1.0, 1.0, 3.0, 5.0];
         assert_eq!(first(&two, None), Some(1.0));
-        // The start may come out a little in front of or behind the ray.
+        // Rounding may place the start slightly in front of or behind the ray's origin.
         for start in [-1e-16, 0.0, 1e-16] {
             assert_eq!(first(&[start, 2.0, 3.0, 5.0], Some(true)), Some(2.0));
             assert_eq!(first(&[-2.0, start, 3.0, 5.0], Some(false)), Some(3.0));

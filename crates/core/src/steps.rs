@@ -1,5 +1,4 @@
-//! A `transform` as it is written: one step, or a list of steps in the order in which they are
-//! applied.
+//! The `transform` key: one step, or a list of steps in order of application.
 
 use crate::Transform;
 use crate::config::{Finite, Vector3};
@@ -10,7 +9,7 @@ use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
 use std::fmt;
 
-/// One step; exactly one key. Section 9 of the model says what each means.
+/// One transformation step, with exactly one key. Section 9 of the model defines their meanings.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Step {
@@ -34,20 +33,20 @@ struct Rotate {
     degrees: Finite,
 }
 
-/// What is wrong with a step as a whole, and what helps.
+/// An error of a step as a whole, with an optional hint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepFault {
-    /// The fault.
+    /// The error.
     pub message: &'static str,
-    /// A hint, where there is one.
+    /// A hint.
     pub help: Option<&'static str>,
 }
 
-/// What is wrong with steps that cannot be undone.
+/// The message for transforms that are not invertible.
 pub const SINGULAR: &str = "the transform is singular: it flattens the shape or is not finite";
 
 impl Step {
-    /// The map.
+    /// The affine map of the step.
     ///
     /// # Errors
     ///
@@ -78,8 +77,8 @@ impl Step {
     }
 }
 
-/// Counter-clockwise looking against the axis. Multiples of a right angle are exact, so that floors
-/// and walls lie exactly where they should.
+/// The rotation, counter-clockwise when the axis points towards the viewer. Multiples of 90 degrees
+/// are exact, so that floors and walls are exactly aligned with the axes.
 fn rotation(axis: DVec3, degrees: f64) -> DMat3 {
     let (sin, cos) = match degrees.rem_euclid(360.0) {
         0.0 => (0.0, 1.0),
@@ -98,8 +97,8 @@ fn rotation(axis: DVec3, degrees: f64) -> DMat3 {
     DMat3::IDENTITY * cos + cross * sin + outer * (1.0 - cos)
 }
 
-/// The `transform` of a part of a plugin's table, such as the mapping of a texture: an invertible
-/// map.
+/// The `transform` key in part of a plugin's table, such as the mapping of a texture: an invertible
+/// affine map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steps(Transform);
 
@@ -107,8 +106,8 @@ impl Steps {
     /// No steps.
     pub const NONE: Self = Self(Transform::IDENTITY);
 
-    /// The map of all steps together; its `world_from_object` is that of the space where the steps
-    /// start to that where they end.
+    /// The product of all steps. Its `world_from_object` maps from the space before the first step
+    /// to the space after the last.
     pub const fn get(self) -> Transform {
         self.0
     }
@@ -120,12 +119,12 @@ impl Steps {
 
 impl<'de> Deserialize<'de> for Steps {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        /// A step that is refused at its place if it makes no map.
+        /// A step that is rejected at its position if it defines no map.
         struct Map(DAffine3);
 
         impl<'de> Deserialize<'de> for Map {
             fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-                // Inside of a visitor, so that an error about the step as a whole gets its place.
+                // Inside a visitor, so that an error of the whole step gets its position.
                 deserializer.deserialize_any(One)
             }
         }

@@ -6,32 +6,32 @@ use crate::{
 };
 use glam::{DVec2, DVec3};
 
-/// The number of no sub-primitive.
+/// The value of `leaves` for rays that start on no sub-primitive.
 pub const LEAVES_NOTHING: u32 = u32::MAX;
 
-/// A [`Primitive`] whose arithmetic is straight-line: it is written once, for one ray, and runs in
-/// vector registers for streams of rays.
+/// A [`Primitive`] with branchless arithmetic: written once for a single ray, and vectorised for
+/// streams of rays.
 ///
-/// Mark every method `#[inline(always)]`, choose with `if a { b } else { c }` between *values* that
-/// are both computed, join conditions with `&` and `|`, and return NaN instead of leaving early.
-/// The methods are also called for lanes that mean nothing; they must not panic. (`if` on the same
-/// condition again and again may become a jump: [`simd::select`] never does.)
+/// Mark every method `#[inline(always)]`. Select with `if a { b } else { c }` between *values* that
+/// are both computed, combine conditions with `&` and `|`, and return NaN instead of returning
+/// early. Methods are also called for unused lanes and must not panic. (Repeated `if`s on the same
+/// condition may compile to a branch; [`simd::select`] never does.)
 pub trait Straight: Clone + Send + Sync {
     /// See [`Primitive::bounds`].
     fn bounds(&self) -> Aabb;
 
-    /// A cheap test: false only if the ray has no hit at all. A group of rays of which none comes
-    /// near is done with it.
+    /// A cheap conservative test: false only if the ray cannot hit. A group of rays that all fail
+    /// it is skipped.
     fn comes_near(&self, ray: &Ray) -> bool;
 
-    /// The nearest hit beyond `min`; its `t` is NaN where there is none. `leaves` is the
-    /// sub-primitive of this object that the ray leaves, or [`LEAVES_NOTHING`].
+    /// The nearest hit beyond `min`; `t` is NaN if there is none. `leaves` is the sub-primitive of
+    /// this object that the ray starts on, or [`LEAVES_NOTHING`].
     fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit;
 
     /// See [`Primitive::surface`].
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint;
 
-    /// See [`Primitive::beside`]; need not be straight-line.
+    /// See [`Primitive::beside`]; may branch.
     fn beside(&self, point: &SurfacePoint, hit: &RawHit, q: DVec3, needs: Needs) -> Option<SurfacePoint> {
         let _ = (point, hit, q, needs);
         None
@@ -42,7 +42,7 @@ pub trait Straight: Clone + Send + Sync {
         false
     }
 
-    /// See [`Primitive::spans`]; need not be straight-line.
+    /// See [`Primitive::spans`]; may branch.
     fn spans(&self, ray: &Ray, spans: &mut Spans) {
         let _ = (ray, spans);
     }
@@ -52,7 +52,7 @@ pub trait Straight: Clone + Send + Sync {
         1
     }
 
-    /// See [`Primitive::parts`]; need not be straight-line.
+    /// See [`Primitive::parts`]; may branch.
     fn parts(&self) -> Vec<SurfacePart> {
         Vec::new()
     }
@@ -96,7 +96,7 @@ impl<P: Straight> Primitive for P {
     }
 
     fn closest_stream(&self, shape: u32, rays: &RayStream, hits: &mut HitStream) {
-        // A copy that nothing else can point to: what is read of it stays in registers.
+        // An unaliased local copy: its fields stay in registers.
         let primitive = self.clone();
         simd::dispatch(
             #[inline(always)]
@@ -155,7 +155,7 @@ impl<P: Straight> Primitive for P {
     fn surface_stream(&self, rays: &RayStream, hits: &HitStream, needs: Needs, points: &mut PointStream) {
         let primitive = self.clone();
         let len = rays.len.min(LANES);
-        // Texture coordinates may take functions that have no vector form.
+        // Texture coordinates may need functions without a vector form.
         if needs.contains(Needs::UV) {
             for lane in 0..len {
                 points.set(
@@ -168,8 +168,8 @@ impl<P: Straight> Primitive for P {
         simd::dispatch(
             #[inline(always)]
             || {
-                // Not in whole groups: what a lane without a hit holds may be no primitive of this
-                // shape.
+                // Not in whole groups: a lane without a hit may contain an id that is no
+                // sub-primitive of this shape.
                 for lane in 0..len {
                     let (ray, hit) = (rays.ray(lane), hits.hit(lane));
                     points.set(lane, &Straight::surface(&primitive, &ray, &hit, Needs::NOTHING));
@@ -185,7 +185,7 @@ fn leaves(rays: &RayStream, lane: usize, shape: u32) -> u32 {
     simd::select(this, rays.skip.primitive[lane], LEAVES_NOTHING)
 }
 
-/// Which rays of a group come near.
+/// Which rays of a group may hit.
 #[inline(always)]
 fn near(primitive: &impl Straight, rays: &RayStream, start: usize) -> [bool; GROUP] {
     let mut near = [false; GROUP];

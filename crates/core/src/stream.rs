@@ -1,14 +1,13 @@
-//! Rays side by side: structures of arrays in which lane `i` of every array belongs to the same
-//! ray.
+//! Streams of rays as structures of arrays: lane `i` of every array belongs to the same ray.
 //!
-//! Plugins are asked about a whole stream at once, so that a virtual call is paid once for many
-//! rays and the arithmetic between runs in vector registers. A plugin whose arithmetic is
-//! straight-line writes it once, for one lane, marks it `#[inline(always)]`, and loops over the
-//! lanes inside [`crate::simd::dispatch`]; one that is not inherits a loop over its scalar method.
-//! **Both give the same bits**: that is a law of every trait with a stream method.
+//! Plugins process a whole stream per call, which amortises the virtual call and lets the
+//! arithmetic be vectorised. A plugin with branchless arithmetic writes it once, for one lane,
+//! marks it `#[inline(always)]`, and loops over the lanes inside [`crate::simd::dispatch`]. Any
+//! other plugin inherits a loop over its scalar method. **Both give the same bits**: that is a law
+//! of every trait with a stream method.
 //!
-//! Lanes from `len` on hold whatever was there before: arithmetic on them is harmless and its
-//! result is never read.
+//! Lanes from `len` on hold stale values: arithmetic on them is harmless and the results are never
+//! read.
 
 use crate::footprint::{FootprintStream, SpreadStream};
 use crate::simd::{self, prefetch, select};
@@ -18,17 +17,17 @@ use crate::{
 };
 use glam::{DVec2, DVec3};
 
-/// Most rays in a stream.
+/// Capacity of a stream.
 pub const LANES: usize = 256;
 
-/// Lanes that loops look at together: two registers of the widest kind.
+/// Number of lanes per loop iteration: two registers of the widest kind.
 pub const GROUP: usize = 16;
 const _: () = assert!(LANES.is_multiple_of(GROUP));
 
-/// The first lanes of the groups that hold so many; the last group may hold lanes of no meaning.
+/// The first lanes of the groups that cover `len` lanes; the last group may contain unused lanes.
 ///
-/// A loop over a group has a fixed length: it needs no second loop for what does not fill a
-/// register, which takes longer than the first one where streams are short.
+/// A loop over a group has a fixed length and so needs no remainder loop, which would take longer
+/// than the main loop if streams are short.
 #[inline(always)]
 pub fn groups(len: usize) -> impl Iterator<Item = usize> {
     (0..len.min(LANES).div_ceil(GROUP)).map(|group| group * GROUP)
@@ -37,10 +36,10 @@ pub fn groups(len: usize) -> impl Iterator<Item = usize> {
 /// One value for each ray of a stream.
 pub type Lanes<T> = [T; LANES];
 
-/// The number of no shape: a miss, or a ray that leaves nothing.
+/// The shape number for "none": a miss, or a ray that starts on no primitive.
 pub const NO_SHAPE: u32 = u32::MAX;
 
-/// Copies some lanes of a column, in this order, behind its first `start`.
+/// Appends selected lanes of a column, in this order, after its first `start` lanes.
 #[inline(always)]
 pub fn gather<T: Copy>(to: &mut Lanes<T>, start: usize, from: &Lanes<T>, lanes: &[u16]) {
     for (to, &lane) in to[start..].iter_mut().zip(lanes) {
@@ -48,7 +47,7 @@ pub fn gather<T: Copy>(to: &mut Lanes<T>, start: usize, from: &Lanes<T>, lanes: 
     }
 }
 
-/// A column that is there only where something asks for it. What was allocated is used again.
+/// A column that is present only if something reads it. Its memory is reused.
 #[derive(Clone)]
 pub struct Optional<T> {
     on: bool,
@@ -65,31 +64,31 @@ impl<T> Default for Optional<T> {
 }
 
 impl<T: Default> Optional<T> {
-    /// The column, if it is there.
+    /// The column, if present.
     #[inline(always)]
     pub fn get(&self) -> Option<&T> {
         if self.on { self.memory.as_deref() } else { None }
     }
 
-    /// The column, there from now on; it holds what was there before.
+    /// Makes the column present and returns it, with stale contents.
     pub fn turn_on(&mut self) -> &mut T {
         self.on = true;
         self.memory()
     }
 
-    /// The column, whether it is there or not.
+    /// The column, present or not.
     pub fn memory(&mut self) -> &mut T {
         self.memory.get_or_insert_default()
     }
 
-    /// The column is there no longer.
+    /// Makes the column absent.
     #[inline(always)]
     pub fn turn_off(&mut self) {
         self.on = false;
     }
 }
 
-/// Vectors side by side.
+/// A column of vectors.
 #[derive(Clone)]
 #[repr(align(64))]
 pub struct Vectors {
@@ -118,7 +117,7 @@ impl Vectors {
         (self.x[lane], self.y[lane], self.z[lane]) = (value.x, value.y, value.z);
     }
 
-    /// The box around the first `len` vectors.
+    /// The bounding box of the first `len` vectors.
     pub fn bounds(&self, len: usize) -> Aabb {
         let range = |values: &Lanes<f64>| {
             let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
@@ -147,8 +146,8 @@ impl Vectors {
         self.z[..len].copy_from_slice(&from.z[..len]);
     }
 
-    /// Copies some lanes of another stream, in this order, behind the first `start`: column by
-    /// column, which is faster than lane by lane.
+    /// Appends selected lanes of another stream, in this order, after the first `start` lanes:
+    /// column by column, which is faster than lane by lane.
     #[inline(always)]
     pub fn gather(&mut self, start: usize, from: &Self, lanes: &[u16]) {
         gather(&mut self.x, start, &from.x, lanes);
@@ -157,7 +156,7 @@ impl Vectors {
     }
 }
 
-/// Colours side by side.
+/// A column of colours.
 #[derive(Clone)]
 #[repr(align(64))]
 pub struct Colors {
@@ -186,7 +185,7 @@ impl Colors {
         (self.r[lane], self.g[lane], self.b[lane]) = (value.r, value.g, value.b);
     }
 
-    /// As [`Vectors::gather`].
+    /// See [`Vectors::gather`].
     #[inline(always)]
     pub fn gather(&mut self, start: usize, from: &Self, lanes: &[u16]) {
         gather(&mut self.r, start, &from.r, lanes);
@@ -194,7 +193,7 @@ impl Colors {
         gather(&mut self.b, start, &from.b, lanes);
     }
 
-    /// The same colour in the first `len` lanes.
+    /// Sets the first `len` lanes to one colour.
     pub fn fill(&mut self, len: usize, value: Rgb) {
         self.r[..len].fill(value.r);
         self.g[..len].fill(value.g);
@@ -202,11 +201,11 @@ impl Colors {
     }
 }
 
-/// Names of primitives side by side.
+/// A column of primitive ids.
 #[derive(Clone)]
 #[repr(align(64))]
 pub struct Ids {
-    /// Copy of the shape.
+    /// Instance of the shape.
     pub instance: Lanes<u32>,
     /// Number of the shape, or [`NO_SHAPE`].
     pub shape: Lanes<u32>,
@@ -225,7 +224,7 @@ impl Default for Ids {
 }
 
 impl Ids {
-    /// As [`Vectors::gather`].
+    /// See [`Vectors::gather`].
     #[inline(always)]
     pub fn gather(&mut self, start: usize, from: &Self, lanes: &[u16]) {
         gather(&mut self.instance, start, &from.instance, lanes);
@@ -241,7 +240,7 @@ impl Ids {
         self.primitive[..len].copy_from_slice(&from.primitive[..len]);
     }
 
-    /// Whether a lane names this primitive of this shape, not in any instance.
+    /// Whether a lane holds this primitive of this shape, outside any instance.
     #[inline(always)]
     pub fn names(&self, lane: usize, shape: u32, primitive: u32) -> bool {
         (self.shape[lane] == shape)
@@ -249,7 +248,7 @@ impl Ids {
             & (self.instance[lane] == InstancePath::WORLD.0)
     }
 
-    /// What a ray that leaves the primitive of this lane must not meet again.
+    /// The primitive in this lane, to be skipped by a ray that starts on it.
     #[inline(always)]
     pub fn skip(&self, lane: usize) -> Skip {
         match self.shape[lane] {
@@ -258,28 +257,28 @@ impl Ids {
         }
     }
 
-    /// Replaces the name in a lane by what `skip` names.
+    /// Stores the primitive that `skip` names in a lane.
     pub fn set_skip(&mut self, lane: usize, skip: Skip) {
         let (instance, shape, primitive) = skip.id().unwrap_or((InstancePath::WORLD, NO_SHAPE, 0));
         (self.instance[lane], self.shape[lane], self.primitive[lane]) = (instance.0, shape, primitive);
     }
 }
 
-/// Rays side by side. Each counts hits at parameters strictly between 0 and its limit.
+/// A stream of rays. A hit counts if its parameter is strictly between 0 and the ray's limit.
 #[derive(Clone)]
 #[repr(align(64))]
 pub struct RayStream {
-    /// Rays in use.
+    /// Number of rays.
     pub len: usize,
-    /// Where they start, in metres.
+    /// Origins, in metres.
     pub origin: Vectors,
     /// Unit directions.
     pub direction: Vectors,
-    /// Upper ends of their intervals.
+    /// Upper ends of the rays' intervals.
     pub limit: Lanes<f64>,
-    /// The primitives that they leave.
+    /// The primitives that the rays start on.
     pub skip: Ids,
-    /// How far apart neighbouring rays are, where textures ask for it: of all rays or of none.
+    /// Ray differentials, if textures read footprints: present for all rays or for none.
     pub spread: Optional<SpreadStream>,
 }
 
@@ -303,21 +302,19 @@ impl RayStream {
         Ray::new(self.origin.get(lane), self.direction.get(lane))
     }
 
-    /// The first lanes of the groups that hold the rays; the last group may hold lanes of no
-    /// meaning.
+    /// The first lanes of the groups that cover the rays; the last group may contain unused lanes.
     #[inline(always)]
     pub fn groups(&self) -> impl Iterator<Item = usize> + use<> {
         groups(self.len)
     }
 
-    /// The range in which the ray of a lane counts hits.
+    /// The interval in which the ray of a lane counts hits.
     #[inline(always)]
     pub fn interval(&self, lane: usize) -> Interval {
         Interval::up_to(self.limit[lane])
     }
 
-    /// Asks for the group that begins at `start`, which will be needed soon; if there is none, for
-    /// nothing.
+    /// Prefetches the group that begins at `start`, if there is one.
     #[inline(always)]
     pub fn prefetch(&self, start: usize) {
         let Self {
@@ -352,7 +349,7 @@ impl RayStream {
         self.skip.set_skip(lane, skip);
     }
 
-    /// Becomes the same as another stream; lanes that are not in use stay.
+    /// Copies another stream; unused lanes keep their contents.
     pub fn copy_first(&mut self, from: &Self) {
         self.len = from.len;
         let len = from.len.min(LANES);
@@ -366,7 +363,7 @@ impl RayStream {
         }
     }
 
-    /// As [`Vectors::gather`], but for the limits and for what the rays leave.
+    /// See [`Vectors::gather`]; copies neither limits nor skipped primitives.
     #[inline(always)]
     pub fn gather_lines(&mut self, start: usize, from: &Self, lanes: &[u16]) {
         self.origin.gather(start, &from.origin, lanes);
@@ -377,7 +374,7 @@ impl RayStream {
         }
     }
 
-    /// The spread of a lane, if the rays have any.
+    /// The ray differentials of a lane, if present.
     #[inline]
     pub fn spread(&self, lane: usize) -> Option<Spread> {
         self.spread.get().map(|spread| spread.get(lane))
@@ -388,17 +385,17 @@ impl RayStream {
 #[derive(Clone, Default)]
 #[repr(align(64))]
 pub struct HitStream {
-    /// Ray parameters; at a miss the limit of the ray.
+    /// Ray parameters; for a miss, the limit of the ray.
     pub t: Numbers,
     /// First surface parameter.
     pub u: Numbers,
     /// Second surface parameter.
     pub v: Numbers,
-    /// What was hit.
+    /// The primitives that were hit.
     pub id: Ids,
 }
 
-/// A number for each lane.
+/// A column of numbers.
 #[derive(Clone)]
 #[repr(align(64))]
 pub struct Numbers(pub Lanes<f64>);
@@ -410,7 +407,7 @@ impl Default for Numbers {
 }
 
 impl HitStream {
-    /// Forgets all hits: misses up to the limits of the rays.
+    /// Sets all lanes to misses, with the limits of the rays.
     pub fn clear(&mut self, rays: &RayStream) {
         self.t.0[..rays.len].copy_from_slice(&rays.limit[..rays.len]);
         self.id.shape[..rays.len].fill(NO_SHAPE);
@@ -422,7 +419,7 @@ impl HitStream {
         (self.id.shape[lane] != NO_SHAPE).then(|| self.hit(lane))
     }
 
-    /// The hit of a lane that is not a miss.
+    /// The hit of a lane, which must not be a miss.
     #[inline(always)]
     pub fn hit(&self, lane: usize) -> RawHit {
         RawHit {
@@ -434,7 +431,7 @@ impl HitStream {
         }
     }
 
-    /// Replaces a lane by a hit.
+    /// Sets a lane to a hit.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, hit: &RawHit) {
         self.t.0[lane] = hit.t;
@@ -444,9 +441,9 @@ impl HitStream {
         self.id.primitive[lane] = hit.primitive;
     }
 
-    /// Takes a hit of a shape into a lane if it is the nearest there so far. Shapes are offered in
-    /// the order of their numbers, so that the lowest one stays where distances are equal. `counts`
-    /// is false for what is no hit at all.
+    /// Stores a hit of a shape in a lane if it is the nearest there so far. Call it in ascending
+    /// order of shapes, so that the lowest one wins at equal distance. `counts` is false if the hit
+    /// must be ignored.
     #[inline(always)]
     pub fn offer(&mut self, lane: usize, counts: bool, shape: u32, hit: &PrimitiveHit) {
         let nearer = counts & (hit.t > 0.0) & (hit.t < self.t.0[lane]);
@@ -460,7 +457,7 @@ impl HitStream {
         self.id.primitive[lane] = choose_id(hit.primitive, self.id.primitive[lane]);
     }
 
-    /// As [`Vectors::gather`].
+    /// See [`Vectors::gather`].
     #[inline(always)]
     pub fn gather(&mut self, start: usize, from: &Self, lanes: &[u16]) {
         gather(&mut self.t.0, start, &from.t.0, lanes);
@@ -470,11 +467,11 @@ impl HitStream {
     }
 }
 
-/// Surface points side by side.
+/// A stream of surface points.
 #[derive(Clone, Default)]
 #[repr(align(64))]
 pub struct PointStream {
-    /// Points in use.
+    /// Number of points.
     pub len: usize,
     /// See [`SurfacePoint::position`].
     pub position: Vectors,
@@ -490,7 +487,7 @@ pub struct PointStream {
     pub v: Numbers,
     /// Unit directions to the viewers.
     pub view: Vectors,
-    /// See [`SurfacePoint::footprint`]: there where the material reads it.
+    /// See [`SurfacePoint::footprint`]; present if the material reads it.
     pub footprint: Optional<FootprintStream>,
 }
 
@@ -511,7 +508,7 @@ impl PointStream {
         }
     }
 
-    /// Replaces the point of a lane, not the view and not the footprint.
+    /// Replaces the point of a lane, except view and footprint.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, point: &SurfacePoint) {
         self.position.set(lane, point.position);
@@ -522,7 +519,7 @@ impl PointStream {
     }
 }
 
-/// Light samples side by side: one sample for each point of a stream.
+/// One light sample for each point of a stream.
 #[derive(Clone, Default)]
 #[repr(align(64))]
 pub struct SampleStream {
@@ -530,7 +527,7 @@ pub struct SampleStream {
     pub direction: Vectors,
     /// In metres; infinite for directional lights.
     pub distance: Numbers,
-    /// Irradiance in W/m² on surfaces that face the light; black where nothing arrives.
+    /// Irradiance in W/m² on surfaces that face the light; black if no light arrives.
     pub irradiance: Colors,
 }
 
@@ -554,7 +551,7 @@ impl SampleStream {
     }
 }
 
-/// The light samples of the points of a stream. What was allocated is used again.
+/// The light samples of a stream of points. Memory is reused.
 #[derive(Default)]
 pub struct SampleStreams {
     used: usize,
@@ -562,12 +559,12 @@ pub struct SampleStreams {
 }
 
 impl SampleStreams {
-    /// Forgets all samples.
+    /// Removes all samples.
     pub fn clear(&mut self) {
         self.used = 0;
     }
 
-    /// One more sample for each point; its lanes hold what was there before.
+    /// Adds one sample per point; its lanes have stale contents.
     pub fn add(&mut self) -> &mut SampleStream {
         if self.used == self.streams.len() {
             self.streams.push(Box::default());
@@ -576,27 +573,27 @@ impl SampleStreams {
         &mut self.streams[self.used - 1]
     }
 
-    /// Samples at each point.
+    /// Number of samples per point.
     pub fn len(&self) -> usize {
         self.used
     }
 
-    /// Whether no point has any sample.
+    /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.used == 0
     }
 
-    /// One sample of each point, by its place in the order in which they were added.
+    /// Sample number `place` of every point, in the order of addition.
     pub fn stream(&mut self, place: usize) -> &mut SampleStream {
         &mut self.streams[..self.used][place]
     }
 
-    /// The samples in the order in which they were added.
+    /// The samples in the order of addition.
     pub fn iter(&self) -> impl Iterator<Item = &SampleStream> {
         self.streams[..self.used].iter().map(|stream| &**stream)
     }
 
-    /// The samples in the order in which they were added.
+    /// The samples in the order of addition.
     pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut SampleStream> {
         self.streams[..self.used].iter_mut().map(|stream| &mut **stream)
     }

@@ -1,15 +1,14 @@
 use crate::{Aabb, Transform};
 use glam::DVec3;
 
-/// A part of the surface of a shape that has a simple form, in world space. What
-/// [`crate::Primitive::parts`] returns is compared between shapes at build, to find surfaces that
-/// coincide.
+/// A part of a shape's surface with a simple form, in world space. At build, the results of
+/// [`crate::Primitive::parts`] are compared between shapes to find coincident surfaces.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum SurfacePart {
-    /// An endless plane.
+    /// An infinite plane.
     Plane {
-        /// Any point of it.
+        /// Any point of the plane.
         point: DVec3,
         /// Unit normal; it points outside.
         normal: DVec3,
@@ -18,20 +17,20 @@ pub enum SurfacePart {
     Polygon {
         /// Unit normal; it points outside.
         normal: DVec3,
-        /// Corners of a convex polygon that holds the face, in order around it.
+        /// Corners, in order, of a convex polygon that contains the face.
         corners: Vec<DVec3>,
-        /// Whether the face fills the polygon, up to a thousandth of its size. If not, whoever
-        /// needs to know where the face is sends rays.
+        /// Whether the face fills the polygon, to a thousandth of its size. If not, rays must be
+        /// traced to find where the face is.
         filled: bool,
     },
-    /// A whole sphere; outside is away from the center.
+    /// A whole sphere; outside is away from the centre.
     Sphere {
         /// In metres.
         center: DVec3,
         /// In metres.
         radius: f64,
     },
-    /// The side of a circular cylinder; outside is away from the axis.
+    /// The lateral surface of a circular cylinder; outside is away from the axis.
     Cylinder {
         /// Both ends of the axis.
         ends: [DVec3; 2],
@@ -41,7 +40,7 @@ pub enum SurfacePart {
 }
 
 impl SurfacePart {
-    /// This part under a transform; `None` if it then has none of these forms.
+    /// This part under a transform; `None` if the result has none of these forms.
     pub fn transformed(&self, transform: &Transform) -> Option<Self> {
         let point = |p: &DVec3| transform.point_to_world(*p);
         let similar = || transform.similarity_scale();
@@ -70,7 +69,7 @@ impl SurfacePart {
         })
     }
 
-    /// A box around it.
+    /// The bounding box.
     pub fn bounds(&self) -> Aabb {
         match self {
             Self::Plane { .. } => Aabb::EVERYTHING,

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 /// A colour that varies over a surface.
 pub trait Texture: Send + Sync {
-    /// What it reads of a surface point.
+    /// The surface attributes that it reads.
     fn needs(&self) -> Needs;
 
-    /// The linear value at a point; one that filters shows a mean over its footprint.
+    /// The linear colour at a point; a filtering texture averages over the footprint.
     fn value(&self, point: &SurfacePoint) -> Rgb;
 
     /// [`Self::value`] for every point of a stream.
@@ -17,18 +17,17 @@ pub trait Texture: Send + Sync {
         }
     }
 
-    /// What it keeps in memory, if it tells.
+    /// Its memory use, if reported.
     fn bytes(&self) -> Option<TextureBytes> {
         None
     }
 
-    /// Columns and rows, if it is one picture.
+    /// Columns and rows, if it is a single image.
     fn size(&self) -> Option<[usize; 2]> {
         None
     }
 
-    /// The value if it is the same everywhere: the pipeline then puts the colour in the texture's
-    /// place.
+    /// The value, if it is constant: the pipeline then replaces the texture by the colour.
     fn constant(&self) -> Option<Rgb> {
         None
     }
@@ -37,13 +36,13 @@ pub trait Texture: Send + Sync {
 /// Memory of a texture in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TextureBytes {
-    /// What it was made of: texels, voxels.
+    /// Source data: texels, voxels.
     pub texels: u64,
-    /// Coarser levels for filters.
+    /// Coarser levels, for filtering.
     pub levels: u64,
 }
 
-/// A colour parameter of a plugin: a constant costs no call.
+/// A colour parameter of a plugin: constant or textured. A constant needs no virtual call.
 #[derive(Clone)]
 pub enum ColorSource {
     /// The same everywhere.
@@ -70,7 +69,7 @@ impl ColorSource {
         }
     }
 
-    /// What it reads of a surface point.
+    /// The surface attributes that it reads.
     pub fn needs(&self) -> Needs {
         match self {
             Self::Constant(_) => Needs::NOTHING,
@@ -78,7 +77,7 @@ impl ColorSource {
         }
     }
 
-    /// Whether it is zero everywhere, as far as is known without looking at points.
+    /// Whether it is known to be zero everywhere without evaluating it.
     pub fn is_black(&self) -> bool {
         matches!(self, Self::Constant(value) if value.is_black())
     }

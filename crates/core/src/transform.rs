@@ -1,7 +1,7 @@
 use crate::{Aabb, Ray};
 use glam::{DAffine3, DMat3, DVec3};
 
-/// An invertible affine map between a shape's own space and world space, with its inverse.
+/// An invertible affine map from a shape's object space to world space, with its inverse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transform {
     world_from_object: DAffine3,
@@ -9,7 +9,7 @@ pub struct Transform {
 }
 
 impl Transform {
-    /// The map that changes nothing.
+    /// The identity.
     pub const IDENTITY: Self = Self {
         world_from_object: DAffine3::IDENTITY,
         object_from_world: DAffine3::IDENTITY,
@@ -17,8 +17,8 @@ impl Transform {
 
     /// From `world_from_object`; `None` if it is singular or its inverse is not finite.
     ///
-    /// Singular means that the volume of the image of the unit cube is zero relative to the product
-    /// of its edge lengths (at 1e-15), so the scale of the scene does not matter.
+    /// Singular means that the image of the unit cube has a volume below 1e-15 of the product of
+    /// its edge lengths, so the scale of the scene does not matter.
     pub fn new(world_from_object: DAffine3) -> Option<Self> {
         let m = world_from_object.matrix3;
         let lengths = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
@@ -30,8 +30,7 @@ impl Transform {
         })
     }
 
-    /// This map after `first`: for what stands in a space that stands in another. `None` as in
-    /// [`Self::new`].
+    /// This map after `first`, for nested spaces. `None` as in [`Self::new`].
     pub fn after(&self, first: &Self) -> Option<Self> {
         if *self == Self::IDENTITY {
             return Some(*first);
@@ -49,35 +48,34 @@ impl Transform {
         &self.object_from_world
     }
 
-    /// A point of object space, in world space.
+    /// Transforms a point to world space.
     pub fn point_to_world(&self, p: DVec3) -> DVec3 {
         self.world_from_object.transform_point3(p)
     }
 
-    /// A direction of object space, in world space; not normalised.
+    /// Transforms a direction to world space, without normalisation.
     pub fn vector_to_world(&self, v: DVec3) -> DVec3 {
         self.world_from_object.transform_vector3(v)
     }
 
-    /// A normal of object space as a *unit* normal in world space: by the inverse transpose, which
-    /// keeps outside outside under mirroring.
+    /// Transforms a normal to a *unit* normal in world space, by the inverse transpose: outside
+    /// stays outside under mirroring.
     pub fn normal_to_world(&self, n: DVec3) -> DVec3 {
         (self.object_from_world.matrix3.transpose() * n).normalize()
     }
 
-    /// The ray in object space. Its parameter t is the same as in world space.
+    /// Transforms a ray to object space. Its parameter t stays the same.
     #[inline(always)]
     pub fn ray_to_object(&self, ray: &Ray) -> Ray {
         Ray {
-            // Relative to the object's own origin first: far from the world's origin this
-            // difference is exact, while the inverse's translation would cancel only up to a
-            // rounding of its size.
+            // Subtract the translation first: this difference is exact far from the world origin,
+            // while the inverse's translation would cancel only up to a rounding of its size.
             origin: self.object_from_world.matrix3 * (ray.origin - self.world_from_object.translation),
             direction: self.object_from_world.transform_vector3(ray.direction),
         }
     }
 
-    /// World-space box around a box of object space.
+    /// World-space bounding box of a box in object space.
     pub fn aabb_to_world(&self, aabb: &Aabb) -> Aabb {
         let corner = |i: usize| {
             DVec3::new(
@@ -95,7 +93,7 @@ impl Transform {
         let m: DMat3 = self.world_from_object.matrix3;
         let lengths = DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length());
         let scale = lengths.x;
-        // Lengths, not their squares, which differ by twice as much.
+        // Lengths, not their squares, whose relative difference is twice as large.
         let unit = m * DMat3::from_diagonal(lengths.recip());
         let perpendicular = (unit.transpose() * unit).abs_diff_eq(DMat3::IDENTITY, 1e-9);
         let alike = (lengths - scale).abs().max_element() <= 1e-9 * scale;

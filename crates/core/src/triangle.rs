@@ -1,8 +1,8 @@
-//! The watertight ray-triangle test, the one place where the workspace intersects triangles.
+//! The watertight ray-triangle test: all triangle intersection in the workspace is here.
 //!
-//! Woop, Benthin, Wald, *Watertight Ray/Triangle Intersection*, JCGT 2(1), 2013, in `f64`. The ray
-//! is turned into +z by a permutation and a shear that depend on the ray alone, so an edge shared
-//! by two triangles is seen at the same two points by both, and its edge function differs only in
+//! Woop, Benthin, Wald, *Watertight Ray/Triangle Intersection*, JCGT 2(1), 2013, in `f64`. A
+//! permutation and a shear that depend only on the ray map it to +z. Two triangles that share an
+//! edge therefore see the edge at the same two points, and their edge functions differ only in
 //! sign. Rust never contracts `a * b - c * d` into a fused multiply-add by itself, which would
 //! break that symmetry (one fused operation lets 1.6% of the rays at edges through).
 //!
@@ -14,16 +14,16 @@ use crate::simd::{self, select};
 use crate::stream::{LANES, Lanes, RayStream, Vectors};
 use glam::DVec3;
 
-/// What the watertight test needs of a ray, computed once a ray.
+/// The ray-dependent terms of the watertight test, computed once per ray.
 #[derive(Clone, Copy, Debug)]
 pub struct ShearedRay {
     axes: &'static [Axis; 3],
-    /// Along the axes.
+    /// Coordinates along `axes`.
     origin: [f64; 3],
     shear: DVec3,
 }
 
-/// An axis; an enumeration, so that it is known to be in range where it is used.
+/// An axis; an enumeration, so that indexing needs no bounds check.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Axis {
@@ -37,8 +37,8 @@ pub enum Axis {
 }
 
 impl Axis {
-    /// The one along which a vector is longest, the last of those that are equal. Without jumps:
-    /// directions of scattered rays cannot be foreseen.
+    /// The axis of the largest absolute component, the last one among ties. Branchless: directions
+    /// of scattered rays are unpredictable.
     #[inline]
     pub fn longest(v: DVec3) -> Self {
         let a = v.abs();
@@ -50,7 +50,7 @@ impl Axis {
     }
 }
 
-/// By whether the direction falls along z, and by what becomes z.
+/// Indexed by whether the direction is negative along z, and by the axis that becomes z.
 static AXES: [[[Axis; 3]; 3]; 2] = {
     use Axis::*;
     [
@@ -59,10 +59,10 @@ static AXES: [[[Axis; 3]; 3]; 2] = {
     ]
 };
 
-/// Where a ray meets a triangle (a, b, c).
+/// The intersection of a ray and a triangle (a, b, c).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TriangleHit {
-    /// Ray parameter; may be negative or zero: the caller tests its interval.
+    /// Ray parameter; may be negative or zero: the caller must test its interval.
     pub t: f64,
     /// Barycentric weight of b.
     pub u: f64,
@@ -71,14 +71,14 @@ pub struct TriangleHit {
 }
 
 impl ShearedRay {
-    /// Section 3.2 of the paper: the axis in which the direction is largest becomes z; the other
-    /// two keep their handedness.
+    /// Section 3.2 of the paper: the axis with the largest direction component becomes z; the other
+    /// two keep the handedness.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
         Self::along(ray, Axis::longest(ray.direction))
     }
 
-    /// The same if the axis is known.
+    /// [`Self::new`] for a known axis.
     #[inline]
     pub fn along(ray: &Ray, z: Axis) -> Self {
         let (o, d) = (ray.origin.to_array(), ray.direction.to_array());
@@ -91,34 +91,35 @@ impl ShearedRay {
         }
     }
 
-    /// The axes of the world that become x, y and z.
+    /// The world axes that become x, y and z.
     #[inline]
     pub fn axes(&self) -> &'static [Axis; 3] {
         self.axes
     }
 
-    /// A point as the test sees it: beside the ray in x and y, along it in z. What else is cut out
-    /// by edges is watertight beside triangles if it uses the same coordinates.
+    /// Shears a point to the test's coordinates: x and y are offsets from the ray, z runs along it.
+    /// Other geometry bounded by edges is watertight next to triangles if it uses these
+    /// coordinates.
     #[inline]
     pub fn beside(&self, p: DVec3) -> DVec3 {
         self.beside_turned(along(self.axes, p.to_array()))
     }
 
-    /// The same for coordinates along [`Self::axes`].
+    /// [`Self::beside`] for coordinates along [`Self::axes`].
     #[inline]
     fn beside_turned(&self, [x, y, z]: [f64; 3]) -> DVec3 {
         let [x, y, z] = [x - self.origin[0], y - self.origin[1], z - self.origin[2]];
         DVec3::new(x - self.shear.x * z, y - self.shear.y * z, z)
     }
 
-    /// The hit with the plane of the triangle if it lies inside or on the border; either side
-    /// counts. `None` for a degenerate triangle and for one seen edge-on.
+    /// The intersection inside or on the border of the triangle, from either side. `None` for
+    /// degenerate triangles and those seen edge-on.
     #[inline]
     pub fn intersect(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<TriangleHit> {
         self.intersect_turned([a, b, c].map(|p| along(self.axes, p.to_array())))
     }
 
-    /// The same for corners by their coordinates along [`Self::axes`].
+    /// [`Self::intersect`] for corners given by their coordinates along [`Self::axes`].
     #[inline(always)]
     pub fn intersect_turned(&self, corners: [[f64; 3]; 3]) -> Option<TriangleHit> {
         let [a, b, c] = corners.map(|p| self.beside_turned(p));
@@ -129,8 +130,8 @@ impl ShearedRay {
         let lowest = less(less(weight_a, weight_b), weight_c);
         let highest = greater(greater(weight_a, weight_b), weight_c);
         let determinant = weight_a + weight_b + weight_c;
-        // Of one sign and not all zero; written so that a NaN (from infinite coordinates) is no hit
-        // either.
+        // All of one sign and not all zero; negated so that NaN (from infinite coordinates) is a
+        // miss.
         let one_side = (lowest < 0.0) != (highest > 0.0);
         if !(one_side & (determinant.abs() < f64::INFINITY)) {
             return None;
@@ -144,43 +145,45 @@ impl ShearedRay {
     }
 }
 
-/// Coordinates along these axes, which are not copied, so that each is known to be in range.
+/// Coordinates along these axes. They are passed by reference, so that indexing needs no bounds
+/// check.
 #[inline(always)]
 fn along(axes: &[Axis; 3], v: [f64; 3]) -> [f64; 3] {
     [v[axes[0] as usize], v[axes[1] as usize], v[axes[2] as usize]]
 }
 
-/// The smaller one; one instruction, and no doubt about the sign of zero. If it cannot be said, the
-/// second.
+/// The minimum, as a single instruction with a defined sign of zero. If either is NaN, the second.
 #[inline(always)]
 fn less(x: f64, y: f64) -> f64 {
     select(x < y, x, y)
 }
 
-/// The larger one; as [`less`].
+/// The maximum; see [`less`].
 #[inline(always)]
 fn greater(x: f64, y: f64) -> f64 {
     select(x > y, x, y)
 }
 
-/// Where a line runs through a triangle (a, b, c), and whether it comes from the side that the
-/// corners run counter-clockwise on.
+/// The crossing of a line and a triangle (a, b, c), and its side: the front is where the corners
+/// run counter-clockwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Piercing {
-    /// As of a ray.
+    /// The intersection, as for a ray.
     pub at: TriangleHit,
-    /// The line comes from the front.
+    /// Whether the line arrives from the front.
     pub from_front: bool,
 }
 
 impl ShearedRay {
-    /// The crossing of the whole line with the triangle. Of the triangles around an edge or a
-    /// vertex that the line runs through, as many are crossed from the front as from behind by any
-    /// line that begins and ends outside, so that the crossings of a closed mesh always pair up.
+    /// The crossing of the whole line with the triangle.
     ///
-    /// The sides of edges are decided by exact signs of their functions, and where these are 0, as
-    /// for a line that passes by at an infinitely small distance (Edelsbrunner and Mücke,
-    /// *Simulation of simplicity*, ACM Transactions on Graphics 9(1), 1990).
+    /// For a line through an edge or a vertex, equally many of the adjacent triangles are crossed
+    /// from the front and from behind, if both ends of the line are outside. The crossings of a
+    /// closed mesh therefore always pair up.
+    ///
+    /// Exact signs of the edge functions decide the sides of edges. A zero is resolved as if the
+    /// line passed at an infinitesimal distance (Edelsbrunner and Mücke, *Simulation of
+    /// simplicity*, ACM Transactions on Graphics 9(1), 1990).
     pub fn pierce(&self, a: DVec3, b: DVec3, c: DVec3) -> Option<Piercing> {
         let (a, b, c) = (self.beside(a), self.beside(b), self.beside(c));
         let [of_a, of_b, of_c] = [side(b, c)?, side(c, a)?, side(a, b)?];
@@ -203,7 +206,7 @@ impl ShearedRay {
             u: place.x,
             v: place.y,
         };
-        // Not a number from coordinates without bounds.
+        // NaN results from unbounded coordinates.
         (!at.t.is_nan()).then_some(Piercing {
             at,
             from_front: !of_a,
@@ -211,28 +214,28 @@ impl ShearedRay {
     }
 }
 
-/// Whether the line, at (0, 0) in x and y, is to the left of the edge from p to q; `None` if that
-/// has no length beside the line.
+/// Whether the line, at (0, 0) in x and y, is to the left of the edge from p to q; `None` if the
+/// edge projects to a point.
 fn side(p: DVec3, q: DVec3) -> Option<bool> {
     let (one, other) = (p.x * q.y, p.y * q.x);
-    // Products that differ are in the order of their roundings.
+    // Distinct rounded products are ordered like the exact ones.
     if one != other {
         return Some(one > other);
     }
-    // What rounding took from them; then the line moved by (e, e²): the function grows by e (p.y -
-    // q.y) + e² (q.x - p.x).
+    // The rounding errors of the products decide; if these are equal too, the line is moved by (e,
+    // e²): the function grows by e (p.y - q.y) + e² (q.x - p.x).
     let rest = (p.x.mul_add(q.y, -one), p.y.mul_add(q.x, -other));
     let (greater, less) = [rest, (p.y, q.y), (q.x, p.x)].into_iter().find(|(a, b)| a != b)?;
     Some(greater > less)
 }
 
-/// Weights of b and c, and the depth, where the ray passes a triangle.
+/// Weights of b and c, and the depth, at the intersection of the ray and a triangle.
 ///
-/// The edge functions are off by the rounding of products as large as the triangle is long; over a
-/// sliver's area that puts the point beside the ray, along the sliver, and so at another depth: by
-/// 1e-10 where it is a million times as long as wide. How far beside the ray the weights lead is
-/// known to 1e-16, so one step of Newton's method takes that out again. The depth stays that of a
-/// point of the triangle, which the bounds of filters rely on.
+/// The edge functions have rounding errors proportional to products of the triangle's lengths.
+/// Divided by the area of a sliver, these move the point off the ray, along the sliver, and so
+/// change its depth: by 1e-10 for an aspect ratio of a million. The offset from the ray is known to
+/// 1e-16, so one Newton step removes it. The depth is clamped to that of the triangle, on which the
+/// bounds of conservative tests rely.
 #[inline(always)]
 fn place([a, b, c]: [DVec3; 3], weights: [f64; 3], determinant: f64) -> DVec3 {
     let reciprocal = 1.0 / determinant;
@@ -256,7 +259,7 @@ fn place([a, b, c]: [DVec3; 3], weights: [f64; 3], determinant: f64) -> DVec3 {
 pub struct ShearedStream {
     /// The axis that becomes z.
     axis: Lanes<u32>,
-    /// Whether the other two are exchanged.
+    /// Whether the other two axes are exchanged.
     exchanged: Lanes<bool>,
     shear: Vectors,
 }
@@ -290,8 +293,7 @@ impl ShearedStream {
         sheared
     }
 
-    /// [`ShearedRay::intersect`] for one lane, as straight-line code: `t` is NaN where there is no
-    /// hit.
+    /// [`ShearedRay::intersect`] for one lane, branchless: `t` is NaN for a miss.
     #[inline(always)]
     pub fn intersect(&self, rays: &RayStream, lane: usize, corners: [DVec3; 3]) -> TriangleHit {
         let (origin, shear) = (rays.origin.get(lane), self.shear.get(lane));
@@ -317,7 +319,7 @@ impl ShearedStream {
     }
 }
 
-/// The coordinates of `p` along this axis and the two that follow it.
+/// The coordinates of `p` along this axis and the next two in cyclic order.
 #[inline(always)]
 fn turned(p: DVec3, axis: u32) -> DVec3 {
     let pick = |x, y, z| select(axis == 0, x, select(axis == 1, y, z));
@@ -362,7 +364,7 @@ mod tests {
     }
 
     proptest! {
-        /// A fan around a vertex, rays aimed at the vertex and along its edges: none may pass.
+        /// A triangle fan; rays aimed at its centre vertex and edges must not leak through.
         #[test]
         fn a_fan_does_not_leak(
             eye in prop::array::uniform3(-10.0..10.0f64),
@@ -387,7 +389,7 @@ mod tests {
             }
         }
 
-        /// The hit that is reported lies on the ray and on the triangle.
+        /// The reported hit lies on the ray and on the triangle.
         #[test]
         fn the_hit_is_where_it_says(
             origin in prop::array::uniform3(-5.0..5.0f64),

@@ -8,11 +8,11 @@ use std::sync::OnceLock;
 /// A set of vector instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
-    /// What every processor of the target has: SSE2 on x86-64, NEON on AArch64.
+    /// The baseline of the target: SSE2 on x86-64, NEON on AArch64.
     Baseline,
-    /// AVX2, FMA and BMI: 4 doubles or 8 floats a register.
+    /// AVX2, FMA and BMI: 4 doubles or 8 floats per register.
     Avx2,
-    /// AVX-512 F, BW, DQ and VL besides: 8 doubles or 16 floats.
+    /// Also AVX-512 F, BW, DQ and VL: 8 doubles or 16 floats per register.
     Avx512,
 }
 
@@ -27,8 +27,8 @@ impl std::fmt::Display for Level {
 }
 
 impl Level {
-    /// The best that this processor has, or what the environment variable `WHITSTONE_SIMD`
-    /// (`baseline`, `avx2`, `avx512`) allows of it; asked once.
+    /// The best level of this processor, limited by the environment variable `WHITSTONE_SIMD`
+    /// (`baseline`, `avx2`, `avx512`); determined once.
     pub fn current() -> Self {
         static LEVEL: OnceLock<Level> = OnceLock::new();
         *LEVEL.get_or_init(|| {
@@ -37,11 +37,11 @@ impl Level {
         })
     }
 
-    /// What the environment variable allows: everything if it is not there, [`Self::current`] takes
-    /// a word that it does not know for that too.
+    /// The limit set by the environment variable; the highest level if it is unset.
+    /// [`Self::current`] also uses the highest level for an unknown value.
     ///
     /// # Errors
-    /// A word that is none of the three.
+    /// If the value is none of the three.
     pub fn wanted() -> Result<Self, String> {
         match std::env::var("WHITSTONE_SIMD").as_deref() {
             Ok("baseline") => Ok(Self::Baseline),
@@ -73,14 +73,14 @@ impl Level {
     }
 }
 
-/// Runs `f` compiled for the best instructions of this processor, as far as `f` is inlined: pass
-/// `#[inline(always)] || ...` and call only what is marked likewise.
+/// Runs `f`, compiled for the best instructions of this processor. This covers inlined code only:
+/// pass `#[inline(always)] || ...` and call only functions marked likewise.
 #[inline(always)]
 pub fn dispatch<R>(f: impl FnOnce() -> R) -> R {
     #[cfg(target_arch = "x86_64")]
     match Level::current() {
         Level::Baseline => {}
-        // SAFETY: the processor has the features of a level that `current` returns.
+        // SAFETY: `current` returns only levels that the processor supports.
         Level::Avx2 => return unsafe { avx2(f) },
         // SAFETY: as above.
         Level::Avx512 => return unsafe { avx512(f) },

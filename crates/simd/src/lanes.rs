@@ -5,34 +5,32 @@
 
 use crate::Level;
 
-/// Asks the processor to bring what will be read soon into its cache.
+/// Prefetches data that will be read soon into the cache.
 #[inline(always)]
 pub fn prefetch<T>(soon: &[T]) {
     #[cfg(target_arch = "x86_64")]
     for line in 0..size_of_val(soon).div_ceil(64) {
         let start = soon.as_ptr().cast::<i8>().wrapping_add(64 * line);
-        // SAFETY: a prefetch reads nothing that anybody could see, and any address will do.
+        // SAFETY: a prefetch has no observable effect and accepts any address.
         unsafe { std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(start) }
     }
 }
 
-/// Arithmetic on `N` numbers of single precision at once.
+/// Arithmetic on `N` single-precision numbers at once.
 ///
-/// An implementation is a token: to hold one is to know that the processor has its instructions.
-/// Code that is generic over it is a [`Kernel`]; every function in between must be
-/// `#[inline(always)]`.
+/// An implementation is a token: holding one proves that the processor supports its instructions.
+/// Code generic over it is a [`Kernel`]; every function in between must be `#[inline(always)]`.
 ///
-/// What is computed may differ by rounding between implementations ([`Lanes::mul_add`]), so use it
-/// where only a bound counts.
+/// Implementations may round differently ([`Lanes::mul_add`]), so use them only to compute bounds.
 pub trait Lanes<const N: usize>: Copy {
-    /// The numbers.
+    /// A vector of `N` numbers.
     type Floats: Copy;
 
-    /// The same number everywhere.
+    /// `x` in every lane.
     fn splat(self, x: f32) -> Self::Floats;
-    /// From memory.
+    /// Loads from memory.
     fn load(self, from: &[f32; N]) -> Self::Floats;
-    /// To memory.
+    /// Stores to memory.
     fn store(self, x: Self::Floats) -> [f32; N];
     /// `a + b`.
     fn add(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
@@ -50,26 +48,26 @@ pub trait Lanes<const N: usize>: Copy {
     fn min(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     /// The larger; `b` if either is NaN.
     fn max(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
-    /// Without the sign.
+    /// The absolute value.
     fn abs(self, x: Self::Floats) -> Self::Floats;
-    /// Bit i says whether `a[i] <= b[i]`; not if either is NaN.
+    /// A mask: bit i is set if `a[i] <= b[i]`; clear if either is NaN.
     fn at_most(self, a: Self::Floats, b: Self::Floats) -> u32;
-    /// The smallest of all; anything if one is NaN.
+    /// The minimum of all lanes; unspecified if one is NaN.
     fn smallest(self, x: Self::Floats) -> f32;
-    /// The largest of all; anything if one is NaN.
+    /// The maximum of all lanes; unspecified if one is NaN.
     fn largest(self, x: Self::Floats) -> f32;
 }
 
-/// What a processor has: eight numbers at once, and sixteen.
+/// The vector units of a processor: eight lanes and sixteen lanes.
 pub trait Machine: Lanes<8> {
-    /// Sixteen at once.
+    /// Sixteen lanes.
     type Wide: Lanes<16>;
 
-    /// The token for sixteen.
+    /// The token for sixteen lanes.
     fn wide(self) -> Self::Wide;
 }
 
-/// A computation on whatever lanes the processor has.
+/// A computation that is generic over the vector units.
 pub trait Kernel {
     /// Its result.
     type Output;
@@ -78,13 +76,13 @@ pub trait Kernel {
     fn run<M: Machine>(self, machine: M) -> Self::Output;
 }
 
-/// Runs a kernel with the best lanes of this processor, but none better than `limit`.
+/// Runs a kernel with the best vector units of this processor, up to `limit`.
 #[inline(always)]
 pub fn with_lanes<K: Kernel>(limit: Level, kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
     match limit.min(Level::current()) {
         Level::Baseline => {}
-        // SAFETY: the processor has the features of `Level::current` and of the levels below.
+        // SAFETY: the processor supports `Level::current` and all levels below.
         Level::Avx2 => return unsafe { x86::avx2(kernel) },
         // SAFETY: as above.
         Level::Avx512 => return unsafe { x86::avx512(kernel) },
@@ -92,13 +90,13 @@ pub fn with_lanes<K: Kernel>(limit: Level, kernel: K) -> K::Output {
     portable(kernel)
 }
 
-/// Not part of the caller, which would make room for it even where it is not called.
+/// Never inlined: otherwise the caller would reserve its stack space even if it is not called.
 #[inline(never)]
 fn portable<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Portable)
 }
 
-/// Numbers in an array, for processors without wider registers.
+/// Arrays of numbers, for processors without wider registers.
 #[derive(Clone, Copy, Debug)]
 pub struct Portable;
 
@@ -200,11 +198,11 @@ mod x86 {
         kernel.run(Avx512(()))
     }
 
-    /// Made in the first function above only.
+    /// Constructed only by `avx2` above.
     #[derive(Clone, Copy)]
     pub(super) struct Avx2(());
 
-    /// Made in the second function above only.
+    /// Constructed only by `avx512` above.
     #[derive(Clone, Copy)]
     pub(super) struct Avx512(());
 
@@ -213,16 +211,16 @@ mod x86 {
             $(
                 #[inline(always)]
                 fn $name(self, $($x: $type),+) -> $result {
-                    // SAFETY: this token is made only where the processor has AVX2 and FMA, or
-                    // AVX-512. Loads and stores are those of a reference to as many bytes, and need
-                    // no alignment.
+                    // SAFETY: this token exists only if the processor supports AVX2 and FMA, or
+                    // AVX-512. Loads and stores access a reference of the same size and need no
+                    // alignment.
                     unsafe { $value }
                 }
             )+
         };
     }
 
-    /// One of four numbers by halving twice.
+    /// Reduces four numbers to one in two halving steps.
     macro_rules! reduce {
         ($x:expr, $choose:ident) => {{
             let x = $x;
@@ -237,8 +235,8 @@ mod x86 {
         };
     }
 
-    /// On eight numbers AVX-512 has nothing better; where it helps the compiler uses its masks and
-    /// registers.
+    /// For eight numbers AVX-512 adds nothing here; the compiler uses its masks and registers where
+    /// they help.
     macro_rules! eight {
         ($token:ident) => {
             impl Lanes<8> for $token {
@@ -287,7 +285,7 @@ mod x86 {
         }
     }
 
-    /// Sixteen numbers as two times eight.
+    /// Sixteen numbers as two halves of eight.
     #[derive(Clone, Copy)]
     pub(super) struct Twice<T>(T);
 
@@ -383,7 +381,7 @@ mod x86 {
 mod tests {
     use super::*;
 
-    /// Everything on N numbers: the results, and masks.
+    /// All operations on N numbers: the results, and the masks.
     fn everything<const N: usize, L: Lanes<N>>(l: L, [a, b, c]: [[f32; N]; 3]) -> (Vec<[f32; N]>, u32) {
         let (a, b, c) = (l.load(&a), l.load(&b), l.load(&c));
         let values = [
@@ -432,7 +430,7 @@ mod tests {
         for least in 0..8 {
             let c = std::array::from_fn(|i| ((i + least) % 8) as f32 - 2.0);
             let eight = [a, b, c];
-            // In the upper half the other way round, and elsewhere.
+            // The upper half holds another operand, in reverse order.
             let wide = |k: usize| {
                 std::array::from_fn(|i| {
                     if i < 8 {

@@ -1,4 +1,4 @@
-//! Writes the generated assets into a folder: the first argument.
+//! Writes the generated assets to the folder given as the first argument.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! What every accelerator must satisfy.
+//! Laws of accelerators.
 
 use crate::ball::Ball;
 use crate::broken::Broken;
@@ -13,14 +13,17 @@ use whitstone_core::{
     Accelerator, Accelerators, DVec3, Geometry, Interval, Plugin, RawHit, Ray, Shape, Skip, TriangleMesh,
 };
 
-/// An accelerator gives bit for bit what trying every element in order gives, for nearest hits and
-/// for occlusion, in any interval and leaving any primitive: over nothing, over one triangle, over
-/// random triangles and balls, elements that coincide, grids of axis-parallel faces with rays that
-/// run in them, needles, an endless wall, and sizes far apart.
+/// Checks that an accelerator gives bit for bit the results of testing every element in order, for
+/// nearest hits and occlusion, in any interval and with any skipped primitive.
+///
+/// The geometries are: nothing, one triangle, random triangles and balls, coincident elements,
+/// grids of axis-parallel faces with rays in their planes, slivers, an unbounded wall, and elements
+/// of very different sizes.
 ///
 /// # Panics
 ///
-/// If it cannot be built or differs; the message says on what and for which ray.
+/// If the accelerator cannot be built or its results differ; the message names the geometry and the
+/// ray.
 pub fn accelerator_laws<P: Plugin<Accelerators>>(text: &str) {
     let broken = first_broken(|geometry| match build::<Accelerators, P>(text, geometry) {
         Ok(accelerator) => accelerator,
@@ -30,19 +33,20 @@ pub fn accelerator_laws<P: Plugin<Accelerators>>(text: &str) {
     assert_eq!(broken, None, "{} with \"{text}\"", P::TYPE);
 }
 
-/// Holds an accelerator that is built over some geometry to the answers of trying everything, for
-/// `rays` rays around the geometry and in its faces.
+/// Compares an accelerator over some geometry with testing every element, for `rays` rays around
+/// the geometry and in its faces.
 ///
 /// # Panics
 ///
-/// At the first difference; the message says for which ray.
+/// At the first difference; the message names the ray.
 pub fn accelerator_agrees(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) {
     let broken = compare(geometry, accelerator, rays).err();
     assert_eq!(broken.map(|broken| broken.law), None);
 }
 
-/// Rays in and around some geometry: from anywhere to anywhere, to corners, along axes, in planes
-/// of faces, flat over triangles, from very far. The same for the same seed.
+/// Random rays in and around a geometry: between arbitrary points, to corners, along axes, in
+/// planes of faces, nearly parallel to triangles, and from very far away. Deterministic for a given
+/// seed.
 pub fn random_rays(geometry: &Geometry, count: u64, seed: u64) -> impl Iterator<Item = Ray> {
     let mut random = Random::new(seed);
     let aim = Aim::new(geometry);
@@ -58,8 +62,8 @@ fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result
     for (name, shapes, rays) in worlds_of_copies() {
         let naive = |geometry| Box::new(Naive::new(geometry)) as Box<dyn Accelerator>;
         let truth = Geometry::new(shapes(&naive));
-        // The structure on both levels: over the copies, and over what is copied. Then under copies
-        // that are asked one after another, by streams.
+        // The accelerator under test on both levels: over the instances and inside the groups. Then
+        // only inside the groups, with instances that are queried one by one, by streams.
         let geometry = || Arc::new(Geometry::new(shapes(&build)));
         for accelerator in [build(geometry()), naive(geometry())] {
             compare(&truth, &*accelerator, rays).map_err(|broken| broken.within(&format!("over {name}")))?;
@@ -68,7 +72,7 @@ fn first_broken(build: impl Fn(Arc<Geometry>) -> Box<dyn Accelerator>) -> Result
     Ok(())
 }
 
-/// The first ray of so many for which the two differ.
+/// Compares the two for `rays` rays; the error names the first ray for which they differ.
 pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: u32) -> Result<(), Broken> {
     let mut random = Random::new(u64::from(rays));
     let aim = Aim::new(geometry);
@@ -81,7 +85,7 @@ pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: 
             let inside = hits.iter().filter(|hit| interval.contains(hit.t)).copied();
             inside.reduce(|best, hit| if hit.beats(&best) { hit } else { best })
         };
-        // Ends at hits exactly are where an open interval and a closed one differ.
+        // An interval that ends exactly at a hit distinguishes open from closed intervals.
         let ends = match hits.len() {
             0 => [random.unit(), f64::INFINITY],
             n => [hits[random.below(n)].t, hits[random.below(n)].t],
@@ -126,14 +130,14 @@ pub(crate) fn compare(geometry: &Geometry, accelerator: &dyn Accelerator, rays: 
     Ok(accelerator_streams(accelerator, &bundles)?)
 }
 
-/// Rays that are close to each other: enough of them that whole groups of lanes are, wherever they
-/// begin.
+/// Number of rays in a bundle of similar rays: enough that whole lane groups are similar, wherever
+/// the groups begin.
 const BUNDLE: usize = 32;
 
-/// The hits of every element, anywhere in front.
+/// All hits of all elements in front of the ray.
 fn everything(geometry: &Geometry, ray: &Ray, skip: Skip) -> Vec<RawHit> {
     let sheared = ShearedRay::new(ray);
-    // All hits of an element are wanted, and an element gives its nearest only: ask on from there.
+    // An element returns only its nearest hit: to find all, query again from there.
     let mut hits = Vec::new();
     for element in geometry.elements() {
         let mut interval = Interval::FORWARD;
@@ -145,13 +149,14 @@ fn everything(geometry: &Geometry, ray: &Ray, skip: Skip) -> Vec<RawHit> {
     hits
 }
 
-/// Rays in and around some geometry.
+/// Generates rays in and around a geometry.
 struct Aim {
     center: DVec3,
     size: f64,
-    /// Some corners of triangles: rays through them and in axis-parallel planes of them.
+    /// Sampled corners of triangles: rays go through them and lie in axis-parallel planes through
+    /// them.
     corners: Vec<DVec3>,
-    /// Some triangles: rays through their insides, however thin they are.
+    /// Sampled triangles: rays go through their interior, however thin they are.
     triangles: Vec<[DVec3; 3]>,
 }
 
@@ -188,18 +193,18 @@ impl Aim {
         let corner = self.corners[random.below(self.corners.len())];
         let around = self.center + 0.7 * self.size * random.cube();
         match number % 7 {
-            // Anywhere to anywhere.
+            // Between arbitrary points.
             0 => Ray::new(around, random.direction()),
             1 => {
                 let origin = self.center + 4.0 * self.size * random.direction();
                 Ray::new(origin, (around - origin).normalize())
             }
-            // To a corner, where several elements are hit at once.
+            // To a corner, where several elements are hit at the same distance.
             2 => {
                 let origin = self.center + 2.0 * self.size * random.direction();
                 Ray::new(origin, corner - origin)
             }
-            // Along an axis through a corner, so in the planes of boxes, with zeros of either sign.
+            // Along an axis through a corner, hence in planes of boxes, with zeros of both signs.
             3 => {
                 let mut direction =
                     DVec3::from_array([0; 3].map(|_| if random.unit() < 0.5 { 0.0 } else { -0.0 }));
@@ -218,8 +223,8 @@ impl Aim {
                 direction[axis] = if random.unit() < 0.5 { 0.0 } else { -0.0 };
                 Ray::new(origin, direction)
             }
-            // To the inside of a triangle, flat enough that the slightest error of direction is a
-            // large one of distance.
+            // To the interior of a triangle at grazing incidence, where a small error of direction
+            // is a large error of distance.
             5 if !self.triangles.is_empty() => {
                 let [a, b, c] = self.triangles[random.below(self.triangles.len())];
                 let (u, v) = (0.5 * random.unit(), 0.5 * random.unit());
@@ -227,7 +232,7 @@ impl Aim {
                 let origin = inside + self.size * (random.direction() * DVec3::new(1.0, 1.0, 0.1));
                 Ray::new(origin, inside - origin)
             }
-            // From very far.
+            // From very far away.
             _ => {
                 let origin = self.center + 1e5 * self.size * random.direction();
                 Ray::new(origin, 1e-3 * (around - origin))
@@ -237,7 +242,7 @@ impl Aim {
 }
 
 impl Aim {
-    /// A ray and others like it, so that accelerators may treat them together.
+    /// A ray and similar ones, so that accelerators may process them as a packet.
     fn bundle(&self, ray: &Ray, random: &mut Random) -> [Ray; BUNDLE] {
         let spread = 10f64.powf(-1.0 - 5.0 * random.unit());
         [0; BUNDLE].map(|_| Ray {
@@ -247,7 +252,7 @@ impl Aim {
     }
 }
 
-/// Geometries, each with its name and how many rays it deserves.
+/// Geometries, each with its name and its number of rays.
 fn worlds() -> Vec<(&'static str, Vec<Shape>, u32)> {
     let mut random = Random::new(7);
     let mut mixed = vec![soup(&mut random, 700, 0.2)];
@@ -324,8 +329,8 @@ pub(crate) fn ball(random: &mut Random, scale: f64) -> Shape {
     }))
 }
 
-/// Long thin triangles in few planes, some along an axis and nearly in one another, so that rays
-/// meet several at nearly the same distance; the flattest are only as wide as rounding.
+/// Slivers in few planes, some along an axis and nearly inside one another, so that rays hit
+/// several at nearly the same distance. The thinnest are only as wide as the rounding error.
 pub(crate) fn needles(random: &mut Random, count: usize) -> Shape {
     let corners = (0..count).flat_map(|i| {
         let width = 10f64.powi(-(random.below(15) as i32));
@@ -345,7 +350,7 @@ pub(crate) fn needles(random: &mut Random, count: usize) -> Shape {
     Shape::Triangles(mesh_of(corners.collect()))
 }
 
-/// The faces of n³ cubes that fill [-1, 1]³, two triangles each; inner faces are there twice.
+/// The faces of n³ cubes that fill [-1, 1]³, two triangles each; inner faces occur twice.
 fn grid(n: usize) -> Shape {
     let mut corners = Vec::new();
     let at = |i: usize| 2.0 * i as f64 / n as f64 - 1.0;
@@ -373,7 +378,7 @@ mod tests {
     use super::*;
     use whitstone_core::{Element, Statistics};
 
-    /// Tries everything, rightly or with a fault.
+    /// Tests every element, correctly or with a deliberate fault.
     struct Faulty {
         geometry: Arc<Geometry>,
         elements: Vec<Element>,

@@ -1,4 +1,4 @@
-//! The meshes and pictures under `scenes/assets/`: all of them are generated here, none by hand.
+//! The meshes and images under `scenes/assets/`, all of which are generated here.
 //!
 //! To write them: `cargo run -p whitstone-testkit --example write_assets -- scenes/assets`.
 
@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use std::fmt::Write;
 use whitstone_core::DVec3;
 
-/// All assets: the name of each file and its bytes, the same in every run.
+/// All assets: file names and contents, identical in every run.
 pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("checker.png", checker()),
@@ -29,8 +29,8 @@ pub fn generate() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// A torus about the z axis, radii 0.7 and 0.3: an OBJ of quads with normals and texture
-/// coordinates, and a seam where those start anew.
+/// A torus around the z axis with radii 0.7 and 0.3: an OBJ of quads with normals, texture
+/// coordinates and a texture seam.
 fn torus() -> String {
     const AROUND: usize = 32;
     const ACROSS: usize = 16;
@@ -75,8 +75,8 @@ fn torus() -> String {
     text + &uvs + &normals + &faces
 }
 
-/// A coarse pot to be subdivided: walls over a star of six points, with a bottom and without a lid;
-/// an OBJ with texture coordinates, which start anew at one upright edge and at the bottom.
+/// A coarse pot for subdivision: walls over a six-pointed star, with a bottom and without a lid. An
+/// OBJ with texture coordinates, with seams at one vertical edge and at the bottom.
 fn star() -> String {
     const AROUND: usize = 12;
     const HIGH: usize = 2;
@@ -119,7 +119,7 @@ fn star() -> String {
     text + &uvs + &faces
 }
 
-/// A unit sphere of 20 triangles times 4 for each level: a little-endian PLY with normals.
+/// A unit sphere of 20 * 4^`levels` triangles: a little-endian PLY with normals.
 fn icosphere(levels: usize) -> Vec<u8> {
     let (positions, triangles) = subdivided_icosahedron(levels);
     let mut bytes = format!(
@@ -146,7 +146,8 @@ fn icosphere(levels: usize) -> Vec<u8> {
     bytes
 }
 
-/// Each triangle is cut into four, `steps` times; vertices are moved onto the unit sphere.
+/// An icosahedron whose triangles are split into four, `steps` times, with all vertices on the unit
+/// sphere.
 fn subdivided_icosahedron(steps: usize) -> (Vec<DVec3>, Vec<[usize; 3]>) {
     let golden = 0.5 * (1.0 + 5f64.sqrt());
     let mut positions = Vec::new();
@@ -160,7 +161,7 @@ fn subdivided_icosahedron(steps: usize) -> (Vec<DVec3>, Vec<[usize; 3]>) {
     for p in &mut positions {
         *p = p.normalize();
     }
-    // Neighbours are those at the length of an edge; the faces are the triples of neighbours.
+    // Neighbours are vertices one edge length apart; faces are triples of neighbours.
     let edge = positions
         .iter()
         .map(|p| p.distance(positions[0]))
@@ -228,9 +229,9 @@ fn terrain() -> String {
     text
 }
 
-/// A picture of 32 x 32 pixels, 8 bits sRGB. Each corner has its colour - red top left, green top
-/// right, blue bottom left, white bottom right - so that a turned or mirrored texture is seen at
-/// once; between them lies a ramp that is dark at the left, with a grid of single texels.
+/// An image of 32 x 32 pixels, 8-bit sRGB. Each corner has its own colour (red top left, green top
+/// right, blue bottom left, white bottom right), so that a rotated or mirrored texture is obvious.
+/// Between them is a ramp, dark at the left, with a grid of single texels.
 fn corners() -> Vec<u8> {
     const SIZE: u32 = 32;
     let picture = image::RgbImage::from_fn(SIZE, SIZE, |x, y| {
@@ -248,7 +249,7 @@ fn corners() -> Vec<u8> {
     png(&picture)
 }
 
-/// A checkerboard of 8 x 8 squares in 128 x 128 pixels, 8 bits sRGB, without pure black and white.
+/// A checkerboard of 8 x 8 squares in 128 x 128 pixels, 8-bit sRGB, without pure black and white.
 fn checker() -> Vec<u8> {
     const SIZE: u32 = 128;
     const SQUARE: u32 = 16;
@@ -259,8 +260,8 @@ fn checker() -> Vec<u8> {
     png(&picture)
 }
 
-/// A leaf with a hole on 32 x 32 pixels, 8 bits sRGB and alpha: how much of a pixel it covers. It
-/// is green all over, also where it is not: colours are not multiplied by alpha.
+/// A leaf with a hole, 32 x 32 pixels, 8-bit sRGB and alpha (pixel coverage). The colour is green
+/// everywhere, even where alpha is 0: it is not premultiplied.
 fn leaf() -> Vec<u8> {
     const SIZE: u32 = 32;
     const PARTS: u32 = 8;
@@ -282,8 +283,7 @@ fn leaf() -> Vec<u8> {
     png(&picture)
 }
 
-/// A wall of stones of several tones with dark joints, a sample for textures that are made from
-/// one.
+/// A stone wall in several tones with dark joints: a sample for texture synthesis.
 fn stones() -> Vec<u8> {
     const SIZE: u32 = 48;
     const CELL: u32 = 12;
@@ -293,7 +293,7 @@ fn stones() -> Vec<u8> {
         ([at(i, hash), at(j, hash >> 8)], (hash >> 16) % 80)
     };
     let picture = image::RgbImage::from_fn(SIZE, SIZE, |x, y| {
-        // One cell further out on each side.
+        // Include one more cell on each side.
         let (x, y) = ((x + CELL) as i32, (y + CELL) as i32);
         let mut near: Vec<(i32, u32)> = (0..SIZE / CELL + 2)
             .flat_map(|j| (0..SIZE / CELL + 2).map(move |i| stone(i, j)))
@@ -307,19 +307,19 @@ fn stones() -> Vec<u8> {
     png(&picture)
 }
 
-/// A face of a sky, by the direction from -1 to 1 to the right and up of its middle: haze and a sun
-/// over hills and fields, different all around, so that a face that is turned does not fit to its
+/// A cube map face of a sky, by the direction for (right, up) coordinates from -1 to 1: haze and a
+/// sun over hills and fields. It differs all around, so that a rotated face does not match its
 /// neighbours.
 fn sky(direction: impl Fn(f64, f64) -> [f64; 3]) -> Vec<u8> {
     const SIZE: u32 = 48;
     let picture = image::RgbImage::from_fn(SIZE, SIZE, |i, j| {
         let at = |k: u32| (f64::from(k) + 0.5) / f64::from(SIZE) * 2.0 - 1.0;
-        // Square roots and products only: sines differ from machine to machine.
+        // Square roots and products only: sines differ between machines.
         let [x, y, z] = DVec3::from_array(direction(at(i), -at(j))).normalize().to_array();
         let sun = 0.48 * x + 0.6 * y - 0.64 * z;
         let hills = 0.06 + 0.1 * x * (1.0 - 4.0 * z * z) + 0.08 * z;
         let color = if y < -0.12 {
-            // Fields over a plane below.
+            // Fields on a ground plane.
             let (column, row) = ((4.0 * x / -y).floor(), (4.0 * z / -y).floor());
             let light = (column + row).rem_euclid(2.0) == 0.0;
             if light {
@@ -360,8 +360,8 @@ fn line(text: &mut String, keyword: &str, numbers: &[f64]) {
     writeln!(text, "{keyword} {}", words.join(" ")).expect("a string takes all that is written");
 }
 
-/// Five decimals: fewer than those in which the sines of different machines differ. No negative
-/// zero.
+/// Five decimals, few enough to hide differences between the sines of different machines. Negative
+/// zero becomes zero.
 fn decimal(x: f64) -> String {
     let text = format!("{x:.5}");
     match text.as_str() {
@@ -395,7 +395,7 @@ mod tests {
         for [a, b, c] in triangles {
             let [p, q, r] = [a, b, c].map(|i| positions[i]);
             assert!((q - p).cross(r - p).dot(p) > 0.0);
-            // Every edge once in each direction.
+            // Every edge occurs once in each direction.
             assert!(
                 [(a, b), (b, c), (c, a)]
                     .into_iter()

@@ -1,24 +1,24 @@
-//! A law that something breaks.
+//! A broken law.
 
 use std::fmt;
 use whitstone_core::Ray;
 
-/// Which law, and where.
+/// The law that is broken, and where.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Broken {
-    /// In words, with the place.
+    /// Description and place.
     pub law: String,
-    /// The ray that shows it, if it is one.
+    /// The ray that demonstrates it, if there is one.
     pub ray: Option<Ray>,
 }
 
 impl Broken {
-    /// Shown by a ray.
+    /// Demonstrated by a ray.
     pub(crate) fn at(ray: &Ray, law: String) -> Self {
         Self { law, ray: Some(*ray) }
     }
 
-    /// On what, in front of the message.
+    /// Prefixes the message with the object under test.
     pub(crate) fn within(self, what: &str) -> Self {
         let law = format!("{what}: {}", self.law);
         Self { law, ..self }

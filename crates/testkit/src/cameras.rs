@@ -1,12 +1,16 @@
-//! What every camera must satisfy.
+//! Laws of cameras.
 
 use crate::streams::camera_streams;
 use whitstone_core::{Camera, DMat4, DVec2, FilmSize, Ray};
 
-/// Rays are finite and of unit direction, a function of the position alone, different in different
-/// quarters of the image, the same one by one and in streams, from every point of the lens, and
-/// show the world as it is rather than mirrored or upside down. The projection, if there is one,
-/// takes every point of a ray back to where the ray came from.
+/// Checks the laws of cameras:
+///
+/// - Rays are finite, have unit direction and depend only on the raster position and the lens
+///   point.
+/// - Different quarters of the image have different rays.
+/// - Streams give the same rays as single calls.
+/// - The image is neither mirrored nor upside down.
+/// - The projection, if there is one, maps every point of a ray to the raster position of the ray.
 ///
 /// # Panics
 ///
@@ -45,8 +49,8 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
     }
     let broken = camera_streams(camera, &rasters).err();
     assert_eq!(broken, None, "rays of a stream");
-    // A point in front of the camera stands for its ray: what has parallel rays has different
-    // origins. Not the borders: those of a view all around are seen twice.
+    // A point in front of the camera represents its ray, since parallel rays differ in their
+    // origins. Borders are excluded: a panorama sees them twice.
     let point = |x: f64, y: f64| {
         let ray: Ray = camera.ray(size * DVec2::new(x, y));
         ray.origin + ray.direction
@@ -74,7 +78,7 @@ pub fn camera_laws(camera: &dyn Camera, film: FilmSize) {
     );
 }
 
-/// Holds a ray to what every one must be.
+/// Checks the properties of a single ray.
 fn sound(ray: &Ray, raster: DVec2) {
     assert!(
         ray.origin.is_finite(),
@@ -87,8 +91,8 @@ fn sound(ray: &Ray, raster: DVec2) {
     );
 }
 
-/// Holds points of a ray that starts `near` in front of the camera, and one behind the camera, to
-/// where a projection puts them.
+/// Checks that a projection maps points of a ray to its raster position; the ray starts `near` in
+/// front of the camera. Also checks one point behind the camera.
 fn goes_back(projection: &DMat4, ray: &Ray, near: f64, raster: DVec2, size: DVec2) {
     for t in [0.25, 1.0, 1e3] {
         let projected = *projection * ray.at(t - near.min(0.0)).extend(1.0);
@@ -144,7 +148,8 @@ mod tests {
         }
     }
 
-    /// Of the camera above: x = 4 (a + 1/2), y = 3 (1/2 - c), with a and c at depth -z.
+    /// The projection of the camera above: x = 4 (a + 1/2), y = 3 (1/2 - c), with a and c at depth
+    /// -z.
     fn right_projection() -> [DVec4; 4] {
         let (x, y) = (DVec4::new(4.0, 0.0, -2.0, 0.0), DVec4::new(0.0, -3.0, -1.5, 0.0));
         [x, y, DVec4::NEG_Z, DVec4::NEG_Z]

@@ -1,4 +1,4 @@
-//! Building one plugin on its own, without a scene around it.
+//! Building a plugin without a scene.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -12,14 +12,14 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, Texture, Transform, TriangleMesh,
 };
 
-/// Builds an operand inside a shape that stands somewhere.
+/// Builds an operand inside a shape with the given transform.
 type Operand = Rc<dyn Fn(&Transform) -> Result<Shape, SceneErrors>>;
 
-/// What a plugin may ask for while it is built: constants as textures, files of one folder, groups
-/// of shapes and operands by id. Warnings are collected.
+/// A [`Context`] for tests: constants as textures, files of one folder, and groups, materials,
+/// textures and operands by id. Collects warnings.
 #[derive(Clone, Default)]
 pub struct TestContext {
-    /// What files are relative to; by default the folder in which the tests run.
+    /// The folder that files are relative to; by default the working directory of the tests.
     pub folder: PathBuf,
     /// Groups by id.
     pub groups: BTreeMap<String, Arc<Group>>,
@@ -33,14 +33,14 @@ pub struct TestContext {
     meshes: BTreeMap<String, TriangleMesh>,
     /// Operands by id.
     operands: BTreeMap<String, Operand>,
-    /// What plugins kept, by the parts that it is made of.
+    /// Cached results of plugins, by their cache keys.
     pub kept: BTreeMap<Vec<Vec<u8>>, Vec<u8>>,
-    /// What plugins warned about.
+    /// The warnings of plugins.
     pub warnings: Vec<SceneError>,
 }
 
 impl TestContext {
-    /// With files relative to a folder.
+    /// A context whose files are relative to `folder`.
     pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
         Self {
             folder: folder.into(),
@@ -48,7 +48,7 @@ impl TestContext {
         }
     }
 
-    /// With a material that may be named as a part of another one.
+    /// Adds a material that other materials can refer to.
     ///
     /// # Panics
     ///
@@ -61,21 +61,21 @@ impl TestContext {
         self
     }
 
-    /// With a texture that may be named.
+    /// Adds a texture that plugins can refer to.
     #[must_use]
     pub fn with_texture(mut self, id: &str, texture: impl Texture + 'static) -> Self {
         self.textures.insert(id.to_owned(), Arc::new(texture));
         self
     }
 
-    /// With a texture that is the picture in a file of this name.
+    /// Adds a texture that represents the image in the file `name`.
     #[must_use]
     pub fn with_picture(mut self, name: &str, texture: impl Texture + 'static) -> Self {
         self.pictures.insert(name.to_owned(), Arc::new(texture));
         self
     }
 
-    /// With triangles that a file of this name holds, in object space and without normals.
+    /// Adds the triangles of the mesh file `name`, in object space and without normals.
     #[must_use]
     pub fn with_mesh(mut self, name: &str, positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Self {
         let mesh = TriangleMesh {
@@ -89,15 +89,16 @@ impl TestContext {
         self
     }
 
-    /// With a shape that may be named as an operand: scenes write it in the place of its id.
+    /// Adds a shape that plugins can refer to as an operand; `id` stands for the inline table of a
+    /// scene.
     ///
     /// # Panics
     ///
-    /// Where it is built, if its transform is singular together with that of the whole.
+    /// When it is built, if its transform is singular combined with that of the enclosing shape.
     #[must_use]
     pub fn with_operand<P: Plugin<Shapes> + 'static>(mut self, id: &str, text: &str, own: Transform) -> Self {
         let text = text.to_owned();
-        // Operands inside operands are those of this context so far.
+        // Operands inside operands are those added to this context so far.
         let inside = self.clone();
         let build = move |around: &Transform| {
             let placed = around.after(&own).expect("tests place operands well");
@@ -191,7 +192,7 @@ pub fn build<F: Family, P: Plugin<F>>(text: &str, input: F::Input<'_>) -> Result
     build_in::<F, P>(text, input, &mut TestContext::default())
 }
 
-/// Builds a plugin from the text of its table, in a context that the test looks at afterwards.
+/// Builds a plugin from the text of its table, in a context that the test can inspect afterwards.
 pub fn build_in<F: Family, P: Plugin<F>>(
     text: &str,
     input: F::Input<'_>,

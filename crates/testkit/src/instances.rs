@@ -1,4 +1,4 @@
-//! Copies of groups of shapes, for the laws of accelerators.
+//! Instances of groups of shapes, for the laws of accelerators.
 
 use crate::accelerators::{ball, needles, soup};
 use crate::random::Random;
@@ -11,13 +11,13 @@ use whitstone_core::{
     Statistics, Transform,
 };
 
-/// Tries every element: what is right by definition.
+/// Tests every element: correct by definition.
 pub struct Naive {
     geometry: Arc<Geometry>,
 }
 
 impl Naive {
-    /// Over a geometry.
+    /// Built over a geometry.
     pub fn new(geometry: Arc<Geometry>) -> Self {
         Self { geometry }
     }
@@ -39,7 +39,7 @@ impl Accelerator for Naive {
         self.hits(ray, interval, skip).next().is_some()
     }
 
-    /// Copies are asked by stream: what they do with it is under test too.
+    /// Queries instances by stream, so that their stream methods are under test too.
     fn closest_stream(&self, rays: &RayStream, hits: &mut HitStream) {
         hits.clear(rays);
         for (part, shape) in self.geometry.shapes().iter().zip(0..) {
@@ -73,10 +73,11 @@ impl Accelerator for Naive {
     }
 }
 
-/// What accelerators over groups are built by.
+/// Builds the accelerators over groups.
 pub(crate) type Build<'a> = &'a dyn Fn(Arc<Geometry>) -> Box<dyn Accelerator>;
 
-/// A group over whose shapes the accelerator is built, with its number in the scene.
+/// A group with the accelerator built over its shapes; `first_shape` is their first scene-wide
+/// number.
 fn group(build: Build<'_>, shapes: Vec<Shape>, first_shape: u32) -> Arc<Group> {
     let geometry = Arc::new(Geometry::new(shapes));
     Arc::new(Group::new(geometry.clone(), build(geometry), first_shape))
@@ -86,7 +87,8 @@ fn copy(group: &Arc<Group>, transform: Transform) -> Shape {
     Shape::Instance(Box::new(Instance::new(group.clone(), transform)))
 }
 
-/// A transform that turns, stretches, shears a little and moves; every second one mirrors.
+/// A random transform that rotates, scales, shears slightly and translates; every second one
+/// mirrors.
 fn anywhere(random: &mut Random, size: f64) -> Transform {
     let turn = || DMat3::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 1.0);
     let stretch = DVec3::new(size, -size, size) * (DVec3::ONE + 0.7 * random.cube());
@@ -98,8 +100,8 @@ fn anywhere(random: &mut Random, size: f64) -> Transform {
 
 type World = fn(Build<'_>) -> Vec<Shape>;
 
-/// Geometries with copies of groups, each with its name and how many rays it deserves. They are
-/// made twice: for the truth, and for the accelerator that is held to it.
+/// Geometries with instances of groups, each with its name and its number of rays. Each is built
+/// twice: for the reference result and for the accelerator under test.
 pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
     [
         (
@@ -192,7 +194,7 @@ pub(crate) fn worlds_of_copies() -> [(&'static str, World, u32); 6] {
     ]
 }
 
-/// Some triangles of copies, in world space.
+/// Some triangles of instances, in world space.
 pub(crate) fn corners_of_copies(geometry: &Geometry) -> Vec<[DVec3; 3]> {
     let mut corners = Vec::new();
     for shape in geometry.shapes() {

@@ -1,4 +1,4 @@
-//! What every integrator must satisfy, and the small worlds to try it in.
+//! Laws of integrators, and small scenes to check them.
 
 use crate::streams::integrator_streams;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use whitstone_core::{
     triangle::ShearedRay,
 };
 
-/// An endless plane through a point; its outside is where the normal points.
+/// An infinite plane through a point; the normal points outside.
 #[derive(Clone, Copy, Debug)]
 pub struct Wall {
     /// A point of the plane.
@@ -37,28 +37,28 @@ impl Primitive for Wall {
     }
 }
 
-/// A material made of the terms that integrators tell apart, each simple enough to be summed by
-/// hand.
+/// A material with each term that integrators distinguish, simple enough to sum by hand.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Simple {
     /// Local radiance: this times (ambient + sum of `E n·l`).
     pub diffuse: f64,
     /// Weight of the mirror branch.
     pub reflect: Rgb,
-    /// Weight of a branch straight through.
+    /// Weight of an undeviated transmission branch.
     pub transmit: Rgb,
-    /// Medium that the branch straight through enters from outside; none outside.
+    /// Medium that this branch enters from outside; none when it leaves.
     pub absorption: Rgb,
-    /// Sends the branch straight through on in the medium that it comes from.
+    /// If set, this branch stays in its current medium.
     pub straight: bool,
-    /// Radiance of the surface itself.
+    /// Emitted radiance.
     pub emission: Rgb,
-    /// What shadow rays keep that go through it, filtered or not.
+    /// Transmittance of shadow rays, filtered or not.
     pub hole: Rgb,
-    /// What they keep of it where shadows are filtered; then they enter `absorption` from outside,
-    /// and leave it from inside.
+    /// Transmittance of filtered shadow rays. They enter `absorption` from outside and leave it
+    /// from inside.
     pub filter: Rgb,
-    /// Sends the reflection into the surface and the transmission back, against rule G.
+    /// If set, the reflection goes into the surface and the transmission back, in violation of rule
+    /// G.
     pub wrong_sides: bool,
 }
 
@@ -128,7 +128,7 @@ impl Material for Simple {
     }
 }
 
-/// Background, ambient light and a lamp in one.
+/// Background, ambient light and a point light in one.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lamp {
     /// Radiance of the background where y > 0, half of it elsewhere.
@@ -168,7 +168,7 @@ impl Light for Lamp {
     }
 }
 
-/// Tries everything in order.
+/// Tests every element in order.
 struct TryAll(Arc<Geometry>);
 
 impl Accelerator for TryAll {
@@ -189,7 +189,7 @@ impl Accelerator for TryAll {
     }
 }
 
-/// A world of a few walls and a light.
+/// A scene of a few walls and a light.
 pub fn world_of_walls(walls: &[(Wall, Simple)], light: Lamp) -> World {
     let shapes = walls
         .iter()
@@ -204,7 +204,7 @@ pub fn world_of_walls(walls: &[(Wall, Simple)], light: Lamp) -> World {
     World::new(geometry, accelerator, materials, vec![Arc::new(light)])
 }
 
-/// A wall at this height that looks up.
+/// A wall at this height that faces up.
 pub fn floor(height: f64) -> Wall {
     Wall {
         point: DVec3::new(0.0, height, 0.0),
@@ -235,7 +235,7 @@ fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
         .collect();
     let broken = integrator_streams(integrator, world, &rays).err();
     assert_eq!(broken, None, "radiance of a stream");
-    // What another ray left behind.
+    // State left behind by another ray.
     let lost = PathState::camera(Ray::new(DVec3::ONE, DVec3::NEG_Y));
     let mut used = Scratch::default();
     used.pending.push(lost);
@@ -256,13 +256,17 @@ fn radiance(integrator: &dyn Integrator, world: &World, ray: Ray) -> Rgb {
     found
 }
 
-/// Rays that hit nothing see the background; surfaces show their local radiance, with shadows
-/// exactly if `shadows`, and lights on the other side of the geometry give nothing; branches are
-/// followed exactly if the integrator says so, and none that is on the wrong side of the geometry;
-/// the result depends on nothing else; and the record of the rays, where one is asked for, sums to
-/// it.
+/// Checks the laws of integrators:
 ///
-/// The integrator must be in its default configuration, but for shadows.
+/// - Rays that hit nothing return the background.
+/// - Surfaces return their local radiance, with shadows if and only if `shadows`; lights on the
+///   other side of the geometry contribute nothing.
+/// - Branches are followed if and only if the integrator says so, and none on the wrong side of the
+///   geometry.
+/// - The result depends on nothing else.
+/// - If rays are recorded, the record sums to the result.
+///
+/// The integrator must be in its default configuration, except for shadows.
 ///
 /// # Panics
 ///
@@ -300,7 +304,7 @@ pub fn integrator_laws(integrator: &dyn Integrator, shadows: bool) {
         "without a background there is nothing to see"
     );
 
-    // A lamp 5 m above the floor, and a wall that may stand between.
+    // A light 5 m above the floor, and a wall that may be in between.
     let lit = |wall: Option<f64>| {
         let mut walls = vec![(floor(0.0), matte)];
         walls.extend(wall.map(|height| (floor(height), matte)));
@@ -386,7 +390,7 @@ mod tests {
     use super::*;
     use whitstone_core::{Medium, Shadowing};
 
-    /// Recursive, one bounce, with a switch for each fault.
+    /// A recursive integrator with one bounce and a switch for each fault.
     #[derive(Default)]
     struct Made {
         claims_branches: bool,

@@ -1,5 +1,5 @@
-//! The families whose plugins can be held to laws in random configurations, and the scenes that
-//! show what they break.
+//! The families whose laws can be checked in random configurations, and the scenes that demonstrate
+//! failures.
 
 use crate::accelerators::{compare, mesh_of};
 use crate::ball::Ball;
@@ -15,30 +15,30 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, Textures, Transform,
 };
 
-/// Rays at each shape, and at the geometry of each accelerator.
+/// Number of rays per shape and per geometry of an accelerator.
 const RAYS: u32 = 400;
-/// Side of a picture with a middle pixel.
+/// Side of an image with a central pixel.
 const SIDE: u32 = 65;
 
-/// A family with laws. What is checked depends on nothing but the table and the place.
+/// A family with laws. A check depends only on the table and the place.
 pub trait Lawful: Family + Sized {
-    /// What a plugin is built with beside its table, and a scene says elsewhere.
+    /// The input of a plugin besides its table, which a scene specifies elsewhere.
     type Place: Clone + Debug + 'static;
 
-    /// Those in which a table without ranges is always tried.
+    /// The places at which a table without ranges is always checked.
     fn fixed() -> Vec<Self::Place>;
 
-    /// Those that are drawn at random.
+    /// A strategy for random places.
     fn places() -> BoxedStrategy<Self::Place>;
 
-    /// The plugin of a table at a place.
+    /// Builds the plugin of a table at a place.
     ///
     /// # Errors
     ///
-    /// If it is refused there.
+    /// If it is rejected there.
     fn built<P: Plugin<Self>>(text: &str, place: &Self::Place) -> Result<Self::Product, SceneErrors>;
 
-    /// Holds it to the laws of the family, and to more; it may panic too.
+    /// Checks the laws of the family and additional `laws`; may also panic.
     ///
     /// # Errors
     ///
@@ -50,14 +50,14 @@ pub trait Lawful: Family + Sized {
         laws: &[fn(&Self::Product)],
     ) -> Result<(), Broken>;
 
-    /// A scene with the table in it.
+    /// A scene that contains the table.
     fn scene(table: Table, place: &Self::Place, broken: &Broken) -> Table;
 
     /// The table of a plugin in such a scene, without its type, and the place.
     fn read(scene: &Table, kind: &str) -> Option<(Table, Self::Place)>;
 }
 
-/// More laws than those of the family.
+/// Checks laws in addition to those of the family.
 fn hold_all<T>(product: &T, laws: &[fn(&T)]) -> Result<(), Broken> {
     laws.iter().for_each(|law| law(product));
     Ok(())
@@ -73,7 +73,7 @@ fn read_vector(value: &Value) -> Option<DVec3> {
     Some(DVec3::from_array(numbers))
 }
 
-/// What every scene has; a light and a ball, unless others are in their place.
+/// The tables of every scene; light and ball may be replaced.
 fn base() -> Table {
     toml::toml! {
         [camera]
@@ -102,7 +102,7 @@ fn film(size: FilmSize) -> Table {
     film
 }
 
-/// The base with an image whose middle pixel looks along the ray, if there is one.
+/// The base scene, with an image whose central pixel looks along the ray, if there is one.
 fn seen_along(ray: Option<Ray>) -> Table {
     let mut scene = base();
     let size = FilmSize {
@@ -125,13 +125,13 @@ fn seen_along(ray: Option<Ray>) -> Table {
     scene
 }
 
-/// Without the type, if it is this one.
+/// The table without its type, if the type is `kind`.
 fn of_type(table: &Value, kind: &str) -> Option<Table> {
     let mut table = table.as_table()?.clone();
     (table.remove("type")?.as_str() == Some(kind)).then_some(table)
 }
 
-/// With another material on the ball.
+/// The base scene with another material on the ball.
 fn on_the_ball(material: Table) -> Table {
     let mut scene = seen_along(None);
     if let Some(ball) = scene
@@ -166,7 +166,7 @@ impl Lawful for Shapes {
         laws: &[fn(&Shape)],
     ) -> Result<(), Broken> {
         hold_all(product, laws)?;
-        // The laws own what they try.
+        // The laws take ownership of the product.
         let again = Self::built::<P>(text, place).map_err(|errors| errors.to_string())?;
         first_broken(again, RAYS)
     }
@@ -221,7 +221,7 @@ impl Things {
     }
 }
 
-/// In the cube [-1, 1]³; half of them on a grid, so that faces and corners coincide.
+/// Points in the cube [-1, 1]³, half of them on a grid, so that faces and corners coincide.
 fn points() -> impl Strategy<Value = DVec3> {
     let number = prop_oneof![
         (-4..=4i32).prop_map(|number| 0.25 * f64::from(number)),
@@ -257,7 +257,7 @@ impl Lawful for Accelerators {
     ) -> Result<(), Broken> {
         hold_all(product, laws)?;
         compare(&place.geometry(), &**product, RAYS)?;
-        // Over nothing by itself, so over all that is made for accelerators: once a table.
+        // The empty place selects all prepared geometries, once per table.
         if *place == Things::default() {
             accelerator_laws::<P>(text);
         }
@@ -304,8 +304,8 @@ impl Lawful for Accelerators {
     }
 }
 
-/// Families that are built from their table alone, or nearly so: how they are checked, and where a
-/// scene has them.
+/// Families whose plugins are built from little more than their table: how to check them, and where
+/// scenes contain them.
 macro_rules! lawful {
     ($family:ty, $place:ty: $places:expr, $fixed:expr, |$input:ident| $given:expr;
      check |$product:ident, $at:ident, $laws:ident| $check:expr;

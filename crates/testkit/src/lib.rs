@@ -1,12 +1,12 @@
-//! The conformance kit: laws that every plugin of a family must satisfy.
+//! The conformance kit: laws (property tests) that every plugin of a family must satisfy.
 //!
-//! A law is a function that panics, with a message that says which law is broken and where. A
-//! plugin's tests build it from TOML with [`build`] and hand it to the laws of its family.
+//! A law is a function that panics with a message that says which law is broken and where. A
+//! plugin's tests build the plugin from TOML with [`build`] and pass it to the laws of its family.
 //!
-//! One line does all of it, for tables with ranges in them too ([`shape_laws!`],
+//! One macro call does all of this, also for tables with ranges ([`shape_laws!`],
 //! [`accelerator_laws!`], [`material_laws!`], [`texture_laws!`], [`camera_laws!`],
-//! [`light_laws!`]): configurations are drawn, one that breaks a law is shrunk, and what is printed
-//! is a scene that shows it.
+//! [`light_laws!`]): it draws random configurations, shrinks one that breaks a law, and prints a
+//! scene that demonstrates it.
 
 mod context;
 pub use context::{TestContext, build, build_in};
@@ -48,7 +48,7 @@ mod textures;
 pub use lawful::{Lawful, Things};
 #[cfg(feature = "properties")]
 pub use properties::{Failure, first_failure, hold, holds_in};
-/// For the macros.
+/// Used by the macros.
 #[doc(hidden)]
 pub use whitstone_core as core;
 

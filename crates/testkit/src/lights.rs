@@ -1,4 +1,4 @@
-//! What every light must satisfy.
+//! Laws of lights.
 
 use crate::spread::directions;
 use crate::streams::light_streams;
@@ -11,9 +11,9 @@ fn samples(light: &dyn Light, point: DVec3) -> Vec<LightSample> {
     out
 }
 
-/// A light gives what it says and nothing else; its samples have unit directions, positive
-/// distances and finite irradiances that are not negative, anywhere in space; they are added to the
-/// list and are always the same, one by one and in streams.
+/// Checks the laws of lights: a light contributes exactly what it declares. Anywhere in space, its
+/// samples have unit directions, positive distances and finite, non-negative irradiances. They are
+/// appended to the list, are deterministic, and are identical in streams.
 ///
 /// # Panics
 ///
@@ -86,8 +86,8 @@ pub fn light_laws(light: &dyn Light) {
     assert!(says || !reached, "a light with samples says that it gives them");
 }
 
-/// Boxes of many sizes, far and near: where the light says that it does not reach, every point is
-/// black.
+/// Checks boxes of many sizes, near and far: where the light does not reach a box, its samples are
+/// black at every point of it.
 fn nothing_where_it_does_not_reach(light: &dyn Light) {
     assert!(
         light.reaches(&Aabb::EVERYTHING) || is_dark(light, &Aabb::around([-DVec3::ONE, DVec3::ONE])),
@@ -99,7 +99,7 @@ fn nothing_where_it_does_not_reach(light: &dyn Light) {
             (1.0, 0.01),
             (3.0, 1.0),
             (3.0, 1e-6),
-            // The box around a single point.
+            // A box that is a single point.
             (3.0, 0.0),
             (100.0, 60.0),
             (1e6, 1e3),
@@ -127,10 +127,10 @@ fn is_dark(light: &dyn Light, bounds: &Aabb) -> bool {
         .all(|sample| sample.irradiance.is_black())
 }
 
-/// For a light at a position, with an intensity that falls off with the square of the distance:
-/// along `axis` (unit, away from the light) the irradiance is that of the inverse square to 1e-9
-/// from 1e8 m down to 1e-8 m, and at the light itself there is none. The position must be such that
-/// distances of 1e-8 can be told apart in its coordinates, as at the origin.
+/// For a light at a position with inverse-square falloff: along `axis` (unit, away from the light)
+/// the irradiance follows the inverse square to 1e-9 from 1e8 m down to 1e-8 m, and at the light
+/// itself it is zero. Distances of 1e-8 must be representable at the position, as they are at the
+/// origin.
 ///
 /// # Panics
 ///
@@ -221,7 +221,7 @@ mod tests {
         light_laws(&Made(LightGives::AMBIENT, |_| sun(DVec3::Y, 1.0)));
     }
 
-    /// Light at the origin, in the plain form.
+    /// A light at the origin, by the textbook formula.
     fn naive(point: DVec3) -> LightSample {
         let distance = point.length();
         LightSample {
@@ -263,7 +263,7 @@ mod tests {
         );
     }
 
-    /// Says that it reaches nothing on one side.
+    /// Claims that it reaches nothing on one side.
     struct Half(f64);
 
     impl Light for Half {

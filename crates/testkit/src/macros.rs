@@ -1,4 +1,4 @@
-//! A line of a plugin's tests that holds it to all laws of its family.
+//! Macros that check a plugin against all laws of its family in one line.
 
 /// Tests that a shape obeys the laws of shapes ([`shape_laws`](fn@crate::shape_laws)) in every
 /// placement, for each text of its table; numbers in it may be ranges.
@@ -17,8 +17,8 @@ macro_rules! shape_laws {
 }
 
 /// Tests that an accelerator obeys the laws of accelerators
-/// ([`accelerator_laws`](fn@crate::accelerator_laws)), and that it agrees with trying everything
-/// over random triangles and balls, of which the fewest that show a fault are told.
+/// ([`accelerator_laws`](fn@crate::accelerator_laws)) and agrees with testing every element over
+/// random triangles and balls. A failure is reduced to the fewest shapes that show it.
 ///
 /// ```ignore
 /// whitstone_testkit::accelerator_laws!(Bvh2, "", "leaf_size = 1..8");
@@ -33,8 +33,8 @@ macro_rules! accelerator_laws {
     };
 }
 
-/// Tests that a material obeys [`material_laws`](fn@crate::material_laws), or the laws that are
-/// named, which are functions of this crate.
+/// Tests that a material obeys [`material_laws`](fn@crate::material_laws), or the named laws, which
+/// are functions of this crate.
 ///
 /// ```ignore
 /// whitstone_testkit::material_laws!(Phong, "exponent = 1..1000");
@@ -71,7 +71,8 @@ macro_rules! texture_laws {
     };
 }
 
-/// Tests that a camera obeys [`camera_laws`](fn@crate::camera_laws) for images of several shapes.
+/// Tests that a camera obeys [`camera_laws`](fn@crate::camera_laws) for images of several aspect
+/// ratios.
 ///
 /// ```ignore
 /// whitstone_testkit::camera_laws!(Perspective, "look_at = { origin = [0, 0, 5], target = [0, 0, 0] }\nfov = 1.0..170");

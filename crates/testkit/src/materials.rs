@@ -1,4 +1,4 @@
-//! What every material must satisfy.
+//! Laws of materials.
 
 use crate::spread::{COSINES, at_cosine, directions};
 use crate::streams::material_streams;
@@ -31,7 +31,7 @@ fn local(
     )
 }
 
-/// A point with a geometric and a shading normal, as an integrator hands it over: after rule S.
+/// A point with a geometric and a shading normal after rule S, as integrators pass it.
 fn surface(n_g: DVec3, n_s: DVec3, uv: DVec2, view: DVec3) -> SurfacePoint {
     let mut point = SurfacePoint::new(DVec3::new(0.1, -2.0, 0.7), 0.0, n_g);
     point.n_s = n_s;
@@ -39,10 +39,14 @@ fn surface(n_g: DVec3, n_s: DVec3, uv: DVec2, view: DVec3) -> SurfacePoint {
     point.seen_from(view)
 }
 
-/// A material responds as its lobes say and in no other way; its response is finite and not
-/// negative from straight on to grazing, on both sides, with shading normals and without, in
-/// proportion to the light, and reads only what it says; branches have unit directions on their
-/// side of the surface; streams get the same bits.
+/// Checks the laws of materials:
+///
+/// - The responses are exactly those that the lobes declare.
+/// - They are finite and not negative, from normal to grazing incidence, on both sides, with and
+///   without shading normals, and proportional to the light.
+/// - The material reads only the attributes that it declares.
+/// - Branches have unit directions on their side of the surface.
+/// - Streams give the same bits.
 ///
 /// # Panics
 ///
@@ -56,7 +60,7 @@ pub fn material_laws(material: &dyn Material) {
     }
 }
 
-/// [`material_laws`] but for the one that both sides look the same.
+/// [`material_laws`], except that the two sides may look different.
 ///
 /// # Panics
 ///
@@ -124,8 +128,7 @@ fn branch_laws(material: &dyn Material, point: &SurfacePoint, view: DVec3, plain
             weight.is_black() || lobes.contains(lobe),
             "lobes name every kind of branch: {place}"
         );
-        // Reflected by a normal of its own, a ray may well go into the surface; rule G is there for
-        // that.
+        // A reflection by the material's own normal may go into the surface; rule G handles that.
         let straight_on = *kind == BranchKind::Straight;
         if plain && (straight_on || !lobes.contains(Lobes::OWN_NORMAL)) {
             let right = match kind {
@@ -273,7 +276,7 @@ fn need_laws(material: &dyn Material, n_g: DVec3, n_s: DVec3, view: DVec3) {
     }
 }
 
-/// Local radiance does not depend on which side is outside.
+/// Checks that local radiance does not depend on which side is outside.
 fn both_sides(material: &dyn Material, n: DVec3, view: DVec3) {
     if n.dot(view) == 0.0 {
         return;
@@ -294,9 +297,9 @@ fn both_sides(material: &dyn Material, n: DVec3, view: DVec3) {
     assert_eq!(from(n), from(-n), "both sides look the same");
 }
 
-/// In a furnace, where radiance 1 arrives from everywhere, no more leaves: for materials whose
-/// parameters promise it (their shares sum up to at most 1, and transmitted radiance is not
-/// scaled).
+/// White furnace test: with incident radiance 1 from all directions, at most 1 leaves. For
+/// materials whose parameters guarantee it (weights sum to at most 1, and transmitted radiance is
+/// not scaled).
 ///
 /// # Panics
 ///
@@ -321,15 +324,15 @@ pub fn furnace_laws(material: &dyn Material) {
     }
 }
 
-/// Under light of radiance 1 from every direction above the surface, by many directional lights, no
-/// more leaves than arrives: for materials in the units of radiometry, with the 1/pi in them.
-/// Branches are not counted: see [`furnace_laws`].
+/// Under radiance 1 from every direction above the surface, approximated by directional lights, at
+/// most 1 leaves. For materials in radiometric units, with the factor 1/pi. Branches are not
+/// included: see [`furnace_laws`].
 ///
 /// # Panics
 ///
 /// If more leaves than arrives.
 pub fn energy_laws(material: &dyn Material) {
-    // Each light stands for an equal part of the solid angle.
+    // Each light represents an equal part of the solid angle.
     let part = std::f64::consts::TAU / f64::from(LIGHTS);
     let turn = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     for n in directions(6) {
@@ -351,19 +354,19 @@ pub fn energy_laws(material: &dyn Material) {
     }
 }
 
-/// Lights of [`energy_laws`].
+/// Number of lights in [`energy_laws`].
 const LIGHTS: u32 = 4096;
 
-/// Light takes a path both ways alike (Helmholtz): the share of a light's irradiance that leaves
-/// towards the viewer is the same with the two exchanged. For materials that are meant to be
-/// physical; Phong's highlight is not.
+/// Helmholtz reciprocity: the fraction of a light's irradiance that leaves towards the viewer stays
+/// the same if light and viewer are exchanged. For physically based materials; Phong's highlight is
+/// not reciprocal.
 ///
 /// # Panics
 ///
 /// If the two differ.
 pub fn reciprocity_laws(material: &dyn Material) {
     for n in directions(8) {
-        // Where cosines still have digits to divide by.
+        // Cosines that are large enough to divide by.
         let cosines = COSINES.into_iter().filter(|cosine| *cosine >= 1e-3);
         let slopes: Vec<DVec3> = cosines
             .enumerate()
@@ -390,9 +393,9 @@ pub fn reciprocity_laws(material: &dyn Material) {
     }
 }
 
-/// For a material that reflects and refracts like glass: nothing is lost (`R + T/eta² = 1`),
-/// directions obey Snell's law and lie in the plane of incidence, and a path backwards has the same
-/// shares as forwards.
+/// For a material that reflects and refracts like glass: energy is conserved (`R + T/eta² = 1`),
+/// directions obey Snell's law and lie in the plane of incidence, and the reversed path has the
+/// same weights.
 ///
 /// # Panics
 ///
@@ -432,7 +435,7 @@ pub fn dielectric_laws(material: &dyn Material, interior_ior: f64, exterior_ior:
                     off < 1e-14,
                     "directions obey the law of refraction, off by {off} at {place}"
                 );
-                // At grazing the direction itself is too coarse to be retraced.
+                // At grazing incidence the direction is too imprecise to be retraced.
                 let Some(reverse) = reverse.filter(|d| n.dot(*d).abs() > 1e-2 && cosine > 1e-2) else {
                     continue;
                 };

@@ -1,5 +1,5 @@
-//! What must hold of an accelerator in single precision: it departs from ours by rounding, and says
-//! so.
+//! Laws of third-party accelerators in single precision (peers): they differ from ours by rounding
+//! and declare it.
 
 use crate::ball::Ball;
 use crate::random::Random;
@@ -12,23 +12,23 @@ use whitstone_core::{
     Accelerator, Accelerators, DVec3, Geometry, Interval, Plugin, RawHit, Ray, Shape, Skip, TriangleMesh,
 };
 
-/// Of so many rays one may see another primitive: those that run by an edge, as far as rounding
-/// goes.
+/// Number of test rays. One in 500 may hit another primitive: those that pass an edge within
+/// rounding.
 const RAYS: u32 = 20_000;
 const MOST_OTHERS: u32 = RAYS / 500;
 
-/// A distance may differ by so much of the size of the scene and of how far the ray comes from.
+/// Tolerance of distances, relative to the size of the scene and the distance of the ray's origin.
 const CLOSE: f64 = 2e-5;
 
-/// A peer finds, up to the rounding of single precision, what trying every element in double
-/// precision finds: over triangles of two meshes, balls and an endless wall; elements that are no
-/// triangles exactly so. It never finds the primitive that a ray leaves, nor anything outside the
-/// interval; its streams agree with its single rays to the last bit; and it says that images depend
-/// on it.
+/// Checks that a peer finds, within single precision, the results of testing every element in
+/// double precision, over triangles of two meshes, balls and an unbounded wall; for elements other
+/// than triangles the results must be exact. The peer never reports the skipped primitive or a hit
+/// outside the interval, its streams agree bit for bit with its single rays, and it declares that
+/// images depend on it.
 ///
 /// # Panics
 ///
-/// If it cannot be built or does not; the message says how.
+/// If it cannot be built or breaks a law; the message says how.
 pub fn peer_laws<P: Plugin<Accelerators>>(text: &str) {
     for (name, shapes) in worlds() {
         let geometry = Arc::new(Geometry::new(shapes));
@@ -41,11 +41,11 @@ pub fn peer_laws<P: Plugin<Accelerators>>(text: &str) {
     }
 }
 
-/// Holds one that is built to the laws of [`peer_laws`].
+/// Checks a built accelerator against the laws of [`peer_laws`].
 ///
 /// # Errors
 ///
-/// The first thing that does not hold.
+/// The first law that is broken.
 pub fn peer_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result<(), String> {
     if accelerator.caveat().is_none() {
         return Err("it does not say that images depend on it".to_owned());
@@ -96,7 +96,7 @@ pub fn peer_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result
         }
         queries.push((ray, f64::INFINITY, skip));
         (start, skip) = match expected {
-            // Half of the rays leave what the ray before them hit.
+            // Half of the rays start on the hit of the previous ray.
             Some(hit) if random.unit() < 0.5 => (ray.origin + hit.t * ray.direction, Skip::leaving(&hit)),
             _ => (2.0 * random.cube(), Skip::NOTHING),
         };
@@ -109,7 +109,7 @@ pub fn peer_agrees(geometry: &Geometry, accelerator: &dyn Accelerator) -> Result
     accelerator_streams(accelerator, &queries)
 }
 
-/// Of the triangle of a hit: its longest edge.
+/// The longest edge of the triangle that was hit.
 fn size(geometry: &Geometry, hit: &RawHit) -> f64 {
     match &geometry.shapes()[hit.shape as usize] {
         Shape::Triangles(mesh) => {
@@ -181,7 +181,7 @@ mod tests {
     use whitstone_core::Statistics;
     use whitstone_core::stream::{HitStream, RayStream};
 
-    /// Tries everything, and is wrong in one way.
+    /// Tests every element, with one deliberate fault.
     struct Faulty {
         geometry: Geometry,
         fault: &'static str,

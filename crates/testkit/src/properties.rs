@@ -1,5 +1,5 @@
-//! Laws in configurations that no one thought of: drawn at random, the same in every run, and
-//! shrunk where one fails to a scene that shows it.
+//! Laws in random configurations: the same in every run, and shrunk on failure to a scene that
+//! demonstrates it.
 
 #[cfg(test)]
 mod tests;
@@ -15,19 +15,19 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Once;
 use whitstone_core::Plugin;
 
-/// Configurations that are drawn for a text with ranges.
+/// Number of configurations drawn for a text with ranges.
 const CASES: u32 = 24;
-/// Steps of shrinking.
+/// Maximum number of shrinking steps.
 const SHRINKS: u32 = 256;
 
-/// What a plugin breaks, and where.
+/// The law that a plugin breaks, and where.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Failure {
     /// The type of the plugin.
     pub plugin: &'static str,
-    /// The law, in words.
+    /// A description of the law.
     pub law: String,
-    /// A scene as TOML that shows it; see [`holds_in`].
+    /// A TOML scene that demonstrates it; see [`holds_in`].
     pub scene: String,
 }
 
@@ -42,13 +42,16 @@ impl fmt::Display for Failure {
     }
 }
 
-/// Holds a plugin to the laws of its family, for each text of its table. In a text a number may be
-/// a range, `0.1..2`: then configurations are drawn at random, and one that fails is shrunk. `laws`
-/// are more laws, or, for materials, all of them. The macros `shape_laws!` and so on call this.
+/// Checks a plugin against the laws of its family, for each text of its table.
+///
+/// A number in a text may be a range, `0.1..2`: configurations are then drawn at random, and one
+/// that fails is shrunk. `laws` are additional laws or, for materials, all of them. The macros such
+/// as `shape_laws!` call this function.
 ///
 /// # Panics
 ///
-/// If a law is broken, with a scene that shows it; and if a text can never be built.
+/// If a law is broken, with a scene that demonstrates it; and if no drawn configuration can be
+/// built.
 pub fn hold<F: Lawful, P: Plugin<F>>(texts: &[&str], laws: &[fn(&F::Product)]) {
     for text in if texts.is_empty() { &[""] } else { texts } {
         if let Err(failure) = first_failure::<F, P>(text, laws) {
@@ -57,7 +60,7 @@ pub fn hold<F: Lawful, P: Plugin<F>>(texts: &[&str], laws: &[fn(&F::Product)]) {
     }
 }
 
-/// What [`hold`] finds for one text.
+/// The result of [`hold`] for one text.
 ///
 /// # Errors
 ///
@@ -65,14 +68,14 @@ pub fn hold<F: Lawful, P: Plugin<F>>(texts: &[&str], laws: &[fn(&F::Product)]) {
 ///
 /// # Panics
 ///
-/// If the text can never be built.
+/// If no drawn configuration can be built.
 pub fn first_failure<F: Lawful, P: Plugin<F>>(
     text: &str,
     laws: &[fn(&F::Product)],
 ) -> Result<(), Box<Failure>> {
     let template = Template::new(text);
     let (built, refused) = (Cell::new(0), RefCell::new(String::new()));
-    // Of the last configuration that failed, which is the smallest one when the shrinking ends.
+    // The law that the last failing configuration breaks: after shrinking, the smallest one.
     let found: RefCell<Option<Broken>> = RefCell::new(None);
     let check = |text: &str, place: &F::Place| -> bool {
         match checked::<F, P>(text, place, laws) {
@@ -115,7 +118,7 @@ pub fn first_failure<F: Lawful, P: Plugin<F>>(
     });
     match outcome {
         Err(TestError::Fail(_, (text, place))) => {
-            // The last one that was tried may have held.
+            // The configuration that was tried last may have passed.
             check(&text, &place);
             Err(failure(&text, &place))
         }
@@ -132,11 +135,11 @@ pub fn first_failure<F: Lawful, P: Plugin<F>>(
     }
 }
 
-/// Whether the plugin that a scene shows obeys the laws in it: for the scenes that [`hold`] prints.
+/// Checks the plugin in a scene that [`hold`] printed against the laws.
 ///
 /// # Errors
 ///
-/// The law that is broken, or why the scene is none of these.
+/// The law that is broken, or why the scene is not of this form.
 pub fn holds_in<F: Lawful, P: Plugin<F>>(scene: &str, laws: &[fn(&F::Product)]) -> Result<(), String> {
     let document: toml::Table = scene.parse().map_err(|error| format!("{error}"))?;
     let read = F::read(&document, P::TYPE);
@@ -148,7 +151,7 @@ pub fn holds_in<F: Lawful, P: Plugin<F>>(scene: &str, laws: &[fn(&F::Product)]) 
     }
 }
 
-/// The configuration cannot be built.
+/// The error of a configuration that cannot be built.
 struct Refused(String);
 
 fn checked<F: Lawful, P: Plugin<F>>(
@@ -156,7 +159,7 @@ fn checked<F: Lawful, P: Plugin<F>>(
     place: &F::Place,
     laws: &[fn(&F::Product)],
 ) -> Result<Result<(), Broken>, Refused> {
-    // What panics while it is built breaks a law too.
+    // A panic while building breaks a law too.
     let built = match caught(|| F::built::<P>(text, place)) {
         Err(broken) => return Ok(Err(broken)),
         Ok(built) => built.map_err(|errors| Refused(errors.to_string()))?,
@@ -164,7 +167,7 @@ fn checked<F: Lawful, P: Plugin<F>>(
     Ok(caught(|| F::check::<P>(text, &built, place, laws)).and_then(|verdict| verdict))
 }
 
-/// The scene that shows a failure, with the law as a comment.
+/// The scene that demonstrates a failure, with the law as a comment.
 fn scene<F: Lawful>(kind: &str, text: &str, place: &F::Place, broken: &Broken) -> String {
     let mut table: toml::Table = text.parse().unwrap_or_default();
     table.insert("type".to_owned(), kind.into());
@@ -173,14 +176,14 @@ fn scene<F: Lawful>(kind: &str, text: &str, place: &F::Place, broken: &Broken) -
 }
 
 thread_local! {
-    /// Whether a panic of this thread is a finding, and no news.
+    /// Whether a panic of this thread is an expected finding that must not be printed.
     static QUIET: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs something that may panic, and gives the panic as a broken law.
+/// Runs `run` and converts a panic to a broken law.
 pub(crate) fn caught<T>(run: impl FnOnce() -> T) -> Result<T, Broken> {
     static HOOK: Once = Once::new();
-    // Shrinking breaks a law hundreds of times; each would be told.
+    // Shrinking breaks a law hundreds of times; do not print each panic.
     HOOK.call_once(|| {
         let told = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {

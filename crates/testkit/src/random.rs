@@ -1,4 +1,4 @@
-//! Numbers that look random and are the same in every run.
+//! Pseudo-random numbers, the same in every run.
 
 use whitstone_core::DVec3;
 
@@ -6,12 +6,12 @@ use whitstone_core::DVec3;
 pub struct Random(u64);
 
 impl Random {
-    /// The same seed gives the same numbers.
+    /// Equal seeds give equal sequences.
     pub fn new(seed: u64) -> Self {
         Self(seed)
     }
 
-    /// All bits random.
+    /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -40,7 +40,7 @@ impl Random {
         DVec3::new(self.signed(), self.signed(), self.signed())
     }
 
-    /// A unit vector, evenly over the sphere.
+    /// A unit vector, uniform over the sphere.
     pub fn direction(&mut self) -> DVec3 {
         loop {
             let v = self.cube();

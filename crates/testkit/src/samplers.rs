@@ -1,13 +1,13 @@
-//! What every sampler must satisfy.
+//! Laws of samplers.
 
 use std::collections::BTreeSet;
 use whitstone_core::{DVec2, Sampler};
 
-/// Some pixels, also the farthest.
+/// Some pixels, including the last one.
 const PIXELS: [[u32; 2]; 4] = [[0, 0], [1, 0], [7, 13], [65_535, 65_535]];
 
-/// Of a sampler with one pattern for all pixels: there is at least one position; all lie in
-/// `[0, 1)²`, are different, always the same, and their mean is the middle of the pixel.
+/// For a sampler with the same pattern in all pixels: there is at least one position; all lie in
+/// `[0, 1)²`, are distinct and deterministic, and their mean is the centre of the pixel.
 ///
 /// # Panics
 ///
@@ -28,8 +28,8 @@ pub fn sampler_laws(sampler: &dyn Sampler) {
     }
 }
 
-/// Of a sampler that draws another pattern for each pixel: as [`sampler_laws`], but the mean is
-/// that over many pixels, within five times what chance moves it, and no two pixels have the same
+/// For a sampler with a different pattern in each pixel: as [`sampler_laws`], but the mean is taken
+/// over many pixels and must be within five standard deviations, and no two pixels have the same
 /// pattern.
 ///
 /// # Panics
@@ -38,7 +38,7 @@ pub fn sampler_laws(sampler: &dyn Sampler) {
 pub fn random_sampler_laws(sampler: &dyn Sampler) {
     common(sampler);
     let count = sampler.count();
-    // Of two positions in a grid of 2^32 a few may be equal: whole patterns never are.
+    // Two of the positions on a grid of 2^32 may coincide by chance; whole patterns never do.
     let (side, few) = (if count > 64 { 12 } else { 40 }, count.min(16));
     let mut patterns = BTreeSet::new();
     let mut sum = DVec2::ZERO;
@@ -63,7 +63,7 @@ pub fn random_sampler_laws(sampler: &dyn Sampler) {
     );
 }
 
-/// The laws of both kinds.
+/// The laws of both kinds of samplers.
 fn common(sampler: &dyn Sampler) {
     let count = sampler.count();
     assert!(count >= 1, "there is at least one sample in a pixel");

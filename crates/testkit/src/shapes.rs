@@ -1,4 +1,4 @@
-//! What every shape must satisfy.
+//! Laws of shapes.
 
 use crate::broken::Broken;
 use crate::random::Random;
@@ -12,8 +12,8 @@ use whitstone_core::{
     Shapes, Skip, Statistics, SurfacePoint, Transform,
 };
 
-/// Where a shape may stand: straight, turned, mirrored, tiny, huge, far away, thin and sheared.
-/// Those that keep angles come first.
+/// The transforms that a shape is tested with: identity, rotated, mirrored, tiny, huge, far away,
+/// thin and sheared. Those that preserve angles come first.
 pub fn placements() -> Vec<(&'static str, Transform)> {
     let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 0.8);
     let place = |matrix, x, y, z| DAffine3::from_mat3_translation(matrix, DVec3::new(x, y, z));
@@ -42,23 +42,22 @@ pub fn placements() -> Vec<(&'static str, Transform)> {
     .collect()
 }
 
-/// Most rays of one batch: all are remembered until their streams have been compared.
+/// Maximum number of rays per batch: all are stored until their streams have been compared.
 const BATCH: u32 = 20_000;
 
-/// How many rays each of `parts` gets: `samples`, or its part of the number in the variable
-/// `WHITSTONE_LAW_RAYS`, if that is more.
+/// The number of rays of each of `parts` parts: `samples`, or this part's share of the environment
+/// variable `WHITSTONE_LAW_RAYS` if that is more.
 fn rays_of_part(samples: u32, parts: usize) -> u32 {
     let wished = std::env::var("WHITSTONE_LAW_RAYS").ok();
     let wished: usize = wished.map_or(0, |rays| rays.parse().expect("WHITSTONE_LAW_RAYS is a number"));
     samples.max(wished.div_ceil(parts) as u32)
 }
 
-/// Builds the shape in every one of the [`placements`] that it accepts and holds it to
-/// [`shape_laws`].
+/// Builds the shape in every one of the [`placements`] that it accepts and checks [`shape_laws`].
 ///
 /// # Panics
 ///
-/// If a law is broken, or if the shape cannot be built where nothing is transformed.
+/// If a law is broken, or if the shape cannot be built without a transform.
 pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
     let placements = placements();
     let rays = rays_of_part(samples, placements.len());
@@ -74,14 +73,19 @@ pub fn shape_laws_everywhere<P: Plugin<Shapes>>(text: &str, samples: u32) {
     }
 }
 
-/// Bounds contain what rays hit. Surface points lie on the surface up to their error, from however
-/// far the ray came; their normals have unit length. The ray parameter is inversely proportional to
-/// the length of the direction. A ray that leaves a hit does not meet it again. A hit depends on
-/// the ray alone: not on the interval, and not on what was asked before. Streams of rays get the
-/// same bits. What says that it is a solid is one: entries and exits alternate, and what lies
-/// between them is inside from everywhere.
+/// Checks the laws of shapes:
 ///
-/// The variable `WHITSTONE_LAW_RAYS` asks for more rays than `samples`.
+/// - The bounds contain all hits.
+/// - Surface points lie on the surface within their error bounds, however far away the ray starts;
+///   their normals have unit length.
+/// - The ray parameter is inversely proportional to the length of the direction.
+/// - A spawned ray does not hit its start again.
+/// - A hit depends only on the ray, not on the interval or on earlier queries.
+/// - Streams of rays give the same bits.
+/// - A shape that declares itself a solid is one: entries and exits alternate, and points between
+///   them are inside as seen from every direction.
+///
+/// The environment variable `WHITSTONE_LAW_RAYS` requests more rays than `samples`.
 ///
 /// # Panics
 ///
@@ -91,7 +95,7 @@ pub fn shape_laws(shape: Shape, samples: u32) {
     assert_eq!(broken.map(|broken| broken.law), None);
 }
 
-/// The first law that the shape breaks. The same rays for the same number of them.
+/// The first law that the shape breaks. Equal `samples` give equal rays.
 pub(crate) fn first_broken(shape: Shape, samples: u32) -> Result<(), Broken> {
     let bench = Bench::new(shape);
     let mut random = Random::new(u64::from(samples));
@@ -118,7 +122,7 @@ fn check_batch(bench: &Bench, numbers: std::ops::Range<u32>, random: &mut Random
             continue;
         };
         hits += 1;
-        // Shorter, longer, and leaving what was hit.
+        // Shorter, longer, and spawned on the hit.
         queries.push((ray, hit.t, Skip::NOTHING));
         queries.push((ray, hit.t.next_up(), Skip::NOTHING));
         queries.push((
@@ -142,7 +146,7 @@ fn check_batch(bench: &Bench, numbers: std::ops::Range<u32>, random: &mut Random
     Ok(())
 }
 
-/// The streams of the shape itself.
+/// Calls the stream methods of the shape itself.
 impl Accelerator for Bench {
     fn closest(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
         Bench::closest(self, ray, interval, skip)
@@ -187,16 +191,16 @@ impl Accelerator for Bench {
     }
 }
 
-/// Where rays are aimed.
+/// Generates rays towards a box.
 #[derive(Clone, Copy, Debug)]
 pub struct Aim {
     center: DVec3,
-    /// Half the edge lengths.
+    /// Half the edge lengths of the box.
     half: DVec3,
 }
 
 impl Aim {
-    /// At a box; at the middle of the world where it is endless.
+    /// Aims at a box, or at the centre of the world if the box is unbounded.
     pub fn at(bounds: Aabb) -> Self {
         let endless = Aabb::around([DVec3::splat(-10.0), DVec3::splat(10.0)]);
         let aim = if bounds.is_finite() { bounds } else { endless };
@@ -211,8 +215,8 @@ impl Aim {
         self.half.max_element()
     }
 
-    /// A ray from around, from inside, from near or from very far, to the box or a little beside
-    /// it.
+    /// A ray from around, from inside, from nearby or from far away, towards the box or slightly
+    /// past it.
     pub fn ray(&self, number: u32, random: &mut Random) -> Ray {
         let target = self.center + 1.05 * self.half * random.cube();
         let distance = [0.5, 3.0, 30.0, 1e5][number as usize % 4];
@@ -223,11 +227,11 @@ impl Aim {
     }
 }
 
-/// How far a surface may bend away from its tangent plane, as a part of the step along it: eight
-/// times as far as a sphere that fills its box.
+/// How far a surface may deviate from its tangent plane, relative to the step along the plane:
+/// eight times the deviation of a sphere that fills the box.
 const FLAT: f64 = 8.0 / (1u32 << 21) as f64;
 
-/// A shape alone in its world.
+/// A scene that consists of a single shape.
 struct Bench {
     geometry: Geometry,
     bounds: Aabb,
@@ -265,7 +269,7 @@ impl Bench {
             .reduce(|best, hit| if hit.beats(&best) { hit } else { best })
     }
 
-    /// The same hit from the same ray, whatever the interval, if it lies inside.
+    /// Checks that the ray gives the same hit in every interval that contains it.
     fn pure(&self, ray: &Ray, hit: &RawHit) -> Result<(), String> {
         let ask = |min: f64, max: f64| self.closest(ray, Interval { min, max }, Skip::NOTHING);
         let same = |found: Option<RawHit>| found.as_ref().is_some_and(|found| same_bits(found, hit));
@@ -292,7 +296,7 @@ impl Bench {
         let last = self
             .closest(&back, Interval::up_to(end), Skip::NOTHING)
             .map_or(0.0, |back| end - back.t);
-        // Where the surface is grazed, the error of a place along its normal is much along the ray.
+        // At grazing incidence, a small error along the normal is a large one along the ray.
         let point = self.geometry.surface(ray, hit, Needs::NOTHING);
         let rounding = f64::EPSILON * (point.position.abs().max_element() + self.size());
         let grazing = 2.0 * (point.error + 8.0 * rounding) / point.n_g.dot(ray.direction).abs();
@@ -302,7 +306,7 @@ impl Bench {
         )
     }
 
-    /// The parameter is in units of the direction's length: powers of two change no digit.
+    /// Checks that the parameter is in units of the direction's length; powers of two are exact.
     fn scales(&self, ray: &Ray, hit: &RawHit) -> Result<(), String> {
         for scale in [1024.0, 1.0 / (1u64 << 40) as f64] {
             let longer = Ray::new(ray.origin, scale * ray.direction);
@@ -338,7 +342,7 @@ impl Bench {
             "the error must be finite and not negative",
         )?;
 
-        // Rounding of coordinates as such, which no bound can be below.
+        // The rounding of the coordinates themselves is a lower limit for any bound.
         let rounding = f64::EPSILON * (position.abs().max_element() + self.size());
         let slack = error + 8.0 * rounding;
         let padded = self.bounds.padded(slack);
@@ -352,12 +356,12 @@ impl Bench {
             "the position must lie on the surface up to its error",
         )?;
 
-        // Directions on either side, not so flat that the next hit is legitimately near.
+        // Directions on both sides, not so grazing that another hit nearby is legitimate.
         for side in [1.0, -1.0] {
             let sideways = n_g.cross(random.direction());
             let d = (side * n_g + 3.0 * sideways).normalize();
-            // Above the surface, and right on it: one tries the error bound, the other the skipped
-            // primitive.
+            // From above the surface, to test the error bound, and from the surface itself, to test
+            // the skipped primitive.
             for origin in [point.leave(d), position] {
                 let away = Ray::new(origin, d);
                 let again = self.closest(&away, Interval::FORWARD, Skip::leaving(hit));
@@ -372,13 +376,15 @@ impl Bench {
         Ok(())
     }
 
-    /// What a shape tells of its surface beside a hit, if it does, is what a ray finds there.
+    /// Checks that the surface that a shape extrapolates near a hit is the surface that a ray finds
+    /// there.
     fn goes_on(&self, ray: &Ray, hit: &RawHit) -> Result<(), String> {
         let needs = Needs::SHADING_NORMAL | Needs::UV;
         let here = self.geometry.surface(ray, hit, needs);
         let (a, b) = here.n_g.any_orthonormal_pair();
         let along = 0.8 * a - 0.6 * b;
-        // Far beyond rounding, and so near that most surfaces are flat there but for a millionth.
+        // A step far above rounding, yet so small that most surfaces are flat to a millionth over
+        // it.
         let step = self.size() / (1u32 << 20) as f64;
         let q = here.position + step * along;
         let Some(told) = self.geometry.beside(&here, hit, q, needs) else {
@@ -387,16 +393,16 @@ impl Bench {
         let above = 1e-3 * self.size();
         let down = Ray::new(q + above * here.n_g, -here.n_g);
         let found = self.closest(&down, Interval::up_to(2.0 * above), Skip::NOTHING);
-        // One that bends so soon that a step is no longer small says nothing about derivatives.
+        // If the surface bends within the step, the difference says nothing about derivatives.
         let flat = |found: &RawHit| (found.t - above).abs() <= FLAT * step;
         let Some(found) = found.filter(|found| found.id() == hit.id() && flat(found)) else {
             return Ok(());
         };
         let there = self.geometry.surface(&down, &found, needs);
-        // Angles start anew after a turn.
+        // Angles wrap around after a full turn.
         let folded = |uv: DVec2| uv - uv.round();
         let (change, wrong) = (folded(there.uv - here.uv), folded(told.uv - there.uv));
-        // What becomes of the error of the point, which is much where a shape is thin.
+        // The effect of the error of the point, which is large where a shape is thin.
         let moved = |side: f64| {
             let q = q + (side * here.error) * here.n_g;
             self.geometry
@@ -406,7 +412,7 @@ impl Bench {
         let ((uv, n_s), (other_uv, other_n_s)) = (moved(-4.0), moved(4.0));
         let unsure = (uv - other_uv).length() + (n_s - other_n_s).length();
         let rounding = 1e-9 * (1.0 + here.uv.length()) + 64.0 * here.error / self.size() + unsure;
-        // Around poles coordinates change too fast to be compared.
+        // Near poles, coordinates change too fast to be compared.
         law(
             change.length() > 1e-3 || wrong.length() <= 0.05 * change.length() + rounding,
             "texture coordinates beside a hit must be those that a ray finds there",
@@ -418,18 +424,18 @@ impl Bench {
         )
     }
 
-    /// Beside an edge, what leaves one part of the surface rightly meets the next one, as near as
-    /// the edge is: with a million rays some start so close to it. A place that is met again is of
-    /// the same part, or met from the wrong side, as entries and exits alternate: what leaves for
-    /// the outside (`side` is 1) enters next, what leaves for the inside leaves again.
+    /// Near an edge, a ray spawned on one part of the surface may legitimately hit the next part at
+    /// a tiny distance; among a million rays some start that close. A self-intersection would hit
+    /// the same part, or the wrong side: entries and exits alternate, so a ray that leaves to the
+    /// outside (`side` is 1) enters next, and a ray that leaves to the inside exits next.
     fn is_behind_an_edge(&self, ray: &Ray, met: &RawHit, left: &RawHit, side: f64) -> bool {
         let n = self.geometry.surface(ray, met, Needs::NOTHING).n_g;
         met.id() != left.id() && side * n.dot(ray.direction) < 0.0
     }
 
-    /// Looks at the place from just above: the surface must be there, up to `slack`. The error of a
-    /// place is bounded along the normal: aside, rays from very far away may end beyond an edge by
-    /// their rounding.
+    /// Whether the surface is at this position, within `slack`, as seen from just above. The
+    /// position error is bounded only along the normal: sideways, rays from very far away may end
+    /// beyond an edge by their rounding error.
     fn is_on_surface(&self, position: DVec3, n: DVec3, slack: f64) -> bool {
         let (a, b) = n.any_orthonormal_pair();
         let around = (0..8).map(|part| DVec2::from_angle(TAU / 8.0 * f64::from(part)));
@@ -440,9 +446,9 @@ impl Bench {
             .any(|place| self.is_under(place, n, slack))
     }
 
-    /// Whether a ray from above finds the surface at a place.
+    /// Whether a ray from above finds the surface at a position.
     fn is_under(&self, position: DVec3, n: DVec3, slack: f64) -> bool {
-        // A power of two near a thousandth of the size, so that it rounds as little as possible.
+        // A power of two near a thousandth of the size, to minimise rounding.
         let above = (0.001 * self.size()).log2().floor().exp2().max(64.0 * slack);
         let ray = Ray::new(position + above * n, -n);
         let rounding = 16.0 * f64::EPSILON * (position.abs().max_element() + self.size());
@@ -459,7 +465,7 @@ pub(crate) fn law(holds: bool, text: &str) -> Result<(), String> {
     if holds { Ok(()) } else { Err(text.to_owned()) }
 }
 
-/// Equality that tells zeros apart.
+/// Bitwise equality: distinguishes +0 and -0.
 pub(crate) fn same_bits(a: &RawHit, b: &RawHit) -> bool {
     let bits = |hit: &RawHit| [hit.t, hit.params.x, hit.params.y].map(f64::to_bits);
     a.id() == b.id() && bits(a) == bits(b)
@@ -472,7 +478,7 @@ mod tests {
     use std::sync::atomic::{AtomicU32, Ordering};
     use whitstone_core::{Primitive, PrimitiveHit};
 
-    /// A good ball, or one with a fault.
+    /// A correct ball, or one with a deliberate fault.
     struct Faulty {
         ball: Ball,
         fault: Fault,

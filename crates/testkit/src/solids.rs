@@ -1,4 +1,4 @@
-//! What every solid must satisfy besides the laws of shapes.
+//! Laws of solids, in addition to those of shapes.
 
 use crate::random::Random;
 use crate::shapes::law;
@@ -6,10 +6,10 @@ use whitstone_core::{
     DVec3, InstancePath, Interval, Needs, Primitive, PrimitiveHit, Ray, Span, Spans, solid,
 };
 
-/// The spans of the line of this ray are in order and apart; the normal points out at their ends;
-/// the nearest hits are their ends; a place between two ends is inside or outside, seen from there
-/// along any other line; and a ray that leaves an end is known to go inside or not. `size` is how
-/// far the shape reaches.
+/// Checks the spans along a ray: they are ordered and disjoint; normals at their ends point
+/// outside; the nearest hits are their ends; a point between two ends is consistently inside or
+/// outside along any other line; and a ray spawned at an end is correctly classified as entering
+/// the solid or not. `size` is the extent of the shape.
 pub(crate) fn check_solid(
     shape: &dyn Primitive,
     ray: &Ray,
@@ -29,13 +29,13 @@ pub(crate) fn check_solid(
     agree_with_hits(shape, ray, &spans)?;
     for span in &spans {
         for (end, inward) in [(span.enter, 1.0), (span.exit, -1.0)] {
-            // From very far away, rounding decides which side of what is thin is met.
+            // From very far away, rounding decides which side of a thin part is hit.
             if end.t.abs() * ray.direction.length() < 1e3 * size {
                 check_end(shape, ray, &end, inward)?;
             }
         }
     }
-    // In metres: shorter spans and gaps than this have no inside worth the name.
+    // In metres: shorter spans and gaps are not checked.
     let least = 1e-4 * size;
     let scale = ray.direction.length();
     let from = Ray::new(ray.origin, ray.direction / scale);
@@ -58,7 +58,7 @@ pub(crate) fn check_solid(
             pair[0] + size
         };
         let middle = 0.5 * (a + b);
-        // A line that meets nothing has no end to start from, and far from the eye rounding
+        // A line without hits has no ends to start from, and far from the ray's origin rounding
         // decides.
         if b - a > least && middle.abs() < 1e3 * size {
             let place = Ray::new(from.at(middle), random.direction());
@@ -74,7 +74,7 @@ fn spans_of(shape: &dyn Primitive, ray: &Ray) -> Spans {
     spans
 }
 
-/// The ends in front of the ray are what is hit, one after the other.
+/// Checks that the ends in front of the ray are its successive hits.
 fn agree_with_hits(shape: &dyn Primitive, ray: &Ray, spans: &[Span]) -> Result<(), String> {
     let mut interval = Interval::FORWARD;
     loop {
@@ -83,7 +83,7 @@ fn agree_with_hits(shape: &dyn Primitive, ray: &Ray, spans: &[Span]) -> Result<(
         let same = match (&end, &hit) {
             (None, None) => return Ok(()),
             (Some(end), Some(hit)) => same_bits(end, hit),
-            // A point that is touched, or an empty span.
+            // A tangent point, or an empty span.
             (None, Some(hit)) => return law(touched(shape, ray, hit), "every hit must be the end of a span"),
             (Some(_), None) => false,
         };
@@ -99,7 +99,7 @@ fn same_bits(a: &PrimitiveHit, b: &PrimitiveHit) -> bool {
     a.primitive == b.primitive && bits(a) == bits(b)
 }
 
-/// Whether the ray only grazes what it hits.
+/// Whether the ray only grazes the surface at the hit.
 fn touched(shape: &dyn Primitive, ray: &Ray, hit: &PrimitiveHit) -> bool {
     let (n, d) = (normal(shape, ray, hit), ray.direction.normalize());
     let next = shape.closest(
@@ -141,7 +141,7 @@ fn check_end(shape: &dyn Primitive, ray: &Ray, end: &PrimitiveHit, inward: f64) 
     )
 }
 
-/// A ray from a place that is inside or not.
+/// A ray from a point that must be inside the solid or not.
 fn check_place(shape: &dyn Primitive, ray: &Ray, inside: bool) -> Result<(), String> {
     let spans = spans_of(shape, ray);
     let around = spans.iter().any(|span| span.enter.t < 0.0 && span.exit.t > 0.0);
@@ -170,7 +170,7 @@ mod tests {
         LostWhenLeaving,
     }
 
-    /// A good ball, or one with a fault.
+    /// A correct ball, or one with a deliberate fault.
     struct Faulty {
         ball: Ball,
         fault: Fault,

@@ -1,8 +1,9 @@
-//! Directions and angles that laws are tried on: spread evenly, and the awkward ones.
+//! Directions and angles at which laws are checked: evenly spread, and special cases.
 
 use whitstone_core::DVec3;
 
-/// Unit vectors spread over the sphere, after the axes and both diagonals of a coordinate plane.
+/// Unit vectors spread over the sphere; the first are the axes and both diagonals of a coordinate
+/// plane.
 pub(crate) fn directions(count: u32) -> impl Iterator<Item = DVec3> {
     let axes = [
         DVec3::X,
@@ -20,7 +21,7 @@ pub(crate) fn directions(count: u32) -> impl Iterator<Item = DVec3> {
     axes.into_iter().flat_map(|axis| [axis, -axis]).chain(spiral)
 }
 
-/// Cosines of angles of incidence from straight on to barely above the horizon.
+/// Cosines of angles of incidence, from normal to nearly grazing.
 pub(crate) const COSINES: [f64; 12] = [
     1.0,
     1.0 - 1e-15,
@@ -36,7 +37,7 @@ pub(crate) const COSINES: [f64; 12] = [
     1e-17,
 ];
 
-/// The unit vector at this cosine to `n`, turned by `angle` around it.
+/// The unit vector at this cosine to `n`, rotated by `angle` around it.
 pub(crate) fn at_cosine(n: DVec3, cosine: f64, angle: f64) -> DVec3 {
     let (a, b) = n.any_orthonormal_pair();
     let sine = ((1.0 - cosine) * (1.0 + cosine)).sqrt();

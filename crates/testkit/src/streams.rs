@@ -1,5 +1,4 @@
-//! The law of streams: a plugin that answers for many rays at once gives the same bits as for each
-//! of them.
+//! The law of streams: a stream method gives the same bits as the scalar method for every ray.
 
 use whitstone_core::stream::{
     Colors, HitStream, LANES, Lanes, PointStream, RayStream, SampleStreams, Vectors,
@@ -12,7 +11,7 @@ use whitstone_core::{
 
 type Checked = Result<(), String>;
 
-/// A ray with the end of its interval and what it leaves.
+/// A ray, the end of its interval and the skipped primitive.
 pub(crate) type Query = (Ray, f64, Skip);
 
 fn law(holds: bool, text: impl FnOnce() -> String) -> Checked {
@@ -23,7 +22,7 @@ fn law(holds: bool, text: impl FnOnce() -> String) -> Checked {
     }
 }
 
-/// The same bits; NaN is NaN.
+/// The same bits; all NaNs are equal.
 fn same(a: f64, b: f64) -> bool {
     a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan())
 }
@@ -37,7 +36,7 @@ fn same_colors(a: Rgb, b: Rgb) -> bool {
     (0..3).all(|i| same(a[i], b[i]))
 }
 
-/// Fills the lanes in use, the others with one that means nothing.
+/// Fills the used lanes with the queries and the others with meaningless values.
 fn stream_of(queries: &[Query]) -> RayStream {
     let mut rays = RayStream::default();
     for lane in 0..LANES {
@@ -49,7 +48,7 @@ fn stream_of(queries: &[Query]) -> RayStream {
     rays
 }
 
-/// Nearest and any hits of an accelerator.
+/// Checks nearest hits and occlusion of an accelerator.
 pub(crate) fn accelerator_streams(accelerator: &dyn Accelerator, queries: &[Query]) -> Checked {
     let mut hits = HitStream::default();
     for queries in chunks(queries) {
@@ -80,7 +79,7 @@ fn same_hits(a: &Option<RawHit>, b: &Option<RawHit>) -> bool {
     }
 }
 
-/// Surfaces of the one shape of a geometry, where these rays hit it.
+/// Checks the surface points of the only shape of a geometry, at these hits.
 pub(crate) fn surface_streams(geometry: &Geometry, hits: &[(Ray, RawHit)]) -> Checked {
     for hits in chunks(hits) {
         let queries: Vec<Query> = hits
@@ -204,8 +203,8 @@ pub(crate) fn texture_streams(texture: &dyn Texture, points: &[SurfacePoint]) ->
     Ok(())
 }
 
-/// Points with the directions to their viewers. The light comes from around the shading normal,
-/// from some directions only.
+/// Checks points with directions to their viewers. The light comes from around the shading normal,
+/// in some directions only.
 pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint, DVec3)]) -> Checked {
     for points in chunks(points) {
         let stream = points_of(points);
@@ -271,7 +270,7 @@ pub(crate) fn material_streams(material: &dyn Material, points: &[(SurfacePoint,
             };
             for (expected, found) in [(of(true), &split.reflection), (of(false), &split.transmission)] {
                 let absorption = split.absorption.get(lane);
-                // Read only of materials that have the lobe.
+                // Read only for materials that have this lobe.
                 let straight = material.lobes().contains(Lobes::STRAIGHT) && split.straight.0[lane];
                 law(same_branch(expected, found, lane, absorption, straight), || {
                     let found = (found.direction.get(lane), found.weight.get(lane), absorption);
@@ -329,7 +328,7 @@ pub(crate) fn integrator_streams(integrator: &dyn Integrator, world: &World, ray
     Ok(())
 }
 
-/// Streams of several lengths, whole ones and others.
+/// Splits the items into streams of several lengths, full ones and others.
 fn chunks<T>(items: &[T]) -> impl Iterator<Item = &[T]> {
     let first = items.len().min(LANES / 3);
     let (head, tail) = items.split_at(first);
@@ -343,7 +342,7 @@ mod tests {
     use super::*;
     use whitstone_core::{Aabb, Lobes, Primitive, PrimitiveHit, Shape, Statistics};
 
-    /// A plugin of every family whose stream differs from its single rays in one bit of one lane.
+    /// A plugin of every family whose stream differs from its scalar method in one bit of one lane.
     struct Wrong;
 
     const LANE: usize = 40; // within the first chunk
@@ -397,7 +396,7 @@ mod tests {
         }
     }
 
-    /// A material that is wrong in one of three ways.
+    /// A material that is faulty in one of three ways.
     struct WrongMaterial(u8);
 
     impl Material for WrongMaterial {

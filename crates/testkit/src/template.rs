@@ -2,15 +2,15 @@
 
 use proptest::prelude::*;
 
-/// A table of TOML in which `0.1..2` stands for any number from 0.1 to 2, and `1..8` for any whole
-/// one from 1 to 8.
+/// A TOML table in which `0.1..2` stands for any number from 0.1 to 2, and `1..8` for any integer
+/// from 1 to 8.
 pub(crate) struct Template {
-    /// What stands between the ranges: one more than there are of them.
+    /// The text between the ranges: one piece more than there are ranges.
     between: Vec<String>,
     ranges: Vec<Range>,
 }
 
-/// In which a range is divided.
+/// Number of steps into which a range of real numbers is divided.
 const STEPS: u32 = 10_000;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,7 +20,7 @@ enum Range {
 }
 
 impl Template {
-    /// What is no range is kept as it is.
+    /// Text that is no range is kept unchanged.
     pub(crate) fn new(text: &str) -> Self {
         let is_number = |c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+' | 'e' | 'E');
         let (mut between, mut ranges, mut rest) = (vec![String::new()], Vec::new(), text);
@@ -44,12 +44,12 @@ impl Template {
         Self { between, ranges }
     }
 
-    /// Whether it stands for one table only.
+    /// Whether it stands for a single table.
     pub(crate) fn is_fixed(&self) -> bool {
         self.ranges.is_empty()
     }
 
-    /// The texts that it stands for; they shrink towards the lower ends.
+    /// A strategy for the texts that it stands for; they shrink towards the lower ends.
     pub(crate) fn texts(&self) -> impl Strategy<Value = String> {
         let numbers: Vec<_> = self.ranges.iter().map(|range| range.numbers()).collect();
         let between = self.between.clone();
@@ -73,11 +73,12 @@ impl Range {
         (low <= high).then_some(Self::Real(low, high))
     }
 
-    /// As TOML has them. The ends themselves are tried often: there limits are wrong.
+    /// A strategy for numbers in TOML syntax. The ends are tried often, since errors are likely
+    /// there.
     fn numbers(self) -> BoxedStrategy<String> {
         match self {
             Self::Whole(low, high) => (low..=high).prop_map(|number| number.to_string()).boxed(),
-            // In steps, as whole numbers are shrunk well and others are not.
+            // In integer steps, which shrink well; floating-point numbers do not.
             Self::Real(low, high) => prop_oneof![1 => Just(0), 6 => 0..=STEPS, 1 => Just(STEPS)]
                 .prop_map(move |step| {
                     let share = f64::from(step) / f64::from(STEPS);

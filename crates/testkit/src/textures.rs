@@ -1,11 +1,11 @@
-//! What every texture must satisfy.
+//! Laws of textures.
 
 use crate::streams::texture_streams;
 use whitstone_core::{DVec2, DVec3, Footprint, Needs, Rgb, SurfacePoint, Texture, Vec2, Vec3};
 
-/// Values are finite and not negative whatever the texture coordinates and the position are, always
-/// the same, one by one and in streams, depend on the coordinates only if the texture says that it
-/// needs them, and are the constant that it says it is.
+/// Checks the laws of textures: for all texture coordinates and positions, values are finite, not
+/// negative, deterministic and identical in streams. They depend on the coordinates only if the
+/// texture declares so, and equal the constant that it declares.
 ///
 /// # Panics
 ///
@@ -72,7 +72,7 @@ pub fn texture_laws(texture: &dyn Texture) {
             );
         }
     }
-    // What neighbouring rays see may be anything, and matters only to textures that say so.
+    // Footprints may be arbitrary, and affect only textures that read them.
     let reads_footprints = texture.needs().contains(Needs::FOOTPRINT);
     let steps = [
         0.0,
@@ -109,7 +109,7 @@ pub fn texture_laws(texture: &dyn Texture) {
             "a texture that reads footprints says that it needs them"
         );
     }
-    // Textures in space: a third coordinate from elsewhere in the list.
+    // For solid textures: a third coordinate from elsewhere in the list.
     let places: Vec<SurfacePoint> = (0..coordinates.len())
         .flat_map(|i| coordinates.map(|y| (i, y)))
         .enumerate()
@@ -140,7 +140,7 @@ pub fn texture_laws(texture: &dyn Texture) {
     }
 }
 
-/// Finite and not negative.
+/// Whether all channels are finite and not negative.
 pub(crate) fn is_colour(color: Rgb) -> bool {
     color.to_array().into_iter().all(|c| c.is_finite() && c >= 0.0)
 }

@@ -1,4 +1,4 @@
-//! A plugin's table as its `Config`, with all that is wrong with it.
+//! Decoding of a plugin's table into its `Config`, with all of its errors.
 
 use super::{INLINE, Table};
 use crate::{SceneError, SceneErrors, SourceSpan, nearest};
@@ -6,18 +6,16 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
-/// What the user wrote there.
+/// How an inline plugin is described in messages.
 const INLINE_TABLE: &str = "a table with `type`";
 
-/// So many errors of one table are enough to see what is wrong with it; finding each costs a copy
-/// of it.
+/// Maximum number of errors reported per table. Finding each one costs a copy of the table.
 const MOST_ERRORS: usize = 32;
 
-/// Decodes a plugin's table into its `Config`, and reports *all* that is wrong with it (up to a
-/// number that no one reads).
+/// Decodes a plugin's table into its `Config` and reports *all* its errors, up to `MOST_ERRORS`.
 ///
-/// Serde stops at the first error. To find the others, the entry at fault is taken out and the rest
-/// is decoded again; that a required key is missing is then no news.
+/// Serde stops at the first error. To find the others, the faulty entry is removed and the rest is
+/// decoded again; that a removed key is then missing is not reported.
 pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> {
     let mut rest = table.clone();
     let mut removed: Vec<String> = Vec::new();
@@ -30,7 +28,8 @@ pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> 
             Err(error) => error,
         };
         let mut message = error.message().trim().to_owned();
-        // A key that was taken out, or another one that would do in its place, is no news.
+        // An error about a missing key is spurious if that key, or an alternative to it, was
+        // removed.
         let missing = message.strip_prefix("missing field ").unwrap_or_default();
         let mut missing = missing.split('`').skip(1).step_by(2);
         let news = !missing.any(|key| removed.iter().any(|removed| removed == key));
@@ -50,18 +49,18 @@ pub fn decode<C: DeserializeOwned>(table: &Table<'_>) -> Result<C, SceneErrors> 
         if news {
             errors.0.push(explain(message, span));
         }
-        // A fault of the table as a whole, such as a missing key, hides no other fault that could
-        // be found without a value for it.
+        // An error of the table as a whole, such as a missing key, cannot be removed, so decoding
+        // stops.
         if path.is_empty() || errors.0.len() >= MOST_ERRORS {
             return Err(errors);
         }
-        // What lacks a key that was taken out goes as a whole.
+        // A nested table that lacks a removed key is removed as a whole.
         let depth = if news { path.len() } else { 1 };
         removed.push(take_out(rest.get_mut(), &path[..depth]));
     }
 }
 
-/// The keys that lead to what lies at `span`, from table to table.
+/// The keys of the nested tables that lead to the value at `span`.
 fn path_to(table: &DeTable<'_>, span: &SourceSpan) -> Vec<String> {
     let covers = |outer: SourceSpan| outer.start <= span.start && span.end <= outer.end;
     let mut entries = table.iter();
@@ -75,7 +74,8 @@ fn path_to(table: &DeTable<'_>, span: &SourceSpan) -> Vec<String> {
     path
 }
 
-/// Takes out what a path leads to, or what is around it and holds nothing else. Gives its key.
+/// Removes the entry at `path`, or the enclosing table if it has no other entry. Returns the
+/// removed key.
 fn take_out(table: &mut DeTable<'_>, path: &[String]) -> String {
     let [key, inner @ ..] = path else {
         return String::new();
@@ -91,14 +91,14 @@ fn take_out(table: &mut DeTable<'_>, path: &[String]) -> String {
     key.clone()
 }
 
-/// Splits what [`ArrayVisitor`] says about one element into its index and the fault.
+/// Splits a message of [`ArrayVisitor`] about one element into its index and the error.
 fn split_element(message: &str) -> Option<(usize, &str)> {
     let (index, fault) = message.strip_prefix("element ")?.split_once(": ")?;
     Some((index.parse().ok()?, fault))
 }
 
-/// The place of element `index` of the array that lies at `span` in `value`: the TOML deserializer
-/// gives errors the place of the whole array.
+/// The span of element `index` of the array at `span` in `value`. The TOML deserializer reports the
+/// span of the whole array.
 fn element_span(value: &Spanned<DeValue<'_>>, span: &SourceSpan, index: usize) -> Option<SourceSpan> {
     match value.get_ref() {
         DeValue::Array(items) if value.span() == *span => Some(items.get(index)?.span()),
@@ -108,9 +108,9 @@ fn element_span(value: &Spanned<DeValue<'_>>, span: &SourceSpan, index: usize) -
     }
 }
 
-/// Serde's message with our advice: the nearest key for an unknown one.
+/// Serde's message with a hint: the nearest known key for an unknown one.
 fn explain(message: String, span: SourceSpan) -> SceneError {
-    // Names of the program mean nothing to its users.
+    // Type names of the program mean nothing to users.
     let message = match message.split_once("expected struct ") {
         Some((before, _)) => format!("{before}expected a table"),
         None => message.replace(" as i128", ""),
@@ -154,8 +154,7 @@ fn explain(message: String, span: SourceSpan) -> SceneError {
     error
 }
 
-/// A message of Serde in the words of TOML, and with what the user wrote in place of an
-/// [`inline_reference`].
+/// A Serde message in TOML terms, with the user's text in place of an [`inline_reference`].
 fn as_written(message: &str) -> String {
     let reference = format!("string \"{}", INLINE.escape_debug());
     let replaced = message.split_once(&reference).and_then(|(before, after)| {

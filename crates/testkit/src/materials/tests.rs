@@ -68,7 +68,7 @@ const RIGHT: Made = Made {
     reflections: 1,
 };
 
-/// Two directions, at a cosine of 0.8 to that of the mirror.
+/// A glossy lobe of two directions, at a cosine of 0.8 to the mirror direction.
 const SPREAD: Made = Made {
     branches: |point, view| vec![mirrored(point, view)],
     lobe: &[DVec3::new(0.6, 0.0, 0.8), DVec3::new(-0.6, 0.0, 0.8)],

@@ -1,4 +1,4 @@
-//! Wrong plugins of every family: found, shrunk, and wrong again in the scene that is printed.
+//! Faulty plugins of every family: they are found, shrunk, and fail again in the printed scene.
 
 use super::*;
 use crate::ball::Ball;
@@ -12,19 +12,19 @@ use whitstone_core::{
     Texture, Textures, Transform, triangle::ShearedRay,
 };
 
-/// Right up to a limit, wrong above.
+/// Correct up to a limit, faulty above.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Config {
     amount: f64,
 }
 
-/// What a configuration from 1 to 9 must show; the limit is 5.
+/// Configurations from 1 to 9; the limit is 5.
 const TEXT: &str = "amount = 1.0..9";
 const LIMIT: f64 = 5.0;
 
-/// What is found is the law, at an amount little above the limit; the scene breaks it again, and no
-/// more when the amount is right.
+/// Checks that the law is found broken at an amount slightly above the limit, and that the printed
+/// scene breaks it again, but not if the amount is below the limit.
 fn bites<F: Lawful, P: Plugin<F>>(law: &str, laws: &[fn(&F::Product)]) -> toml::Table {
     let found = first_failure::<F, P>(TEXT, laws).expect_err("the law is broken");
     assert!(found.law.contains(law), "{found}");
@@ -78,8 +78,7 @@ impl Primitive for WrongBall {
 #[test]
 fn a_wrong_shape() {
     let scene = bites::<Shapes, Wrong>("normals must have unit length", &[]);
-    // The camera looks along the ray, and the shape stands where it stood: as it is, which is the
-    // smallest place.
+    // The camera looks along the ray. The shape is untransformed, since that is the simplest place.
     assert!(scene["camera"]["look_at"]["origin"].is_array());
     assert_eq!(
         scene["shape"][0]["transform"]["matrix"][0][0].as_float(),
@@ -87,7 +86,7 @@ fn a_wrong_shape() {
     );
 }
 
-/// Forgets the last element where there are more than the limit.
+/// Ignores the last element if there are more elements than the limit.
 struct Forgetful(Arc<Geometry>, f64);
 
 impl Plugin<Accelerators> for Wrong {
@@ -127,7 +126,7 @@ fn a_wrong_accelerator_with_as_few_shapes_as_it_takes() {
     assert_eq!(scene["shape"].as_array().map(Vec::len), Some(4), "{scene}");
 }
 
-/// No number at grazing above the limit.
+/// NaN at grazing incidence above the limit.
 struct Grazing(f64);
 
 impl Plugin<Materials> for Wrong {
@@ -159,12 +158,12 @@ impl Material for Grazing {
 #[test]
 fn a_wrong_material() {
     bites::<Materials, Wrong>("finite and not negative", &[]);
-    // Another law in the place of those.
+    // Another law instead of the default ones.
     let law: fn(&Arc<dyn Material>) = |_| {};
     assert_eq!(first_failure::<Materials, Wrong>(TEXT, &[law]), Ok(()));
 }
 
-/// Negative for negative coordinates above the limit.
+/// Negative at negative coordinates above the limit.
 struct Negative(f64);
 
 impl Plugin<Textures> for Wrong {
@@ -218,7 +217,7 @@ fn a_wrong_camera() {
     bites::<Cameras, Wrong>("not mirrored", &[]);
 }
 
-/// Darkness above the limit.
+/// Negative light above the limit.
 struct Dark(f64);
 
 impl Plugin<Lights> for Wrong {
