@@ -126,8 +126,8 @@ impl Straight for Cuboid {
         let [entry, exit] = crossings(&ray);
         let leaving = leaves != LEAVES_NOTHING;
         // The box is convex: a ray spawned on a face hits nothing if it goes outward, and only the
-        // exit if it goes inward. This test is stricter than skipping the spawn face: rounding may
-        // put a spawn point on an edge one ulp beyond the adjacent face.
+        // exit if it goes inward. Unlike skipping the spawn face only, this is robust to rounding:
+        // a spawn point on an edge may lie one ulp beyond the adjacent face.
         let outward = turned(ray.direction, leaves >> 1).x * side(leaves) >= 0.0;
         let meets = (entry.t <= exit.t) & !(leaving & (outward | (exit.face == leaves)));
         // The ray touches an edge or a corner: the lowest face number wins.

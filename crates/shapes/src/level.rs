@@ -35,15 +35,15 @@ pub(crate) struct Level {
     transform: Transform,
     min: DVec3,
     max: DVec3,
-    /// Bound on how far a unit step along each axis (column) can deviate, along each axis (row),
-    /// from the place that rays see.
+    /// Bound on how far a point at unit distance along each axis (column) deviates, along each axis
+    /// (row), from where rays see it.
     tilt: DMat3,
 }
 
 /// The part of a ray inside the box and in front of its origin.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Segment {
-    /// Start of the segment and its vector, whose length is that of the segment, in object space.
+    /// Start point and vector of the segment in object space.
     pub origin: DVec3,
     pub direction: DVec3,
     /// Ray parameters of the ends.

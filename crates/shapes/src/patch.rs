@@ -341,7 +341,7 @@ fn normal(net: &Net<DVec3>, at: DVec2) -> DVec3 {
     if direct.length() > least {
         return direct.normalize();
     }
-    // The derivatives of P_u x P_v from the nearest edges into the patch.
+    // The derivatives of P_u x P_v in the directions from the nearest edges into the patch.
     let [twice_u, mixed, twice_v] = net.bends(at.x, at.y);
     let across_v = (mixed.cross(v) + u.cross(twice_v)) * 1f64.copysign(0.5 - at.y);
     let across_u = (twice_u.cross(v) + u.cross(mixed)) * 1f64.copysign(0.5 - at.x);

@@ -316,7 +316,7 @@ impl Turns {
         ((s * s + p) * s + q, 3.0 * s * s + p)
     }
 
-    /// The root between two places with no turn in between, if there is one.
+    /// The root between two positions with no extremum in between, if there is one.
     fn between(&self, from: f64, to: f64) -> Option<f64> {
         let negative = |s: f64| self.cubic(s).0 < 0.0;
         let falls = negative(to);
@@ -327,8 +327,8 @@ impl Turns {
         })
     }
 
-    /// A root, roughly: of three that beyond the turn, or between the turns, where `s` is; or the
-    /// only one.
+    /// An approximate root. If there are three, the one on the same side of the extrema as `s`, or
+    /// between them; otherwise the only one.
     fn near_root(&self, s: f64) -> f64 {
         let Self { p, q, turn, .. } = *self;
         let (third, half) = (p / 3.0, 0.5 * q);
@@ -338,7 +338,8 @@ impl Turns {
             let w = (half.abs() + discriminant.sqrt()).cbrt().copysign(-half);
             return w - third / w;
         }
-        // s = 2 turn y, with 4 y³ - 3 y = x: cos(acos(x) / 3) for the largest, to four thousandths.
+        // s = 2 turn y, with 4 y³ - 3 y = x. The largest root is cos(acos(x) / 3), approximated to
+        // four thousandths.
         let x = -half / (turn * turn * turn);
         let largest = |x: f64| 0.5 + ((1.0 + x) / 6.0).sqrt() - 0.0387 * (1.0 + x);
         let y = if s > turn {
@@ -346,20 +347,22 @@ impl Turns {
         } else if s < -turn {
             -largest(-x)
         } else {
-            // The three have the sum zero.
+            // The sum of the three roots is zero.
             largest(-x) - largest(x)
         };
         2.0 * turn * y
     }
 }
 
-/// The root between two places where a function (value and slope) has different signs: Newton's
-/// steps inside a bracket, from `start` if that is in it. `falls` says whether it is negative at
-/// the second place.
+/// The root between two positions at which a function (value and slope) has different signs.
 ///
-/// A step is the last one if what is left to go is less than `error`: by Newton's law at most half
-/// of `bend`, a bound on the second derivative, over the slope, times the square of the step; or,
-/// where the slope does not tell, if the step itself is less, relative to s or to 1/8.
+/// Newton's method inside a bracket, starting at `start` if that is in the bracket. `falls` says
+/// whether the function is negative at the second position.
+///
+/// The iteration ends if the remaining error is less than `error`. For Newton's method that error
+/// is at most half of `bend` (a bound on the second derivative) over the slope, times the square of
+/// the step. If the slope gives no such bound, the step itself must be at most `error` times the
+/// larger of |s| and 1/8.
 fn root(
     f: impl Fn(f64) -> (f64, f64),
     (mut from, mut to): (f64, f64),
@@ -369,7 +372,7 @@ fn root(
     error: f64,
 ) -> f64 {
     let inside = |s: f64, from: f64, to: f64| s >= from && s <= to;
-    // NaN is no place to go to either.
+    // NaN is not inside, either.
     let mut s = if inside(start, from, to) {
         start
     } else {
@@ -384,7 +387,7 @@ fn root(
             from = s;
         }
         let newton = s - value / slope;
-        // Steps that do not get shorter lead nowhere.
+        // Reject Newton steps that do not halve: they do not converge.
         let good = inside(newton, from, to) && (newton - s).abs() <= 0.5 * before;
         let next = if good { newton } else { 0.5 * (from + to) };
         before = (next - s).abs();
@@ -397,8 +400,8 @@ fn root(
     s
 }
 
-/// The power of two by which the largest coordinate comes to lie between 1 and 2, for vectors of
-/// any sensible length.
+/// The power of two that scales the largest coordinate to between 1 and 2, for vectors of any
+/// reasonable length.
 fn power_of_two_near(v: DVec3) -> f64 {
     let exponent = (v.abs().max_element().to_bits() >> 52).clamp(1, 2045);
     f64::from_bits((2046 - exponent) << 52)
@@ -538,7 +541,7 @@ mod tests {
         // Just above the plane that touches the torus on top, and just below it.
         assert!(of([0.0, 9.0, 0.5 + 1e-12], [0.0, -1.0, 0.0]).is_empty());
         assert_eq!(of([0.0, 9.0, 0.5 - 1e-9], [0.0, -1.0, 0.0]).len(), 4);
-        // Past the hole: with two crossings, and with none.
+        // Through the outer rim with two crossings, and past it with none.
         assert_eq!(of([2.4, 9.0, 0.0], [0.0, -1.0, 0.0]).len(), 2);
         assert_eq!(of([2.51, 9.0, 0.0], [0.0, -1.0, 0.0]).len(), 0);
         // At extreme distances the result is arbitrary but must be finite.

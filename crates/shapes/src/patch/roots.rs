@@ -24,7 +24,7 @@ const SHRINKS: f64 = 0.6;
 /// Mean derivatives whose parallelogram is thinner than this have no usable inverse.
 const THIN: f64 = 1e-6;
 
-/// Maximum number of pieces examined per leaf. A tangent ray needs some hundred.
+/// Maximum number of pieces examined per leaf. A tangent ray needs a few hundred.
 const MOST_PIECES: u32 = 8192;
 
 /// Maximum number of Newton steps; usually four.

@@ -30,7 +30,7 @@ fn roll() -> [DVec3; 16] {
     })
 }
 
-/// A patch with a cusp along u = 1/2, where the derivative along u vanishes.
+/// A patch with a cusp at u = 1/2, where the derivative along u vanishes.
 fn cusp() -> [DVec3; 16] {
     let line = [(0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)];
     std::array::from_fn(|k| {
