@@ -1,9 +1,9 @@
-//! A box, or any parallelepiped by its transform.
+//! An axis-aligned cube in object space; its transform makes it any parallelepiped.
 //!
-//! The slab test of Kay and Kajiya (1986) in object space, with near and far faces told by the
-//! *sign bit* of the direction and comparisons that ignore NaN (Ize, *Robust BVH ray traversal*,
-//! JCGT 2(2), 2013): rays that run in a face, with either sign of zero, are answered like their
-//! neighbours inside.
+//! Slab test of Kay and Kajiya (1986) in object space. The *sign bit* of the direction selects the
+//! near and far faces, and comparisons ignore NaN (Ize, *Robust BVH ray traversal*, JCGT 2(2),
+//! 2013). Rays that run within a face therefore give the same answer as neighbouring rays just
+//! inside, for either sign of zero.
 //!
 //! - Twin: Mitsuba `cube` (native).
 //! - Example: `scenes/shapes/box.toml`.
@@ -18,16 +18,16 @@ use whitstone_core::{
     Shape, Shapes, Spans, Straight, SurfacePart, SurfacePoint, Transform, solid,
 };
 
-/// The cube from -1 to 1 along each axis of its object space; the outside is away from its center.
+/// The cube from -1 to 1 along each axis of its object space; its normals point outward.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {}
 
-/// In world space.
+/// The box in world space.
 #[derive(Clone)]
 pub struct Cuboid {
     frame: Frame,
-    /// Center and radius of a ball around it.
+    /// Center and radius of a bounding sphere.
     center: DVec3,
     radius: f64,
 }
@@ -40,7 +40,7 @@ impl Plugin<Shapes> for Cuboid {
         let frame = Frame::new(transform);
         let bounds = frame.bounds(DVec3::ONE);
         let center = bounds.center();
-        // More than the rounding of center and extent can take off.
+        // Upper bound on the rounding error of the center and the extent.
         let rounding = 4.0 * f64::EPSILON * center.abs().max_element();
         Ok(Shape::Opaque(Box::new(Self {
             center,
@@ -50,14 +50,14 @@ impl Plugin<Shapes> for Cuboid {
     }
 }
 
-/// Where a ray in object space crosses the surface: parameter and face.
+/// An intersection of an object-space ray with the surface: ray parameter and face.
 #[derive(Clone, Copy)]
 struct Crossing {
     t: f64,
     face: u32,
 }
 
-/// Entry into and exit from the cube; the entry lies behind the exit for a ray that misses it.
+/// Entry into and exit from the cube; the entry lies behind the exit if the ray misses.
 #[inline(always)]
 fn crossings(ray: &Ray) -> [Crossing; 2] {
     let mut entry = Crossing {
@@ -73,8 +73,8 @@ fn crossings(ray: &Ray) -> [Crossing; 2] {
         let downwards = d.is_sign_negative();
         let side = 1.0_f64.copysign(d);
         let (near, far) = ((-side - o) / d, (side - o) / d);
-        // 0/0 is NaN and changes nothing: the origin lies in that face. Strict comparisons keep the
-        // lowest face where several are crossed at once.
+        // 0/0 is NaN and has no effect: the origin lies in that face. The strict comparison keeps
+        // the lowest face number if several faces are crossed at once.
         let later = near > entry.t;
         entry.t = select(later, near, entry.t);
         entry.face = select(later, 2 * axis + u32::from(downwards), entry.face);
@@ -85,7 +85,7 @@ fn crossings(ray: &Ray) -> [Crossing; 2] {
     [entry, exit]
 }
 
-/// A crossing as a hit, with the coordinates on the face as parameters.
+/// Converts a crossing to a hit whose parameters are the coordinates on the face.
 #[inline(always)]
 fn hit_at(ray: &Ray, crossing: Crossing) -> PrimitiveHit {
     let Crossing { t, face } = crossing;
@@ -103,7 +103,7 @@ fn side(face: u32) -> f64 {
     select(face & 1 == 0, -1.0, 1.0)
 }
 
-/// The coordinates of `p` along axis a, a+1 and a+2.
+/// The coordinates of `p` along axes a, a+1 and a+2 (modulo 3).
 #[inline(always)]
 fn turned(p: DVec3, axis: u32) -> DVec3 {
     let pick = |x, y, z| select(axis == 0, x, select(axis == 1, y, z));
@@ -125,12 +125,12 @@ impl Straight for Cuboid {
         let ray = self.frame.ray_to_object(ray);
         let [entry, exit] = crossings(&ray);
         let leaving = leaves != LEAVES_NOTHING;
-        // The box is convex: what leaves a face outward meets no other, what goes inward meets the
-        // exit only. That is the rule "this face is skipped" without its rounding: a start on an
-        // edge may lie beyond the neighbour's plane by an ulp.
+        // The box is convex: a ray spawned on a face hits nothing if it goes outward, and only the
+        // exit if it goes inward. Unlike skipping the spawn face only, this is robust to rounding:
+        // a spawn point on an edge may lie one ulp beyond the adjacent face.
         let outward = turned(ray.direction, leaves >> 1).x * side(leaves) >= 0.0;
         let meets = (entry.t <= exit.t) & !(leaving & (outward | (exit.face == leaves)));
-        // An edge or a corner is touched: the lowest face wins.
+        // The ray touches an edge or a corner: the lowest face number wins.
         let touched = entry.t == exit.t;
         let first_face = select(touched & (exit.face < entry.face), exit.face, entry.face);
         let enters = !leaving & (entry.t > min);
@@ -146,7 +146,7 @@ impl Straight for Cuboid {
     fn surface(&self, _: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         let (face, DVec2 { x: b, y: c }) = (hit.primitive, hit.params);
         let axis = face >> 1;
-        // Turned back: the other two thirds of a full turn.
+        // Inverse of the cyclic permutation of the axes.
         let p = turned(DVec3::new(side(face), b, c), (3 - axis) % 3);
         let (position, error) = self.frame.point(p, axis as usize);
         let mut point = SurfacePoint::new(position, error, side(face) * self.frame.normal(axis as usize));

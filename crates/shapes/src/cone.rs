@@ -1,8 +1,8 @@
-//! A cone or a frustum about the z axis.
+//! A cone or frustum about the z axis.
 //!
 //! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing*
-//! (1989), ch. 2, 5.2; heights count from the apex, where the squares of the radii do not cancel;
-//! arithmetic in `conic.rs`.
+//! (1989), ch. 2, 5.2. Heights are measured from the apex, where the squared radii do not cancel.
+//! The arithmetic is in `conic.rs`.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `cone` (native).
 //! - Example: `scenes/shapes/cone.toml`.
@@ -13,20 +13,20 @@ use serde::Deserialize;
 use whitstone_core::config::Vector2;
 use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transform};
 
-/// A cone or a frustum about the z axis of its object space; the outside is away from the axis.
+/// A cone or frustum about the z axis of its object space; its normals point away from the axis.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// At the lower and at the upper end, in metres, at least 0; one of them may be 0, which makes
+    /// Radii of the lower and upper end in metres, at least 0. One of them may be 0, which makes
     /// that end an apex.
     #[serde(default = "radii")]
     #[schemars(with = "Vector2")]
     radii: Radii,
-    /// From which height to which, in metres.
+    /// Lower and upper end along z, in metres.
     #[serde(default = "heights")]
     #[schemars(with = "Vector2")]
     z: Heights,
-    /// Whether disks close it at both ends.
+    /// Whether disks close both ends.
     #[serde(default = "yes")]
     caps: bool,
 }
@@ -57,7 +57,7 @@ impl<'de> Deserialize<'de> for Radii {
     }
 }
 
-/// Becomes a surface of revolution.
+/// Lowers to a surface of revolution.
 pub struct Cone;
 
 impl Plugin<Shapes> for Cone {
@@ -73,8 +73,7 @@ impl Plugin<Shapes> for Cone {
         } else {
             high - at_high / slope
         };
-        // Counted from the apex, if that is not so far away that heights would lose their digits
-        // there.
+        // Measure heights from the apex unless it is so distant that they would lose digits.
         let near = (apex - low).abs() <= 1e3 * (high - low);
         let (origin, radius) = if near { (apex, 0.0) } else { (low, at_low) };
         let cone = Revolution {

@@ -1,11 +1,12 @@
-//! What the quadrics have in common: `sum of l_i y_i² + 2 g_i y_i + k = 0` in canonical space, cut
-//! by a box of object space, open or closed where it is cut.
+//! Common code of the quadrics: `sum of l_i y_i² + 2 g_i y_i + k = 0` in canonical space, clipped
+//! by an object-space box, with or without caps.
 //!
-//! The ray is taken into canonical space instead of the matrix into the world, which loses all
-//! digits of what is stretched. Its start is moved to where it comes nearest to the center, or into
-//! the box, so that squares of far eyes do not cancel. The discriminant is Kahan's (*On the cost of
-//! floating-point computation without extra-precise arithmetic*, 2004), the roots are those that do
-//! not cancel (Press et al., *Numerical Recipes*, 5.6).
+//! Rays are transformed to canonical space; transforming the matrix to world space instead would
+//! lose all digits of stretched shapes. The ray is reparameterised from its point nearest to the
+//! center, clamped to the box, so that the squares of distant origins do not cancel. The
+//! discriminant is Kahan's (*On the cost of floating-point computation without extra-precise
+//! arithmetic*, 2004); the roots are the non-cancelling forms of Press et al., *Numerical Recipes*,
+//! 5.6.
 
 use crate::frame::{Frame, UNIT};
 use crate::near::{comes_near_ball, goes_on};
@@ -15,33 +16,33 @@ use whitstone_core::{
     SurfacePart, SurfacePoint, Transform, solid,
 };
 
-/// No box of finite size is larger, in metres: squares stay finite.
+/// Upper limit on the coordinates of finite bounds, in metres: keeps squares finite.
 const MAX_REACH: f64 = 1e150;
 
-/// A quadric in object space. The inside is where the function is at most 0.
+/// A quadric in object space. Its inside is where the function is at most 0.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Conic {
-    /// Rows are the axes of canonical space: orthonormal.
+    /// Orthonormal rows: the axes of canonical space.
     pub(crate) turn: DMat3,
     /// Origin of canonical space.
     pub(crate) center: DVec3,
-    /// Of the squares.
+    /// Coefficients of the squares.
     pub(crate) square: DVec3,
-    /// Half of what the coordinates themselves are multiplied by.
+    /// Half the coefficients of the linear terms.
     pub(crate) linear: DVec3,
     pub(crate) constant: f64,
-    /// The box, endless along some axes.
+    /// The clipping box, infinite along some axes.
     pub(crate) min: DVec3,
     pub(crate) max: DVec3,
-    /// Whether faces close it where it is cut.
+    /// Whether caps close the shape where it is clipped.
     pub(crate) caps: bool,
-    /// The face that has the number 1.
+    /// The box face that is primitive 1.
     pub(crate) first_face: u32,
-    /// The normal where the surface has none.
+    /// The normal where the gradient is zero.
     pub(crate) tip: DVec3,
 }
 
-/// Texture coordinates of a point on the surface, in object space.
+/// Maps a surface point in object space to texture coordinates.
 pub(crate) trait Mapping: Clone + Send + Sync {
     fn uv(&self, p: DVec3, primitive: u32) -> DVec2;
 
@@ -52,26 +53,26 @@ pub(crate) trait Mapping: Clone + Send + Sync {
     }
 }
 
-/// A quadric in world space. Primitive 0 is the quadric itself, the others are the faces.
+/// A quadric in world space. Primitive 0 is the quadric itself; the others are the caps.
 #[derive(Clone)]
 pub(crate) struct Clipped<M> {
     frame: Frame,
     conic: Conic,
     mapping: M,
     bounds: Aabb,
-    /// Center and radius of a ball around it.
+    /// Center and radius of a bounding sphere.
     center: DVec3,
     radius: f64,
 }
 
-/// Where the line of a ray comes in or goes out.
+/// An entry into the inside or an exit from it.
 #[derive(Clone, Copy)]
 struct End {
     t: f64,
     primitive: u32,
 }
 
-/// A part of a line that is inside, if it is there.
+/// An interval of a line on which it is inside, valid if `there` is set.
 #[derive(Clone, Copy)]
 struct Part {
     enter: End,
@@ -80,7 +81,7 @@ struct Part {
 }
 
 impl Conic {
-    /// Where the line through a point is in the box; the entry lies behind the exit if it is not.
+    /// Intersects a line with the box; the entry lies behind the exit if the line misses it.
     #[inline(always)]
     fn slabs(&self, origin: DVec3, direction: DVec3) -> [End; 2] {
         let mut entry = End {
@@ -98,7 +99,7 @@ impl Conic {
             let near = (select(downwards, max, min) - o) / d;
             let far = (select(downwards, min, max) - o) / d;
             let face = (2 * axis + 1).wrapping_sub(self.first_face);
-            // As in `box`: 0/0 changes nothing, and the lowest face wins.
+            // As in `box`: 0/0 has no effect, and the lowest face wins.
             let later = near > entry.t;
             entry.t = select(later, near, entry.t);
             entry.primitive = select(later, face.wrapping_add(u32::from(downwards)), entry.primitive);
@@ -109,7 +110,7 @@ impl Conic {
         [entry, exit]
     }
 
-    /// The two parts of a line, in object space, that may lie inside.
+    /// The two intervals, in object space, on which the line of a ray may be inside.
     #[inline(always)]
     fn parts(&self, ray: &Ray) -> [Part; 2] {
         let [entry, exit] = self.slabs(ray.origin, ray.direction);
@@ -117,22 +118,22 @@ impl Conic {
         let d = self.turn * ray.direction;
         let weight = self.square.abs();
         let nearest = -(weight * start).dot(d) / (weight * d).dot(d);
-        // NaN, where no square tells what is near, is ignored.
+        // NaN (no squared term determines the nearest point) is ignored.
         let moved = nearest.max(entry.t).min(exit.t);
-        // All parameters are from there on, lest they have the rounding of a long way: which of two
-        // comes first would be chance where the box is thin.
+        // From here on t is measured from `near`, not the ray origin: the rounding error of a
+        // distant origin would make the order of close roots random where the box is thin.
         let near = ray.origin + moved * ray.direction;
         let [entry, exit] = self.slabs(near, ray.direction);
         let y = self.turn * (near - self.center);
-        // -0 would turn the sign of the root at infinity.
+        // -0 would flip the sign of the root at infinity.
         let a = (self.square * d).dot(d) + 0.0;
         let b = (self.square * y + self.linear).dot(d);
         let c = (self.square * y).dot(y) + 2.0 * self.linear.dot(y) + self.constant;
         let ac = a * c;
         let discriminant = b.mul_add(b, -ac) + (-a).mul_add(c, ac);
         let q = -(b + discriminant.sqrt().copysign(b));
-        // One of them is infinite for a line that meets the surface once only, NaN where both are
-        // the same.
+        // One root is infinite if the line meets the surface only once, and NaN if both roots are
+        // equal.
         let (one, other) = (c / q, q / a);
         let (first, last) = (one.min(other), one.max(other));
 
@@ -154,11 +155,11 @@ impl Conic {
                 primitive: select(surface, 0, exit.primitive),
             }
         };
-        // What is touched from outside counts, but not a point between two parts: that is no way
-        // in.
+        // A touching point counts as a hit, except between two intervals: the line does not enter
+        // there.
         let part = |enter: End, exit: End| {
-            // Where a face and the quadric meet at a flat angle, equal parameters of a ray from far
-            // away say nothing: the place does.
+            // Where a cap and the quadric meet at a grazing angle, equal parameters of a ray from a
+            // distant origin decide nothing; test the position instead.
             let rim = (enter.primitive == 0) != (exit.primitive == 0);
             let touched = (enter.t == exit.t) & !around & (!rim | self.holds(near + enter.t * ray.direction));
             let there = (enter.t < exit.t) | touched;
@@ -184,7 +185,7 @@ impl Conic {
         ]
     }
 
-    /// Whether a point, moved into the box, is on the quadric or inside, but for some roundings.
+    /// Whether a point, clamped to the box, is on the quadric or inside, up to a few roundings.
     #[inline(always)]
     fn holds(&self, p: DVec3) -> bool {
         let y = self.turn * (p.max(self.min).min(self.max) - self.center);
@@ -203,7 +204,7 @@ impl Conic {
         select(primitive == 0, across, outward) < 0.0
     }
 
-    /// Outward normal of a face in object space.
+    /// Outward normal of a cap in object space.
     #[inline(always)]
     fn face_normal(&self, primitive: u32) -> DVec3 {
         let face = primitive.wrapping_add(self.first_face).wrapping_sub(1);
@@ -212,13 +213,13 @@ impl Conic {
         DVec3::new(along(0), along(1), along(2))
     }
 
-    /// The point of the surface near `p`, half the gradient there, and a bound on how far half the
-    /// function is off zero there: all in object space.
+    /// Projects `p` onto the quadric: the point, half the gradient, and a bound on half the
+    /// absolute function value there, all in object space.
     ///
-    /// Newton's method along the gradient: two steps leave only rounding, four also where `p` is
-    /// off by a tenth of what is thinnest, as from very far away. In the function that is at most
-    /// six roundings of the sum of its absolute terms; in the point, those of two rotations and a
-    /// sum.
+    /// Uses Newton's method along the gradient. Two steps leave only rounding errors; four suffice
+    /// even if `p` is off by a tenth of the thinnest dimension, as with a very distant ray origin.
+    /// The error of the function is at most six roundings of the sum of its absolute terms; the
+    /// error of the point comes from two rotations and a sum.
     #[inline(always)]
     fn project(&self, p: DVec3) -> (DVec3, DVec3, f64) {
         let mut y = self.turn * (p - self.center);
@@ -239,7 +240,7 @@ impl Conic {
 }
 
 impl<M: Mapping> Clipped<M> {
-    /// The quadric under a transform; `bounds` holds it, in world space.
+    /// Builds the quadric under a transform; `bounds` returns its world-space bounds.
     pub(crate) fn new(
         transform: Transform,
         conic: Conic,
@@ -249,12 +250,12 @@ impl<M: Mapping> Clipped<M> {
         let frame = Frame::new(transform);
         let bounds = bounds(&frame);
         let reach = bounds.min.abs().max(bounds.max.abs());
-        // NaN does not pass.
+        // Written so that NaN fails.
         if !reach.cmplt(DVec3::splat(MAX_REACH)).all() {
             return Err(SceneError::anywhere("the shape is too large to compute with"));
         }
         let center = bounds.center();
-        // More than the rounding of center and extent can take off.
+        // Upper bound on the rounding error of the center and the extent.
         let rounding = 4.0 * f64::EPSILON * center.abs().max_element();
         Ok(Self {
             radius: (0.5 + 1e-9) * bounds.extent().length() + rounding,
@@ -283,8 +284,8 @@ impl<M: Mapping> Straight for Clipped<M> {
         let ray = self.frame.ray_to_object(ray);
         let [first, again] = conic.parts(&ray);
         let (one, two) = (first.there, again.there);
-        // What leaves for the inside meets an exit first, what leaves for the outside an entry:
-        // this tells the start from the far end without asking how far rounding has moved it.
+        // A ray spawned inward meets an exit first, a ray spawned outward an entry. This tells the
+        // spawn point from the far side without an estimate of how far rounding has moved it.
         let leaving = leaves != LEAVES_NOTHING;
         let inward = leaving & conic.goes_inside(&ray, leaves);
         let outward = leaving & !inward;
@@ -365,7 +366,7 @@ impl<M: Mapping> Straight for Clipped<M> {
 /// phi/2pi of the point (x, y), in [0, 1).
 pub(crate) fn angle(x: f64, y: f64) -> f64 {
     let turns = y.atan2(x) / std::f64::consts::TAU;
-    // What is below zero by less than a rounding would become a whole turn.
+    // An angle less than one rounding below zero would become a full turn.
     let turns = if turns < 0.0 { turns + 1.0 } else { turns };
     if turns < 1.0 { turns } else { 0.0 }
 }
@@ -376,14 +377,14 @@ mod tests {
     use whitstone_core::{DVec3, Interval, Ray, Shape, Shapes, Transform};
     use whitstone_testkit::{Random, build};
 
-    /// The quadratic equation as it is taught.
+    /// The quadratic formula in its textbook form.
     fn naive(ray: &Ray) -> f64 {
         let (a, b) = (ray.direction.length_squared(), ray.origin.dot(ray.direction));
         (-b - (b * b - a * (ray.origin.length_squared() - 1.0)).sqrt()) / a
     }
 
-    /// From far away, where a sphere is known to be hit in front of its center by a little less
-    /// than its radius: squares of distances that are not brought near lose what is looked for.
+    /// A distant sphere is hit in front of its center by slightly less than its radius. Computed
+    /// from the squared distances of the ray origin, that difference is lost.
     #[test]
     fn far_eyes_see_where_the_surface_is_and_the_naive_form_does_not() {
         let Shape::Opaque(sphere) = build::<Shapes, Ellipsoid>("", Transform::IDENTITY).unwrap() else {
@@ -400,7 +401,7 @@ mod tests {
                 .closest(&ray, Interval::FORWARD, None)
                 .expect("it is there");
             worst = worst.max((hit.t - expected).abs());
-            // NaN, if it finds nothing, counts as a whole radius.
+            // NaN (no hit) counts as a whole radius.
             naive_worst = naive_worst.max((naive(&ray) - expected).abs().min(1.0));
         }
         assert!(worst < 8e-9, "{worst}");

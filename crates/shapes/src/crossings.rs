@@ -1,26 +1,26 @@
-//! Where a function of one variable changes its sign: all places, in order, by bisection of ranges.
+//! Finds all sign changes of a function of one variable, in order, by bisection of ranges.
 //!
-//! Mitchell, *Robust ray intersection with interval arithmetic*, Graphics Interface 1990: a range
-//! on which the function keeps its sign is left out, one on which its slope does is a bracket with
-//! at most one root, for Newton's method; all others are halved.
+//! Mitchell, *Robust ray intersection with interval arithmetic*, Graphics Interface 1990. A range
+//! on which the function keeps its sign is skipped. A range on which its slope keeps its sign is a
+//! bracket with at most one root, refined by Newton's method. All other ranges are halved.
 
 use std::ops::ControlFlow;
 
 /// A function of s in [0, 1], negative inside.
 pub(crate) trait Along {
-    /// Value and slope; the slope only helps.
+    /// Value and slope; the slope only speeds up the search.
     fn at(&self, s: f64) -> (f64, f64);
 
-    /// What is known of it from `lo` to `hi`.
+    /// Classifies the function on the range from `lo` to `hi`.
     fn over(&self, lo: f64, hi: f64) -> Known;
 }
 
-/// What is known of a function on a range.
+/// Classification of a function on a range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Known {
-    /// It keeps its sign.
+    /// The function keeps its sign.
     Apart,
-    /// Its sign changes once at most; or where else it changes does not matter.
+    /// Its sign changes at most once, or further changes do not matter.
     OnceAtMost,
     Nothing,
 }
@@ -33,24 +33,30 @@ pub(crate) struct Crossing {
     pub enters: bool,
 }
 
-/// So many ranges are looked at in full; of those that are still open then, what is not wider than
-/// [`COARSE`] is searched for one root.
+/// Number of ranges examined at full resolution. After that, ranges not wider than [`COARSE`] are
+/// searched for a single root.
 const STEPS: u32 = 1 << 13;
-/// What comes late may be as thin as this and is still seen: along the axis of a mandelbulb, where
-/// nothing is known of slopes, all steps go into one place.
+/// Minimum interval width once [`STEPS`] is exhausted.
+///
+/// Without slope bounds (e.g. along a mandelbulb's axis) the subdivision budget is spent in one
+/// place. Later intervals as narrow as this are still examined.
 const COARSE: f64 = 1.0 / (1u64 << 14) as f64;
-/// Halvings of one range at most.
+/// Maximum number of halvings of one range.
 const DEPTH: usize = 46;
-/// What is not wider is searched for one root.
+/// Ranges not wider than this are searched for a single root.
 const NARROWEST: f64 = 1.0 / (1u64 << DEPTH) as f64;
-/// Steps to a root: every third one halves the bracket, whatever the slopes are, to its 53 digits.
+/// Maximum number of steps to a root: every third step halves the bracket, for any slopes, down to
+/// its 53 digits.
 const REFINEMENTS: u32 = 159;
 
-/// Calls `visit` for every crossing in order, until it breaks. Crossings alternate. At most
-/// [`STEPS`] + 2^15 + [`DEPTH`] + 1 ranges and [`REFINEMENTS`] values for each crossing.
+/// Calls `visit` for every crossing in order, until it breaks; returns the number of ranges
+/// examined.
+///
+/// Crossings alternate. At most [`STEPS`] + 2^15 + [`DEPTH`] + 1 ranges are examined, and
+/// [`REFINEMENTS`] values per crossing.
 pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> ControlFlow<()>) -> u32 {
-    // The range in work reaches from `lo` to the last of the ends, the next one to the one before,
-    // ...
+    // Stack of pending ranges: the current one reaches from `lo` to the last end, the next one from
+    // there to the previous end, and so on.
     let mut ends = [1.0; DEPTH + 1];
     let (mut last, mut lo, mut steps) = (0, 0.0, 0);
     let mut inside = f.at(lo).0 < 0.0;
@@ -92,7 +98,7 @@ pub(crate) fn crossings(f: &impl Along, mut visit: impl FnMut(Crossing) -> Contr
     }
 }
 
-/// The place between `lo` and `hi` where the sign changes to that of `hi`.
+/// The root between `lo` and `hi`, where the sign changes to that of `hi`.
 pub(crate) fn refine(f: &impl Along, mut lo: f64, mut hi: f64, hi_is_inside: bool) -> f64 {
     let mut s = 0.5 * (lo + hi);
     for step in 1..=REFINEMENTS {
@@ -104,7 +110,7 @@ pub(crate) fn refine(f: &impl Along, mut lo: f64, mut hi: f64, hi_is_inside: boo
         }
         let newton = s - value / slope;
         let middle = 0.5 * (lo + hi);
-        // Newton's method may be slow, or out of the bracket (or not a number).
+        // Newton's method may converge slowly, leave the bracket or give NaN.
         let useful = slope.is_finite() && newton >= lo && newton <= hi;
         let next = if step % 3 != 0 && useful { newton } else { middle };
         let done = next == s || middle <= lo || middle >= hi;
@@ -122,11 +128,11 @@ mod tests {
     use crate::enclosure::{Dual, Enclosure, Number};
     use whitstone_testkit::Random;
 
-    /// Ranges at most: behind the steps as many coarse ones as there are in all of [0, 1], and
-    /// those around them.
+    /// Maximum number of ranges: after [`STEPS`], all coarse ranges in [0, 1] and the ranges that
+    /// contain them.
     const MOST_STEPS: u32 = STEPS + (1 << 15) + DEPTH as u32 + 1;
 
-    /// The product of s - root over some roots.
+    /// The product of (s - root) over all roots.
     struct Polynomial(Vec<f64>);
 
     impl Polynomial {
@@ -177,7 +183,7 @@ mod tests {
         for case in 0..2_000 {
             let count = 1 + random.below(6);
             let mut roots: Vec<f64> = (0..count).map(|_| random.unit()).collect();
-            // Pairs that lie close.
+            // Roots that are close together.
             if case % 2 == 0 && count > 1 {
                 roots[1] = (roots[0] + 10f64.powf(-8.0 * random.unit())).min(0.999);
             }
@@ -189,7 +195,7 @@ mod tests {
             let (found, steps) = all(&f);
             assert_eq!(found.len(), count, "{roots:?} {found:?}");
             for (found, root) in found.iter().zip(&roots) {
-                // A root is as good as the slope there is steep.
+                // The error of a root is inversely proportional to the slope there.
                 let gap = roots.iter().map(|r| (r - root).abs()).filter(|d| *d > 0.0);
                 let slope: f64 = gap.product();
                 assert!((found.s - root).abs() < 1e-14 / slope, "{found:?} {root}");
@@ -200,7 +206,7 @@ mod tests {
                     .all(|pair| pair[0].enters != pair[1].enters && pair[0].s < pair[1].s)
             );
             most = most.max(steps);
-            // The check bites: a thousand samples do not see pairs that lie close.
+            // Shows that the test can fail: a thousand samples miss close pairs.
             let signs: Vec<bool> = (0..=1000).map(|i| f.at(f64::from(i) / 1000.0).0 < 0.0).collect();
             missed_by_samples += usize::from(signs.windows(2).filter(|s| s[0] != s[1]).count() < count);
         }
@@ -228,7 +234,7 @@ mod tests {
         assert!(steps <= MOST_STEPS, "{steps}");
     }
 
-    /// A gap behind a place where nothing is known, however often it is halved.
+    /// A gap after a range that stays unclassified however often it is halved.
     #[test]
     fn what_comes_behind_a_hard_place_is_seen() {
         struct Behind;

@@ -1,9 +1,9 @@
 //! Constructive solid geometry: union, intersection and difference of solids.
 //!
 //! Roth, *Ray casting for modeling solids*, Computer Graphics and Image Processing 18 (1982): each
-//! operand says which parts of the line lie inside, and the operation joins these parts. There is
-//! no epsilon: where operands have an end at the same place, no part between is taken for real, and
-//! the first operand gives the normal.
+//! operand returns the intervals of the line that lie inside it, and the operation combines these
+//! intervals. There is no epsilon: where operands have ends at the same parameter, no interval of
+//! zero length is created, and the first operand supplies the normal.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `merge`, `intersection`,
 //!   `difference` (native).
@@ -17,19 +17,19 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, Span, Spans, SurfacePart, SurfacePoint, Transform, solid,
 };
 
-/// Most operands of one operation.
+/// Maximum number of operands of one operation.
 const MAX_OPERANDS: usize = 256;
 
-/// Solids joined by an operation; the surface is that of the result, and the outside is outside of
-/// it.
+/// Solids combined by a Boolean operation; the normals point out of the result.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "union" is what lies in any operand, "intersection" what lies in all of them, "difference"
-    /// what lies in the first one and in none of the others.
+    /// "union" (inside any operand), "intersection" (inside all of them) or "difference" (inside
+    /// the first one and none of the others).
     operation: Operation,
-    /// Closed shapes (solids, level sets that are not cut open, closed meshes), 2 to 256, with
-    /// transforms of their own and without material; they may be of type csg, 16 deep.
+    /// 2 to 256 closed shapes (solids, level sets that their box does not clip, closed meshes),
+    /// with their own transforms and without material. They may be of type csg, nested up to 16
+    /// deep.
     #[schemars(with = "Vec<SolidRef>")]
     operands: Operands,
 }
@@ -56,12 +56,12 @@ impl<'de> Deserialize<'de> for Operands {
     }
 }
 
-/// In world space.
+/// The combined solid in world space.
 pub struct Csg {
     operation: Operation,
     operands: Vec<Operand>,
     bounds: Aabb,
-    /// Around all of it.
+    /// Bounding sphere of the result.
     ball: Option<Ball>,
     primitives: u32,
 }
@@ -71,7 +71,7 @@ struct Operand {
     ball: Option<Ball>,
 }
 
-/// What a line that misses it does not meet.
+/// A bounding sphere that rejects lines early.
 #[derive(Clone, Copy)]
 struct Ball {
     center: DVec3,
@@ -79,17 +79,17 @@ struct Ball {
 }
 
 impl Ball {
-    /// Around a box; none around an endless one.
+    /// The bounding sphere of a box; `None` for an infinite box.
     fn around(bounds: &Aabb) -> Option<Self> {
         let center = bounds.center();
-        // More than the rounding of center and extent, and of surfaces that stick out of their
-        // boxes by as much.
+        // More than the rounding error of center and extent, and of surfaces that exceed their
+        // bounds by as much.
         let rounding = 16.0 * f64::EPSILON * center.abs().max_element();
         let radius = (0.5 + 1e-9) * bounds.extent().length() + rounding;
         (bounds.is_finite() && radius.is_finite()).then_some(Self { center, radius })
     }
 
-    /// False only if the line certainly passes by; as in `near.rs`, but with what lies behind.
+    /// False only if the line certainly misses; like the test in `near.rs`, but for the whole line.
     fn is_met(&self, ray: &Ray) -> bool {
         let (l, d) = (ray.origin - self.center, ray.direction);
         let (a, b) = (d.length_squared(), l.dot(d));
@@ -128,7 +128,7 @@ impl Csg {
     fn new(operation: Operation, solids: Vec<Box<dyn Primitive>>) -> Result<Self, SceneError> {
         let count = solids.len() as u32;
         let most = solids.iter().map(|solid| solid.primitives()).max().unwrap_or(0);
-        // The largest number is that of no primitive.
+        // The largest number means "no primitive".
         let primitives = count
             .checked_mul(most)
             .filter(|primitives| *primitives < u32::MAX)
@@ -156,18 +156,18 @@ impl Csg {
         })
     }
 
-    /// Which operand a primitive is of, and its number there.
+    /// The operand that a primitive belongs to, and its number there.
     fn operand(&self, primitive: u32) -> (u32, u32) {
         let count = self.operands.len() as u32;
         (primitive % count, primitive / count)
     }
 
-    /// Whether the inside of an operand is outside of the whole.
+    /// Whether an operand is subtracted, so that its inside is outside of the result.
     fn is_taken_away(&self, operand: u32) -> bool {
         self.operation == Operation::Difference && operand > 0
     }
 
-    /// The parts of the line inside an operand, with numbers of this shape.
+    /// The intervals of the line inside an operand, with primitive numbers of the whole shape.
     fn spans_of(&self, number: u32, ray: &Ray, spans: &mut Spans) {
         spans.clear();
         let operand = &self.operands[number as usize];
@@ -182,15 +182,15 @@ impl Csg {
     }
 }
 
-/// A place where a line crosses the surface of the one or the other, and which of them it enters
-/// there.
+/// A crossing of the surface of the first or second operand, and whether the line enters that
+/// operand.
 struct Crossing {
     end: PrimitiveHit,
     second: bool,
     enters: bool,
 }
 
-/// All ends in order; at the same place those of the first come first.
+/// All ends in order; at equal parameters those of the first operand come first.
 fn crossings<'a>(first: &'a [Span], second: &'a [Span]) -> impl Iterator<Item = Crossing> + 'a {
     let ends = |spans: &'a [Span], second| {
         let both = move |span: &'a Span| [(span.enter, true), (span.exit, false)];
@@ -207,8 +207,8 @@ fn crossings<'a>(first: &'a [Span], second: &'a [Span]) -> impl Iterator<Item = 
     })
 }
 
-/// The parts of a line for which the operation on being inside of the first and of the second says
-/// so. What has no length is not there, and what is only parted by a point is one.
+/// The intervals of a line on which `inside` (of: in the first, in the second) holds. Intervals of
+/// zero length are dropped, and intervals separated by a single point are merged.
 fn join(first: &[Span], second: &[Span], inside: impl Fn(bool, bool) -> bool) -> Spans {
     let mut joined = Spans::new();
     let (mut in_first, mut in_second) = (false, false);
@@ -216,7 +216,7 @@ fn join(first: &[Span], second: &[Span], inside: impl Fn(bool, bool) -> bool) ->
     let mut crossings = crossings(first, second).peekable();
     while let Some(crossing) = crossings.next() {
         let mut place = Some(crossing);
-        // Everything at the same place happens at once.
+        // All crossings at the same parameter are processed at once.
         let mut end: Option<PrimitiveHit> = None;
         while let Some(Crossing {
             end: here,
@@ -247,7 +247,7 @@ fn join(first: &[Span], second: &[Span], inside: impl Fn(bool, bool) -> bool) ->
 impl Primitive for Csg {
     fn bounds(&self) -> Aabb {
         if self.bounds.is_empty() {
-            // Nothing, at a place where accelerators can put it.
+            // An empty box, at a place where accelerators can store it.
             let nowhere = self.operands[0].solid.bounds().center();
             let place = if nowhere.is_finite() { nowhere } else { DVec3::ZERO };
             return Aabb::around([place]);
@@ -276,7 +276,7 @@ impl Primitive for Csg {
         point
     }
 
-    /// The flat faces of the operands. Which of them remain, rays tell.
+    /// The flat faces of the operands. Rays decide which of them remain.
     fn parts(&self) -> Vec<SurfacePart> {
         let mut parts = Vec::new();
         for (operand, number) in self.operands.iter().zip(0..) {
@@ -362,7 +362,7 @@ mod tests {
     const GRID: &str = "size = [7, 6, 8]\ngenerator = \"metaballs\"\nballs = 12\nlevel = 0.7";
     const JULIA: &str = "kind = \"julia\"\nc = [-0.2, 0.6, 0.2, 0.2]\ndepth = 3";
 
-    /// The example's meshes are operands here.
+    /// A test context with all operands, including the meshes of the example scene.
     fn operands() -> TestContext {
         let assets = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes/assets");
         TestContext::in_folder(&assets)
@@ -426,7 +426,7 @@ mod tests {
             ("difference", &["julia", "below"]),
         ] {
             for (name, transform) in placements() {
-                // Where a ball may not stand.
+                // Spheres reject these transforms.
                 if ["thin", "stretched", "sheared"].contains(&name) && names != ["cone", "below"] {
                     continue;
                 }
@@ -440,7 +440,7 @@ mod tests {
         }
     }
 
-    /// A place is inside by the definition of the operation.
+    /// A point is inside exactly if the definition of the operation says so.
     #[test]
     fn what_is_inside_is_what_the_operation_says() {
         let mut random = Random::new(1);
@@ -489,8 +489,8 @@ mod tests {
             );
             Some((hit.t, hit.primitive, point.n_g.to_array()))
         };
-        // Face 5 of the cube, and the side of the bore from within, where the outside of the whole
-        // is.
+        // Face 5 of the cube, and the side of the bore, whose normal points into the bore, the
+        // outside of the result.
         assert_eq!(
             hit([0.5, 0.0, 3.0], [0.0, 0.0, -1.0]),
             Some((2.0, 10, [0.0, 0.0, 1.0]))
@@ -502,7 +502,7 @@ mod tests {
         assert_eq!(hit([0.0, 0.0, 3.0], [0.0, 0.0, -1.0]), None);
     }
 
-    /// Nothing is left of a solid without itself, nor is there a wall between two that touch.
+    /// A solid minus itself is empty, and touching solids have no wall between them.
     #[test]
     fn there_are_no_slivers() {
         let mut random = Random::new(2);
@@ -520,7 +520,7 @@ mod tests {
                 assert_eq!(once, spans(itself.as_ref(), &ray));
             }
         }
-        // Along the common face of two cubes that touch, and across it, where their coordinates are
+        // Along the common face of two touching cubes, and across it, where their coordinates are
         // exact.
         let wall = solid_of("union", &["cube", "next"]);
         for _ in 0..2_000 {
@@ -528,7 +528,7 @@ mod tests {
             let ray = Ray::new(origin, target - origin);
             assert!(spans(wall.as_ref(), &ray).len() <= 1, "{ray:?}");
         }
-        // What is larger by a rounding has them: the test would see them.
+        // Shows that the test can fail: a sphere that is larger by a few ulps leaves slivers.
         let mut context =
             operands().with_operand::<Sphere>("larger", "radius = 1.0000000000000009", Transform::IDENTITY);
         let Shape::Opaque(skin) = build(
@@ -547,7 +547,7 @@ mod tests {
         assert!(seen.count() > 500);
     }
 
-    /// Row 27 of the catalogue: a solid without itself, moved by less and less.
+    /// Row 27 of the catalogue: a solid minus itself, displaced by ever smaller offsets.
     #[test]
     fn a_shell_is_as_thick_as_its_operands_are_apart() {
         let mut random = Random::new(3);

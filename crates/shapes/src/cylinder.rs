@@ -2,7 +2,7 @@
 //!
 //! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing*
 //! (1989), ch. 2, 5.2 and Cychosz and Waggenspack, *Intersecting a ray with a cylinder*, Graphics
-//! Gems IV (1994), V.2; arithmetic in `conic.rs`.
+//! Gems IV (1994), V.2. The arithmetic is in `conic.rs`.
 //!
 //! - Twin: Mitsuba `cylinder` (native) without caps, hosted by the driver with caps; POV-Ray
 //!   `cylinder` (native).
@@ -14,18 +14,18 @@ use serde::Deserialize;
 use whitstone_core::config::{Positive, Vector2};
 use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transform};
 
-/// A cylinder about the z axis of its object space; the outside is away from the axis.
+/// A cylinder about the z axis of its object space; its normals point away from the axis.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// In metres.
+    /// Radius in metres.
     #[serde(default = "one")]
     radius: Positive,
-    /// From which height to which, in metres.
+    /// Lower and upper end along z, in metres.
     #[serde(default = "heights")]
     #[schemars(with = "Vector2")]
     z: Heights,
-    /// Whether disks close it at both ends.
+    /// Whether disks close both ends.
     #[serde(default = "yes")]
     caps: bool,
 }
@@ -42,7 +42,7 @@ fn yes() -> bool {
     true
 }
 
-/// Becomes a surface of revolution.
+/// Lowers to a surface of revolution.
 pub struct Cylinder;
 
 impl Plugin<Shapes> for Cylinder {
@@ -87,7 +87,8 @@ mod tests {
     #[test]
     fn obeys_the_laws_of_shapes() {
         shape_laws_everywhere::<Cylinder>("", 2_000);
-        // A tube that is thin is met by no ray that is aimed at its box.
+        // Rays aimed at the bounding box of a thin open tube miss the tube, so "thin" is not
+        // tested.
         for (name, transform) in placements().into_iter().filter(|(name, _)| *name != "thin") {
             eprintln!("open, {name}");
             shape_laws(
@@ -129,7 +130,7 @@ mod tests {
             assert_eq!(closest("", [1.5, 0.0, 3.0], [zero, zero, -1.0], None), None);
             assert_eq!(closest("", [3.0, 0.0, 2.0], [-1.0, zero, zero], None), None);
         }
-        // Through the open end on to the inside.
+        // Through the open end to the inner side.
         assert_eq!(
             closest("caps = false", [0.0, 0.0, 2.0], [0.5, 0.0, -1.0], None),
             Some((2.0, 0))
@@ -143,13 +144,13 @@ mod tests {
             Some((2.0, 0))
         );
         assert_eq!(closest("", [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], Some(0)), None);
-        // At the rim, beyond the cap by an ulp.
+        // At the rim, one ulp beyond the cap.
         let beyond = 1f64.next_up();
         assert_eq!(
             closest("", [1.0, 0.0, beyond], [-1.0, 0.0, -1.0], Some(0)),
             Some((2.0, 0))
         );
-        // The other cap is reached before the side, by that ulp.
+        // The other cap is reached before the side, because the origin is one ulp off.
         assert_eq!(
             closest("", [beyond, 0.0, 1.0], [-1.0, 0.0, -1.0], Some(2)),
             Some((2.0, 1))

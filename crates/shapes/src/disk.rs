@@ -13,12 +13,12 @@ use whitstone_core::{
     Shapes, Straight, SurfacePart, SurfacePoint, Transform,
 };
 
-/// The disk x² + y² <= 1 in the plane z = 0 of its object space; the outside is +z.
+/// The disk x² + y² <= 1 in the plane z = 0 of its object space; its normal is +z.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {}
 
-/// In world space.
+/// The disk in world space.
 #[derive(Clone)]
 pub struct Disk {
     frame: Frame,
@@ -47,8 +47,8 @@ impl Plugin<Shapes> for Disk {
 impl Straight for Disk {
     fn bounds(&self) -> Aabb {
         let [x, y, _] = self.frame.columns(DVec3::ONE);
-        // The disk reaches sqrt(x² + y²) along each world axis: exact if one of them is zero, else
-        // up to the rounding of the squares, their sum and the root.
+        // Along each world axis the disk extends by sqrt(x² + y²). This is exact if x or y is zero;
+        // otherwise it is enlarged by the rounding error of the squares, the sum and the root.
         let reach = |x: f64, y: f64| match (x, y) {
             (0.0, other) | (other, 0.0) => other.abs(),
             _ => x.hypot(y) * (1.0 + 2.0 * f64::EPSILON),

@@ -1,6 +1,6 @@
 //! An ellipsoid.
 //!
-//! The transform scales a unit sphere, and rays are taken into its space: Haines, Günther,
+//! The transform scales a unit sphere; rays are intersected in the sphere's space: Haines, Günther,
 //! Akenine-Möller, *Precision improvements for ray/sphere intersection*, Ray Tracing Gems (2019),
 //! ch. 7, and `conic.rs`.
 //!
@@ -15,12 +15,11 @@ use whitstone_core::{
     Context, DAffine3, DMat3, DVec2, DVec3, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform,
 };
 
-/// An ellipsoid about the origin of its object space, with its axes along the coordinate axes; the
-/// outside is away from its center.
+/// An axis-aligned ellipsoid about the origin of its object space; its normals point outward.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Half axes along x, y and z in metres, each greater than 0.
+    /// Semi-axes along x, y and z in metres, each greater than 0.
     #[serde(default = "ones")]
     #[schemars(with = "Vector3")]
     radii: Radii,
@@ -45,7 +44,7 @@ impl<'de> Deserialize<'de> for Radii {
     }
 }
 
-/// Becomes a unit sphere in a space of its own.
+/// Lowers to a unit sphere with its own object space.
 pub struct Ellipsoid;
 
 #[derive(Clone)]
@@ -53,7 +52,7 @@ struct Angles;
 
 impl Mapping for Angles {
     fn uv(&self, p: DVec3, _: u32) -> DVec2 {
-        // acos loses half the digits near the poles; atan2 of both legs does not.
+        // acos loses half the digits near the poles; atan2 does not.
         let theta = p.truncate().length().atan2(p.z);
         DVec2::new(angle(p.x, p.y), 1.0 - theta / std::f64::consts::PI)
     }
@@ -107,8 +106,8 @@ mod tests {
         }
     }
 
-    /// With condition 1e6, seen from afar: a matrix that is expanded in the world gets every fifth
-    /// of these wrong.
+    /// A distant ellipsoid with condition number 1e6. A quadric matrix expanded in world space gets
+    /// one in five of these rays wrong.
     #[test]
     fn a_flat_ellipsoid_is_hit_where_it_is() {
         let ray = Ray::new(DVec3::new(100.0, 0.6, 0.0), DVec3::NEG_X);

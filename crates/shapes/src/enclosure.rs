@@ -1,21 +1,20 @@
-//! Numbers that functions are computed with: one, a range that holds all values, and either with
-//! slopes.
+//! Number types for evaluating functions: plain numbers, intervals, and dual numbers over either.
 //!
-//! A function is written once, over [`Number`]. Over [`Enclosure`] it gives bounds of its values on
-//! a range of arguments (Moore, *Interval Analysis*, 1966), over [`Dual`] its slopes beside them
-//! (forward differentiation; Griewank and Walther, *Evaluating Derivatives*, 2008, ch. 3). Every
-//! operation on ranges is rounded outward, so what the same expression gives in plain numbers lies
-//! inside.
+//! A function is written once, generic over [`Number`]. With [`Enclosure`] it returns bounds of its
+//! values over a range of arguments (Moore, *Interval Analysis*, 1966); with [`Dual`] it also
+//! returns its derivatives (forward-mode differentiation; Griewank and Walther, *Evaluating
+//! Derivatives*, 2008, ch. 3). Every interval operation rounds outward, so the interval contains
+//! the result of the same expression in plain numbers.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-/// What fields are computed with.
+/// The operations that fields are computed with.
 pub(crate) trait Number:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
     fn constant(value: f64) -> Self;
     fn square(self) -> Self;
-    /// The square root of what is not negative but for rounding.
+    /// The square root of a number that is negative by rounding at most.
     fn root(self) -> Self;
     fn magnitude(self) -> Self;
     fn least(self, other: Self) -> Self;
@@ -34,11 +33,12 @@ pub(crate) trait Number:
     }
 }
 
-/// A [`Number`] that slopes can be made of.
+/// A [`Number`] over which dual numbers can be built.
 pub(crate) trait Scalar: Number {
-    /// Of what may be 0: then any slope may be meant.
+    /// The reciprocal of a number that may be 0, where any slope is allowed.
     fn reciprocal(self) -> Self;
-    /// The smallest that holds both; for plain numbers, which are never in doubt, the first.
+    /// The smallest interval that contains both; the first one for plain numbers, whose comparisons
+    /// are certain.
     fn hull(self, other: Self) -> Self;
     /// Whether it is below the other, if that is certain.
     fn below(self, other: Self) -> Option<bool>;
@@ -74,7 +74,7 @@ impl Number for f64 {
 impl Scalar for f64 {
     #[inline]
     fn reciprocal(self) -> Self {
-        // The tip of a cone: level, to have some slope.
+        // The tip of a cone: the slope is arbitrarily set to 0.
         if self == 0.0 { 0.0 } else { 1.0 / self }
     }
     #[inline]
@@ -83,7 +83,7 @@ impl Scalar for f64 {
     }
     #[inline]
     fn below(self, other: Self) -> Option<bool> {
-        // As far as numbers say: where both are equal, the first has the say.
+        // Plain comparisons are certain; of equal numbers, the first counts as below.
         Some(self <= other)
     }
 }
@@ -100,7 +100,7 @@ impl Enclosure {
         Self { lo, hi }
     }
 
-    /// A unit in the last place more on both sides: what one rounding can take off.
+    /// Widens an interval by one ulp on each side: the error of one rounding.
     #[inline]
     fn outward(lo: f64, hi: f64) -> Self {
         Self {
@@ -114,7 +114,7 @@ impl Enclosure {
         self.lo.abs().max(self.hi.abs())
     }
 
-    /// Whether 0 is one of them.
+    /// Whether the interval contains 0.
     pub(crate) fn has_zero(self) -> bool {
         self.lo <= 0.0 && self.hi >= 0.0
     }
@@ -123,7 +123,7 @@ impl Enclosure {
         Self::new(self.lo.min(other.lo), self.hi.max(other.hi))
     }
 
-    /// What is in both; empty (`lo > hi`) if nothing is.
+    /// The common part; empty (`lo > hi`) if there is none.
     pub(crate) fn intersection(self, other: Self) -> Self {
         Self::new(self.lo.max(other.lo), self.hi.min(other.hi))
     }
@@ -157,7 +157,7 @@ impl Mul for Enclosure {
     type Output = Self;
     #[inline]
     fn mul(self, other: Self) -> Self {
-        // Ends may be infinite, but stand for large finite numbers: 0 of them is 0.
+        // Infinite ends stand for large finite numbers, so 0 times infinity is 0.
         let product = |a: f64, b: f64| if a == 0.0 || b == 0.0 { 0.0 } else { a * b };
         let [a, b] = [product(self.lo, other.lo), product(self.lo, other.hi)];
         let [c, d] = [product(self.hi, other.lo), product(self.hi, other.hi)];
@@ -195,8 +195,8 @@ impl Number for Enclosure {
         Self::new(self.lo.min(other.lo), self.hi.min(other.hi))
     }
     fn sine_cosine(self) -> (Self, Self) {
-        // Neither changes faster than its argument; the functions of the library are right to a few
-        // roundings.
+        // Neither function changes faster than its argument; the library functions are accurate to
+        // a few roundings.
         let middle = 0.5 * (self.lo + self.hi);
         let reach = (middle - self.lo).max(self.hi - middle) * (1.0 + 4.0 * f64::EPSILON)
             + 4.0 * f64::EPSILON * (1.0 + middle.abs());
@@ -234,7 +234,7 @@ impl Scalar for Enclosure {
     }
 }
 
-/// A value with its slopes along N directions.
+/// A value with its derivatives along N directions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dual<T, const N: usize> {
     pub value: T,
@@ -342,7 +342,7 @@ mod tests {
     use super::*;
     use whitstone_testkit::Random;
 
-    /// Something of everything.
+    /// A function that uses most operations.
     fn function<N: Number>(x: N, y: N) -> N {
         let (sine, cosine) = (x * y).sine_cosine();
         let length = (x.square() + y.square()).root();
@@ -373,7 +373,7 @@ mod tests {
                 let holds = |e: Enclosure, value: f64| e.lo <= value && value <= e.hi;
                 assert!(holds(held.value, found.value), "{held:?} {found:?}");
                 assert!(holds(held.value, function(x, y)));
-                // Slopes have roundings of their own.
+                // Slopes have rounding errors of their own.
                 for (held, found) in held.slopes.into_iter().zip(found.slopes) {
                     assert!(
                         held.lo - 1e-12 <= found && found <= held.hi + 1e-12,

@@ -1,12 +1,12 @@
-//! Julia sets of quaternions and the Mandelbulb, of a chosen depth.
+//! Quaternion Julia sets and the Mandelbulb, at a chosen iteration depth.
 //!
-//! The set of depth n is where the n-th iterate is shorter than 2; its boundary is a level set like
-//! others. Hart, Sandin, Kauffman, *Ray tracing deterministic 3-D fractals*, SIGGRAPH 1989, step
-//! through the outside by a bound on the distance. Here a *ball* of points is iterated, its radius
-//! growing as fast as the map can stretch it: if the whole ball escapes, or stays, there is no
-//! surface in it. That is a bound in both directions, and for what remains, ranges are halved (see
-//! `crossings`). The Mandelbulb is that of D. White and P. Nylander (2009), with powers of complex
-//! numbers in place of angles.
+//! The set of depth n is where the n-th iterate is shorter than 2; its boundary is an ordinary
+//! level set. Hart, Sandin, Kauffman, *Ray tracing deterministic 3-D fractals*, SIGGRAPH 1989, step
+//! through the outside by a distance bound. Here a *ball* of points is iterated, and its radius
+//! grows as fast as the map can stretch it. If the whole ball escapes, or stays, it contains no
+//! surface. This bound works in both directions. The remaining ranges are halved (see `crossings`).
+//! The Mandelbulb is that of D. White and P. Nylander (2009), with powers of complex numbers
+//! instead of angles.
 //!
 //! - Twin: POV-Ray `isosurface` with the iterates as nested functions.
 //! - Example: `scenes/shapes/fractal.toml`.
@@ -23,23 +23,23 @@ use whitstone_core::{
     SceneError, SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform,
 };
 
-/// What is longer never comes back: 2.
+/// Escape radius: longer iterates never return.
 const ESCAPE: f64 = 2.0;
-/// Iterates that are longer go where numbers end.
+/// Iteration stops beyond this length, before numbers overflow.
 const FAR: f64 = 1e30;
-/// More than the roundings of one iteration, relative to its terms.
+/// Upper bound on the rounding error of one iteration, relative to its terms.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
-/// A fractal set of a chosen depth; the outside is what escapes.
+/// A fractal set of a chosen iteration depth; the outside is where the iteration escapes.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// What is iterated: "julia" or "mandelbulb".
+    /// The iterated map: "julia" or "mandelbulb".
     kind: Kind,
-    /// How often.
+    /// Number of iterations.
     #[serde(default = "eight")]
     depth: IntegerIn<1, 30>,
-    /// Julia: the quaternion that is added, real part first; at most 2 long.
+    /// Julia: the quaternion constant, real part first; its length is at most 2.
     #[serde(default)]
     #[schemars(with = "[Finite; 4]")]
     c: Option<Spanned<[Finite; 4]>>,
@@ -61,20 +61,20 @@ fn eight() -> IntegerIn<1, 30> {
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Kind {
-    /// z² + c of quaternions.
+    /// z² + c in quaternions.
     Julia,
-    /// A power, and the point itself added.
+    /// A power of z plus the starting point.
     Mandelbulb,
 }
 
-/// In its object space.
+/// The fractal in its object space.
 pub struct Fractal {
     level: Level,
     map: Map,
     depth: u32,
 }
 
-/// What is iterated.
+/// The iterated map.
 #[derive(Clone, Copy, Debug)]
 enum Map {
     Julia { c: DVec4, w: f64 },
@@ -135,7 +135,7 @@ fn product(a: DVec2, b: DVec2) -> DVec2 {
     DVec2::new(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x)
 }
 
-/// The powers n - 1 and n.
+/// The powers n - 1 and n of a complex number.
 fn powers(a: DVec2, n: u32) -> (DVec2, DVec2) {
     let mut before = DVec2::X;
     for _ in 1..n {
@@ -144,7 +144,7 @@ fn powers(a: DVec2, n: u32) -> (DVec2, DVec2) {
     (before, product(before, a))
 }
 
-/// A point on its way through the iteration, with the way that it moves in along N directions.
+/// An iterate with its derivatives along N directions.
 #[derive(Clone, Copy)]
 struct Orbit<const N: usize> {
     z: DVec4,
@@ -178,7 +178,7 @@ impl Map {
                 }
             }
             Self::Mandelbulb { power } => {
-                // cos and sin of the angle from +z times r, and of the angle about z.
+                // r (cos, sin) of the polar angle from +z, then (cos, sin) of the azimuth about z.
                 let from_axis = z.x.hypot(z.y);
                 let polar = DVec2::new(z.z, from_axis);
                 let about = if from_axis > 0.0 {
@@ -193,7 +193,7 @@ impl Map {
                 let slopes = std::array::from_fn(|i| {
                     let slope = slopes[i];
                     let flat = DVec2::new(slope.x, slope.y);
-                    // Out from the axis, and around it.
+                    // Components away from the axis and around it.
                     let (out, around) = (about.dot(flat), about.perp_dot(flat));
                     let polar_slope = n * product(polar_before, DVec2::new(slope.z, out));
                     let turn = if from_axis > 0.0 {
@@ -212,17 +212,17 @@ impl Map {
         }
     }
 
-    /// Radius of a ball around the next iterate that holds those of all points of a ball of radius
-    /// `r` around `z`, which started in a ball of radius `first`.
+    /// Radius of a ball around the next iterate of `z` that contains the next iterates of all
+    /// points within `r` of `z`. The orbits of these points started in a ball of radius `first`.
     fn spread(&self, z: DVec4, r: f64, first: f64) -> f64 {
         let length = z.length();
         match self {
-            // (z + e)² = z² + z e + e z + e², and lengths of quaternions multiply.
+            // (z + e)² = z² + z e + e z + e², and quaternion lengths multiply.
             Self::Julia { c, .. } => r * (2.0 * length + r) + ROUNDING * (length * length + c.length()),
             Self::Mandelbulb { power } => {
                 let n = f64::from(*power);
                 let most = (length + r).powi(*power as i32 - 1);
-                // Around the axis the map stretches by sin(n θ)/sin θ more than elsewhere.
+                // Around the axis the map stretches by another factor of sin(n θ)/sin θ.
                 let sine = (z.x.hypot(z.y) - r) / (length + r);
                 let around = if sine > 1.0 / n { 1.0 / sine } else { n };
                 n * most * around * r + first + ROUNDING * n * (most * (length + r) + ESCAPE)
@@ -231,12 +231,13 @@ impl Map {
     }
 }
 
-/// Of a ball: whether it stays, escapes, or the surface may run through it.
+/// Whether a ball of points stays, escapes, or may contain the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fate {
     Escapes,
     Stays,
-    /// Whether at most one point of a line through the ball is on the surface.
+    /// May contain the surface; true if a line through the ball's center crosses the surface at
+    /// most once in the ball.
     Open(bool),
 }
 
@@ -257,7 +258,7 @@ impl Fractal {
         }
     }
 
-    /// ln(|z|²/4) of the last iterate, which is negative inside, and its slopes.
+    /// ln(|z|²/4) of the last iterate, which is negative inside, and its derivatives.
     fn value<const N: usize>(&self, p: DVec3, directions: [DVec3; N]) -> (f64, [f64; N]) {
         let first = self.map.start(p, directions);
         let mut orbit = first;
@@ -272,7 +273,7 @@ impl Fractal {
         ((0.25 * squared).ln(), slopes)
     }
 
-    /// What becomes of a ball, and of a line through its center.
+    /// Classifies a ball, and the line through its center.
     fn fate(&self, center: DVec3, radius: f64, direction: DVec3) -> Fate {
         let first = self.map.start(center, [direction]);
         let (mut orbit, mut r, mut slope_r) = (first, radius, 0.0);
@@ -285,7 +286,7 @@ impl Fractal {
                 if length + r < ESCAPE {
                     return Fate::Stays;
                 }
-                // The slope of |z|² on the line keeps its sign.
+                // Whether the derivative of |z|² along the line keeps its sign.
                 let slope = orbit.slopes[0];
                 let doubt = length * slope_r + r * (slope.length() + slope_r);
                 return Fate::Open(orbit.z.dot(slope).abs() > doubt);
@@ -298,7 +299,7 @@ impl Fractal {
                     let slope = orbit.slopes[0].length();
                     2.0 * (length * slope_r + r * (slope + slope_r)) + ROUNDING * length * slope
                 }
-                // There is no bound on how slopes differ near the axis.
+                // The variation of the slopes has no bound near the axis.
                 Map::Mandelbulb { .. } => f64::INFINITY,
             };
             r = self.map.spread(orbit.z, r, radius);
@@ -317,7 +318,7 @@ impl Fractal {
 
     fn sample(&self, p: DVec3) -> Sample {
         let (value, gradient) = self.value(p, DVec3::AXES);
-        // A ball of one point: how far roundings may lead.
+        // Iterate a ball of radius 0 to bound the rounding errors.
         let first = self.map.start(p, []);
         let (mut orbit, mut r) = (first, 0.0);
         for _ in 0..self.depth {
@@ -337,7 +338,7 @@ impl Fractal {
     }
 }
 
-/// The last iterate along the part of a ray in the box.
+/// The last iterate along the part of a ray inside the box.
 struct Line<'a> {
     shape: &'a Fractal,
     segment: &'a Segment,
@@ -417,13 +418,14 @@ mod tests {
         Fractal::new(Map::Mandelbulb { power }, depth, Transform::IDENTITY)
     }
 
-    /// Whether a point is in the set, by angles.
+    /// Whether a point is in the set, computed with angles.
     fn is_inside(shape: &Fractal, p: DVec3) -> bool {
         let mut z = p.extend(0.1);
         for _ in 0..shape.depth {
             match shape.map {
                 Map::Julia { c, .. } => {
-                    // In the plane of the real axis and the rest, squaring doubles the angle.
+                    // In the plane of the real axis and the imaginary part, squaring doubles the
+                    // angle.
                     let rest = DVec3::new(z.y, z.z, z.w);
                     let (length, angle) = (z.length(), rest.length().atan2(z.x));
                     let unit = rest.normalize_or_zero();
@@ -472,14 +474,14 @@ mod tests {
             c: DVec4::ZERO,
             w: 0.0,
         };
-        // |z^8| < 2.
+        // The set is |z^8| < 2.
         let shape = Fractal::new(map, 3, Transform::IDENTITY);
         let ray = Ray::new(DVec3::new(0.0, 0.0, 4.0), DVec3::NEG_Z);
         let hit = shape.closest(&ray, Interval::FORWARD, None).unwrap();
         assert!((hit.t - (4.0 - 2f64.powf(0.125))).abs() < 1e-14, "{hit:?}");
     }
 
-    /// Nothing is inside before the first root, and something is right behind it.
+    /// No point is inside before the first root, and a point just behind it is inside.
     #[test]
     fn roots_are_those_of_iteration_by_angles() {
         let mut random = Random::new(29);
@@ -504,10 +506,10 @@ mod tests {
                 assert_eq!(inside.count(), 0, "{ray:?} {:?}", shape.map);
                 let Some(hit) = found else { continue };
                 hits += 1;
-                // A thin place may end before the next sample.
+                // A thin feature may end before the next sample.
                 let behind = (1..=40).any(|k| is_inside(&shape, ray.at(hit.t + 0.5f64.powi(k))));
                 assert!(behind, "{ray:?} {hit:?} {:?}", shape.map);
-                // The check bites: steps of a twentieth miss what is thin.
+                // Shows that the test can fail: steps of 0.05 miss thin features.
                 let seen = (0..120)
                     .map(|i| 0.05 * f64::from(i))
                     .find(|t| is_inside(&shape, ray.at(*t)));
@@ -547,7 +549,7 @@ mod tests {
         assert!(told > 6_000 && open > 100, "{told} {open}");
     }
 
-    /// A deeper set is a part of one less deep: along a ray, it is never met earlier.
+    /// A deeper set is a subset of a shallower one: along a ray, it is never hit earlier.
     #[test]
     fn depth_goes_one_way_and_ends() {
         let mut random = Random::new(31);
@@ -568,7 +570,7 @@ mod tests {
             for depth in [1, 2, 3, 4, 6, 8, 11, 15, 20, 25] {
                 let found = first(depth);
                 if let Some(last) = last {
-                    // Beyond, what rounding does to iterates is larger than the sets differ by.
+                    // At greater depths, rounding moves iterates by more than the sets differ.
                     let later = |(now, then): (&f64, &f64)| *now >= then - 1e-9;
                     assert!(depth > 15 || found.iter().zip(&last).all(later), "{depth}");
                 }

@@ -1,26 +1,26 @@
-//! Where a flat-faced shape stands: what plane, rectangle, disk and box have in common; also that
-//! of quadrics.
+//! Object space of flat-faced shapes (plane, rectangle, disk, box) and of quadrics, with rounding
+//! error bounds.
 
 use whitstone_core::simd::select;
 use whitstone_core::{Aabb, DMat3, DVec2, DVec3, LEAVES_NOTHING, PrimitiveHit, Ray, SurfacePart, Transform};
 
-/// Half the distance from 1 to the next number: the relative error of one rounding.
+/// Unit roundoff: half the distance from 1 to the next number, the relative error of one rounding.
 pub(crate) const UNIT: f64 = 0.5 * f64::EPSILON;
 
-/// Corners of the polygon that stands for a disk: it is larger by less than a thousandth.
+/// Corners of the polygon that represents a disk; its radius is less than a thousandth larger.
 const ROUND_CORNERS: f64 = 96.0;
 
-/// The object space of a shape whose faces lie in planes across the object axes.
+/// The object space of a shape whose faces are perpendicular to the object axes.
 #[derive(Clone)]
 pub(crate) struct Frame {
     transform: Transform,
-    /// Unit normals in world space of the planes across each object axis.
+    /// Unit normals in world space of the planes perpendicular to each object axis.
     normals: [DVec3; 3],
     /// For each plane: how far, in metres along its normal, a unit step along each object axis can
-    /// lead away from where rays meet it.
+    /// deviate from the plane that rays meet.
     tilt: [DVec3; 3],
-    /// How far each object coordinate can change, by rounding, on the way into the world and back:
-    /// row for row, for a unit step along each object axis.
+    /// Bound on the change of each object coordinate (row) by rounding on the way to world space
+    /// and back, for a unit step along each object axis (column).
     slant: DMat3,
 }
 
@@ -28,9 +28,9 @@ impl Frame {
     pub(crate) fn new(transform: Transform) -> Self {
         let forward = transform.world_from_object().matrix3;
         let inverse = transform.object_from_world().matrix3;
-        // The inverse is rounded, so the planes that rays meet are tilted against those that the
-        // columns of the matrix span. The residual says by how much; its own rounding (three
-        // products and two sums, and the one subtracted) is added.
+        // The inverse is rounded, so the planes that rays meet are tilted relative to those that
+        // the matrix columns span. The residual measures the tilt. Its own rounding error (three
+        // products, two sums and the subtraction) is added.
         let residual = inverse * forward - DMat3::IDENTITY;
         let terms = inverse.abs() * forward.abs();
         let slant = residual.abs() + 4.0 * UNIT * terms;
@@ -53,14 +53,14 @@ impl Frame {
         self.transform.ray_to_object(ray)
     }
 
-    /// A point of world space in object space.
+    /// Transforms a world-space point to object space.
     #[inline(always)]
     pub(crate) fn point_to_object(&self, p: DVec3) -> DVec3 {
         self.transform.object_from_world().matrix3 * (p - self.transform.world_from_object().translation)
     }
 
-    /// Where a ray meets the plane z = 0 of object space: the ray parameter and x, y there. A ray
-    /// that runs in parallel meets it at infinity or, inside of it, at NaN.
+    /// Intersects a ray with the plane z = 0 of object space: the ray parameter and x, y there.
+    /// They are infinite for a parallel ray and NaN for a ray within the plane.
     #[inline(always)]
     pub(crate) fn meet_plane(&self, ray: &Ray) -> (f64, DVec2) {
         let inverse = &self.transform.object_from_world().matrix3;
@@ -70,7 +70,7 @@ impl Frame {
         (t, origin.truncate() + t * direction.truncate())
     }
 
-    /// Whether a ray goes towards the plane z = 0 of object space at all.
+    /// Whether a ray approaches the plane z = 0 of object space.
     #[inline(always)]
     pub(crate) fn approaches(&self, ray: &Ray) -> bool {
         let inverse = &self.transform.object_from_world().matrix3;
@@ -80,18 +80,18 @@ impl Frame {
         (height > 0.0) & (slope < 0.0) | (height < 0.0) & (slope > 0.0)
     }
 
-    /// Unit normal in world space of the planes across an object axis.
+    /// Unit normal in world space of the planes perpendicular to an object axis.
     #[inline(always)]
     pub(crate) fn normal(&self, axis: usize) -> DVec3 {
         self.normals[axis]
     }
 
-    /// The point `p` of object space in world space, with a bound on its distance from the plane
-    /// across `axis` that rays meet.
+    /// Transforms the object-space point `p` to world space, with a bound on its distance from the
+    /// plane perpendicular to `axis` that rays meet.
     ///
-    /// The bound: three products and three sums leave in each coordinate at most four roundings of
-    /// the sum of the absolute terms; the ray that leaves along the normal adds one more; then the
-    /// tilt.
+    /// The bound: three products and three sums contribute at most four roundings of the sum of the
+    /// absolute terms to each coordinate; spawning a ray along the normal adds one more; then the
+    /// tilt is added.
     #[inline(always)]
     pub(crate) fn point(&self, p: DVec3, axis: usize) -> (DVec3, f64) {
         let origin = self.transform.world_from_object().translation;
@@ -102,13 +102,13 @@ impl Frame {
         (origin + (x + y + z), error)
     }
 
-    /// The point `p` of object space on a surface with this gradient there, in world space, with a
-    /// bound on its distance from the surface and the unit normal. `slack` bounds how far the
-    /// function whose gradient it is may be off zero at `p`.
+    /// Transforms a surface point `p` from object to world space, given its gradient: the point, a
+    /// bound on its distance from the surface, and the unit normal. `slack` bounds the absolute
+    /// value at `p` of the function that has this gradient.
     ///
-    /// What a function is off by, over the length of its gradient in world space, is how far away
-    /// its zero is. The gradient goes into the world by the inverse transpose. The other roundings
-    /// are those of [`Self::point`].
+    /// The distance to the zero of the function is its value divided by the length of its
+    /// world-space gradient. The gradient is transformed by the inverse transpose. The other
+    /// roundings are those of [`Self::point`].
     #[inline(always)]
     pub(crate) fn point_with_gradient(&self, p: DVec3, gradient: DVec3, slack: f64) -> (DVec3, f64, DVec3) {
         let origin = self.transform.world_from_object().translation;
@@ -121,18 +121,18 @@ impl Frame {
         (origin + (x + y + z), 5.0 * UNIT * n.abs().dot(terms) + met, n)
     }
 
-    /// How far the ellipsoid with these half axes, about the origin of object space, reaches along
-    /// each world axis: a little more, for rounding.
+    /// Half the extent along each world axis of the ellipsoid with these semi-axes about the origin
+    /// of object space, padded for rounding.
     pub(crate) fn reach_of_ellipsoid(&self, half: DVec3) -> [f64; 3] {
         let [x, y, z] = self.columns(half);
-        // Exact where all but one are zero.
+        // Exact if all but one are zero.
         [0, 1, 2].map(|i| match (x[i], y[i], z[i]) {
             (other, 0.0, 0.0) | (0.0, other, 0.0) | (0.0, 0.0, other) => other.abs(),
             (x, y, z) => x.hypot(y).hypot(z) * (1.0 + 4.0 * f64::EPSILON),
         })
     }
 
-    /// World-space box of an ellipse about `center` in the plane z = center.z of object space.
+    /// World-space bounds of a disk about `center` in the plane z = center.z of object space.
     pub(crate) fn around_disk(&self, center: DVec3, radius: f64) -> Aabb {
         let reach = self.reach_of_ellipsoid(DVec3::new(radius, radius, 0.0));
         let [x, y, z] = self.columns(center);
@@ -150,7 +150,7 @@ impl Frame {
         }
     }
 
-    /// World-space box around a box of object space.
+    /// World-space bounds of an object-space box.
     pub(crate) fn around_box(&self, min: DVec3, max: DVec3) -> Aabb {
         let matrix = self.transform.world_from_object().matrix3;
         let origin = self.transform.world_from_object().translation;
@@ -169,13 +169,14 @@ impl Frame {
         aabb
     }
 
-    /// World-space box of the points whose object coordinates are at most `half` in absolute value.
+    /// World-space bounds of the points whose object coordinates are at most `half` in absolute
+    /// value.
     pub(crate) fn bounds(&self, half: DVec3) -> Aabb {
         let [x, y, z] = self.columns(half).map(DVec3::abs);
         self.around([0, 1, 2].map(|i| add_up(add_up(x[i], y[i]), z[i])))
     }
 
-    /// World-space box that reaches this far from the origin of object space to either side.
+    /// World-space box about the origin of object space with these half extents.
     pub(crate) fn around(&self, reach: [f64; 3]) -> Aabb {
         let center = self.transform.world_from_object().translation;
         Aabb {
@@ -184,8 +185,8 @@ impl Frame {
         }
     }
 
-    /// A flat face across an object axis, as a part of a surface: a convex polygon with these
-    /// corners in object space. `side` is the sign of its outward normal along the axis.
+    /// A flat face perpendicular to an object axis, as a surface part: a convex polygon with these
+    /// object-space corners. `side` is the sign of its outward normal along the axis.
     pub(crate) fn face(
         &self,
         axis: usize,
@@ -199,7 +200,8 @@ impl Frame {
         }
     }
 
-    /// The same for a disk about the z axis of object space: a regular polygon around it.
+    /// Like [`Self::face`], for a disk about the z axis of object space: a circumscribed regular
+    /// polygon.
     pub(crate) fn round_face(&self, side: f64, z: f64, radius: f64) -> SurfacePart {
         let circumscribed = radius / (std::f64::consts::PI / ROUND_CORNERS).cos();
         let corner = |number: u32| {
@@ -217,8 +219,8 @@ impl Frame {
     }
 }
 
-/// The hit of a ray with the part of a plane that `inside` says; one that leaves the plane does not
-/// meet it.
+/// The hit of a ray with the part of a plane selected by `inside`; a ray spawned on the plane does
+/// not hit it.
 #[inline(always)]
 pub(crate) fn flat_hit(t: f64, params: DVec2, inside: bool, min: f64, leaves: u32) -> PrimitiveHit {
     let counts = inside & (t > min) & (leaves == LEAVES_NOTHING);
@@ -229,15 +231,15 @@ pub(crate) fn flat_hit(t: f64, params: DVec2, inside: bool, min: f64, leaves: u3
     }
 }
 
-/// The sum, rounded down where it is not exact.
+/// The sum, rounded down if it is not exact.
 pub(crate) fn add_down(a: f64, b: f64) -> f64 {
     -add_up(-a, -b)
 }
 
-/// The sum, rounded up where it is not exact: bounds of what stands straight stay exact.
+/// The sum, rounded up if it is not exact; exact bounds of axis-aligned shapes stay exact.
 pub(crate) fn add_up(a: f64, b: f64) -> f64 {
     let sum = a + b;
-    // The rounding error, exactly (Knuth's TwoSum).
+    // The exact rounding error (Knuth's TwoSum).
     let b_seen = sum - a;
     let lost = (a - (sum - b_seen)) + (b - b_seen);
     if lost > 0.0 { sum.next_up() } else { sum }

@@ -1,9 +1,9 @@
-//! A generated landscape: a grid of quads moved up and down by noise, as large as memory allows,
+//! A procedural landscape: a grid of quads displaced by noise, of any size that fits in memory,
 //! without a file.
 //!
 //! Value noise in octaves on an integer hash (`lowbias32`: C. Wellons, *Prospecting for hash
-//! functions*, 2018), so that every machine makes the same one. Coordinates are rounded to single
-//! precision, as in most files of meshes.
+//! functions*, 2018), so the result is the same on every machine. Coordinates are rounded to single
+//! precision, as in most mesh files.
 //!
 //! - Twin: Mitsuba mesh (native) with the same vertices.
 //! - Example: `scenes/shapes/heightfield.toml`.
@@ -16,11 +16,11 @@ use whitstone_core::config::{IntegerIn, NonNegative};
 use whitstone_core::hash::mix;
 use whitstone_core::{Context, DVec3, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
 
-/// Most quads: twice as many triangles still fit the numbers of the accelerators.
+/// Maximum number of quads: twice as many triangles still fit the indices of the accelerators.
 const MAX_QUADS: u64 = 1 << 26;
 
-/// A generated landscape over the square from -1 to 1 in x and y, up along z: a mesh of two
-/// triangles a quad.
+/// A procedural landscape over the square from -1 to 1 in x and y, with z up: a mesh with two
+/// triangles per quad.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -30,16 +30,16 @@ pub struct Config {
     /// Quads along y.
     #[serde(default = "size")]
     rows: IntegerIn<1, 65536>,
-    /// Height of the first octave in metres; each one has half the height of the one before.
+    /// Amplitude of the first octave in metres; it halves with each octave.
     #[serde(default = "height")]
     amplitude: NonNegative,
-    /// Hills of the first octave along a side; each octave has twice as many as the one before.
+    /// Lattice cells ("hills") per side in the first octave; they double with each octave.
     #[serde(default = "hills")]
     hills: IntegerIn<1, 1024>,
-    /// How many sizes of hills.
+    /// Number of octaves.
     #[serde(default = "octaves")]
     octaves: IntegerIn<1, 16>,
-    /// Another landscape for another number.
+    /// Seed of the noise.
     #[serde(default = "seed")]
     seed: IntegerIn<0, { u32::MAX }>,
 }
@@ -64,7 +64,7 @@ fn octaves() -> IntegerIn<1, 16> {
     IntegerIn::new(8).expect("in range")
 }
 
-/// Becomes triangles in world space.
+/// Lowers to triangles in world space.
 pub struct Heightfield;
 
 impl Plugin<Shapes> for Heightfield {
@@ -129,18 +129,18 @@ fn landscape(config: &Config) -> Triangles {
     }
 }
 
-/// Hills of one size.
+/// One octave of noise.
 struct Octave {
-    /// Along a side.
+    /// Lattice cells per side.
     hills: u64,
     amplitude: f64,
     seed: u32,
 }
 
 impl Octave {
-    /// The height at a vertex of a grid of so many quads.
+    /// The height at a vertex of a grid with this many quads.
     fn height(&self, vertex: [u32; 2], quads: [u32; 2]) -> f64 {
-        // The product is exact: one rounding.
+        // The product is exact, so there is only one rounding.
         let at = |k: usize| (u64::from(vertex[k]) * self.hills) as f64 / f64::from(quads[k]);
         let (x, y) = (at(0), at(1));
         let (cell_x, cell_y) = (x.floor(), y.floor());
@@ -194,7 +194,7 @@ mod tests {
             ]
         );
         assert_eq!(mesh.triangles, [[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]]);
-        // At the lattice the height is the hash, halfway the mean of two.
+        // At a lattice point the height is the hash; halfway it is the mean of two.
         let hash = |x: u32, y: u32| mix(mix(mix(7 + mix(0)).wrapping_add(y)).wrapping_add(x));
         let value = |x, y| f64::from(hash(x, y)) / 2f64.powi(31) - 1.0;
         assert_eq!(mesh.positions[0].z, f64::from(value(0, 0) as f32));

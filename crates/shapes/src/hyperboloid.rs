@@ -1,7 +1,7 @@
 //! A hyperboloid of one sheet about the z axis.
 //!
 //! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing*
-//! (1989), ch. 2, 5.2; arithmetic in `conic.rs`. A line may be inside it twice.
+//! (1989), ch. 2, 5.2. The arithmetic is in `conic.rs`. A line may be inside it on two intervals.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/hyperboloid.toml`.
@@ -12,22 +12,22 @@ use serde::Deserialize;
 use whitstone_core::config::{Positive, Vector2};
 use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transform};
 
-/// The hyperboloid of one sheet x² + y² = radius² + slope² z² of its object space; the outside is
-/// away from the axis.
+/// The hyperboloid of one sheet x² + y² = radius² + slope² z² of its object space; its normals
+/// point away from the axis.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Of the waist at the height 0, in metres.
+    /// Radius of the waist at z = 0, in metres.
     #[serde(default = "half")]
     radius: Positive,
-    /// By which the radius grows in the end for each metre of height; greater than 0.
+    /// Asymptotic growth of the radius per metre of height; greater than 0.
     #[serde(default = "one")]
     slope: Positive,
-    /// From which height to which, in metres.
+    /// Lower and upper end along z, in metres.
     #[serde(default = "heights")]
     #[schemars(with = "Vector2")]
     z: Heights,
-    /// Whether disks close it at both ends.
+    /// Whether disks close both ends.
     #[serde(default = "yes")]
     caps: bool,
 }
@@ -48,7 +48,7 @@ fn yes() -> bool {
     true
 }
 
-/// Becomes a surface of revolution.
+/// Lowers to a surface of revolution.
 pub struct Hyperboloid;
 
 impl Plugin<Shapes> for Hyperboloid {
@@ -107,7 +107,7 @@ mod tests {
                 "{ends:?}"
             );
         }
-        // From the waist outward past the flare, and into the cap's side again.
+        // From the lower flare, past the waist on the outside, into the upper flare.
         let leaving = Ray::new(DVec3::new(0.8, 0.0, -side), DVec3::Z);
         let hit = shape.closest(&leaving, Interval::FORWARD, Some(0)).unwrap();
         assert!(

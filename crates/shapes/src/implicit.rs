@@ -1,10 +1,10 @@
-//! The set where a function is negative, put together from distances by a tree of operations.
+//! The set where a function is negative, built from distance functions by a tree of operations.
 //!
 //! Distances and the smooth union: Hart, *Sphere tracing: a geometric method for the antialiased
-//! ray tracing of implicit surfaces*, The Visual Computer 12(10), 1996. Roots are decided by ranges
-//! of values and slopes (Mitchell 1990, see `crossings`); a bound on the slope of the function,
-//! derived from the tree or promised by the scene, leaves out what is far from the surface at the
-//! cost of one value, as in sphere tracing.
+//! ray tracing of implicit surfaces*, The Visual Computer 12(10), 1996. Roots are isolated by
+//! interval bounds of values and slopes (Mitchell 1990, see `crossings`). A Lipschitz bound on the
+//! function, derived from the tree or asserted by the scene, skips ranges far from the surface at
+//! the cost of one evaluation, as in sphere tracing.
 //!
 //! - Twin: POV-Ray `isosurface` with the same formulas, `blob` for metaballs alone.
 //! - Example: `scenes/shapes/implicit.toml`.
@@ -25,29 +25,30 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform,
 };
 
-/// Places at which a promised bound on the slope is tried.
+/// Number of sample points at which an asserted Lipschitz bound is checked.
 const SAMPLES: u32 = 4096;
-/// Parts of the faces of the box that are looked at, to find out whether it cuts anything off.
+/// Maximum number of parts of the box faces that are examined to find out whether the box clips the
+/// set.
 const FACE_PARTS: u32 = 1 << 14;
-/// Relative to the size of the box: what the function may be off by rounding, and what is too
-/// little to matter.
+/// Rounding error of the function, and the magnitude below which values do not matter, relative to
+/// the size of the box.
 const SMALL: f64 = 1.0 / (1u64 << 44) as f64;
 
 /// The boundary of the set where a function is negative; the outside is where it is positive.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The function, a table with one key: a shape, or an operation on others. Lengths are in
-    /// metres.
+    /// The function: a table with one key, which is a shape or an operation on others. Lengths are
+    /// in metres.
     #[schemars(with = "Node")]
     field: Spanned<Node>,
-    /// The part of object space that is looked at; by default a box around all of it, if there is
-    /// one.
+    /// The box in object space that is searched; by default the bounds of the whole set, if they
+    /// are finite.
     #[serde(default)]
     #[schemars(with = "Bounds")]
     bounds: Option<Spanned<Bounds>>,
-    /// A promise: the function changes no faster than this per metre. By default a bound is
-    /// derived.
+    /// An asserted bound on the change of the function per metre (Lipschitz constant). By default a
+    /// bound is derived.
     #[serde(default)]
     #[schemars(with = "Positive")]
     lipschitz: Option<Spanned<Positive>>,
@@ -57,19 +58,19 @@ pub struct Config {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Bounds {
-    /// Its least coordinates.
+    /// Minimum corner.
     min: Vector3,
-    /// Its greatest coordinates.
+    /// Maximum corner.
     max: Vector3,
 }
 
-/// In its object space.
+/// The level set in its object space.
 pub struct Implicit {
     level: Level,
     field: Field,
-    /// Bound on the slope of the field per metre, in the box.
+    /// Lipschitz bound of the field in the box, per metre.
     steepest: f64,
-    /// Values that rounding may give where the field is 0.
+    /// Bound on the rounding error of the field.
     small: f64,
 }
 
@@ -111,8 +112,8 @@ impl Plugin<Shapes> for Implicit {
     }
 }
 
-/// A box around the set, so much larger that rays enter it outside of the set, however far their
-/// own rounding moves them.
+/// A box around the set with a margin, so that rays enter it outside the set despite their rounding
+/// errors.
 fn derived_bounds(field: &Field) -> Result<(DVec3, DVec3), SceneError> {
     let around = field.bounds_below(0.0);
     if around.iter().any(|range| range.lo >= range.hi) {
@@ -143,9 +144,9 @@ impl Implicit {
         }
     }
 
-    /// Looks for a place where the field is steeper than promised.
+    /// Searches for a point where the field is steeper than asserted.
     fn try_promise(&self, promised: f64) -> Result<(), String> {
-        // Steps of an additive recurrence: evenly spread in any number (Roberts, 2018).
+        // Steps of an additive recurrence: evenly spread for any number of samples (Roberts, 2018).
         const STEP: [f64; 3] = [
             0.819_172_513_396_164_5,
             0.671_043_606_703_789_3,
@@ -183,8 +184,8 @@ impl Implicit {
         }
     }
 
-    /// Whether the field is certainly positive all over the box's faces, so that the box cuts
-    /// nothing off.
+    /// Whether the field is certainly positive on all faces of the box, so that the box does not
+    /// clip the set.
     fn is_closed(&self) -> bool {
         let (min, max) = (self.level.min(), self.level.max());
         let whole = [0, 1, 2].map(|k| Enclosure::new(min[k], max[k]));
@@ -226,7 +227,7 @@ impl Implicit {
     }
 }
 
-/// The field along the part of a ray in the box.
+/// The field along the part of a ray inside the box.
 struct Line<'a> {
     shape: &'a Implicit,
     segment: &'a Segment,
@@ -251,13 +252,14 @@ impl Along for Line<'_> {
             small,
             ..
         } = self.shape;
-        // As far as the field cannot come to 0 in this range.
+        // By the Lipschitz bound, the field cannot reach 0 in this range.
         let value = field.eval(self.segment.at(0.5 * (lo + hi)).to_array());
         if value.abs() > 0.5 * (hi - lo) * self.length * steepest + small {
             return Known::Apart;
         }
         let axis = |k: usize| {
-            // The ends, rounded as `Segment::at` rounds them: what lies between is between.
+            // The ends are rounded as in `Segment::at`, so that points between them stay between
+            // them.
             let (a, b) = (self.segment.at(lo)[k], self.segment.at(hi)[k]);
             Dual {
                 value: Enclosure::new(a.min(b), a.max(b)),
@@ -337,7 +339,7 @@ mod tests {
         Implicit::new(field, min, max, Transform::IDENTITY, None)
     }
 
-    /// Everything at once, as far as it goes together.
+    /// A tree that combines as many operations as possible.
     const TREE: &str = r#"
         [field]
         smooth_union.k = 0.2
@@ -403,7 +405,7 @@ mod tests {
         );
         // Through the hole.
         assert_eq!(hit("field.torus = {}", [0.1, 0.1, 5.0], [0.0, 0.0, -1.0]), None);
-        // Twisted by a quarter turn a metre: at z = 1, what lay along x lies along y.
+        // Twisted by a quarter turn per metre: at z = 1, the x axis of the box lies along y.
         let twisted = "field.twist = { degrees_per_metre = 90, of = { box = { half = [0.9, 0.1, 2] } } }";
         assert!(hit(twisted, [0.0, 5.0, 1.0], [0.0, -1.0, 0.0]).unwrap().0 - 4.1 < 1e-12);
         assert!(hit(twisted, [0.0, 5.0, 0.0], [0.0, -1.0, 0.0]).unwrap().0 - 4.9 < 1e-12);
@@ -432,7 +434,7 @@ mod tests {
         }
     }
 
-    /// The first root by ranges alone, without any bound on slopes.
+    /// The first root by interval bounds alone, without a Lipschitz bound.
     fn by_ranges(shape: &Implicit, ray: &Ray) -> Option<f64> {
         struct Ranges<'a>(Line<'a>);
         impl Along for Ranges<'_> {
@@ -461,7 +463,7 @@ mod tests {
         found
     }
 
-    /// A pillar that is twisted more and more: slopes up to 1e3 and beyond.
+    /// A pillar twisted so strongly that slopes reach 1e3 and more.
     fn pillar(shear: f64) -> String {
         let rate = (shear / 0.5_f64).to_degrees();
         format!(
@@ -498,7 +500,7 @@ mod tests {
                     by_wrong.zip(truth).is_some_and(|(a, b)| (a - b).abs() < 1e-9) || by_wrong == truth;
                 misses_of_false += usize::from(!same);
             }
-            // Promised by the scene: what is true passes, what is not is refused.
+            // An asserted bound is accepted if it is true, and rejected if it is false.
             let promise = |bound: f64| {
                 build::<Shapes, Implicit>(&format!("lipschitz = {bound}\n{text}"), Transform::IDENTITY)
                     .map(drop)
@@ -529,7 +531,7 @@ mod tests {
             (sum, most) = (sum + steps, most.max(steps));
         }
         assert!(sum / 2_000 < 200 && most < 3_000, "{} {most}", sum / 2_000);
-        // Along a face: the field is zero all the way.
+        // Along a face, where the field is zero throughout.
         let cube = implicit("field.box = {}");
         let ray = Ray::new(DVec3::new(-3.0, 0.3, 1.0), DVec3::X);
         let segment = cube.level.clip(&ray).unwrap();

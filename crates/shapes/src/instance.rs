@@ -1,9 +1,9 @@
-//! A copy of a group of shapes.
+//! An instance of a group of shapes.
 //!
-//! Rays are taken into the group's space instead of the shapes into the world (lecture notes: "ray
-//! transformation instead of object transformation"), with directions of any length, so that
-//! distances need no conversion. Bounds and errors: `docs/accelerators.md` and Pharr, Jakob,
-//! Humphreys, *Physically Based Rendering* (4th ed.), 6.8.6.
+//! Rays are transformed to the group's space, not the shapes to world space (lecture notes: "ray
+//! transformation instead of object transformation"). Directions are not normalised, so distances
+//! need no conversion. Bounds and errors: `docs/accelerators.md` and Pharr, Jakob, Humphreys,
+//! *Physically Based Rendering* (4th ed.), 6.8.6.
 //!
 //! - Twin: Mitsuba shapes (native), placed one by one by the product of all transforms.
 //! - Example: `scenes/shapes/instance.toml`.
@@ -13,7 +13,7 @@ use serde::Deserialize;
 use whitstone_core::config::GroupRef;
 use whitstone_core::{Context, Instance, Plugin, SceneErrors, Shape, Shapes, Transform};
 
-/// A copy of a group of shapes; they bring their materials with them.
+/// An instance of a group of shapes; the shapes keep their own materials.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -21,7 +21,7 @@ pub struct Config {
     group: GroupRef,
 }
 
-/// Becomes an [`Instance`], which accelerators know.
+/// Lowers to an [`Instance`], which accelerators support.
 pub struct Placed;
 
 impl Plugin<Shapes> for Placed {
@@ -85,8 +85,8 @@ mod tests {
             for (name, transform) in placements() {
                 eprintln!("{kind}, {name}");
                 shape_laws(place(&group, transform), 2_000);
-                // Copies of copies; what is tiny loses its digits far away, what is thin is seldom
-                // hit when turned.
+                // Nested instances. Distant tiny shapes lose their digits, and rotated thin shapes
+                // are seldom hit.
                 if !["tiny", "thin", "stretched"].contains(&name) {
                     let inner = self::group(vec![place(&group, transform)]);
                     shape_laws(place(&inner, placements()[1].1), 500);
@@ -105,7 +105,8 @@ mod tests {
         rays.iter().map(one).collect()
     }
 
-    /// The faces of the box lie in those of its bounds: what is cut off too tightly is missed.
+    /// The faces of the box coincide with those of its bounds, so bounds that are too tight cause
+    /// misses.
     #[test]
     fn a_copy_is_hit_where_the_shape_itself_would_be() {
         let mut random = Random::new(5);
@@ -141,8 +142,8 @@ mod tests {
         }
     }
 
-    /// Rays leave the one of two triangles in a plane at so flat an angle that they would meet the
-    /// other if they started below the plane by rounding.
+    /// Rays are spawned on one of two coplanar triangles at an angle so flat that they would hit
+    /// the other one if rounding put their origin below the plane.
     #[test]
     fn rays_that_leave_a_copy_clear_what_lies_beside() {
         let mut random = Random::new(6);

@@ -1,12 +1,12 @@
-//! The level set of a density on a grid.
+//! An isosurface of a density on a grid.
 //!
-//! Between eight values the density is trilinear, so along a ray it is a cubic in each cell.
+//! The density is trilinear between eight values, so along a ray it is a cubic in each cell.
 //! Marmitt, Kleer, Wald, Friedrich, Slusallek, *Fast and accurate ray-voxel intersection techniques
-//! for iso-surface ray tracing*, VMV 2004, cut the cubic at the extrema of its derivative; here it
-//! is in Bernstein form (its coefficients are values of the density at mixed ends, by
-//! multilinearity), so that neighbouring cells see the same bits on the face between them. Cells
-//! are walked through after Amanatides and Woo, *A fast voxel traversal algorithm*, Eurographics
-//! 1987, blocks of them at once where the level is not among their values.
+//! for iso-surface ray tracing*, VMV 2004, split the cubic at its extrema. Here the cubic is in
+//! Bernstein form: by multilinearity its coefficients are values of the density at mixed endpoints.
+//! Neighbouring cells therefore compute identical bits on their common face. Cells are traversed as
+//! in Amanatides and Woo, *A fast voxel traversal algorithm*, Eurographics 1987. Blocks of cells
+//! whose values do not span the level are skipped at once.
 //!
 //! - Twin: POV-Ray `isosurface` with the interpolation as nested functions.
 //! - Example: `scenes/shapes/isosurface.toml`.
@@ -28,68 +28,68 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform,
 };
 
-/// Most values: a gigabyte of them.
+/// Maximum number of values: one gigabyte.
 const MAX_VALUES: u64 = 1 << 27;
-/// Cells along the edge of a block.
+/// Number of cells along the edge of a block.
 const BLOCK: usize = 8;
 
-/// The surface where a density on a grid over [-1, 1]³ is equal to a level; the outside is towards
+/// The surface where a density on a grid over [-1, 1]³ equals a level; its normals point towards
 /// lower density.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Values along x, y and z; at most 2^27 in all.
+    /// Number of values along x, y and z; at most 2^27 in total.
     size: [IntegerIn<2, 2048>; 3],
-    /// The density at the vertices of the grid, x fastest, z slowest.
+    /// The density at the grid vertices; x varies fastest, z slowest.
     #[serde(default)]
     #[schemars(with = "Values")]
     values: Option<Spanned<Values>>,
-    /// A file of nothing but these values.
+    /// A raw file of these values, without a header.
     file: Option<FilePath>,
-    /// How numbers are written in the file.
+    /// The number format of the file.
     #[serde(default)]
     #[schemars(with = "Format")]
     format: Option<Spanned<Format>>,
-    /// A made-up density instead of values.
+    /// Generates the density instead of reading values.
     #[serde(default)]
     #[schemars(with = "Generator")]
     generator: Option<Spanned<Generator>>,
-    /// Another density of the generator for another number.
+    /// Seed of the generator.
     #[serde(default)]
     #[schemars(with = "IntegerIn<0, { u32::MAX }>")]
     seed: Option<Spanned<IntegerIn<0, { u32::MAX }>>>,
-    /// Number of the generator's metaballs; 8 by default.
+    /// Number of metaballs of the generator; 8 by default.
     #[serde(default)]
     #[schemars(with = "IntegerIn<1, 64>")]
     balls: Option<Spanned<IntegerIn<1, 64>>>,
-    /// The density at the surface; 0.5 by default.
+    /// Iso value: the density at the surface; 0.5 by default.
     #[serde(default)]
     #[schemars(with = "Finite")]
     level: Option<Spanned<Finite>>,
 }
 
-/// Numbers in a file.
+/// Number format of a file.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Format {
-    /// Single precision, least byte first.
+    /// 32-bit floats, little-endian.
     #[default]
     F32,
-    /// Bytes, as numbers from 0 to 255.
+    /// Bytes, from 0 to 255.
     U8,
 }
 
-/// Densities that need no data.
+/// Procedural densities.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Generator {
-    /// Soft balls that flow into one another.
+    /// Metaballs: soft spheres that blend into one another.
     Metaballs,
-    /// Any number from 0 to 1 at each vertex.
+    /// An independent random number from 0 to 1 at each vertex.
     Noise,
 }
 
-/// In its object space.
+/// The isosurface in its object space.
 pub struct Isosurface {
     level: Level,
     grid: Grid,
@@ -99,10 +99,10 @@ pub struct Isosurface {
 struct Grid {
     size: [usize; 3],
     values: Vec<f64>,
-    /// Whether a block of cells has the level among its values.
+    /// Whether a block contains a cell whose values span the level.
     active: Vec<bool>,
     blocks: [usize; 3],
-    /// The cells around all that have roots, from the first up to before the last.
+    /// The range of cells that contains all roots: inclusive start, exclusive end.
     first: [usize; 3],
     last: [usize; 3],
 }
@@ -176,11 +176,11 @@ impl Grid {
             }
         }
         for axis in 0..3 {
-            // A cell more on each side: where a walk begins, no root must lie, not even at the
-            // face.
+            // One more cell on each side: the start of a traversal must not be a root, not even on
+            // the face.
             grid.first[axis] = grid.first[axis].saturating_sub(1);
             grid.last[axis] = (grid.last[axis] + 1).min(grid.size[axis] - 1);
-            // Of a density that is the level nowhere, any cell will do.
+            // If no value spans the level, any cell will do.
             grid.first[axis] = grid.first[axis].min(grid.last[axis] - 1);
         }
         grid
@@ -231,7 +231,7 @@ impl Grid {
         ]
     }
 
-    /// Coordinates that count cells, of a point of object space.
+    /// Transforms an object-space point to grid coordinates, in cells.
     fn coordinates(&self, p: DVec3) -> DVec3 {
         (p + 1.0) * self.cells_per_unit()
     }
@@ -240,12 +240,12 @@ impl Grid {
         DVec3::from_array(self.size.map(|n| 0.5 * (n - 1) as f64))
     }
 
-    /// The cell around a point, or the nearest one.
+    /// The cell that contains a point, or the nearest one.
     fn cell_at(&self, coordinates: DVec3) -> [usize; 3] {
         std::array::from_fn(|axis| (coordinates[axis].max(0.0) as usize).min(self.size[axis] - 2))
     }
 
-    /// In a cell, continued beyond it.
+    /// Value and gradient of the trilinear function of a cell, extrapolated beyond it.
     fn sample(&self, cell: [usize; 3], p: DVec3) -> Sample {
         let corners = self.corners(cell);
         let local = self.coordinates(p) - DVec3::from_array(cell.map(|c| c as f64));
@@ -267,8 +267,9 @@ impl Grid {
         }
     }
 
-    /// All crossings of a segment in order, s and cell, until `visit` breaks. Steps from cell to
-    /// cell, as many as there are along three edges at most, each with three roots at most.
+    /// Visits all crossings of a segment in order, with their cell, until `visit` breaks. The
+    /// number of cells is at most the sum of the three grid dimensions; each has at most three
+    /// roots.
     fn walk(&self, segment: &Segment, mut visit: impl FnMut(Crossing, [usize; 3]) -> ControlFlow<()>) {
         let origin = self.coordinates(segment.origin);
         let direction = segment.direction * self.cells_per_unit();
@@ -289,7 +290,7 @@ impl Grid {
             } else {
                 low.map(|c| c + BLOCK)
             };
-            // Where the ray leaves: through the plane that comes first.
+            // The ray leaves the cell through the nearest plane.
             let (mut exit, mut axis) = (f64::INFINITY, 3);
             for k in 0..3 {
                 let plane = if direction[k] > 0.0 { high[k] } else { low[k] } as f64;
@@ -302,7 +303,7 @@ impl Grid {
             let whole = |c: [usize; 3]| DVec3::from_array(c.map(|c| c as f64));
             let mut leaving = (origin + next * direction).clamp(whole(low), whole(high));
             if exit < 1.0 && axis < 3 {
-                // Exactly on the face, which the next cell enters through.
+                // Exactly on the face through which the ray enters the next cell.
                 leaving[axis] = if direction[axis] > 0.0 {
                     high[axis]
                 } else {
@@ -316,8 +317,8 @@ impl Grid {
                     let from = (entry - corner).clamp(DVec3::ZERO, DVec3::ONE);
                     let cubic = Cubic::new(&corners, from, leaving - corner);
                     let starts_inside = cubic.0[0] < 0.0;
-                    // Faces are seen alike from both sides; what rounding still moves at an edge is
-                    // caught here.
+                    // Cells agree on a common face; a sign change that rounding causes at an edge
+                    // is reported here.
                     let jumps = inside.is_some_and(|inside| inside != starts_inside);
                     let mut cross = |local: f64, enters: bool| {
                         let s = s + local * (next - s);
@@ -352,7 +353,7 @@ impl Grid {
     }
 }
 
-/// Whether some corners are inside and some not.
+/// Whether some corners are inside and some outside.
 #[inline]
 fn straddles(corners: &[f64; 8]) -> bool {
     corners.iter().any(|value| *value < 0.0) && !corners.iter().all(|value| *value < 0.0)
@@ -370,13 +371,13 @@ impl Isosurface {
         }
     }
 
-    /// Of the density's lack at the origin of an object-space ray, along it.
+    /// Derivative of level minus density along an object-space ray, at its origin.
     fn slope(&self, ray: &Ray) -> f64 {
         let cell = self.grid.cell_at(self.grid.coordinates(ray.origin));
         self.grid.sample(cell, ray.origin).gradient.dot(ray.direction)
     }
 
-    /// As the parameters of a hit.
+    /// The parameters of a hit in a cell.
     fn params(&self, cell: [usize; 3]) -> DVec2 {
         DVec2::new(self.grid.cell_number(cell) as f64, 0.0)
     }
@@ -447,7 +448,7 @@ mod tests {
         Isosurface::new(Grid::new(size, values), Transform::IDENTITY)
     }
 
-    /// All crossings of a ray in order, one query each, from the last hit on.
+    /// All crossings of a ray in order, one query per hit, each starting at the previous hit.
     fn all(shape: &Isosurface, ray: &Ray) -> Vec<f64> {
         let mut found = Vec::new();
         let mut min = 0.0;
@@ -488,13 +489,13 @@ mod tests {
             (point.position, point.n_g),
             (DVec3::new(0.0, 0.25, 0.5), DVec3::NEG_X)
         );
-        // The box is no surface.
+        // The box itself is not a surface.
         let back = Ray::new(DVec3::new(0.5, 0.0, 0.0), DVec3::X);
         assert_eq!(shape.closest(&back, Interval::FORWARD, None), None);
     }
 
-    /// Density along an axis-parallel ray at a dyadic place: exact in double precision, and linear
-    /// from node to node.
+    /// Exact crossings of an axis-parallel ray at dyadic coordinates: the density is exact in
+    /// double precision, and linear between nodes.
     fn exact_crossings(size: [usize; 3], values: &[f64], axis: usize, [u, v]: [f64; 2]) -> Vec<f64> {
         let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
         let node = |i: usize| {
@@ -517,12 +518,13 @@ mod tests {
                 found.push((i - 1) as f64 + before / (before - after));
             }
         }
-        // Out and in again at one place is one hit.
+        // Leaving and entering at the same place is one hit.
         found.dedup_by(|a, b| *a - *b < 1e-12);
         found
     }
 
-    /// Rays through plateaus: values of -1, 0 and 1, also over whole cells, the level exactly at 0.
+    /// Rays through plateaus: values of -1, 0 and 1, also constant over whole cells, with the level
+    /// exactly at 0.
     #[test]
     fn no_root_is_missed_where_the_density_is_the_level_all_over_cells() {
         let mut random = Random::new(30);
@@ -530,7 +532,8 @@ mod tests {
         for case in 0..400 {
             let size = [2 + random.below(12), 2 + random.below(6), 2 + random.below(20)];
             let count = size.iter().product();
-            // Half of all values are exactly the level; in some grids the others are very near.
+            // Half of all values equal the level exactly; in some grids the others are very close
+            // to it.
             let small = 0.5f64.powi(case % 50);
             let values: Vec<f64> = (0..count)
                 .map(|_| [0.0, 0.0, 0.0, small, -small, -1.0][random.below(6)])
@@ -544,8 +547,8 @@ mod tests {
                     eighths(size[(axis + 2) % 3], &mut random),
                 ];
                 let expected = exact_crossings(size, &values, axis, across);
-                // In object space; the grid is a power of two wide only by chance, so ends are
-                // compared up to rounding.
+                // Converting to object space rounds unless the grid size happens to be a power of
+                // two, so ends are compared up to rounding.
                 let unit = shape.grid.cells_per_unit();
                 let mut cells = DVec3::ZERO;
                 cells[(axis + 1) % 3] = across[0];
@@ -564,7 +567,7 @@ mod tests {
                 assert!(near(&found, &expected), "{found:?} {expected:?} {size:?} {ray:?}");
                 rays += 1;
                 roots += expected.len();
-                // What tests for opposite signs at both ends of a cell misses the ends of plateaus.
+                // A test for opposite signs at the ends of a cell misses the ends of plateaus.
                 let ends: Vec<f64> = (0..size[axis])
                     .map(|i| {
                         let mut at = cells;
@@ -584,7 +587,7 @@ mod tests {
         assert!(naive_misses > 1_000, "{naive_misses} of {rays}");
     }
 
-    /// The density by another way than that of the plugin.
+    /// The density, computed independently of the plugin.
     fn density(size: [usize; 3], values: &[f64], p: DVec3) -> f64 {
         let mut sum = 0.0;
         for (i, value) in values.iter().enumerate() {
@@ -624,7 +627,7 @@ mod tests {
                     assert!(value(*t).abs() < 1e-12, "{t}");
                     several_in_a_cell += usize::from(i > 0 && t - found[i - 1] < 0.02);
                 }
-                // Between two roots the sign stays; it changes at each of them.
+                // The sign is constant between two roots, and changes at each root.
                 let segment = shape.level.clip(&ray).map_or((0.0, 0.0), |s| (s.begin, s.end));
                 let ends: Vec<f64> = [segment.0]
                     .into_iter()
@@ -655,7 +658,7 @@ mod tests {
 
     #[test]
     fn three_roots_in_one_cell_are_found() {
-        // The cubic along the diagonal of a cell with these corners has three.
+        // The cubic along the diagonal of a cell with these corners has three roots.
         let values = vec![-0.1, 1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 0.1];
         let shape = of_values([2, 2, 2], values);
         let ray = Ray::new(DVec3::splat(-1.5), DVec3::ONE);

@@ -1,4 +1,4 @@
-//! Where a level set stands: what isosurface, implicit and fractal have in common.
+//! Object space of level sets (isosurface, implicit, fractal), with rounding error bounds.
 
 use crate::crossings::{Along, Crossing, crossings};
 use std::ops::ControlFlow;
@@ -6,41 +6,44 @@ use whitstone_core::{
     Aabb, DMat3, DVec2, DVec3, Interval, PrimitiveHit, Ray, Spans, SurfacePoint, Transform, solid,
 };
 
-/// Half the distance from 1 to the next number: the relative error of one rounding.
+/// Unit roundoff: half the distance from 1 to the next number, the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
-/// Relative to its size, how much larger a box is than the set in it where it cuts nothing off: a
-/// ray that enters it a rounding later must still be outside of the set, and of a ray from a
-/// billion sizes away (towards a copy as thin as that) a rounding is 1e-7 of the size.
+/// Margin between a level set and its box, relative to the size of the box, if the box does not
+/// clip the set.
+///
+/// A ray that enters the box one rounding late must still be outside the set. For a ray from a
+/// billion sizes away (towards an instance as thin as that), one rounding is 1e-7 of the size.
 pub(crate) const ROOM: f64 = 1.0 / (1u64 << 7) as f64;
-/// Relative to the size of the box: a ray that leaves the surface starts no farther from it.
+/// Maximum distance of a spawn point from the surface, relative to the size of the box.
 const START: f64 = 1.0 / (1u64 << 20) as f64;
-/// Relative to the size of the box: a hit is no farther from the surface, however far the ray came.
+/// Maximum distance of a hit from the surface, relative to the size of the box, however distant the
+/// ray origin.
 const STRAY: f64 = 1.0 / (1u64 << 8) as f64;
 
-/// A function at a point of object space, negative inside.
+/// Value and gradient of a function at a point of object space; negative inside.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
     pub value: f64,
     pub gradient: DVec3,
-    /// How far the value may be from the true one.
+    /// Bound on the error of the value.
     pub error: f64,
 }
 
-/// The box of a level set in its object space, and where that is.
+/// The object-space box of a level set, and its transform.
 pub(crate) struct Level {
     transform: Transform,
     min: DVec3,
     max: DVec3,
-    /// How far a unit step along each axis (column) can lead away, along each axis, from where rays
-    /// see it.
+    /// Bound on how far a point at unit distance along each axis (column) deviates, along each axis
+    /// (row), from where rays see it.
     tilt: DMat3,
 }
 
-/// The part of a ray inside the box, in front of its origin.
+/// The part of a ray inside the box and in front of its origin.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Segment {
-    /// The object-space ray, from where the part begins, its direction as long as the part.
+    /// Start point and vector of the segment in object space.
     pub origin: DVec3,
     pub direction: DVec3,
     /// Ray parameters of the ends.
@@ -66,8 +69,8 @@ impl Level {
     pub(crate) fn new(transform: Transform, min: DVec3, max: DVec3) -> Self {
         let forward = transform.world_from_object().matrix3;
         let inverse = transform.object_from_world().matrix3;
-        // As in `frame`: the inverse is rounded, so rays see a slightly other place than points are
-        // put at.
+        // As in `frame`: the inverse is rounded, so rays see the surface displaced relative to
+        // transformed points.
         let residual = inverse * forward - DMat3::IDENTITY;
         Self {
             tilt: residual.abs() + 4.0 * UNIT * (inverse.abs() * forward.abs()),
@@ -85,7 +88,7 @@ impl Level {
         self.max
     }
 
-    /// In world space.
+    /// World-space bounds.
     pub(crate) fn bounds(&self) -> Aabb {
         let aabb = self.transform.aabb_to_world(&Aabb {
             min: self.min,
@@ -93,16 +96,16 @@ impl Level {
         });
         let origin = self.transform.world_from_object().translation;
         let reach = (aabb.min.abs().max(aabb.max.abs())).max_element() + origin.abs().max_element();
-        // More than its rounding.
+        // More than the rounding error of the box.
         aabb.padded(16.0 * UNIT * reach)
     }
 
-    /// The ray in object space.
+    /// Transforms a ray to object space.
     pub(crate) fn ray(&self, ray: &Ray) -> Ray {
         self.transform.ray_to_object(ray)
     }
 
-    /// The part of an object-space ray that lies in the box and in front of its origin.
+    /// Clips an object-space ray to the box, in front of its origin.
     pub(crate) fn clip(&self, ray: &Ray) -> Option<Segment> {
         let (mut begin, mut end) = (0.0_f64, f64::INFINITY);
         for axis in 0..3 {
@@ -113,7 +116,7 @@ impl Level {
             } else {
                 (low, high)
             };
-            // 0/0 is NaN and changes nothing: the ray runs in that face.
+            // 0/0 is NaN and has no effect: the ray runs within that face.
             begin = begin.max((near - o) / d);
             end = end.min((far - o) / d);
         }
@@ -126,11 +129,11 @@ impl Level {
         })
     }
 
-    /// The first crossing beyond `min` of a ray, out of `visit`ed ones in their order.
+    /// Returns a filter that accepts the crossings of a ray beyond `min`, called in order.
     ///
-    /// A ray that leaves the surface may find its start again, moved in front of it by rounding.
-    /// The ray's first crossing is the start if it goes the same way through the surface as the ray
-    /// did: true crossings alternate.
+    /// A ray spawned on the surface may find its spawn point again, moved in front of the origin by
+    /// rounding. The first crossing is the spawn point if it crosses the surface in the same
+    /// direction as the ray does at its origin: true crossings alternate.
     pub(crate) fn filter<'a>(
         &'a self,
         ray: &'a Ray,
@@ -142,7 +145,7 @@ impl Level {
         let mut first = true;
         move |crossing| {
             let t = segment.parameter(crossing.s);
-            // `leaves` is the slope at the start: negative if the ray goes inside.
+            // `leaves` is the slope at the origin: negative if the ray goes inside.
             let start = first && t < near && leaves.is_some_and(|slope| (slope < 0.0) == crossing.enters);
             first = false;
             (t > min && !start).then_some(t)
@@ -150,7 +153,7 @@ impl Level {
     }
 
     /// The nearest hit of an object-space ray: the first change of sign of `f`, the function along
-    /// a segment of it, that [`Self::filter`] lets through.
+    /// a segment of the ray, that [`Self::filter`] accepts.
     pub(crate) fn closest(
         &self,
         ray: &Ray,
@@ -171,9 +174,11 @@ impl Level {
         whole(found?, interval, DVec2::ZERO)
     }
 
-    /// The parts of the whole line of an object-space ray that lie in the set, of which the box
-    /// cuts nothing off. `visit` tells of every crossing of a segment, in order. What lies behind
-    /// the origin is looked for from there on as well, so that what lies in front are the hits of
+    /// The intervals of the whole line of an object-space ray that lie in the set; the box must not
+    /// clip the set.
+    ///
+    /// `visit` reports every crossing of a segment, in order. The half line behind the origin is
+    /// traced from the origin as well, so that the crossings in front are exactly the hits of
     /// `closest`.
     pub(crate) fn spans(
         &self,
@@ -183,7 +188,7 @@ impl Level {
     ) {
         let mut ends = Vec::new();
         for (side, direction) in [(-1.0, -ray.direction), (1.0, ray.direction)] {
-            // From far behind to far ahead.
+            // From the farthest behind to the farthest ahead.
             ends.reverse();
             if let Some(segment) = self.clip(&Ray::new(ray.origin, direction)) {
                 visit(&segment, &mut |crossing, params| {
@@ -203,14 +208,14 @@ impl Level {
                     solid::push(spans, enter, end);
                     entered = None;
                 }
-                // What has no partner is a rounding.
+                // An unpaired crossing is a rounding error.
                 _ => {}
             }
         }
     }
 
-    /// A hit near a point of object space: moved onto the surface, so that it is as good as
-    /// coordinates allow, from however far the ray came.
+    /// Projects a hit near an object-space point onto the surface, so that its error is a few
+    /// roundings of its coordinates, however distant the ray origin.
     pub(crate) fn surface(&self, ray: &Ray, p: DVec3, sample: impl Fn(DVec3) -> Sample) -> SurfacePoint {
         let reach = STRAY * (self.max - self.min).length();
         let (mut p, mut found) = (p, sample(p));
@@ -226,8 +231,7 @@ impl Level {
         let inverse = &self.transform.object_from_world().matrix3;
         let gradient = inverse.transpose() * found.gradient;
         let steepness = gradient.length();
-        // A function may be level where it should not: the tip of a cone, and noise at the depth of
-        // fractals.
+        // The gradient may vanish or overflow: at the tip of a cone, or as noise in deep fractals.
         let steep = steepness > 0.0 && steepness.is_finite();
         let n = if steep {
             (gradient / steepness).normalize()
@@ -242,7 +246,7 @@ impl Level {
             let value = found.value.abs() + found.error;
             let moved = self.tilt * p.abs() + 2.0 * UNIT * p.abs();
             let off = (value + found.gradient.abs().dot(moved)) / steepness;
-            // Beyond that the surface is so rough that there is no telling.
+            // The cap: beyond it the surface is too rough for the bound to be meaningful.
             error += (2.0 * off).min(START * (linear.abs() * (self.max - self.min)).length());
         }
         let position = linear * p + origin;
@@ -250,7 +254,7 @@ impl Level {
     }
 }
 
-/// A hit of a shape that has no parts.
+/// A hit of a shape with a single primitive.
 pub(crate) fn whole(t: f64, interval: Interval, params: DVec2) -> Option<PrimitiveHit> {
     interval.contains(t).then_some(PrimitiveHit {
         t,

@@ -1,6 +1,6 @@
-//! Shapes: one file is one plugin is one Cargo feature is one TOML `type`.
+//! Shape plugins: one file, one Cargo feature and one TOML `type` per plugin.
 //!
-//! All are described in section 9 of `docs/whitted-model.md`.
+//! Section 9 of `docs/whitted-model.md` specifies all of them.
 
 #![cfg_attr(
     not(feature = "all"),

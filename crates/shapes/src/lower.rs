@@ -1,25 +1,26 @@
-//! Triangles in object space, made ready for the core: what triangle and mesh have in common.
+//! Lowering of object-space triangles to a world-space mesh, shared by triangle and mesh.
 
 use whitstone_core::{DVec2, DVec3, Transform, TriangleMesh};
 
-/// Triangles in object space. Normals and texture coordinates are as many as positions, or none.
+/// Triangles in object space. There are as many normals and texture coordinates as positions, or
+/// none.
 #[derive(Debug, Default)]
 pub(crate) struct Triangles {
     pub(crate) positions: Vec<DVec3>,
     pub(crate) normals: Vec<DVec3>,
     pub(crate) uvs: Vec<DVec2>,
-    /// All vertex numbers are below the number of positions.
+    /// All vertex indices are less than the number of positions.
     pub(crate) triangles: Vec<[u32; 3]>,
 }
 
-/// A mesh in world space, and what was odd about it.
+/// A mesh in world space, and its number of degenerate triangles.
 pub(crate) struct Lowered {
     pub(crate) mesh: TriangleMesh,
-    /// Triangles without an area.
+    /// Number of triangles without area.
     pub(crate) flat: usize,
 }
 
-/// Into world space; `None` if a position is no longer finite there.
+/// Transforms triangles to world space; `None` if a position is not finite there.
 pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered> {
     let Triangles {
         mut positions,
@@ -33,7 +34,7 @@ pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered>
             return None;
         }
     }
-    // Normals that have no direction stay zero: they add nothing where they are interpolated.
+    // Normals without a direction stay zero: they contribute nothing to interpolation.
     for n in &mut normals {
         let unit = n.try_normalize();
         *n = unit.map_or(DVec3::ZERO, |unit| transform.normal_to_world(unit));
@@ -41,9 +42,9 @@ pub(crate) fn lower(object: Triangles, transform: &Transform) -> Option<Lowered>
     let mut flat = 0;
     for triangle in &mut triangles {
         let [a, b, c] = triangle.map(|i| positions[i as usize]);
-        // Rounding could let a ray hit a triangle whose corners lie in a line, and its normal is
-        // not a number, or not of unit length where its square has lost digits. Where all corners
-        // are one, all edge functions are exactly zero: it is never hit.
+        // Collapse degenerate triangles to one point. Rounding could otherwise report a hit with a
+        // NaN or non-unit normal. With three equal corners every edge function is exactly zero, so
+        // the test always rejects the triangle.
         if !(b - a).cross(c - a).length_squared().is_normal() {
             *triangle = [triangle[0]; 3];
             flat += 1;
@@ -88,7 +89,7 @@ mod tests {
         };
         let lowered = lower(object, &Transform::IDENTITY).unwrap();
         assert_eq!(lowered.flat, 2);
-        // Normals have unit length down to where there are none.
+        // Normals have unit length down to the size at which triangles count as degenerate.
         let small = |size: f64| {
             let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
             let object = Triangles {

@@ -1,9 +1,9 @@
 //! A triangle mesh from a file.
 //!
-//! - Formats: Wavefront OBJ (polygons and their texture coordinates and normals; see `obj`), and
-//!   PLY (Turk, *The PLY polygon file format*, 1994; see `ply`).
-//! - Refined on demand into the smooth surface of its triangles (Loop 1987; see `subdivision`), and
-//!   moved along its normals by a height (Cook 1984; see `displacement`).
+//! - Formats: Wavefront OBJ (polygons with texture coordinates and normals; see `obj`) and PLY
+//!   (Turk, *The PLY polygon file format*, 1994; see `ply`).
+//! - Optional Loop subdivision (Loop 1987; see `subdivision`) and displacement along the normals
+//!   (Cook 1984; see `displacement`).
 //! - Twin: Mitsuba `obj` and `ply` meshes (native), with `face_normals` where the file has no
 //!   normals; subdivided and displaced by the driver.
 //! - Example: `scenes/shapes/mesh.toml`.
@@ -23,22 +23,22 @@ use subdivision::{Subdivision, Surface};
 use whitstone_core::config::FilePath;
 use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
 
-/// A mesh of triangles from an OBJ or PLY file; seen from outside, corners run counter-clockwise.
+/// A triangle mesh from an OBJ or PLY file; front faces are counter-clockwise.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// A file that ends in .obj or .ply. Polygons are cut into fans; groups and materials are
-    /// ignored.
+    /// Path of a file that ends in .obj or .ply. Polygons are triangulated as fans; groups and
+    /// materials are ignored.
     file: FilePath,
-    /// Whether the normals in the file are used.
+    /// Whether to use the normals in the file.
     #[serde(default)]
     shading: Shading,
-    /// Refines the mesh into a smooth surface, which forgets the normals in the file.
+    /// Subdivides the mesh into a smooth surface; the normals in the file are discarded.
     #[serde(default)]
     #[schemars(with = "Subdivision")]
     subdivision: Option<Subdivision>,
-    /// Moves the vertices along their normals by a height, after the subdivision; forgets the
-    /// normals in the file as well.
+    /// Displaces the vertices along their normals, after subdivision; the normals in the file are
+    /// discarded.
     #[serde(default)]
     #[schemars(with = "Displacement")]
     displacement: Option<Displacement>,
@@ -48,17 +48,17 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Shading {
-    /// Interpolated between the normals in the file, where it has any.
+    /// Interpolated between the vertex normals in the file, if it has any.
     #[default]
     Smooth,
-    /// Constant: that of the triangle.
+    /// Constant over each triangle: its geometric normal.
     Flat,
 }
 
-/// Becomes triangles in world space.
+/// Lowers to triangles in world space.
 pub struct Mesh;
 
-/// What is wrong with a mesh file, and in which line if that is known.
+/// A mesh file error, with its line number if known.
 #[derive(Debug, PartialEq)]
 struct FileError {
     line: Option<usize>,
@@ -94,7 +94,8 @@ impl Plugin<Shapes> for Mesh {
         } = config;
         let error = |message: String| SceneError::at(file.span.clone(), message);
         let path = context.file(&file)?;
-        // The bytes of the file and what is made of them: about as much in every format.
+        // The memory for the file and the parsed mesh is estimated as three times the file size,
+        // for every format.
         let bytes = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
         context.reserve(bytes.saturating_mul(3))?;
         let mut object = read(&path).map_err(|FileError { line, message }| match line {
@@ -136,7 +137,7 @@ impl Plugin<Shapes> for Mesh {
     }
 }
 
-/// The triangles in a file, all indices in range, all numbers finite, at least one triangle.
+/// Reads a file: at least one triangle, all indices in range, all numbers finite.
 fn read(path: &Path) -> Result<Triangles, FileError> {
     type Parse = fn(&[u8]) -> Result<Triangles, FileError>;
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
@@ -153,7 +154,7 @@ fn read(path: &Path) -> Result<Triangles, FileError> {
     Ok(object)
 }
 
-/// Cuts a polygon into a fan from its first corner.
+/// Triangulates a polygon as a fan around its first corner.
 fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
     polygon
         .windows(2)
@@ -161,7 +162,7 @@ fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
         .map(|side| [polygon[0], side[0], side[1]])
 }
 
-/// The beginning of a word, for messages.
+/// Truncates a word for error messages.
 fn shorten(word: &str) -> Cow<'_, str> {
     match word.char_indices().nth(40) {
         Some((end, _)) => format!("{}...", &word[..end]).into(),
@@ -230,12 +231,12 @@ mod tests {
         let Ok(Shape::Triangles(mesh)) = shape else {
             panic!("a mesh is triangles")
         };
-        // The one without an area is left out before.
+        // The degenerate triangle is removed before subdivision.
         assert_eq!(mesh.triangles.len(), 4 * 16);
         assert_eq!(mesh.normals.len(), mesh.positions.len());
         assert!(context.warnings.is_empty());
         shape_laws(Shape::Triangles(mesh), 4_000);
-        // 8 levels of 4 triangles, then of too many.
+        // 8 levels of 4094 triangles are too many.
         let fan: String = (0..2049).map(|k| format!("v {k} {} 0\n", k * k)).collect();
         let faces: String = (2..2049).map(|k| format!("f 1 {k} {}\n", k + 1)).collect();
         let file = format!("{fan}{faces}{faces}");

@@ -1,7 +1,7 @@
 //! A paraboloid about the z axis.
 //!
 //! Haines, *Essential ray tracing algorithms*, in Glassner (ed.), *An Introduction to Ray Tracing*
-//! (1989), ch. 2, 5.2; arithmetic in `conic.rs`.
+//! (1989), ch. 2, 5.2. The arithmetic is in `conic.rs`.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/paraboloid.toml`.
@@ -12,18 +12,18 @@ use serde::{Deserialize, Deserializer};
 use whitstone_core::config::{Positive, Vector2};
 use whitstone_core::{Context, DVec3, Plugin, SceneErrors, Shape, Shapes, Transform};
 
-/// The paraboloid x² + y² = radius² z of its object space; the outside is away from the axis.
+/// The paraboloid x² + y² = radius² z of its object space; its normals point away from the axis.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// At the height 1, in metres.
+    /// Radius at z = 1, in metres.
     #[serde(default = "one")]
     radius: Positive,
-    /// From which height to which, in metres, at least 0.
+    /// Lower and upper end along z, in metres, at least 0.
     #[serde(default = "heights", deserialize_with = "not_below")]
     #[schemars(with = "Vector2")]
     z: Heights,
-    /// Whether disks close it where it ends.
+    /// Whether disks close its ends.
     #[serde(default = "yes")]
     caps: bool,
 }
@@ -49,7 +49,7 @@ fn not_below<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Heights, D::E
     Err(serde::de::Error::custom(message))
 }
 
-/// Becomes a surface of revolution.
+/// Lowers to a surface of revolution.
 pub struct Paraboloid;
 
 impl Plugin<Shapes> for Paraboloid {
@@ -70,15 +70,15 @@ impl Plugin<Shapes> for Paraboloid {
             tip: DVec3::NEG_Z,
         };
         paraboloid.build(transform, |transform| {
-            // Along a direction w, disks reach radius sqrt(z) |w_xy| + z w_z: farthest at this
-            // height.
+            // Along a direction w, the disk at height z extends to radius sqrt(z) |w_xy| + z w_z.
+            // This height maximises it.
             let matrix = transform.world_from_object().matrix3;
             let farthest = (0..3).map(|axis| {
                 let w = matrix.row(axis);
                 let root = 0.5 * radius * w.truncate().length() / w.z.abs();
                 (root * root).clamp(low, high)
             });
-            // NaN for an axis that the shape does not extend along at all.
+            // NaN if the shape has no extent along that axis.
             let heights = farthest.filter(|z| !z.is_nan());
             heights.map(|z| [z, radius * z.sqrt()]).collect()
         })

@@ -1,9 +1,9 @@
-//! Bicubic Bezier patches, intersected as they are.
+//! Bicubic Bezier patches, intersected directly, without tessellation.
 //!
-//! The ray is two planes that hold it (Kajiya, *Ray Tracing Parametric Patches*, SIGGRAPH 1982);
-//! where it meets boxes around parts of the patches, the roots of both distances are found one by
-//! one (see `roots`; for the tree of boxes and Newton's steps, Martin, Cohen, Fish, Shirley,
-//! *Practical Ray Tracing of Trimmed NURBS Surfaces*, 2000).
+//! The ray is represented by two planes that contain it (Kajiya, *Ray Tracing Parametric Patches*,
+//! SIGGRAPH 1982). Where the ray meets the bounding boxes of parts of the patches, all common roots
+//! of the two plane distances are found (see `roots`). For the tree of boxes and Newton's method
+//! see Martin, Cohen, Fish, Shirley, *Practical Ray Tracing of Trimmed NURBS Surfaces*, 2000.
 //!
 //! - Twin: Mitsuba mesh (native), a tessellation that the driver makes of the control points, with
 //!   normals of the surface.
@@ -26,20 +26,20 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, SourceSpan, SurfacePoint, Transform,
 };
 
-/// Bicubic Bezier patches: by 16 `points`, or by `vertices` and `patches`.
+/// Bicubic Bezier patches, given by 16 `points` or by `vertices` and `patches`.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The control points of one patch in object space, in metres: four rows along u, one behind
-    /// the other along v. The outside is that of dP/du x dP/dv.
+    /// The 16 control points of one patch in object space, in metres: four rows along u, in order
+    /// of v. The normal is dP/du x dP/dv.
     #[serde(default)]
     #[schemars(with = "Vec<Vector3>", extend("minItems" = 16, "maxItems" = 16))]
     points: Option<Spanned<Vec<Vector3>>>,
-    /// Control points that several patches share, in object space, in metres.
+    /// Control points shared by several patches, in object space, in metres.
     #[serde(default)]
     #[schemars(with = "Vec<Vector3>", extend("minItems" = 1, "maxItems" = 65536))]
     vertices: Option<Spanned<Vec<Vector3>>>,
-    /// For each patch the numbers of its 16 control points, counted from 0.
+    /// For each patch the indices of its 16 control points, starting at 0.
     #[serde(default)]
     #[schemars(with = "Vec<[IntegerIn<0, 65535>; 16]>", extend("minItems" = 1, "maxItems" = 4096))]
     patches: Option<Spanned<Vec<Spanned<Vec<IntegerIn<0, 65535>>>>>>,
@@ -48,28 +48,29 @@ pub struct Config {
 const MAX_PATCHES: usize = 4096;
 const MAX_VERTICES: usize = 65536;
 
-/// How near to the ray a point of a patch is a hit, relative to the size of all patches.
+/// A point of a patch is a hit if it is this close to the ray, relative to the size of all patches.
 const NEAR: f64 = 1e-12;
-/// Below this, P_u x P_v is no direction: relative to the square of the size of the patch.
+/// Below this length P_u x P_v has no reliable direction; relative to the squared size of the
+/// patch.
 const NO_NORMAL: f64 = 1e-13;
-/// How near to its start a ray that leaves a patch does not meet it again, relative to the size.
+/// A ray spawned on a patch ignores hits on it within this distance, relative to the size.
 const LEAVES: f64 = 1e-9;
 
-/// In world space, relative to the origin of object space.
+/// The patches in world space, relative to the origin of object space.
 pub struct Patch {
     patches: Vec<Net<DVec3>>,
     tree: Tree,
     origin: DVec3,
-    /// Middle of the bounds, from `origin`.
+    /// Center of the bounds, relative to `origin`.
     center: DVec3,
     /// Diagonal of the bounds.
     size: f64,
-    /// -1 where the transform mirrors.
+    /// -1 if the transform mirrors, otherwise 1.
     orientation: f64,
 }
 
 impl Config {
-    /// The patches in object space, each with its place.
+    /// The patches in object space, each with its source span.
     fn read(self) -> Result<Vec<([DVec3; 16], SourceSpan)>, SceneErrors> {
         let ways = "give 16 `points`, or `vertices` and `patches`";
         let fail = |error: SceneError| Err(SceneErrors::from(error.with_help(ways)));
@@ -184,7 +185,7 @@ impl Plugin<Shapes> for Patch {
     }
 }
 
-/// Whether the normals of a patch are zero wherever one looks.
+/// Whether the sampled normals of a patch are all zero.
 fn has_no_area(net: &Net<DVec3>) -> bool {
     let steps = || (1..6).map(|k| f64::from(k) / 6.0);
     let size = Aabb::around(net.0).extent().length();
@@ -198,12 +199,12 @@ fn has_no_area(net: &Net<DVec3>) -> bool {
     largest.fold(0.0, f64::max) <= 1e-9 * size * size
 }
 
-/// A ray near the patches, from where it passes their center nearest.
+/// A ray reparameterised from its point nearest to the center of the patches.
 struct Line {
-    /// From the origin of object space.
+    /// Relative to the origin of object space.
     origin: DVec3,
     direction: DVec3,
-    /// The ray parameter there.
+    /// The ray parameter of `origin`.
     start: f64,
     sheared: ShearedRay,
 }
@@ -211,7 +212,7 @@ struct Line {
 impl Line {
     fn new(patch: &Patch, ray: &Ray) -> Self {
         let d = ray.direction;
-        // The difference with the part that its rounding takes off (Knuth's TwoSum).
+        // The difference and its rounding error (Knuth's TwoSum).
         let l = ray.origin - patch.origin;
         let seen = ray.origin - l;
         let lost = (ray.origin - (l + seen)) + (seen - patch.origin);
@@ -233,7 +234,7 @@ impl Line {
         net.map(|p| self.sheared.beside(p).truncate())
     }
 
-    /// The ray parameter of a point, from `start`.
+    /// The ray parameter of a point, relative to `start`.
     fn along(&self, p: DVec3) -> f64 {
         (p - self.origin).dot(self.direction) / self.direction.length_squared()
     }
@@ -256,7 +257,7 @@ impl Primitive for Patch {
             origin: line.origin,
             inverse: ray.direction.recip(),
         };
-        // Boxes are passed a little too early and left a little too late.
+        // Box intervals are widened by a small slack.
         let slack = (1e-9 * self.size + 64.0 * self.error()) / length;
         let slack = slack + 4.0 * f64::EPSILON * line.start.abs();
         let start_is = (LEAVES * self.size + 1024.0 * self.error()) / length;
@@ -309,7 +310,7 @@ impl Primitive for Patch {
         let patch = &self.patches[hit.primitive as usize];
         let Jet { u, v, .. } = patch.at(hit.params.x, hit.params.y);
         let step = q - point.position;
-        // The step that comes nearest, by the normal equations.
+        // The least-squares step, by the normal equations.
         let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
         let change = DVec2::new(
             vv * u.dot(step) - uv * v.dot(step),
@@ -323,15 +324,15 @@ impl Primitive for Patch {
     }
 }
 
-/// Nearer, or at the same distance the first of its kind: where parts of a patch join, a root may
+/// Orders hits by distance, then by patch and parameters: where parts of a patch join, a root may
 /// be found twice.
 fn is_before(hit: &PrimitiveHit, other: &PrimitiveHit) -> bool {
     let key = |hit: &PrimitiveHit| (hit.t, hit.primitive, hit.params.x, hit.params.y);
     key(hit) < key(other)
 }
 
-/// Unit normal at a point of a patch: that of its derivatives, or its limit from inside where that
-/// is zero.
+/// Unit normal at a point of a patch: from its derivatives or, where their cross product vanishes,
+/// its limit from inside.
 fn normal(net: &Net<DVec3>, at: DVec2) -> DVec3 {
     let size = Aabb::around(net.0).extent().length();
     let Jet { u, v, .. } = net.at(at.x, at.y);
@@ -340,7 +341,7 @@ fn normal(net: &Net<DVec3>, at: DVec2) -> DVec3 {
     if direct.length() > least {
         return direct.normalize();
     }
-    // The derivatives of P_u x P_v on the ways from the nearest edges into the patch.
+    // The derivatives of P_u x P_v in the directions from the nearest edges into the patch.
     let [twice_u, mixed, twice_v] = net.bends(at.x, at.y);
     let across_v = (mixed.cross(v) + u.cross(twice_v)) * 1f64.copysign(0.5 - at.y);
     let across_u = (twice_u.cross(v) + u.cross(mixed)) * 1f64.copysign(0.5 - at.x);
@@ -350,12 +351,13 @@ fn normal(net: &Net<DVec3>, at: DVec2) -> DVec3 {
     } else {
         [across_u, across_v]
     };
-    // In a corner, one of the two ways leads along the edge that is a point, and says nothing.
+    // In a corner, one of the two directions may run along a collapsed edge and carry no
+    // information.
     let says_something = |inwards: &&DVec3| inwards.length() > 1e-9 * size * size;
     if let Some(inwards) = nearest_first.iter().find(says_something) {
         return inwards.normalize();
     }
-    // A higher limit: seen from farther and farther inside. Somewhere there is an area.
+    // A higher-order limit: sample farther and farther inside. A patch has area somewhere.
     let steps = (0..12).map(|k| 1e-6 * 4f64.powi(k));
     let inside = steps.map(|step| {
         let Jet { u, v, .. } = net.at(at.x + step * (0.5 - at.x), at.y + step * (0.5 - at.y));
@@ -366,7 +368,8 @@ fn normal(net: &Net<DVec3>, at: DVec2) -> DVec3 {
 }
 
 impl Patch {
-    /// Of a point: 18 steps between points of at most this size, and the sum with the origin.
+    /// Error bound of a point: 18 interpolation steps between points of at most this size, and the
+    /// sum with the origin.
     fn error(&self) -> f64 {
         let reach = self.center.abs().max_element() + self.size;
         8.0 * f64::EPSILON * reach + f64::EPSILON * self.origin.abs().max_element()

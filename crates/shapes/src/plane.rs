@@ -1,6 +1,7 @@
-//! An endless plane.
+//! An infinite plane.
 //!
-//! The ray is taken into object space, where the plane is z = 0: one subtraction and one division.
+//! The ray is transformed to object space, where the plane is z = 0: one subtraction and one
+//! division.
 //!
 //! - Twin: Mitsuba `disk` of radius 1e7, textured by position (native): a rectangle of that size is
 //!   a mesh there and loses rows at the horizon.
@@ -14,12 +15,12 @@ use whitstone_core::{
     Spans, Straight, SurfacePart, SurfacePoint, Transform, solid,
 };
 
-/// The endless plane z = 0 of its object space; the outside is +z.
+/// The infinite plane z = 0 of its object space; its normal is +z.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {}
 
-/// In world space.
+/// The plane in world space.
 #[derive(Clone)]
 pub struct Plane {
     frame: Frame,
@@ -83,7 +84,7 @@ impl Straight for Plane {
         }]
     }
 
-    /// As an operand it is the half-space below.
+    /// As a CSG operand, the plane is the half-space below it.
     fn solid(&self) -> bool {
         true
     }
@@ -98,7 +99,8 @@ impl Straight for Plane {
         };
         let object = self.frame.ray_to_object(ray);
         let (height, slope) = (object.origin.z, object.direction.z);
-        // What is parallel or nearly so has no point where it crosses that could be named.
+        // A parallel or nearly parallel line has no finite crossing: it lies inside or outside as a
+        // whole.
         if !(t.is_finite() && params.is_finite()) {
             if height < 0.0 {
                 solid::push(spans, from, to);

@@ -1,12 +1,12 @@
 //! A flat polygon, convex or not.
 //!
-//! The ray is turned as in the watertight test of triangles (Woop, Benthin, Wald, JCGT 2(1), 2013,
-//! section 3), which depends on the ray alone; then edges that cross a half-axis are counted
-//! (Shimrat, *Algorithm 112*, 1962, with the half-open rule of Haines, *Point in Polygon
-//! Strategies*, Graphics Gems IV, 1994). The sign of each edge function is exact, so of two
-//! polygons that share an edge and lie on either side of it, a ray through the edge hits exactly
-//! one. Checks of the vertices use exact signs too: Shewchuk, *Adaptive Precision Floating-Point
-//! Arithmetic*, 1997.
+//! The vertices are sheared as in the watertight triangle test (Woop, Benthin, Wald, JCGT 2(1),
+//! 2013, section 3), which depends on the ray alone. Then the edges that cross a half-axis are
+//! counted (Shimrat, *Algorithm 112*, 1962, with the half-open rule of Haines, *Point in Polygon
+//! Strategies*, Graphics Gems IV, 1994). The sign of each edge function is exact: if two polygons
+//! share an edge and lie on opposite sides of it, a ray through the edge hits exactly one of them.
+//! The validation of the vertices uses exact signs too: Shewchuk, *Adaptive Precision
+//! Floating-Point Arithmetic*, 1997.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `polygon` (native).
 //! - Example: `scenes/shapes/polygon.toml`.
@@ -21,31 +21,30 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, SurfacePart, SurfacePoint, Transform,
 };
 
-/// A flat simple polygon, which may be concave; seen from outside, its vertices run
-/// counter-clockwise.
+/// A planar simple polygon, convex or concave; its front face is counter-clockwise.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The vertices in object space, in metres, 3 to 4096, in one plane to 1e-9 of the diagonal of
-    /// their bounding box. Edges meet only where one ends and the next begins.
+    /// The 3 to 4096 vertices in object space, in metres. They must be coplanar to 1e-9 of the
+    /// diagonal of their bounding box. Edges may meet only at their common vertex.
     #[schemars(with = "Vec<Vector3>", extend("minItems" = 3, "maxItems" = 4096))]
     vertices: Spanned<Vec<Spanned<Vector3>>>,
 }
 
-/// Most vertices.
+/// Maximum number of vertices.
 const MAX_VERTICES: usize = 4096;
-/// How far from the plane a vertex may be, and how little area there may be, relative to the
-/// diagonal of the bounding box and its square.
+/// Limit on the distance of a vertex from the plane, relative to the diagonal of the bounding box,
+/// and lower limit on the area, relative to the diagonal squared.
 const FLATNESS: f64 = 1e-9;
 
-/// In world space.
+/// The polygon in world space.
 pub struct Polygon {
     vertices: Vec<DVec3>,
     /// A point of the plane, and its unit normal.
     anchor: DVec3,
     normal: DVec3,
     bounds: Aabb,
-    /// The axis of object space that texture coordinates leave out.
+    /// The object-space axis that texture coordinates drop.
     axis: usize,
     transform: Transform,
 }
@@ -97,17 +96,18 @@ impl Plugin<Shapes> for Polygon {
     }
 }
 
-/// Of a polygon in object space.
+/// The plane of a polygon in object space.
 struct Plane {
     center: DVec3,
-    /// Unit.
+    /// Unit vector.
     normal: DVec3,
-    /// Of the largest component of the normal; the first of equals.
+    /// The axis of the largest component of the normal; the first of equals.
     axis: usize,
 }
 
 impl Plane {
-    /// What is wrong, and with which vertex if it is one.
+    /// Fits the plane. The error is a message with the index of the offending vertex, if there is
+    /// one.
     fn through(vertices: &[DVec3]) -> Result<Self, (Option<usize>, String)> {
         let mut order: Vec<usize> = (0..vertices.len()).collect();
         order.sort_by(|i, j| {
@@ -161,12 +161,12 @@ fn edges<T: Copy>(ring: &[T]) -> impl Iterator<Item = (T, T)> + '_ {
     ring.iter().copied().zip(next.copied())
 }
 
-/// The coordinates along the two axes behind `axis`.
+/// The coordinates along the two axes that follow `axis` cyclically.
 fn without(p: DVec3, axis: usize) -> DVec2 {
     DVec2::new(p[(axis + 1) % 3], p[(axis + 2) % 3])
 }
 
-/// Two edges that meet where they should not, if there are any.
+/// Two edges that meet other than at their common vertex, if there are any.
 fn meeting_edges(ring: &[DVec2]) -> Option<[usize; 2]> {
     let n = ring.len();
     let end = |i: usize| ring[(i + 1) % n];
@@ -194,7 +194,7 @@ fn meeting_edges(ring: &[DVec2]) -> Option<[usize; 2]> {
     None
 }
 
-/// Whether the way from a over b to c returns on itself.
+/// Whether the path a, b, c turns back on itself.
 fn folds_back(a: DVec2, b: DVec2, c: DVec2) -> bool {
     side_of(a, b, c) == 0.0 && (a - b).dot(c - b) > 0.0
 }
@@ -208,12 +208,12 @@ fn cross_or_touch([a, b]: [DVec2; 2], [c, d]: [DVec2; 2]) -> bool {
         || apart(side_of(c, d, a), side_of(c, d, b)))
 }
 
-/// Positive if c lies to the left of the way from a to b, negative to the right, zero exactly on
-/// the line.
+/// Positive if c lies to the left of the line from a to b, negative to the right, and exactly zero
+/// on the line.
 fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     let (left, right) = ((a.x - c.x) * (b.y - c.y), (a.y - c.y) * (b.x - c.x));
     let side = left - right;
-    // Shewchuk's bound for this expression: beyond it, the sign is right.
+    // Shewchuk's error bound for this expression: above it, the sign is right.
     if side.abs() > 3.4e-16 * (left.abs() + right.abs()) {
         return side;
     }
@@ -230,8 +230,8 @@ fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
         let product = p * q;
         [p.mul_add(*q, -product), product]
     });
-    // Each term is added to a sum that is kept in parts that do not overlap (Grow-Expansion); the
-    // last part decides.
+    // Adds each term to a sum of non-overlapping parts (Grow-Expansion); the last nonzero part has
+    // the sign.
     for part in parts {
         let mut carried = part;
         for kept in &mut sum[..count] {
@@ -246,27 +246,27 @@ fn side_of(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     sum.into_iter().rev().find(|part| *part != 0.0).unwrap_or(0.0)
 }
 
-/// Whether an edge crosses the positive half of the x axis. `low` does not lie above the axis,
-/// `high` does. The axis itself belongs to what is below, the origin to what is on its right,
-/// whichever polygon asks.
+/// Whether an edge crosses the positive x axis. `low` lies on or below the axis, `high` above it.
+/// An edge through the origin does not count, so the origin belongs to the polygon on its right
+/// (+x): of two polygons on opposite sides of a shared edge, exactly one contains the origin.
 fn crosses(low: DVec3, high: DVec3) -> bool {
     let (left, right) = (low.x * high.y, low.y * high.x);
     if left != right {
         return left > right;
     }
-    // Equal when rounded: what the rounding took off decides.
+    // The rounded products are equal: compare their rounding errors.
     low.x.mul_add(high.y, -left) > low.y.mul_add(high.x, -right)
 }
 
 impl Polygon {
-    /// Where the ray meets the plane: the parameter, the point, and how much rounding is magnified
-    /// by looking at a slant. Infinite or NaN for rays in parallel.
+    /// Intersects the ray with the plane: the ray parameter, the point, and the factor by which a
+    /// grazing angle magnifies rounding errors. Infinite or NaN for parallel rays.
     fn meet(&self, ray: &Ray) -> (f64, DVec3, f64) {
         let (o, d, n) = (ray.origin, ray.direction, self.normal);
         let slope = n.dot(d);
         let first = n.dot(self.anchor - o) / slope;
-        // Where this leads is exact but for one rounding, so that what is missing can be told and
-        // added.
+        // The point at the first estimate is exact to one rounding, so the remaining distance can
+        // be computed and added.
         let p = DVec3::new(
             first.mul_add(d.x, o.x),
             first.mul_add(d.y, o.y),
@@ -276,7 +276,7 @@ impl Polygon {
         (first + more, p + more * d, d.length() / slope.abs())
     }
 
-    /// A rectangle around it in its plane.
+    /// The corners of a bounding rectangle in the polygon's plane.
     fn around_in_plane(&self) -> Vec<DVec3> {
         let (x, y) = self.normal.any_orthonormal_pair();
         let flat = |p: &DVec3| DVec3::new((*p - self.anchor).dot(x), (*p - self.anchor).dot(y), 0.0);
@@ -285,7 +285,7 @@ impl Polygon {
         corners.map(|[u, v]| self.anchor + u * x + v * y).to_vec()
     }
 
-    /// Roundings of coordinates near the polygon.
+    /// Bound on the rounding errors of coordinates near the polygon.
     fn rounding(&self) -> f64 {
         let reach = self.bounds.min.abs().max(self.bounds.max.abs()).max_element();
         4.0 * f64::EPSILON * reach
@@ -305,7 +305,7 @@ impl Primitive for Polygon {
         if !interval.contains(t) {
             return None;
         }
-        // Far more than points can be off as the test below sees them from the origin.
+        // Upper bound on the error of points as the edge test below sees them from the ray origin.
         let far =
             ray.origin.abs().max_element() + self.bounds.min.abs().max(self.bounds.max.abs()).max_element();
         let margin = (1e-12 * self.bounds.extent().max_element() + 64.0 * f64::EPSILON * far) * slant;
@@ -332,7 +332,7 @@ impl Primitive for Polygon {
 
     fn surface(&self, ray: &Ray, _: &RawHit, needs: Needs) -> SurfacePoint {
         let (_, p, _) = self.meet(ray);
-        // At an edge, seen from far away, the point may be off the polygon by a rounding.
+        // If the ray origin is distant, rounding may put a point at an edge outside the bounds.
         let p = p.clamp(self.bounds.min, self.bounds.max);
         let off = self.normal.dot(self.anchor - p);
         let position = p + off * self.normal;
@@ -350,7 +350,7 @@ impl Primitive for Polygon {
         let turns = ring
             .zip(self.vertices.iter().cycle().skip(2))
             .map(|((a, b), c)| (*b - *a).cross(*c - *b).dot(self.normal));
-        // A simple polygon that never turns right is convex.
+        // A simple polygon that always turns the same way is convex.
         let mut turns = turns.take(self.vertices.len());
         let filled = turns.all(|turn| turn >= 0.0) || turns.all(|turn| turn <= 0.0);
         let corners = if filled {
@@ -429,13 +429,13 @@ mod tests {
             let ray = Ray::new(DVec3::new(x, 0.0, 5.0), DVec3::NEG_Z);
             assert_eq!(is_hit(&*star, &ray), hit, "{x}");
         }
-        // Between two tips.
+        // Between two tips of the star.
         let (sin, cos) = (std::f64::consts::TAU / 4096.0).sin_cos();
         let ray = Ray::new(DVec3::new(0.75 * cos, 0.75 * sin, 5.0), DVec3::NEG_Z);
         assert!(!is_hit(&*star, &ray));
     }
 
-    /// What is usually written (Franklin's PNPOLY): where the edge meets the axis, by a division.
+    /// The common form (Franklin's PNPOLY), which intersects the edge with the axis by a division.
     fn naive_hit(ring: &[DVec3], ray: &Ray) -> bool {
         let sheared = ShearedRay::new(ray);
         edges(ring).fold(false, |inside, (a, b)| {
@@ -444,8 +444,8 @@ mod tests {
         })
     }
 
-    /// A square cut by a jagged line, and one cut into a fan, bent in space: rays through edges and
-    /// vertices hit exactly one part.
+    /// A square cut by a jagged line, and a heptagonal fan bent in space: a ray through a shared
+    /// edge or vertex hits exactly one part.
     #[test]
     fn of_those_that_share_edges_one_is_hit() {
         let mut random = Random::new(3);
@@ -503,7 +503,7 @@ mod tests {
         let mut wrong = 0;
         for i in 0..64 {
             for j in 0..64 {
-                // The classical example: points beside a diagonal, an ulp apart.
+                // The classical example: points near a diagonal, an ulp apart.
                 let c = DVec2::new(0.5 + 0.5 * e * f64::from(i), 0.5 + 0.5 * e * f64::from(j));
                 let expected = f64::from(j - i);
                 assert!(side_of(a, b, c) * expected > 0.0 || i == j && side_of(a, b, c) == 0.0);
@@ -548,7 +548,7 @@ mod tests {
             ring("[0, 0, 0], [1, 0, 0], [2, 0, 0]").message,
             "the vertices of this polygon enclose no area"
         );
-        // A vertex on an edge, and an edge that returns on the one before.
+        // A vertex on an edge, and an edge that turns back on the previous one.
         assert_eq!(
             ring("[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0, 0], [0, 2, 0]").message,
             "edges 0 and 3 of this polygon meet"

@@ -1,9 +1,9 @@
-//! Any quadric, cut by a box.
+//! An arbitrary quadric, clipped by a box.
 //!
-//! The symmetric matrix is diagonalised once, by Jacobi's rotations (Golub, Van Loan, *Matrix
-//! Computations*, 4th ed., 8.5), about the center of the box; rays then go through `conic.rs`.
-//! Boxes and emptiness come from the range of the function on smaller and smaller boxes: its value
-//! in the middle, plus or minus what gradient and squares can add.
+//! The symmetric matrix is diagonalised once, about the center of the box, by Jacobi rotations
+//! (Golub, Van Loan, *Matrix Computations*, 4th ed., 8.5); rays are then intersected as in
+//! `conic.rs`. Bounds and emptiness follow from bounds on the function over recursively subdivided
+//! boxes: its value at the center, plus or minus the contributions of the gradient and the squares.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `quadric`, cut (native).
 //! - Example: `scenes/shapes/quadric.toml`.
@@ -17,19 +17,19 @@ use whitstone_core::{
     Aabb, Context, DMat3, DVec2, DVec3, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform,
 };
 
-/// A quadric inside a box, both in its object space; the outside is where its function is greater
+/// A quadric clipped by a box, both in object space; its outside is where its function is greater
 /// than 0.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Four rows of a symmetric matrix M: the quadric is where p M p = 0 for p = (x, y, z, 1).
+    /// The rows of a symmetric 4x4 matrix M: the quadric is p M p = 0 for p = (x, y, z, 1).
     matrix: Option<Matrix>,
-    /// Instead of the matrix: what x², y², z², xy, xz, yz, x, y, z and 1 are multiplied by.
+    /// Alternative to `matrix`: the coefficients of x², y², z², xy, xz, yz, x, y, z and 1.
     coefficients: Option<Coefficients>,
-    /// The smallest and the largest corner of the box, in metres.
+    /// The minimum and maximum corner of the box, in metres.
     #[serde(default = "unit_box", rename = "box")]
     clip: Corners,
-    /// Whether the faces of the box close it where it is inside.
+    /// Whether box faces close the quadric where its inside is clipped.
     #[serde(default = "yes")]
     caps: bool,
 }
@@ -60,7 +60,8 @@ struct Coefficients(Function);
 struct Corners(DVec3, DVec3);
 
 impl Function {
-    /// The same zeros with coefficients up to 1; what no quadric has is told.
+    /// Scales the coefficients to at most 1. Errors: a constant function, or one without real
+    /// zeros.
     fn normalised(self) -> Result<Self, &'static str> {
         let [x, y, z] = [self.q.x_axis, self.q.y_axis, self.q.z_axis].map(|v| v.abs().max_element());
         let largest = x.max(y).max(z).max(self.b.abs().max_element());
@@ -68,7 +69,8 @@ impl Function {
             return Err("a function of x, y and z, found a constant");
         }
         let largest = largest.max(self.c.abs());
-        // In two steps: the reciprocal of what is smallest is infinite.
+        // Divide instead of multiplying by the reciprocal, which is infinite for the smallest
+        // numbers.
         let scale = |x: f64| x / largest;
         let scaled = Self {
             q: DMat3::from_cols_array(&self.q.to_cols_array().map(scale)),
@@ -85,8 +87,8 @@ impl Function {
         p.dot(self.q * p) + 2.0 * self.b.dot(p) + self.c
     }
 
-    /// Whether the squares are all of one sign, that of the constant, and no sum of coordinates is
-    /// in the way.
+    /// Whether the function has no real zeros: all squares have the sign of the constant, and no
+    /// linear term remains.
     fn is_nowhere_zero(&self) -> bool {
         let (turn, squares) = diagonal(self.q);
         let along = turn * self.b;
@@ -98,14 +100,14 @@ impl Function {
                 square => constant -= along[axis] * along[axis] / square,
             }
         }
-        // Completing the squares has rounded it.
+        // The constant has the rounding errors of completing the squares.
         let certain = constant.abs() > 1e-12;
         let positive = squares.cmpge(DVec3::ZERO).all() && constant > 0.0;
         let negative = squares.cmple(DVec3::ZERO).all() && constant < 0.0;
         certain && (positive || negative)
     }
 
-    /// About another origin.
+    /// The same function about another origin.
     fn seen_from(&self, origin: DVec3) -> Self {
         Self {
             q: self.q,
@@ -114,8 +116,8 @@ impl Function {
         }
     }
 
-    /// The parts of a box, down to a 32nd of its edges, in which the function may be zero or, where
-    /// what is inside counts as well, less than zero.
+    /// The parts of a box, down to 1/32 of its edges, in which the function may be zero or, if
+    /// `inside` is set, less than zero.
     fn parts(&self, min: DVec3, max: DVec3, inside: bool) -> Vec<(DVec3, DVec3)> {
         let mut parts = vec![(min, max)];
         for level in 0..=5 {
@@ -156,12 +158,12 @@ fn eighths(min: DVec3, max: DVec3) -> impl Iterator<Item = (DVec3, DVec3)> {
     })
 }
 
-/// Orthonormal rows R and numbers l such that Q = R' diag(l) R. What is rounding beside the largest
-/// is zero.
+/// Orthonormal rows R and values l such that Q = R' diag(l) R. Values at rounding level relative to
+/// the largest are set to zero.
 fn diagonal(q: DMat3) -> (DMat3, DVec3) {
     let mut a = [0, 1, 2].map(|row| q.row(row).to_array());
     let mut turn = [0, 1, 2].map(|row| DMat3::IDENTITY.row(row).to_array());
-    // Each sweep squares what is beside the diagonal; five do.
+    // Convergence is quadratic: each sweep squares the off-diagonal elements. Five sweeps suffice.
     for (i, j) in [(0, 1), (0, 2), (1, 2)].into_iter().cycle().take(3 * 12) {
         if a[i][j] == 0.0 {
             continue;
@@ -273,10 +275,10 @@ numbers! {
     };
 }
 
-/// Becomes a quadric in canonical form.
+/// Lowers to a quadric in canonical form.
 pub struct Quadric;
 
-/// Where in the box, seen along its z axis.
+/// Texture coordinates: relative x and y in the box.
 #[derive(Clone)]
 struct InBox {
     min: DVec3,
@@ -331,7 +333,7 @@ fn canonical(function: &Function, min: DVec3, max: DVec3, caps: bool) -> Conic {
     let (mut linear, mut constant) = (turn * function.b, function.c);
     let mut center = DVec3::ZERO;
     for axis in 0..3 {
-        // The square is completed unless that leads so far away that digits get lost.
+        // Complete the square unless the center would be so distant that digits are lost.
         if linear[axis].abs() <= 16.0 * square[axis].abs() * reach && square[axis] != 0.0 {
             center[axis] = -linear[axis] / square[axis];
             constant -= linear[axis] * linear[axis] / square[axis];
@@ -368,8 +370,8 @@ mod tests {
     #[test]
     fn obeys_the_laws_of_shapes() {
         for text in [
-            // A sphere that the box cuts, a saddle, a cylinder askew, two sheets, a plane, a double
-            // cone.
+            // A clipped sphere, a saddle (closed and open), a tilted paraboloid, a hyperboloid of
+            // two sheets, a plane, a double cone and another saddle.
             "coefficients = [1, 1, 1, 0, 0, 0, 0, 0, 0, -1.2]",
             "coefficients = [1, -1, 0, 0, 0, 0, 0, 0, -1, 0]",
             "coefficients = [1, -1, 0, 0, 0, 0, 0, 0, -1, 0]\ncaps = false",
@@ -457,8 +459,8 @@ mod tests {
         }
     }
 
-    /// Rays to points on an ellipsoid with condition 1e6 that is given by its matrix, turned: what
-    /// the coefficients themselves allow, which have been rounded, is found.
+    /// Rays to points on a rotated ellipsoid of condition number 1e6, given by its matrix: hits are
+    /// as accurate as the rounded coefficients allow.
     #[test]
     fn a_stretched_ellipsoid_is_hit_where_it_is() {
         let mut random = Random::new(8);

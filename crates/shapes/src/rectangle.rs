@@ -1,4 +1,4 @@
-//! A rectangle, or a parallelogram by its transform.
+//! A rectangle; a shearing transform makes it a parallelogram.
 //!
 //! - Twin: Mitsuba `rectangle` (native).
 //! - Example: `scenes/shapes/rectangle.toml`.
@@ -11,12 +11,12 @@ use whitstone_core::{
     SurfacePart, SurfacePoint, Transform,
 };
 
-/// The square -1 <= x, y <= 1 in the plane z = 0 of its object space; the outside is +z.
+/// The square -1 <= x, y <= 1 in the plane z = 0 of its object space; its normal is +z.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {}
 
-/// In world space.
+/// The rectangle in world space.
 #[derive(Clone)]
 pub struct Rectangle {
     frame: Frame,

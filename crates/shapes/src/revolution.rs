@@ -1,5 +1,5 @@
-//! What cylinder, cone, paraboloid and hyperboloid have in common: quadrics about the z axis, from
-//! one height to another.
+//! Common code of cylinder, cone, paraboloid and hyperboloid: quadrics of revolution about the z
+//! axis, clipped between two heights.
 
 use crate::conic::{Clipped, Conic, Mapping, angle};
 use crate::frame::Frame;
@@ -23,21 +23,21 @@ impl<'de> Deserialize<'de> for Heights {
     }
 }
 
-/// x² + y² = square z² + 2 linear z + constant, with z counted from `origin`.
+/// x² + y² = square z² + 2 linear z + constant, with z relative to `origin`.
 pub(crate) struct Revolution {
     pub(crate) square: f64,
     pub(crate) linear: f64,
     pub(crate) constant: f64,
     pub(crate) origin: f64,
     pub(crate) heights: Heights,
-    /// At the two heights.
+    /// Radii at the two heights.
     pub(crate) radii: [f64; 2],
     pub(crate) caps: bool,
-    /// The outward direction where the radius is 0.
+    /// The outward direction at the apex, where the radius is 0.
     pub(crate) tip: DVec3,
 }
 
-/// On the side the angle and how far up, on a cap the radius and the angle.
+/// Texture coordinates: angle and relative height on the side, radius and angle on a cap.
 #[derive(Clone)]
 struct Around {
     heights: [f64; 2],
@@ -77,8 +77,9 @@ impl Mapping for Around {
 }
 
 impl Revolution {
-    /// The shape under a transform. `widest` are disks (height and radius) that hold it together
-    /// with those at its ends: none where its outline is straight or bends inward.
+    /// Builds the shape under a transform. `widest` returns disks (height and radius) that,
+    /// together with the end disks, bound the shape: none if its outline is straight or bends
+    /// inward.
     pub(crate) fn build(
         self,
         transform: Transform,

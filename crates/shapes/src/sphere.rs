@@ -1,8 +1,9 @@
 //! A sphere.
 //!
 //! Roots: Haines, Günther, Akenine-Möller, *Precision improvements for ray/sphere intersection*,
-//! Ray Tracing Gems (2019), ch. 7. Their discriminant through the perpendicular distance wins for
-//! far small spheres and *loses* for huge ones near the eye, so the form is chosen for each ray.
+//! Ray Tracing Gems (2019), ch. 7. Their discriminant, computed from the perpendicular distance, is
+//! more accurate for small, distant spheres but *less* accurate for large spheres close to the ray
+//! origin. The form is therefore chosen per ray.
 //!
 //! - Twin: Mitsuba `sphere` (native).
 //! - Example: `scenes/shapes/sphere.toml`.
@@ -18,7 +19,7 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, Spans, Straight, SurfacePart, SurfacePoint, Transform, solid,
 };
 
-/// A sphere; the outside is away from its center.
+/// A sphere whose normals point away from its center.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -38,12 +39,12 @@ fn one() -> Positive {
     Positive::new(1.0).expect("1 is positive")
 }
 
-/// In world space.
+/// The sphere in world space.
 #[derive(Clone)]
 pub struct Sphere {
     center: DVec3,
     radius: f64,
-    /// For texture coordinates, which turn with the object.
+    /// Orients the texture coordinates.
     transform: Transform,
 }
 
@@ -71,7 +72,7 @@ impl Straight for Sphere {
             min: self.center - self.radius,
             max: self.center + self.radius,
         }
-        // The corners are rounded: a rounding error of the coordinates to the safe side.
+        // Pad by the rounding error of the corners.
         .padded(2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius))
     }
 
@@ -83,8 +84,8 @@ impl Straight for Sphere {
     #[inline(always)]
     fn hit(&self, ray: &Ray, min: f64, leaves: u32) -> PrimitiveHit {
         let [first, second] = self.roots(ray);
-        // For a ray that leaves the sphere, one of the roots is the start itself, moved off zero by
-        // rounding: the smaller one.
+        // For a ray spawned on the sphere, the root of smaller magnitude is the spawn point itself,
+        // moved off zero by rounding.
         let leaves = leaves != LEAVES_NOTHING;
         let second_is_start = second.abs() < first.abs();
         let first_counts = (first > min) & !(leaves & !second_is_start);
@@ -100,8 +101,8 @@ impl Straight for Sphere {
     #[inline(always)]
     fn surface(&self, ray: &Ray, hit: &RawHit, needs: Needs) -> SurfacePoint {
         let n = (ray.at(hit.t) - self.center).normalize();
-        // Projected onto the sphere, the point is as accurate as its coordinates allow, from
-        // however far the ray came.
+        // Project the point onto the sphere: its error is then a few roundings of its coordinates,
+        // however distant the ray origin.
         let position = self.center + self.radius * n;
         let error = 2.0 * f64::EPSILON * (self.center.abs().max_element() + self.radius);
         let mut point = SurfacePoint::new(position, error, n);
@@ -135,20 +136,21 @@ impl Straight for Sphere {
 }
 
 impl Sphere {
-    /// Where the line of a ray meets the sphere, in order; NaN if it does not.
+    /// The two ray parameters at which the line of a ray meets the sphere, in ascending order, or
+    /// NaN.
     #[inline(always)]
     fn roots(&self, ray: &Ray) -> [f64; 2] {
         let (l, d) = (ray.origin - self.center, ray.direction);
         let (a, b) = (d.length_squared(), l.dot(d));
         let distance = l.length();
-        // |l|² - r², without the cancellation of the squares.
+        // |l|² - r², factored to avoid cancellation.
         let c = (distance - self.radius) * (distance + self.radius);
         let perpendicular = (l - (b / a) * d).length();
         let near_form = b * b - a * c;
         let far_form = a * (self.radius - perpendicular) * (self.radius + perpendicular);
         let discriminant = select(distance < 2.0 * self.radius, near_form, far_form);
-        // The sum that does not cancel gives one root, the product of the roots the other. Both are
-        // NaN if the discriminant is negative.
+        // One root comes from the sum that does not cancel, the other from the product of the
+        // roots. Both are NaN if the discriminant is negative.
         let q = -(b + discriminant.sqrt().copysign(b));
         let (one, other) = (c / q, q / a);
         let ascending = one < other;
@@ -163,7 +165,7 @@ impl Sphere {
             .normalize();
         let phi = local.y.atan2(local.x);
         let phi = if phi < 0.0 { phi + TAU } else { phi };
-        // acos loses half the digits near the poles; atan2 of both legs does not.
+        // acos loses half the digits near the poles; atan2 does not.
         let theta = local.truncate().length().atan2(local.z);
         DVec2::new(phi / TAU, 1.0 - theta / std::f64::consts::PI)
     }

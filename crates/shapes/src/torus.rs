@@ -1,12 +1,12 @@
 //! A torus.
 //!
-//! The ray starts anew where it passes the center nearest, by fused operations, so that the
-//! distance of its origin costs no digits. There the quartic is depressed. Its extrema, found as
-//! roots of derivatives between roots of *their* derivatives (Yuksel, *High-Performance Polynomial
-//! Root Finding for Graphics*, 2022, section 3), divide the ray into pieces with at most one
-//! crossing each. The crossing itself is sought on the distance from the surface: the quartic
-//! cancels where the tube is thin. Both searches begin where a formula says and keep their bracket
-//! all the same.
+//! The ray is reparameterised from its point nearest to the center with fused operations, so that a
+//! distant ray origin costs no digits. The derivative of the quartic is then a depressed cubic. The
+//! extrema of the quartic, found as roots of derivatives bracketed by roots of *their* derivatives
+//! (Yuksel, *High-Performance Polynomial Root Finding for Graphics*, 2022, section 3), divide the
+//! ray into pieces with at most one crossing each. The crossing itself is a root of the signed
+//! distance to the surface, because the quartic cancels where the tube is thin. Both searches start
+//! at a closed-form estimate and keep a bracket.
 //!
 //! - Twin: hosted by the Mitsuba driver, in double precision; POV-Ray `torus` (native).
 //! - Example: `scenes/shapes/torus.toml`.
@@ -22,15 +22,14 @@ use whitstone_core::{
     SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform, solid,
 };
 
-/// A ring around the z axis of its object space; the outside is away from the circle in the middle
-/// of its tube.
+/// A torus around the z axis of its object space; its normals point out of the tube.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Radius of the circle in the middle of the tube, in metres.
+    /// Radius of the circle at the center of the tube, in metres.
     #[serde(default = "one")]
     major_radius: Positive,
-    /// Radius of the tube in metres, less than `major_radius`; a quarter of a metre if left out.
+    /// Radius of the tube in metres, less than `major_radius`; by default 0.25.
     #[serde(default)]
     #[schemars(with = "Positive")]
     minor_radius: Option<Spanned<Positive>>,
@@ -40,14 +39,14 @@ fn one() -> Positive {
     Positive::new(1.0).expect("1 is positive")
 }
 
-/// In world space.
+/// The torus in world space.
 pub struct Torus {
     center: DVec3,
-    /// Unit.
+    /// Unit vector.
     axis: DVec3,
     major: f64,
     minor: f64,
-    /// For texture coordinates, which turn with the object.
+    /// Orients the texture coordinates.
     transform: Transform,
 }
 
@@ -82,15 +81,15 @@ impl Plugin<Shapes> for Torus {
     }
 }
 
-/// Half the distance from 1 to the next number.
+/// Unit roundoff: half the distance from 1 to the next number.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
-/// More than any crossing needs: each step is half as long as the one before, or halves its
-/// bracket.
+/// Upper bound on the steps to one root: each step is half as long as the previous one or halves
+/// the bracket.
 const MOST_STEPS: u32 = 240;
 
-/// A ray in units of the major radius, from where it passes the center nearest: the point at `s` is
-/// `q + s d`.
+/// A ray in units of the major radius, measured from its point nearest to the center: the point at
+/// `s` is `q + s d`.
 struct Line {
     q: DVec3,
     d: DVec3,
@@ -103,21 +102,21 @@ struct Line {
     unit: f64,
 }
 
-/// What the distance of a point from the surface is made of.
+/// Derivative and direction of the signed distance to the surface at a point.
 struct Distance {
-    /// Its derivative along the line.
+    /// Derivative of the distance along the line.
     slope: f64,
     /// Unit vector from the axis to the point; zero on the axis.
     outward: DVec3,
-    /// Unit normal; NaN in the middle of the tube.
+    /// Unit normal; NaN at the center of the tube.
     normal: DVec3,
 }
 
-/// A monotone piece of the line, and what is in it.
+/// A crossing of the surface by the line.
 struct Crossing {
     t: f64,
     s: f64,
-    /// From outside to inside.
+    /// Whether the line goes from outside to inside.
     enters: bool,
 }
 
@@ -126,7 +125,7 @@ impl Crossing {
         PrimitiveHit {
             t: self.t,
             primitive: 0,
-            // Where on the line, with more digits than t has from far away.
+            // The position on the line, which has more digits than t if the origin is distant.
             params: DVec2::new(self.s, 0.0),
         }
     }
@@ -134,12 +133,13 @@ impl Crossing {
 
 impl Line {
     fn new(torus: &Torus, ray: &Ray) -> Self {
-        // The difference with the part that its rounding takes off (Knuth's TwoSum).
+        // The difference and its rounding error (Knuth's TwoSum).
         let (o, c) = (ray.origin, torus.center);
         let l = o - c;
         let c_seen = o - l;
         let lost = (o - (l + c_seen)) + (c_seen - c);
-        // The parameter is rounded, but where it leads is not: the terms cancel, and each is fused.
+        // The parameter is rounded, but the point at it is accurate: the terms cancel, and each is
+        // fused.
         let scale = power_of_two_near(ray.direction);
         let d = scale * ray.direction;
         let a = d.length_squared();
@@ -163,32 +163,32 @@ impl Line {
         self.start + (self.more + s * self.unit)
     }
 
-    /// The part of the line that is inside a ball and between two planes around the torus.
+    /// The part of the line within a bounding sphere and between two planes around the torus.
     fn reach(&self) -> Option<(f64, f64)> {
         let a = self.d.length_squared();
         let radius = (1.0 + self.minor) * (1.0 + 1e-9);
         let chord = ((radius * radius - self.q.length_squared()) / a).sqrt();
         let (height, slope) = (self.q.dot(self.axis), self.d.dot(self.axis));
-        // Far more than the rounding of the height.
+        // Far above the rounding error of the height.
         let half = self.minor * (1.0 + 1e-9) + 64.0 * UNIT;
         let (below, above) = ((-half - height) / slope, (half - height) / slope);
         if height.abs() > half && slope == 0.0 {
             return None;
         }
-        // Comparisons with NaN (the line lies in one of the planes, or misses the ball) change
-        // nothing and fail.
+        // NaN (the line lies in one of the planes or misses the sphere) is ignored by min and max,
+        // and fails the comparisons.
         let low = (-chord).max(below.min(above));
         let high = chord.min(below.max(above));
         (chord > 0.0 && low < high).then_some((low, high))
     }
 
-    /// What tells where the quartic turns.
+    /// The data that locate the extrema of the quartic.
     fn turns(&self) -> Turns {
         let a = self.d.length_squared();
         let (h, k) = (self.q.dot(self.axis), self.d.dot(self.axis));
         let (radial, along) = (self.q - h * self.axis, self.d - k * self.axis);
-        // (|p|² + 1 - r²)² - 4 rho², with |p|² = w + a s² and rho² a quadric of s. Its derivative
-        // over 4 a²:
+        // The quartic is (|p|² + 1 - r²)² - 4 rho², with |p|² = w + a s² and rho² quadratic in s.
+        // Its derivative over 4 a²:
         let w = self.q.length_squared();
         let p = ((w + (1.0 - self.minor) * (1.0 + self.minor)) - 2.0 * along.length_squared() / a) / a;
         let q = -2.0 * radial.dot(along) / (a * a);
@@ -217,18 +217,19 @@ impl Line {
         }
     }
 
-    /// Where on the line the ray starts.
+    /// The parameter `s` of the ray origin.
     fn at_start(&self) -> f64 {
         (-self.start - self.more) / self.unit
     }
 
-    /// How fast the ray leaves the surface, or comes nearer, where it starts.
+    /// Derivative of the distance to the surface at the ray origin: positive if the ray goes
+    /// outward.
     fn slope_at_start(&self) -> f64 {
         self.distance(self.at_start()).slope
     }
 
-    /// The distance from the surface and its derivative, NaN on the axis and in the middle of the
-    /// tube.
+    /// The signed distance to the surface and its derivative; the derivative is NaN on the axis and
+    /// at the center of the tube.
     fn value(&self, s: f64) -> (f64, f64) {
         let p = self.q + s * self.d;
         let height = p.dot(self.axis);
@@ -239,36 +240,36 @@ impl Line {
         (from_circle - self.minor, slope / from_circle)
     }
 
-    /// How far it is from a minimum of the quartic inside the tube to where the parabola that fits
-    /// there has its roots; NaN if the place is outside. `curvature` is the second derivative.
+    /// Distance from a minimum of the quartic inside the tube to the roots of the parabola fitted
+    /// there; NaN if the point is outside. `curvature` is the second derivative.
     fn half_width(&self, s: f64, curvature: f64) -> f64 {
         let p = self.q + s * self.d;
         let height = p.dot(self.axis);
         let rho = (p - height * self.axis).length();
         let squared = |x: f64| x * x + height * height;
-        // The quartic is the product of what a circle and its mirror image give.
+        // The quartic is the product of the terms of the circle and of its mirror image.
         let (near, far) = (squared(rho - 1.0), squared(rho + 1.0));
         let minor = self.minor;
         let quartic = (near.sqrt() - minor) * (near.sqrt() + minor) * (far - minor * minor);
         (-2.0 * quartic / curvature).sqrt()
     }
 
-    /// All crossings, in ascending order; at most four. Each is looked for when it is asked for.
+    /// All crossings, at most four, in ascending order; each is computed on demand.
     fn crossings(&self) -> impl Iterator<Item = Crossing> + '_ {
         let turns = self.turns();
-        // How much the distance bends, near the circle and near the axis.
+        // Bound on the second derivative of the distance, near the circle and near the axis.
         let bend = self.d.length_squared() / self.minor.min(1.0 - self.minor);
         let ends = self.reach().map(|(low, high)| {
             let turn = |at: f64| at.clamp(low, high);
             [low, turn(-turns.turn), turn(turns.turn), high]
         });
-        // Minimum, maximum, minimum, and the end of the reach, each where it is there.
+        // The stages are minimum, maximum, minimum and the end of the range, if they exist.
         let stages = ends.map_or(0..0, |_| 0..4);
         let ends = ends.unwrap_or_default();
         let (mut from, mut inside, mut width) = (ends[0], false, f64::NAN);
         stages.filter_map(move |stage| {
             let last = stage == 3;
-            // A maximum, and the end, matter only behind a minimum inside.
+            // The maximum and the end matter only after a minimum inside the tube.
             if !inside && (stage == 1 || last) {
                 return None;
             }
@@ -278,7 +279,7 @@ impl Line {
                 turns.between(ends[stage], ends[stage + 1])?
             };
             let before = inside;
-            // The last end is outside by how it was chosen.
+            // The end of the range is outside by construction.
             inside = !last && self.value(to).0 < 0.0;
             if inside && stage != 1 {
                 width = self.half_width(to, turns.scale * turns.cubic(to).1);
@@ -298,14 +299,14 @@ impl Line {
     }
 }
 
-/// The derivative of the quartic over `scale`: `s³ + p s + q`. It turns at `turn` on either side of
-/// zero, if it does.
+/// The derivative of the quartic over `scale`: the cubic `s³ + p s + q`, with extrema at ±`turn` if
+/// it has any.
 struct Turns {
     p: f64,
     q: f64,
     turn: f64,
     scale: f64,
-    /// How well an extremum need be known: its height is off by the square of that.
+    /// Tolerance for the position of an extremum; its height is off by the square of it.
     error: f64,
 }
 
@@ -315,7 +316,7 @@ impl Turns {
         ((s * s + p) * s + q, 3.0 * s * s + p)
     }
 
-    /// The root between two places with no turn in between, if there is one.
+    /// The root between two positions with no extremum in between, if there is one.
     fn between(&self, from: f64, to: f64) -> Option<f64> {
         let negative = |s: f64| self.cubic(s).0 < 0.0;
         let falls = negative(to);
@@ -326,8 +327,8 @@ impl Turns {
         })
     }
 
-    /// A root, roughly: of three that beyond the turn, or between the turns, where `s` is; or the
-    /// only one.
+    /// An approximate root. If there are three, the one on the same side of the extrema as `s`, or
+    /// between them; otherwise the only one.
     fn near_root(&self, s: f64) -> f64 {
         let Self { p, q, turn, .. } = *self;
         let (third, half) = (p / 3.0, 0.5 * q);
@@ -337,7 +338,8 @@ impl Turns {
             let w = (half.abs() + discriminant.sqrt()).cbrt().copysign(-half);
             return w - third / w;
         }
-        // s = 2 turn y, with 4 y³ - 3 y = x: cos(acos(x) / 3) for the largest, to four thousandths.
+        // s = 2 turn y, with 4 y³ - 3 y = x. The largest root is cos(acos(x) / 3), approximated to
+        // four thousandths.
         let x = -half / (turn * turn * turn);
         let largest = |x: f64| 0.5 + ((1.0 + x) / 6.0).sqrt() - 0.0387 * (1.0 + x);
         let y = if s > turn {
@@ -345,20 +347,22 @@ impl Turns {
         } else if s < -turn {
             -largest(-x)
         } else {
-            // The three have the sum zero.
+            // The sum of the three roots is zero.
             largest(-x) - largest(x)
         };
         2.0 * turn * y
     }
 }
 
-/// The root between two places where a function (value and slope) has different signs: Newton's
-/// steps inside a bracket, from `start` if that is in it. `falls` says whether it is negative at
-/// the second place.
+/// The root between two positions at which a function (value and slope) has different signs.
 ///
-/// A step is the last one if what is left to go is less than `error`: by Newton's law at most half
-/// of `bend`, a bound on the second derivative, over the slope, times the square of the step; or,
-/// where the slope does not tell, if the step itself is less, relative to s or to 1/8.
+/// Newton's method inside a bracket, starting at `start` if that is in the bracket. `falls` says
+/// whether the function is negative at the second position.
+///
+/// The iteration ends if the remaining error is less than `error`. For Newton's method that error
+/// is at most half of `bend` (a bound on the second derivative) over the slope, times the square of
+/// the step. If the slope gives no such bound, the step itself must be at most `error` times the
+/// larger of |s| and 1/8.
 fn root(
     f: impl Fn(f64) -> (f64, f64),
     (mut from, mut to): (f64, f64),
@@ -368,7 +372,7 @@ fn root(
     error: f64,
 ) -> f64 {
     let inside = |s: f64, from: f64, to: f64| s >= from && s <= to;
-    // NaN is no place to go to either.
+    // NaN is not inside, either.
     let mut s = if inside(start, from, to) {
         start
     } else {
@@ -383,7 +387,7 @@ fn root(
             from = s;
         }
         let newton = s - value / slope;
-        // Steps that do not get shorter lead nowhere.
+        // Reject Newton steps that do not halve: they do not converge.
         let good = inside(newton, from, to) && (newton - s).abs() <= 0.5 * before;
         let next = if good { newton } else { 0.5 * (from + to) };
         before = (next - s).abs();
@@ -396,8 +400,8 @@ fn root(
     s
 }
 
-/// The power of two by which the largest coordinate comes to lie between 1 and 2, for vectors of
-/// any sensible length.
+/// The power of two that scales the largest coordinate to between 1 and 2, for vectors of any
+/// reasonable length.
 fn power_of_two_near(v: DVec3) -> f64 {
     let exponent = (v.abs().max_element().to_bits() >> 52).clamp(1, 2045);
     f64::from_bits((2046 - exponent) << 52)
@@ -420,9 +424,9 @@ impl Primitive for Torus {
             return None;
         }
         let line = Line::new(self, ray);
-        // A ray that leaves for the outside meets the surface next where it enters, and the other
-        // way round. What comes first and is of the other kind is the start itself, on the wrong
-        // side by rounding.
+        // After a ray spawned outward, the next crossing must enter the torus, and vice versa. If
+        // the first crossing is of the other kind, it is the spawn point itself, which rounding has
+        // put on the wrong side.
         let mut expected = leaves.map(|_| line.slope_at_start() > 0.0);
         let mut crossings = line.crossings().filter(|crossing| crossing.t > 0.0);
         crossings
@@ -472,8 +476,8 @@ impl Primitive for Torus {
 }
 
 impl Torus {
-    /// Of a point that was put onto the surface: along its normal, the roundings of unit vectors
-    /// and of sums.
+    /// Error bound of a projected point along its normal: the rounding errors of unit vectors and
+    /// sums.
     fn error(&self) -> f64 {
         4.0 * f64::EPSILON * (self.center.abs().max_element() + self.major + self.minor)
     }
@@ -486,7 +490,7 @@ impl Torus {
             (if angle < 0.0 { angle + TAU } else { angle }) / TAU
         };
         let around = outward.truncate();
-        // Both have the same factor, which the angle does not see.
+        // Both arguments have the same factor, which does not affect the angle.
         let away = normal.truncate().dot(around) / around.length();
         DVec2::new(turns(outward.y, outward.x), turns(normal.z, away))
     }
@@ -504,7 +508,7 @@ mod tests {
         }
     }
 
-    /// All hits, one behind the other.
+    /// All hits in order.
     fn hits(ring: &dyn Primitive, origin: [f64; 3], direction: [f64; 3]) -> Vec<f64> {
         let ray = Ray::new(origin.into(), direction.into());
         let mut found = Vec::new();
@@ -527,20 +531,20 @@ mod tests {
     fn special_rays() {
         let ring = ring("major_radius = 2\nminor_radius = 0.5");
         let of = |origin, direction| hits(ring.as_ref(), origin, direction);
-        // Through all four walls; along the axis and through the hole beside it; from inside the
-        // tube.
+        // Through all four walls; along the axis; through the hole parallel to the axis; from
+        // inside the tube.
         assert_eq!(of([4.0, 0.0, 0.0], [-1.0, 0.0, 0.0]), [1.5, 2.5, 5.5, 6.5]);
         assert!(of([0.0, 0.0, 9.0], [0.0, 0.0, -1.0]).is_empty());
         assert!(of([1.4, 0.0, 9.0], [0.0, 0.0, -1.0]).is_empty());
         assert_eq!(of([2.0, 0.0, 0.0], [0.0, 0.0, 1.0]), [0.5]);
         assert_eq!(of([2.0, 0.0, 3.0], [0.0, 0.0, -2.0]), [1.25, 1.75]);
-        // Along the plane that touches it on top, and a little lower.
+        // Just above the plane that touches the torus on top, and just below it.
         assert!(of([0.0, 9.0, 0.5 + 1e-12], [0.0, -1.0, 0.0]).is_empty());
         assert_eq!(of([0.0, 9.0, 0.5 - 1e-9], [0.0, -1.0, 0.0]).len(), 4);
-        // Beside it, with two crossings and with none.
+        // Through the outer rim with two crossings, and past it with none.
         assert_eq!(of([2.4, 9.0, 0.0], [0.0, -1.0, 0.0]).len(), 2);
         assert_eq!(of([2.51, 9.0, 0.0], [0.0, -1.0, 0.0]).len(), 0);
-        // From where nothing can be told, an answer that is a number.
+        // At extreme distances the result is arbitrary but must be finite.
         for far in [f64::MAX, 1e200] {
             assert!(
                 of([far, far, 0.0], [-1.0, -1.0, 0.0])

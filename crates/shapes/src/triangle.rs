@@ -1,7 +1,6 @@
 //! A single triangle.
 //!
-//! It lowers itself to a mesh of one triangle, so that the watertight test of the core is the only
-//! one.
+//! It lowers to a mesh of one triangle and uses the core's watertight intersection test.
 //!
 //! - Twin: Mitsuba mesh of one triangle (native).
 //! - Example: `scenes/shapes/triangle.toml`.
@@ -12,20 +11,20 @@ use serde::Deserialize;
 use whitstone_core::config::{Vector2, Vector3};
 use whitstone_core::{Context, DVec2, Plugin, SceneError, SceneErrors, Shape, Shapes, Transform};
 
-/// A triangle; seen from outside, its corners run counter-clockwise.
+/// A triangle; its front face is counter-clockwise.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// The corners a, b, c in object space, in metres.
     vertices: [Vector3; 3],
-    /// Shading normals at the corners in object space, of any length but zero; by default the
-    /// normal of the plane.
+    /// Shading normals at the corners in object space, nonzero, of any length; by default the
+    /// geometric normal.
     normals: Option<[Vector3; 3]>,
     /// Texture coordinates at the corners; by default the barycentric weights of b and c.
     uvs: Option<[Vector2; 3]>,
 }
 
-/// Becomes a mesh of one triangle.
+/// Lowers to a mesh of one triangle.
 pub struct Triangle;
 
 impl Plugin<Shapes> for Triangle {

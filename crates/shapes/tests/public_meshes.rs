@@ -1,5 +1,5 @@
-//! Meshes that others made, where they are at hand: the folder that `WHITSTONE_TEST_DATA` names has
-//! them under `meshes/`. Tests whose files are absent say "skipped".
+//! Tests with third-party meshes, read from `meshes/` in the folder that `WHITSTONE_TEST_DATA`
+//! names. Tests whose files are absent print "skipped".
 
 use std::path::{Path, PathBuf};
 use whitstone_core::{Shape, Shapes, Transform, TriangleMesh};

@@ -1,4 +1,4 @@
-//! The control points of the teapot: its size, its symmetry, and that its patches join.
+//! Properties of the teapot's control points: size, symmetry, and that the patches join.
 
 use std::collections::BTreeMap;
 use toml::Value;
@@ -10,7 +10,7 @@ fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(number).collect()
 }
 
-/// The corners of the curves by their bits, so that curves can be counted.
+/// The control points of a curve as bits, so that curves can be counted.
 fn key(points: [Point; 4]) -> [[u64; 3]; 4] {
     let forward = points.map(|p| p.map(|c| (c + 0.0).to_bits()));
     let mut backward = forward;
@@ -56,8 +56,8 @@ fn patches_join_where_they_should() {
             }
         }
     }
-    // Tip of the lid, middle of the bottom. Open are rim and lid, four curves each, and both ends
-    // of handle and spout.
+    // The tip of the lid and the center of the bottom are collapsed. Rim and lid are open, with
+    // four curves each, as are both ends of handle and spout.
     assert_eq!(collapsed, 8);
     let joined = curves.values().filter(|(count, _)| *count == 2).count();
     let open: Vec<Point> = curves

@@ -1,6 +1,5 @@
-//! The torus against roots in twice the precision, from the thinnest rings and the farthest
-//! origins; and that the usual way, Ferrari's formula on the coefficients at the origin, fails the
-//! same test.
+//! Compares the torus with roots in double-double precision, for the thinnest rings and the most
+//! distant origins. Ferrari's formula on the coefficients at the ray origin fails the same test.
 
 use std::ops::{Add, Mul, Sub};
 use whitstone_core::{
@@ -59,13 +58,13 @@ fn dot(a: &[Double], b: &[Double]) -> Double {
     products.fold(Double::of(0.0), Add::add)
 }
 
-/// By Horner's rule; the coefficient of the highest power comes last.
+/// Evaluates by Horner's rule; the coefficient of the highest power comes last.
 fn polynomial(coefficients: &[Double], s: Double) -> Double {
     let highest_first = coefficients.iter().rev();
     highest_first.fold(Double::of(0.0), |sum, c| sum * s + *c)
 }
 
-/// All roots between two places, in ascending order: between those of the derivative.
+/// All roots between two places, in ascending order, bracketed by the roots of the derivative.
 fn roots(coefficients: &[Double], low: Double, high: Double) -> Vec<Double> {
     if coefficients.len() < 2 {
         return Vec::new();
@@ -99,8 +98,8 @@ fn roots(coefficients: &[Double], low: Double, high: Double) -> Vec<Double> {
     found
 }
 
-/// Where a ray meets the torus around the z axis: points, and the least relative distance between
-/// an extremum and the surface, in minor radii. Exact but for some 25 digits.
+/// Intersects a ray with the torus around the z axis: the points, and the smallest distance between
+/// an extremum and the surface, in minor radii. Accurate to some 25 digits.
 fn exact(ray: &Ray, major: f64, minor: f64) -> (Vec<DVec3>, f64) {
     let o = ray.origin.to_array().map(Double::of);
     let d = ray.direction.to_array().map(Double::of);
@@ -134,7 +133,7 @@ fn exact(ray: &Ray, major: f64, minor: f64) -> (Vec<DVec3>, f64) {
     (points, margin)
 }
 
-/// The usual way: coefficients at the origin, resolvent cubic, two quadratics.
+/// The common method: coefficients at the origin, resolvent cubic, two quadratics.
 fn ferrari(ray: &Ray, major: f64, minor: f64) -> Vec<DVec3> {
     let (o, d) = (ray.origin, ray.direction.normalize());
     let (b, k) = (o.dot(d), o.length_squared() + major * major - minor * minor);
@@ -185,8 +184,8 @@ fn tested(torus: &dyn Primitive, ray: &Ray) -> Vec<SurfacePoint> {
     found
 }
 
-/// How many rays get another number of hits or one that is off by more than 1e-6 minor radii, seen
-/// from above the surface; and the largest error, in minor radii.
+/// Whether a ray gets another number of hits or one that is off by more than 1e-6 minor radii,
+/// measured along the normal; and the largest error, in minor radii.
 fn compare(found: &[DVec3], exact: &[DVec3], ray: &Ray, major: f64, minor: f64) -> (bool, f64) {
     if found.len() != exact.len() {
         return (true, 0.0);
@@ -201,13 +200,13 @@ fn compare(found: &[DVec3], exact: &[DVec3], ray: &Ray, major: f64, minor: f64) 
     (error > 1e-6, error)
 }
 
-/// Towards the tube, or just beside it.
+/// A ray towards the tube or just past it.
 fn aim(random: &mut Random, distance: f64, minor: f64) -> Ray {
     let phi = std::f64::consts::PI * random.signed();
     let circle = DVec3::new(phi.cos(), phi.sin(), 0.0);
     let target = circle + 1.2 * minor * random.cube();
     let mut from = random.direction();
-    // Some fly low over the ring, some along it.
+    // Some rays pass low over the ring, some run along it.
     match random.below(4) {
         0 => from.z *= 1e-3,
         1 => from = (circle.cross(DVec3::Z) + 0.01 * from).normalize(),
@@ -230,7 +229,7 @@ fn roots_are_right_to_a_millionth_of_the_tube() {
             for _ in 0..1000 {
                 let ray = aim(&mut random, distance, minor);
                 let (exact, margin) = exact(&ray, 1.0, minor);
-                // Nearer to touching than to a millionth of the tube, either answer is right.
+                // If the ray is tangent to within a millionth of the tube, either answer is right.
                 if margin < 1e-6 {
                     continue;
                 }

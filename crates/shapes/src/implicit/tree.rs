@@ -1,4 +1,4 @@
-//! The tree of a field: what stands in the scene, and how it is computed.
+//! The tree of a field: its TOML form and its evaluation.
 
 use crate::enclosure::{Enclosure, Number};
 use schemars::JsonSchema;
@@ -6,46 +6,46 @@ use serde::Deserialize;
 use whitstone_core::DVec3;
 use whitstone_core::config::{Finite, IntegerIn, Positive, Vector3};
 
-/// Fields inside one another.
+/// Maximum nesting depth of fields.
 const MAX_DEPTH: u32 = 12;
-/// Fields that are evaluated, copies counted one by one.
+/// Maximum number of evaluated fields; each copy of a repeated field counts.
 const MAX_FIELDS: u64 = 1024;
-/// The greatest slope of (1 - r²)²: at r = 1/sqrt(3).
+/// The maximum slope of (1 - r²)², at r = 1/sqrt(3).
 const KERNEL_SLOPE: f64 = 1.539_600_717_839_002_1;
 
-/// A field as the scene says it: a table with one key.
+/// A field in TOML: a table with one key.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Node {
-    /// A ball around the origin.
+    /// A sphere about the origin.
     Sphere(Sphere),
-    /// A box around the origin along the axes.
+    /// An axis-aligned box about the origin.
     Box(Cuboid),
-    /// A ring around the z axis.
+    /// A torus around the z axis.
     Torus(Torus),
-    /// All points near a line from a to b.
+    /// All points within a radius of the segment from a to b.
     Capsule(Capsule),
     /// The half-space below a plane.
     Plane(HalfSpace),
-    /// Soft balls that flow into one another.
+    /// Metaballs: soft spheres that blend into one another.
     Metaballs(Metaballs),
-    /// What is in any of them.
+    /// The union of fields.
     Union(Vec<Node>),
-    /// What is in all of them.
+    /// The intersection of fields.
     Intersection(Vec<Node>),
-    /// What is in the first and in no other.
+    /// The first field minus all others.
     Difference(Vec<Node>),
-    /// A union with a soft seam.
+    /// A union with a smooth blend.
     SmoothUnion(SmoothUnion),
-    /// Moved.
+    /// A translated field.
     Translate(Translate),
-    /// Turned.
+    /// A rotated field.
     Rotate(Rotate),
-    /// Larger or smaller.
+    /// A uniformly scaled field.
     Scale(Scale),
-    /// Turned about z, the more the higher.
+    /// A field twisted about z in proportion to the height.
     Twist(Twist),
-    /// Copies side by side.
+    /// Copies of a field on a regular grid.
     Repeat(Repeat),
 }
 
@@ -53,7 +53,7 @@ pub(crate) enum Node {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Sphere {
-    /// In metres.
+    /// Radius in metres.
     #[serde(default = "one")]
     radius: Positive,
 }
@@ -62,7 +62,7 @@ pub(crate) struct Sphere {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Cuboid {
-    /// Half its edges in metres.
+    /// Half of the edge lengths in metres.
     #[serde(default = "ones")]
     half: [Positive; 3],
 }
@@ -71,7 +71,7 @@ pub(crate) struct Cuboid {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Torus {
-    /// From the axis to the middle of the tube, in metres.
+    /// Distance from the axis to the center of the tube, in metres.
     #[serde(default = "one")]
     major: Positive,
     /// Radius of the tube in metres.
@@ -83,11 +83,11 @@ pub(crate) struct Torus {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Capsule {
-    /// One end of the line.
+    /// One end of the segment, in metres.
     a: Vector3,
-    /// The other end.
+    /// The other end, in metres.
     b: Vector3,
-    /// In metres.
+    /// Radius in metres.
     #[serde(default = "quarter")]
     radius: Positive,
 }
@@ -96,9 +96,9 @@ pub(crate) struct Capsule {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct HalfSpace {
-    /// To the outside, of any length but zero.
+    /// Outward normal, nonzero, of any length.
     normal: Vector3,
-    /// From the origin along the normal, in metres.
+    /// Distance from the origin along the normal, in metres.
     #[serde(default = "zero")]
     offset: Finite,
 }
@@ -107,22 +107,22 @@ pub(crate) struct HalfSpace {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Metaballs {
-    /// 1 to 64 of them.
+    /// 1 to 64 metaballs.
     balls: Vec<Ball>,
-    /// How much must come together.
+    /// Threshold: the inside is where the sum of the metaballs exceeds it.
     #[serde(default = "half")]
     threshold: Positive,
 }
 
-/// One soft ball.
+/// One metaball.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Ball {
-    /// Its center in metres.
+    /// Center in metres.
     center: Vector3,
-    /// How far it reaches, in metres.
+    /// Radius of influence in metres.
     radius: Positive,
-    /// Its value at the center; it may be negative.
+    /// Value at the center; may be negative.
     #[serde(default = "plain")]
     strength: Finite,
 }
@@ -131,7 +131,7 @@ pub(crate) struct Ball {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SmoothUnion {
-    /// Width of the seam in metres.
+    /// Width of the blend in metres.
     k: Positive,
     /// The fields.
     of: Vec<Node>,
@@ -141,7 +141,7 @@ pub(crate) struct SmoothUnion {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Translate {
-    /// In metres.
+    /// Translation in metres.
     by: Vector3,
     /// The field.
     of: Box<Node>,
@@ -151,9 +151,9 @@ pub(crate) struct Translate {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Rotate {
-    /// Of any length but zero.
+    /// Rotation axis, nonzero, of any length.
     axis: Vector3,
-    /// Counter-clockwise looking against the axis.
+    /// Angle in degrees, counter-clockwise looking against the axis.
     degrees: Finite,
     /// The field.
     of: Box<Node>,
@@ -163,7 +163,7 @@ pub(crate) struct Rotate {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Scale {
-    /// The factor.
+    /// The scale factor.
     by: Positive,
     /// The field.
     of: Box<Node>,
@@ -173,7 +173,7 @@ pub(crate) struct Scale {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Twist {
-    /// Counter-clockwise seen from +z.
+    /// Angle in degrees per metre of height, counter-clockwise seen from +z.
     degrees_per_metre: Finite,
     /// The field.
     of: Box<Node>,
@@ -183,9 +183,9 @@ pub(crate) struct Twist {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Repeat {
-    /// From copy to copy along each axis, in metres.
+    /// Distance between copies along each axis, in metres.
     period: [Positive; 3],
-    /// Copies along each axis; they stand around the origin.
+    /// Number of copies along each axis; the grid is centered on the origin.
     count: [IntegerIn<1, 64>; 3],
     /// The field.
     of: Box<Node>,
@@ -219,7 +219,7 @@ fn plain() -> Finite {
     Finite::new(1.0).expect("1 is finite")
 }
 
-/// A field as it is computed.
+/// A field in evaluable form.
 #[derive(Debug)]
 pub(crate) enum Field {
     Sphere {
@@ -234,7 +234,7 @@ pub(crate) enum Field {
     },
     Capsule {
         a: DVec3,
-        /// From a to b, and that over its squared length.
+        /// The vector from a to b, and that vector over its squared length.
         along: DVec3,
         per_along: DVec3,
         radius: f64,
@@ -243,12 +243,12 @@ pub(crate) enum Field {
         normal: DVec3,
         offset: f64,
     },
-    /// Centers, 1/r², strengths.
+    /// Center, 1/r² and strength of each metaball.
     Metaballs {
         balls: Vec<(DVec3, f64, f64)>,
         threshold: f64,
     },
-    /// With k: soft.
+    /// A smooth union if k > 0.
     Union {
         k: f64,
         of: Vec<Field>,
@@ -256,7 +256,7 @@ pub(crate) enum Field {
     Intersection {
         of: Vec<Field>,
     },
-    /// The first, less the others.
+    /// The first field minus the others.
     Difference {
         of: Vec<Field>,
     },
@@ -264,7 +264,7 @@ pub(crate) enum Field {
         by: DVec3,
         of: Box<Field>,
     },
-    /// The matrix that turns back, by rows.
+    /// The rows of the inverse rotation.
     Turned {
         back: [DVec3; 3],
         of: Box<Field>,
@@ -273,7 +273,7 @@ pub(crate) enum Field {
         by: f64,
         of: Box<Field>,
     },
-    /// Radians a metre.
+    /// Radians per metre.
     Twisted {
         rate: f64,
         of: Box<Field>,
@@ -303,7 +303,7 @@ fn shift<N: Number>(p: Point<N>, by: DVec3) -> Point<N> {
 }
 
 impl Field {
-    /// From what the scene says, or what is wrong with it.
+    /// Builds the field; the error is a message for the user.
     pub(crate) fn new(node: Node) -> Result<Self, String> {
         let mut fields = 0;
         Self::build(node, 1, 1, &mut fields)
@@ -514,7 +514,7 @@ impl Field {
             Self::Scaled { by, of } => of.eval(p.map(|c| c.times(1.0 / by))).times(*by),
             Self::Twisted { rate, of } => {
                 let (sine, cosine) = p[2].times(*rate).sine_cosine();
-                // Back, clockwise.
+                // The inverse rotation, clockwise.
                 of.eval([p[0] * cosine + p[1] * sine, p[1] * cosine - p[0] * sine, p[2]])
             }
             Self::Repeated { offsets, of } => {
@@ -524,7 +524,8 @@ impl Field {
         }
     }
 
-    /// A box that holds all points whose value is below `value`; infinite where there is none.
+    /// A box that contains all points where the field is below `value`; infinite along unbounded
+    /// axes.
     pub(crate) fn bounds_below(&self, value: f64) -> Point<Enclosure> {
         const NONE: Enclosure = Enclosure::new(f64::INFINITY, f64::NEG_INFINITY);
         const ALL: Enclosure = Enclosure::new(f64::NEG_INFINITY, f64::INFINITY);
@@ -533,7 +534,7 @@ impl Field {
                    b: Point<Enclosure>,
                    join: fn(Enclosure, Enclosure) -> Enclosure|
          -> Point<Enclosure> { std::array::from_fn(|k| join(a[k], b[k])) };
-        // An empty range stays empty when it is moved.
+        // An empty range stays empty when it is translated.
         let moved = |a: Point<Enclosure>, by: DVec3| -> Point<Enclosure> {
             std::array::from_fn(|k| Enclosure::new(a[k].lo + by[k], a[k].hi + by[k]))
         };
@@ -565,7 +566,7 @@ impl Field {
                 })
             }
             Self::Union { k, of } => {
-                // Each seam adds a quarter of its width at most.
+                // Each blend adds at most a quarter of its width.
                 let value = value + 0.25 * k * (of.len() - 1) as f64;
                 let boxes = of
                     .iter()
@@ -615,7 +616,7 @@ impl Field {
         }
     }
 
-    /// A bound on the slope per metre inside a box.
+    /// Lipschitz bound per metre inside a box.
     pub(crate) fn steepest(&self, region: Point<Enclosure>) -> f64 {
         let all = |of: &[Self]| of.iter().map(|field| field.steepest(region)).fold(0.0, f64::max);
         match self {
@@ -630,7 +631,7 @@ impl Field {
                     .map(|(_, per_square, strength)| strength.abs() * per_square.sqrt());
                 KERNEL_SLOPE * slopes.sum::<f64>()
             }
-            // A seam mixes two slopes.
+            // A blend interpolates between two slopes.
             Self::Union { of, .. } | Self::Intersection { of } | Self::Difference { of } => all(of),
             Self::Moved { by, of } => of.steepest(shift(region, *by)),
             Self::Turned { back, of } => of.steepest(back.map(|row| dot(&region, row))),
@@ -638,7 +639,7 @@ impl Field {
             Self::Twisted { rate, of } => {
                 let radius = region[0].reach().hypot(region[1].reach());
                 let round = Enclosure::new(-radius, radius);
-                // The greatest stretch of the shear that a twist is near a point.
+                // The largest singular value of the shear that approximates a twist near a point.
                 let shear = rate.abs() * radius;
                 0.5 * (shear + (shear * shear + 4.0).sqrt()) * of.steepest([round, round, region[2]])
             }

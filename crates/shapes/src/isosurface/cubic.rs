@@ -1,23 +1,23 @@
-//! The density in one cell: along a ray it is a cubic.
+//! The density along a ray in one cell, a cubic.
 
 use crate::crossings::{Along, Known, refine};
 use std::ops::ControlFlow;
 use whitstone_core::DVec3;
 
-/// Exact at both ends.
+/// Linear interpolation, exact at both ends.
 #[inline]
 pub(super) fn lerp(a: f64, b: f64, t: f64) -> f64 {
     (1.0 - t) * a + t * b
 }
 
-/// First along x, then y, then z: on a face it is what the neighbour computes.
+/// Interpolates along x, then y, then z, so that both cells at a face compute the same value on it.
 #[inline]
 pub(super) fn trilinear(c: &[f64; 8], p: DVec3) -> f64 {
     let [a, b] = [0, 4].map(|k| lerp(lerp(c[k], c[k + 1], p.x), lerp(c[k + 2], c[k + 3], p.x), p.y));
     lerp(a, b, p.z)
 }
 
-/// The Bernstein coefficients of the density along a segment of a cell.
+/// The Bernstein coefficients of the density along a segment within a cell.
 pub(super) struct Cubic(pub(super) [f64; 4]);
 
 impl Cubic {
@@ -31,9 +31,9 @@ impl Cubic {
         ])
     }
 
-    /// Changes of sign in order.
+    /// Visits the sign changes in order.
     pub(super) fn crossings(&self, visit: &mut impl FnMut(f64, bool) -> ControlFlow<()>) -> ControlFlow<()> {
-        // The cubic lies between its coefficients.
+        // The cubic lies in the range of its coefficients.
         let negative = self.0.iter().filter(|value| **value < 0.0).count();
         if negative == 0 || negative == 4 {
             return ControlFlow::Continue(());
@@ -52,7 +52,7 @@ impl Cubic {
         ControlFlow::Continue(())
     }
 
-    /// Where the slope is 0, in order; what is not in (0, 1) is 0.
+    /// The extrema in order; those outside (0, 1) are returned as 0.
     fn extrema(&self) -> [f64; 2] {
         let [p, q, r] = [0, 1, 2].map(|i| self.0[i + 1] - self.0[i]);
         // a s² + 2 b s + p
@@ -69,7 +69,7 @@ impl Cubic {
 }
 
 impl Along for Cubic {
-    /// By de Casteljau's algorithm, exact at both ends.
+    /// De Casteljau's algorithm, exact at both ends.
     fn at(&self, s: f64) -> (f64, f64) {
         let [a, b, c, d] = self.0;
         let [e, f, g] = [lerp(a, b, s), lerp(b, c, s), lerp(c, d, s)];

@@ -1,4 +1,4 @@
-//! Where the values of a density come from.
+//! Sources of density values.
 
 use super::{Config, Format, Generator};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -25,7 +25,7 @@ impl<'de> Deserialize<'de> for Values {
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Values, A::Error> {
                 let mut values = Vec::new();
                 loop {
-                    // The core finds the place of an element by these words.
+                    // The core locates an element in the scene file by this text.
                     let next = seq
                         .next_element::<Finite>()
                         .map_err(|error| A::Error::custom(format!("element {}: {error}", values.len())))?;
@@ -52,7 +52,7 @@ impl JsonSchema for Values {
     }
 }
 
-/// The values at all vertices, x fastest; all are finite and as many as the size says.
+/// The values at all vertices, x fastest: finite, and as many as `size` requires.
 pub(super) fn read(
     config: Config,
     size: [usize; 3],
@@ -107,7 +107,7 @@ pub(super) fn read(
                 format!("{}: {text}", file.path),
             ))
         };
-        // Before it is read: a file may be of any length.
+        // Check the length before reading the file, which may be arbitrarily large.
         let length = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
         let bytes_each = if format == Format::F32 { 4 } else { 1 };
         if length != bytes_each * count as u64 {
@@ -149,7 +149,7 @@ fn decode(bytes: &[u8], format: Format) -> Result<Vec<f64>, String> {
     }
 }
 
-/// From 0 to 1.
+/// Maps a hash to [0, 1).
 fn unit(hash: u32) -> f64 {
     f64::from(hash) / 2f64.powi(32)
 }
@@ -174,7 +174,7 @@ fn metaballs_of(size: [usize; 3], seed: u32, balls: u32) -> Vec<f64> {
         let random = |a: u32| unit(mix(mix(seed.wrapping_add(mix(ball))).wrapping_add(a)));
         let center = DVec3::new(random(0) - 0.5, random(1) - 0.5, random(2) - 0.5);
         let radius = 0.3 + 0.15 * random(3);
-        // Only where it reaches.
+        // Only the vertices within the radius.
         let near =
             |axis: usize| (0..size[axis]).filter(move |i| (place(axis, *i) - center[axis]).abs() <= radius);
         for k in near(2) {
@@ -201,7 +201,7 @@ mod tests {
         let found = noise([2, 3, 2], 5);
         let expected = unit(mix(mix(mix(6).wrapping_add(2)).wrapping_add(1)));
         assert_eq!(found[11], expected);
-        // One ball: its value at a vertex.
+        // The value of a single metaball at a vertex.
         let found = metaballs_of([9, 9, 9], 7, 1);
         let random = |a: u32| f64::from(mix(mix(7 + mix(0)).wrapping_add(a))) / 4294967296.0;
         let p = [4, 3, 5].map(|i: i32| f64::from(i) / 4.0 - 1.0);
@@ -210,7 +210,7 @@ mod tests {
         let expected = (1.0 - squared / radius.powi(2)).max(0.0).powi(2);
         assert!((found[4 + 9 * (3 + 9 * 5)] - expected).abs() < 1e-15);
         assert!(found.iter().any(|value| *value > 0.3));
-        // None reaches the box.
+        // No metaball reaches the border.
         let edge = |i: usize| {
             [0, 8].contains(&(i % 9)) || [0, 8].contains(&(i / 9 % 9)) || [0, 8].contains(&(i / 81))
         };

@@ -1,10 +1,10 @@
-//! Vertices that are moved along their normals by a height.
+//! Displacement of vertices along their normals.
 //!
-//! Cook, *Shade trees*, 1984, section "Displacement maps": unlike bump mapping, which turns the
-//! normals only, this moves the surface, so that silhouettes and shadows show it as well. The
-//! height is looked up at the vertices, in object space: how fine the relief becomes is a matter of
-//! how fine the mesh is. All corners at one position move as one, so that no gap opens at a seam of
-//! texture coordinates.
+//! Cook, *Shade trees*, 1984, section "Displacement maps": unlike bump mapping, which only perturbs
+//! the normals, displacement moves the surface, so silhouettes and shadows show it too. The height
+//! is looked up at the vertices, in object space, so the mesh resolution limits the detail of the
+//! relief. All corners at one position move together, so that no gap opens at a seam of texture
+//! coordinates.
 
 use super::subdivision::Surface;
 use rayon::prelude::*;
@@ -19,14 +19,14 @@ use whitstone_core::{ColorSource, Context, DVec2, DVec3, Needs, SceneError, Scen
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Displacement {
-    /// The height: a texture, of which the first channel counts. It is looked up in object space:
-    /// at the vertex before it is moved, with its texture coordinates and its normal.
+    /// The height: the first channel of a texture. It is looked up in object space at the
+    /// undisplaced vertex, with its texture coordinates and normal.
     height: TextureRef,
-    /// Metres in object space for a height of 1, outwards; may be negative.
+    /// Displacement in object-space metres for a height of 1, outward; may be negative.
     #[serde(default = "one")]
     #[schemars(with = "Finite")]
     scale: Spanned<Finite>,
-    /// The height at which a vertex stays where it is.
+    /// The height at which a vertex does not move.
     #[serde(default = "zero")]
     offset: Finite,
 }
@@ -39,8 +39,8 @@ fn zero() -> Finite {
     Finite::new(0.0).expect("0 is finite")
 }
 
-/// What displacing takes besides the surface, after so many levels of subdivision: a normal and a
-/// mean height a point, and the heights that it is the mean of.
+/// Additional memory for displacement after this many levels of subdivision: a normal and a mean
+/// height per point, and the heights that are averaged.
 pub(super) fn bytes(surface: &Surface, levels: u32) -> u64 {
     let [points, _] = surface.size_after(levels);
     let point = size_of::<DVec3>() + size_of::<Mean>() + size_of::<f64>();
@@ -49,7 +49,7 @@ pub(super) fn bytes(surface: &Surface, levels: u32) -> u64 {
     points * point as u64 + corners * corner as u64
 }
 
-/// Moves the points of a surface.
+/// Displaces the points of a surface.
 pub(super) fn displace(
     surface: &mut Surface,
     how: &Displacement,
@@ -70,7 +70,7 @@ pub(super) fn displace(
         let message = "no triangle is left to displace: each has two corners at one position";
         return Err(SceneError::at(place, message).into());
     }
-    // Zero where triangles cancel, or where there is none: such points stay.
+    // Zero where triangle normals cancel or there is no triangle; such points do not move.
     let mut normals = surface.normals();
     normals.par_iter_mut().for_each(|n| *n = n.normalize_or_zero());
     let relief = Relief {
@@ -94,28 +94,28 @@ pub(super) fn displace(
     Ok(())
 }
 
-/// A mean on the way.
+/// A running mean.
 #[derive(Clone, Copy, Default)]
 struct Mean {
     sum: f64,
     count: u32,
 }
 
-/// No point: of texture coordinates that no triangle uses.
+/// Marks texture coordinates that no triangle uses.
 const NOWHERE: u32 = u32::MAX;
 
-/// Where heights are looked up.
+/// The height lookup.
 struct Relief<'a> {
     surface: &'a Surface,
-    /// Of unit length, or zero.
+    /// Unit length, or zero.
     normals: &'a [DVec3],
     height: &'a ColorSource,
-    /// Of the texture, for messages.
+    /// Source span of the texture, for messages.
     place: Range<usize>,
 }
 
 impl Relief<'_> {
-    /// At each point.
+    /// The height at each point.
     fn heights(&self) -> Result<Vec<f64>, SceneError> {
         let points = 0..self.surface.points.len();
         let heights: Vec<f64> = points
@@ -126,7 +126,7 @@ impl Relief<'_> {
         Ok(heights)
     }
 
-    /// At each point the mean of what its corners see, each with its own texture coordinates.
+    /// The mean height of each point over its corners, each with its own texture coordinates.
     fn heights_by_uv(&self) -> Result<Vec<f64>, SceneError> {
         let Surface {
             points,
@@ -154,12 +154,12 @@ impl Relief<'_> {
                 mean.count += 1;
             }
         }
-        // Points without a triangle have no normal along which they could move.
+        // Points without a triangle have no normal to move along.
         let mean = |mean: &Mean| mean.sum / f64::from(mean.count.max(1));
         Ok(means.iter().map(mean).collect())
     }
 
-    /// What one corner sees.
+    /// The height at one corner.
     fn at(&self, point: usize, uv: DVec2) -> f64 {
         let (position, normal) = (self.surface.points[point], self.normals[point]);
         if normal == DVec3::ZERO {
@@ -170,7 +170,7 @@ impl Relief<'_> {
         self.height.value(&there).r
     }
 
-    /// That all heights, each with its point, are numbers.
+    /// Checks that all heights, each with its point, are finite.
     fn check(&self, mut heights: impl Iterator<Item = (f64, u32)>) -> Result<(), SceneError> {
         let Some((height, point)) = heights.find(|(height, _)| !height.is_finite()) else {
             return Ok(());
@@ -192,7 +192,7 @@ mod tests {
     };
     use whitstone_testkit::{TestContext, build_in, shape_laws};
 
-    /// A height of any kind.
+    /// An arbitrary height function.
     struct Height(fn(&SurfacePoint) -> f64, Needs);
 
     impl Texture for Height {
@@ -234,13 +234,14 @@ mod tests {
     fn vertices_move_along_their_normals_and_normals_follow() {
         let more = "displacement = { height = \"up\", scale = 0.5, offset = 0.25 }";
         let mesh = load(OCTAHEDRON, more).unwrap();
-        // By half of z less a quarter: the equator in, the upper tip out, the lower one in.
+        // Displaced by half of (z minus 1/4): the equator moves in, the upper tip out, the lower
+        // tip in.
         let expected = [0.875, 0.875, 1.375, -0.875, -0.875, -0.375];
         for ((p, axis), length) in mesh.positions.iter().zip([0, 1, 2, 0, 1, 2]).zip(expected) {
             assert!((p[axis] - length).abs() < 1e-15, "{p}");
             assert!((p.length() - length.abs()).abs() < 1e-15, "{p}");
         }
-        // That of the vertex at +x: its four triangles, two of which are flatter now.
+        // The normal of the vertex at +x: two of its four triangles are flatter now.
         let (up, down) = (DVec3::new(1.375, 0.0, 0.875), DVec3::new(0.375, 0.0, 0.875));
         let expected = (DVec3::new(up.x, 0.0, up.z) + DVec3::new(down.x, 0.0, -down.z)).normalize();
         assert!(
@@ -268,8 +269,8 @@ mod tests {
         }
     }
 
-    /// Both sides of a seam see other texture coordinates; the point moves by the mean of its three
-    /// corners.
+    /// The two sides of a seam have different texture coordinates; the point moves by the mean of
+    /// its three corners.
     #[test]
     fn seams_stay_closed() {
         let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 4 0\n\
@@ -288,8 +289,8 @@ mod tests {
         assert_eq!(mesh.uvs.len(), mesh.positions.len());
     }
 
-    /// Case 44 of the catalogue: from next to nothing to walls a ramp has the normal that it
-    /// should, and what folds over has normals at all.
+    /// Case 44 of the catalogue: a displaced ramp has the right normal, from nearly flat to a
+    /// vertical wall, and folded surfaces still have normals.
     #[test]
     fn normals_follow_any_amplitude() {
         let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nf 1/1 2/2 3/2\nf 1/1 3/2 4/1\n";

@@ -1,7 +1,7 @@
 //! Wavefront OBJ: `v`, `vt`, `vn` and `f`; everything else is ignored.
 //!
-//! Not by a library: those that there are hand out groups as separate meshes, in single precision,
-//! forget the line of an error, and misalign corners of which only some have a normal.
+//! Hand-written because the existing libraries return groups as separate meshes in single
+//! precision, lose the line number of an error, and misalign corners if only some have a normal.
 
 use super::{FileError, Triangles, fan, shorten};
 use std::borrow::Cow;
@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::str::SplitAsciiWhitespace;
 use whitstone_core::{DVec2, DVec3};
 
-/// Position, texture coordinates and normal of a corner, numbered from 0.
+/// Position, texture coordinates and normal of a corner: indices from 0.
 type Corner = (u32, Option<u32>, Option<u32>);
 
 #[derive(Default)]
@@ -18,18 +18,18 @@ struct File {
     uvs: Vec<DVec2>,
     normals: Vec<DVec3>,
     corners: Vec<Corner>,
-    /// For each polygon its line and where its corners end.
+    /// The line of each polygon, and the end of its corners.
     polygons: Vec<(usize, usize)>,
 }
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
     let mut file = File::default();
-    // A byte order mark is no part of the text.
+    // Skip a byte order mark.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut lines = bytes.split(|&byte| byte == b'\n').zip(1..);
     while let Some((line, number)) = lines.next() {
         let mut line = Cow::Borrowed(line.trim_ascii());
-        // A line that ends in a backslash goes on in the next.
+        // A trailing backslash continues the line.
         while line.last() == Some(&b'\\') {
             let line = line.to_mut();
             line.pop();
@@ -91,7 +91,7 @@ impl File {
         parts.next().is_none().then_some((v, vt, vn))
     }
 
-    /// Corners that agree in everything become one vertex.
+    /// Merges corners with equal indices into one vertex.
     fn triangles(self) -> Result<Triangles, FileError> {
         let with_uvs = self.corners.iter().any(|corner| corner.1.is_some());
         let with_normals = self.corners.iter().any(|corner| corner.2.is_some());
@@ -130,14 +130,14 @@ impl File {
     }
 }
 
-/// Counted from 1, or backwards from -1 for the one defined last, into counted from 0. Whether it
-/// is in range is known at the end of the file only, save for what lies before the first.
+/// Converts an index that counts from 1, or backwards from -1 for the latest definition, to one
+/// from 0. The upper limit is checked at the end of the file, the lower one here.
 fn index(text: &str, count: usize) -> Option<u32> {
     let index: i64 = text.parse().ok()?;
     match index {
         0 => None,
         1.. => u32::try_from(index - 1).ok(),
-        // What lies before the first one is out of range of all.
+        // An index before the first definition becomes one that is out of range everywhere.
         _ => Some(u32::try_from(count as i64 + index).unwrap_or(u32::MAX)),
     }
 }
@@ -157,7 +157,8 @@ fn check(index: u32, count: usize, what: &str, line: usize) -> Result<(), FileEr
     ))
 }
 
-/// Up to N finite numbers, at least `required`; the others are zero. What follows them is ignored.
+/// Parses up to N finite numbers, at least `required`; missing ones are zero, further text is
+/// ignored.
 fn numbers<const N: usize>(
     words: &mut SplitAsciiWhitespace<'_>,
     required: usize,

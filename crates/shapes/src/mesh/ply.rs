@@ -1,6 +1,6 @@
-//! PLY: the elements `vertex` and `face`; other elements and properties are read over.
+//! PLY: the elements `vertex` and `face`; other elements and properties are skipped.
 //!
-//! The header and binary bodies are read by a library, text bodies by `text`.
+//! A library reads the header and binary bodies; `text` reads text bodies.
 
 mod text;
 
@@ -13,7 +13,7 @@ use std::collections::HashSet;
 use text::Lines;
 use whitstone_core::{DVec2, DVec3};
 
-/// Names of each number of a vertex, in the order of [`Vertex::values`].
+/// Accepted names of each vertex number, in the order of [`Vertex::values`].
 const NAMES: [&[&str]; 8] = [
     &["x"],
     &["y"],
@@ -33,11 +33,11 @@ struct Vertex {
 }
 
 struct Face {
-    /// `None` if a vertex number is negative or not a whole number.
+    /// `None` if a vertex index is negative or not an integer.
     corners: Option<Vec<u32>>,
 }
 
-/// An element that is read over.
+/// An element that is skipped.
 struct Ignored;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
@@ -111,7 +111,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Triangles, FileError> {
     Ok(object)
 }
 
-/// What the parser would not notice or would tell in the terms of its grammar; the number of lines.
+/// Finds errors that the parser would miss or report in the terms of its grammar; returns the
+/// number of header lines.
 fn check_header_lines(bytes: &[u8]) -> Result<usize, FileError> {
     let grammar = Parser::<Ignored>::new();
     let mut elements: HashSet<&str> = HashSet::new();
@@ -170,7 +171,7 @@ fn check_header_lines(bytes: &[u8]) -> Result<usize, FileError> {
     Err(FileError::anywhere("expected a line \"end_header\", found none"))
 }
 
-/// What lines do not show.
+/// Checks the parsed header for errors that are not visible in single lines.
 fn check_header(header: &Header) -> Result<(), FileError> {
     let Some(vertex) = header.elements.get("vertex") else {
         return Err(FileError::anywhere("expected an element `vertex`"));
@@ -199,7 +200,7 @@ fn check_header(header: &Header) -> Result<(), FileError> {
             return Err(FileError::anywhere(message));
         }
     }
-    // An element without properties takes no bytes: any number of them would fit into any file.
+    // An element without properties takes no bytes, so any count of them would fit into any file.
     for (name, element) in &header.elements {
         if element.properties.is_empty() && element.count > 0 {
             return Err(FileError::anywhere(format!(
@@ -214,15 +215,15 @@ fn is_list(data_type: &PropertyType) -> bool {
     matches!(data_type, PropertyType::List(..))
 }
 
-/// What follows the header. The number of elements in the header is taken for no promise, so memory
-/// stays in proportion to the file.
+/// The data after the header. Memory use stays proportional to the file, whatever element count the
+/// header states.
 enum Body<'a> {
     Text(Lines<'a>),
     Binary(Reader<&'a [u8]>),
 }
 
 impl Body<'_> {
-    /// Reads all elements of a kind.
+    /// Reads all elements of one kind.
     fn elements<E: PropertyAccess>(
         &mut self,
         element: &ElementDef,
@@ -240,8 +241,8 @@ impl Body<'_> {
 
 fn explain(error: &ParseError, line: Option<usize>) -> FileError {
     let text = error.to_string();
-    // "Line 7: what is wrong", then tabbed lines: the offending text, which may be very long, and
-    // details.
+    // The text is "Line 7: message", then tabbed lines with the offending text, which may be very
+    // long, and details.
     let without_line = text
         .split_once(": ")
         .filter(|(start, _)| start.starts_with("Line "));
@@ -362,7 +363,7 @@ mod tests {
         let object = parse(format!("{HEADER}{body}").as_bytes()).unwrap();
         assert_eq!(object.positions[0], DVec3::new(0.5, -0.5, 1.0));
         assert_eq!(object.uvs[0], DVec2::new(0.25, 0.0));
-        // Not rounded to single precision, whatever the header says.
+        // Not rounded to single precision, whatever type the header states.
         assert_eq!(object.positions[1].y, 0.1);
         assert_eq!(object.triangles.len(), 3);
     }
@@ -516,7 +517,7 @@ mod tests {
             fails(long.replace("7 3 0 2 3\n", "7 1152921504606846976 0\n")).line,
             Some(22)
         );
-        // A list of 2^32 - 1 corners in three.
+        // A list that claims 2^32 - 1 corners but has three.
         let mut binary = binary(false, 0, &[], 1, &[]);
         let text = String::from_utf8(binary.clone()).unwrap();
         binary = text.replace("list uchar uint", "list uint uint").into_bytes();

@@ -1,9 +1,9 @@
-//! Subdivision of triangles into smooth surfaces.
+//! Loop subdivision of triangle meshes.
 //!
-//! Loop, *Smooth subdivision surfaces based on triangles*, 1987; at borders the cubic spline of
-//! Hoppe et al., *Piecewise smooth surface reconstruction*, 1994, section 3. Normals are the sums
-//! of those of the triangles, weighted by their areas: unlike the tangents of the limit surface
-//! they need no rules for borders.
+//! Loop, *Smooth subdivision surfaces based on triangles*, 1987; borders use the cubic spline of
+//! Hoppe et al., *Piecewise smooth surface reconstruction*, 1994, section 3. Normals are
+//! area-weighted sums of the triangle normals; unlike the tangents of the limit surface they need
+//! no border rules.
 
 use super::Triangles;
 use schemars::JsonSchema;
@@ -13,53 +13,53 @@ use toml::Spanned;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{Context, DVec2, DVec3, SceneError, SceneErrors};
 
-/// Most triangles, as in a heightfield.
+/// Maximum number of triangles, as in a heightfield.
 const MAX_TRIANGLES: u64 = 1 << 27;
 
 /// How to refine a mesh.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Subdivision {
-    /// Rules by which triangles are divided.
+    /// Subdivision scheme.
     #[allow(dead_code, reason = "there is one scheme so far")]
     scheme: Scheme,
-    /// How often each triangle is divided into four.
+    /// Number of levels; each divides every triangle into four.
     #[schemars(with = "IntegerIn<1, 8>")]
     levels: Spanned<IntegerIn<1, 8>>,
 }
 
 impl Subdivision {
-    /// How often each triangle is divided into four.
+    /// Number of levels; each divides every triangle into four.
     pub(super) fn levels(&self) -> u32 {
         self.levels.get_ref().get()
     }
 }
 
-/// Rules by which triangles are divided.
+/// Subdivision schemes.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Scheme {
-    /// Those of Loop, for triangles.
+    /// Loop's scheme, for triangles.
     Loop,
 }
 
-/// A side of triangles: its ends, and what is opposite to it.
+/// An edge: its end points and the opposite vertices.
 struct Edge {
     ends: [u32; 2],
-    /// In the first two triangles that it is a side of.
+    /// The opposite vertices in its first two triangles.
     opposite: [u32; 2],
-    /// How often it is a side.
+    /// Number of triangles that it belongs to.
     sides: u32,
 }
 
 impl Edge {
-    /// Whether the surface goes on smoothly across it.
+    /// Whether the surface is smooth across the edge.
     fn smooth(&self) -> bool {
         self.sides == 2
     }
 }
 
-/// Refines a surface; all that is wrong with the request is told before anything is built.
+/// Subdivides a surface; all errors of the request are reported before anything is built.
 pub(super) fn subdivide(
     surface: &mut Surface,
     how: &Subdivision,
@@ -82,18 +82,20 @@ pub(super) fn subdivide(
     Ok(())
 }
 
-/// Triangles by their points, and by the corners that differ in texture coordinates.
+/// Triangles as point indices, and as indices of texture coordinates.
 pub(super) struct Surface {
     pub(super) points: Vec<DVec3>,
-    /// Three points a triangle.
+    /// Three point indices per triangle.
     pub(super) sides: Vec<[u32; 3]>,
-    /// Texture coordinates, and three of them a triangle; both empty where the mesh has none.
+    /// Texture coordinates, and three indices of them per triangle; both empty if the mesh has
+    /// none.
     pub(super) uvs: Vec<DVec2>,
     pub(super) corners: Vec<[u32; 3]>,
 }
 
 impl Surface {
-    /// Corners at one position become one point, and what has no area by that is left out.
+    /// Merges corners at equal positions into one point; triangles that become degenerate are
+    /// dropped.
     pub(super) fn new(mesh: Triangles) -> Self {
         let mut points = Vec::new();
         let mut known: HashMap<[u64; 3], u32> = HashMap::new();
@@ -101,7 +103,7 @@ impl Surface {
             .positions
             .iter()
             .map(|position| {
-                // Adding zero makes one of both zeros.
+                // Adding zero turns -0 into +0.
                 let key = (*position + 0.0).to_array().map(f64::to_bits);
                 *known.entry(key).or_insert_with(|| {
                     points.push(*position);
@@ -128,17 +130,17 @@ impl Surface {
         }
     }
 
-    /// What refining takes at most.
+    /// Upper bound on the memory for subdivision, in bytes.
     fn bytes(&self, levels: u32) -> u64 {
         let [points, triangles] = self.size_after(levels);
-        // The last level reads a quarter of the triangles and makes all; points have normals in the
-        // end.
+        // The last level reads a quarter of the triangles and writes all of them; points get
+        // normals at the end.
         let point = size_of::<[DVec3; 2]>() + size_of::<DVec2>();
         let triangle = 2 * size_of::<[u32; 3]>() + size_of::<[u64; 3]>();
         points * point as u64 + triangles * triangle as u64
     }
 
-    /// Points and triangles, at most: each level leaves every edge twice and three new ones a
+    /// Upper bounds on points and triangles: each level splits every edge in two and adds three per
     /// triangle.
     pub(super) fn size_after(&self, levels: u32) -> [u64; 2] {
         let (mut points, mut triangles) = (self.points.len() as u64, self.sides.len() as u64);
@@ -168,7 +170,7 @@ impl Surface {
         (self.points, self.sides) = (points, divided);
     }
 
-    /// At each point the sum of the normals of its triangles, as long as twice their areas.
+    /// The sum at each point of its triangles' normals, each as long as twice the triangle's area.
     pub(super) fn normals(&self) -> Vec<DVec3> {
         let mut normals = vec![DVec3::ZERO; self.points.len()];
         for triangle in &self.sides {
@@ -181,7 +183,7 @@ impl Surface {
         normals
     }
 
-    /// As vertices, each with a position, a normal and texture coordinates.
+    /// Converts to vertices, each with a position, a normal and texture coordinates.
     pub(super) fn finish(self) -> Triangles {
         let normals = self.normals();
         if self.corners.is_empty() {
@@ -192,7 +194,7 @@ impl Surface {
                 triangles: self.sides,
             };
         }
-        // A vertex for each texture coordinate: all its corners are at one point.
+        // One vertex per texture coordinate: all its corners are at one point.
         let mut point_of = vec![0; self.uvs.len()];
         for (corners, points) in self.corners.iter().zip(&self.sides) {
             for (corner, point) in corners.iter().zip(points) {
@@ -208,7 +210,7 @@ impl Surface {
     }
 }
 
-/// The edges in the order of their ends, and for each triangle (a, b, c) the numbers of ab, bc and
+/// The edges, sorted by their end points, and for each triangle (a, b, c) the indices of ab, bc and
 /// ca.
 fn edges_of(triangles: &[[u32; 3]]) -> (Vec<Edge>, Vec<[u32; 3]>) {
     let mut sides: Vec<(u64, u32, u8)> = Vec::with_capacity(3 * triangles.len());
@@ -239,14 +241,14 @@ fn edges_of(triangles: &[[u32; 3]]) -> (Vec<Edge>, Vec<[u32; 3]>) {
     (edges, numbers)
 }
 
-/// Vertex points, then edge points.
+/// The new points: vertex points, then edge points.
 fn divided_points(points: &[DVec3], edges: &[Edge]) -> Vec<DVec3> {
-    /// The points that a point has edges to.
+    /// The neighbours of a point.
     #[derive(Clone, Copy, Default)]
     struct Around {
         sum: DVec3,
         count: u32,
-        /// Of those across sharp edges.
+        /// The sum of the neighbours across sharp edges.
         sharp_sum: DVec3,
         sharp_count: u32,
     }
@@ -265,7 +267,7 @@ fn divided_points(points: &[DVec3], edges: &[Edge]) -> Vec<DVec3> {
         }
     }
     let vertex_points = points.iter().zip(&around).map(|(&point, around)| match around {
-        // What no triangle is left at.
+        // A point without triangles.
         Around { count: 0, .. } => point,
         Around {
             sharp_count: 0,
@@ -296,14 +298,14 @@ fn divided_points(points: &[DVec3], edges: &[Edge]) -> Vec<DVec3> {
     vertex_points.chain(edge_points).collect()
 }
 
-/// Loop's weight of each of k neighbours of a point.
+/// Loop's weight of each of the k neighbours of a point.
 fn weight(k: f64) -> f64 {
     let middle = 0.375 + 0.25 * (std::f64::consts::TAU / k).cos();
     (0.625 - middle * middle) / k
 }
 
-/// Each triangle as four: those at its corners, and the one between them. Edges are numbered from
-/// `first`.
+/// Splits each triangle into four: one at each corner and one in the middle. Edge points are
+/// numbered from `first`.
 fn divide(triangles: &[[u32; 3]], edges: &[[u32; 3]], first: u32) -> Vec<[u32; 3]> {
     let four = |(triangle, edges): (&[u32; 3], &[u32; 3])| {
         let ([a, b, c], [ab, bc, ca]) = (*triangle, edges.map(|edge| first + edge));
@@ -371,8 +373,8 @@ mod tests {
         assert!((weight(6.0) - 1.0 / 16.0).abs() < 1e-15);
     }
 
-    /// A flat border becomes the cubic spline of its points, and corners of one triangle have two
-    /// sharp edges.
+    /// A flat border becomes the cubic spline of its points; a corner with a single triangle has
+    /// two sharp edges.
     #[test]
     fn borders_are_splines() {
         let mesh = refined(&[[0.0; 3], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0]], &[[0, 1, 2]], 1);
@@ -382,7 +384,8 @@ mod tests {
         assert_eq!(mesh.positions[ab as usize], DVec3::new(4.0, 0.0, 0.0));
     }
 
-    /// Three triangles at one edge make it sharp; its ends have four sharp edges or more and stay.
+    /// Three triangles at one edge make it sharp; its ends have four or more sharp edges and do not
+    /// move.
     #[test]
     fn what_is_no_surface_stays() {
         let positions = [
@@ -399,7 +402,7 @@ mod tests {
 
     #[test]
     fn seams_of_texture_coordinates_do_not_open() {
-        // Two triangles with a common side, which has other texture coordinates in each.
+        // Two triangles with a common edge, whose texture coordinates differ between the triangles.
         let corners = [
             [0.0, 0.0],
             [1.0, 0.0],
@@ -426,7 +429,7 @@ mod tests {
             let vertex = mesh.triangles[triangle][corner] as usize;
             (mesh.positions[vertex], mesh.uvs[vertex])
         };
-        // bc of the first and ca of the second.
+        // Edge bc of the first triangle and ca of the second.
         let (here, there) = (at(1, 2), at(4, 2));
         assert_eq!(here.0, there.0);
         assert_eq!(here.1, DVec2::new(1.5, 2.5));
@@ -434,8 +437,7 @@ mod tests {
         assert_eq!(mesh.positions.len(), mesh.normals.len());
     }
 
-    /// More levels come nearer to the limit: a sphere-like surface whose vertices move less and
-    /// less.
+    /// Convergence: on a sphere-like surface the vertices move less with each level.
     #[test]
     fn levels_converge() {
         let radius = |levels| {

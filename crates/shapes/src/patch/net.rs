@@ -1,12 +1,12 @@
-//! Sixteen control points: values, derivatives and parts of a bicubic Bezier surface by de
-//! Casteljau's steps.
+//! Control nets of bicubic Bezier surfaces: values, derivatives and subdivision by de Casteljau's
+//! algorithm.
 //!
 //! Farin, *Curves and Surfaces for CAGD* (5th ed.), chapters 4 (curves), 3.3 (blossoms) and 14
 //! (surfaces).
 
 use std::ops::{Add, Mul, Sub};
 
-/// A point or a vector, in space or as a ray sees it.
+/// A point or a vector, in space or projected along a ray.
 pub(super) trait Point:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<f64, Output = Self>
 {
@@ -14,18 +14,18 @@ pub(super) trait Point:
 
 impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T>> Point for T {}
 
-/// Rows of four along u, one behind the other along v.
+/// Four rows of four control points along u, in order of v.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Net<T>(pub(super) [T; 16]);
 
-/// A direction on a surface.
+/// A parameter direction on a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Way {
     U,
     V,
 }
 
-/// A point of a surface with its derivatives.
+/// A point of a surface with its first derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Jet<T> {
     pub(super) p: T,
@@ -49,7 +49,7 @@ fn bend<T: Point>([a, b, c, d]: [T; 4], t: f64) -> T {
     between((c - b) - (b - a), (d - c) - (c - b), t) * 6.0
 }
 
-/// The control points of a cubic between two parameters: values of its blossom.
+/// The control points of a cubic between two parameters, as values of its blossom.
 fn part<T: Point>([a, b, c, d]: [T; 4], low: f64, high: f64) -> [T; 4] {
     let at = |t: f64| [between(a, b, t), between(b, c, t), between(c, d, t)];
     let (l, h) = (at(low), at(high));
@@ -68,7 +68,7 @@ impl<T: Point> Net<T> {
         Net(self.0.map(f))
     }
 
-    /// The four control points of line `k` of those that run in a direction.
+    /// The four control points of line `k` along a parameter direction.
     pub(super) fn line(&self, way: Way, k: usize) -> [T; 4] {
         match way {
             Way::U => [0, 1, 2, 3].map(|j| self.0[4 * k + j]),
@@ -76,8 +76,8 @@ impl<T: Point> Net<T> {
         }
     }
 
-    /// Point and first derivatives. A derivative is exactly zero where the points that it comes
-    /// from are equal.
+    /// Point and first derivatives. A derivative is exactly zero if the control points that
+    /// determine it are equal.
     pub(super) fn at(&self, u: f64, v: f64) -> Jet<T> {
         let rows = [0, 1, 2, 3].map(|i| cubic(self.line(Way::U, i), u));
         let (p, along_v) = cubic(rows.map(|row| row.0), v);
@@ -89,7 +89,7 @@ impl<T: Point> Net<T> {
         }
     }
 
-    /// Second derivatives: twice by u, by u and v, twice by v.
+    /// Second derivatives: P_uu, P_uv and P_vv.
     pub(super) fn bends(&self, u: f64, v: f64) -> [T; 3] {
         let rows = [0, 1, 2, 3].map(|i| self.line(Way::U, i));
         let (twice_u, _) = cubic(rows.map(|row| bend(row, u)), v);
@@ -98,7 +98,7 @@ impl<T: Point> Net<T> {
         [twice_u, mixed, twice_v]
     }
 
-    /// What lies between two parameters.
+    /// The part between two parameters.
     pub(super) fn part(&self, way: Way, low: f64, high: f64) -> Self {
         let lines = [0, 1, 2, 3].map(|k| part(self.line(way, k), low, high));
         let mut parts = *self;
@@ -113,7 +113,7 @@ impl<T: Point> Net<T> {
         parts
     }
 
-    /// The longest of the control polygons in a direction, measured by `length`.
+    /// The length of the longest control polygon in a direction, measured by `length`.
     pub(super) fn longest(&self, way: Way, length: impl Fn(T) -> f64) -> f64 {
         let polygon = |k: usize| {
             let line = self.line(way, k);
@@ -122,7 +122,8 @@ impl<T: Point> Net<T> {
         (0..4).map(polygon).fold(0.0, f64::max)
     }
 
-    /// The largest second difference in a direction: how far the lines are from straight and even.
+    /// The largest second difference in a direction: the deviation of the lines from straight and
+    /// evenly spaced.
     pub(super) fn unevenness(&self, way: Way, length: impl Fn(T) -> f64) -> f64 {
         let line = |k: usize| {
             let [a, b, c, d] = self.line(way, k);

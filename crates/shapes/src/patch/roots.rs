@@ -1,55 +1,56 @@
-//! Where a surface, seen along a ray, covers the ray: all roots of two bicubic functions of two
+//! All points of a surface that lie on a ray: the common roots of two bicubic functions of two
 //! parameters.
 //!
-//! A piece of the surface is multiplied by the inverse of its mean derivative, after which it would
-//! be (u - u0, v - v0) if it were flat. How far its control points are from that bounds where roots
-//! can be (the linear clipping of Nishita, Sederberg, Kakimoto, *Ray Tracing Trimmed Rational
-//! Surface Patches*, SIGGRAPH 1990, in the form of an interval Newton step; Toth, *On Ray Tracing
-//! Parametric Surfaces*, SIGGRAPH 1985): the piece is cut down to that, or dropped. If the bound is
-//! so narrow that the map is a contraction, at most one root is left and Newton's steps, kept
-//! inside, must find it. What cannot be cut down is halved where it looks longest.
+//! A piece of the surface is multiplied by the inverse of its mean derivative; a flat piece would
+//! then be (u - u0, v - v0). The deviation of its control points from that form bounds the roots
+//! (the linear clipping of Nishita, Sederberg, Kakimoto, *Ray Tracing Trimmed Rational Surface
+//! Patches*, SIGGRAPH 1990, in the form of an interval Newton step; Toth, *On Ray Tracing
+//! Parametric Surfaces*, SIGGRAPH 1985). The piece is clipped to these bounds, or dropped. If the
+//! bounds are so narrow that the map is a contraction, at most one root is left, and Newton's
+//! method, kept inside, must find it. A piece that cannot be clipped is halved along its longer
+//! direction.
 
 use super::net::{Jet, Net, Way};
 use whitstone_core::DVec2;
 
-/// Below this width of the bounds, derivatives differ from the mean one by 6 times as much (three
-/// times the differences of control points in each of two parameters), and Newton's steps contract
-/// by 0.6/0.7 at worst.
+/// Below this width of the bounds, Newton's method contracts by 0.6/0.7 at worst: derivatives
+/// differ from the mean one by 6 times the width (three times the differences of control points, in
+/// each of two parameters).
 const CONTRACTS: f64 = 0.05;
 
-/// A piece that is cut down to less than this is not halved.
+/// A piece is halved unless clipping reduces its area below this fraction.
 const SHRINKS: f64 = 0.6;
 
-/// Mean derivatives whose parallelogram is thinner than this have no useful inverse.
+/// Mean derivatives whose parallelogram is thinner than this have no usable inverse.
 const THIN: f64 = 1e-6;
 
-/// Pieces that are looked at for one leaf, at most. A tangent ray needs some hundred.
+/// Maximum number of pieces examined per leaf. A tangent ray needs a few hundred.
 const MOST_PIECES: u32 = 8192;
 
-/// Newton's steps, at most: usually four.
+/// Maximum number of Newton steps; usually four.
 const MOST_STEPS: u32 = 64;
 
-/// A part of a surface beside a ray, and its parameters.
+/// A part of a surface near a ray, and its parameter range.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Piece {
-    /// Seen along the ray, which is at the origin.
+    /// Control points projected along the ray, which is at the origin.
     pub(super) net: Net<DVec2>,
     pub(super) low: DVec2,
     pub(super) size: DVec2,
 }
 
-/// The least and the greatest of some numbers.
+/// The minimum and maximum of some numbers.
 fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
     numbers.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
         (low.min(x), high.max(x))
     })
 }
 
-/// Calls `found` with the parameters of every root, some of them perhaps twice. Points that are
-/// nearer to the ray than `near` count as on it.
+/// Calls `found` with the parameters of every root; some roots may be reported twice. Points within
+/// `near` of the ray count as roots.
 pub(super) fn roots(first: Piece, near: f64, mut found: impl FnMut(DVec2)) {
     let mut next = Some(first);
-    // Empty, which costs nothing, unless something is halved.
+    // Allocates only if a piece is halved.
     let mut waiting: Vec<Piece> = Vec::new();
     for _ in 0..MOST_PIECES {
         let Some(piece) = next.take().or_else(|| waiting.pop()) else {
@@ -71,9 +72,9 @@ pub(super) fn roots(first: Piece, near: f64, mut found: impl FnMut(DVec2)) {
 
 enum Verdict {
     Nothing,
-    /// At these parameters of the piece.
+    /// A root at these parameters of the piece.
     Root(DVec2),
-    /// All roots are between these.
+    /// All roots lie between these parameters.
     Between(DVec2, DVec2),
     Halves(Way),
 }
@@ -102,7 +103,7 @@ impl Piece {
         let q = &self.net.0;
         let (left, right) = range(q.iter().map(|p| p.x));
         let (below, above) = range(q.iter().map(|p| p.y));
-        // Written so that what is no number is nothing.
+        // Written so that NaN means no root.
         if !(left <= near && right >= -near && below <= near && above >= -near) {
             return Verdict::Nothing;
         }
@@ -122,7 +123,7 @@ impl Piece {
         }
     }
 
-    /// Bounds on the roots by the mean derivatives a and b; `None` where they say too little.
+    /// Clips by the mean derivatives a and b; `None` if the bounds are too wide to be useful.
     fn clip(&self, a: DVec2, b: DVec2, determinant: f64, near: f64) -> Option<Verdict> {
         let (to_u, to_v) = (
             DVec2::new(b.y, -b.x) / determinant,
@@ -149,7 +150,7 @@ impl Piece {
         Some(Verdict::Between(low, high))
     }
 
-    /// Of a piece that looks like a line: at its edge, or seen edge-on.
+    /// Examines a piece that projects nearly to a line: at its silhouette, or seen edge-on.
     fn line(&self, longer: Way, near: f64) -> Verdict {
         let chords = [0, 1, 2, 3].map(|k| {
             let line = self.net.line(longer, k);
@@ -171,7 +172,8 @@ impl Piece {
         if high - low > 0.125 * near {
             return Verdict::Halves(longer);
         }
-        // As narrow as a point is wide: a root of the distance along it is one of the whole.
+        // The piece is narrower than the tolerance, so a root of the distance along the line is a
+        // root of both functions.
         let mut at = DVec2::splat(0.5);
         for _ in 0..8 {
             let jet = self.net.at(at.x, at.y);
@@ -195,7 +197,7 @@ impl Piece {
     }
 }
 
-/// Newton's steps inside the unit square; `None` if they do not come near the ray.
+/// Newton's method in the unit square; `None` if it does not come within `near` of the ray.
 fn newton(net: &Net<DVec2>, start: DVec2, near: f64) -> Option<DVec2> {
     let mut at = start;
     for _ in 0..MOST_STEPS {
@@ -203,22 +205,21 @@ fn newton(net: &Net<DVec2>, start: DVec2, near: f64) -> Option<DVec2> {
         if away <= near {
             return Some(at);
         }
-        // Where steps lead out of the square they end at its border.
+        // Steps that leave the square are clamped to its border.
         let moves = (next - at).abs().max_element() > 1e-15;
         if !moves {
             break;
         }
         at = next;
     }
-    // Seen at a slant, a root that rounding has put beyond the border may lie far beside a point of
-    // the border that is on the ray.
+    // At a grazing angle, rounding may put a root far beyond the border although a point of the
+    // border lies on the ray.
     [Way::U, Way::V]
         .into_iter()
         .find_map(|way| along_border(net, way, at, near))
 }
 
-/// The place on a border, from a corner or a point of it, that is nearest to the ray, if it is
-/// near.
+/// Searches along a border, from a point on it, for a point within `near` of the ray.
 fn along_border(net: &Net<DVec2>, way: Way, start: DVec2, near: f64) -> Option<DVec2> {
     let mut at = start;
     let across = if way == Way::U { at.y } else { at.x };
@@ -243,20 +244,21 @@ fn along_border(net: &Net<DVec2>, way: Way, start: DVec2, near: f64) -> Option<D
     None
 }
 
-/// How far a point of the surface is from the ray, and where Newton's step leads.
+/// The distance of a surface point from the ray, and the next Newton iterate.
 fn step(net: &Net<DVec2>, at: DVec2) -> (f64, DVec2) {
     let Jet { p, u, v } = net.at(at.x, at.y);
     let step = DVec2::new(v.perp_dot(p), p.perp_dot(u)) / u.perp_dot(v);
     (p.length(), (at + step).clamp(DVec2::ZERO, DVec2::ONE))
 }
 
-/// The same root to all digits: steps for as long as they lead nearer. `None` if it is no root.
+/// Refines a root to full precision: steps as long as the distance decreases. `None` if it is not a
+/// root.
 pub(super) fn polished(net: &Net<DVec2>, root: DVec2, near: f64) -> Option<DVec2> {
     let (mut away, mut next) = step(net, root);
     let mut at = root;
     for _ in 0..MOST_STEPS {
         let (nearer, then) = step(net, next);
-        // Where there is no step it is no number, and no better.
+        // Without a valid step this is NaN, and not better.
         let better = nearer < away;
         if !better {
             break;

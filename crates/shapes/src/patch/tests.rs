@@ -11,7 +11,7 @@ fn wave(height: f64) -> [DVec3; 16] {
     })
 }
 
-/// A quarter of a dome, whose first row is one point.
+/// A quarter of a dome; its first row is collapsed to a point.
 fn dome(tip: f64) -> [DVec3; 16] {
     let rows = [(0.0, 1.0), (0.6, tip), (1.0, 0.55), (1.0, 0.0)];
     let arc = [(1.0, 0.0), (1.0, 0.552), (0.552, 1.0), (0.0, 1.0)];
@@ -21,7 +21,7 @@ fn dome(tip: f64) -> [DVec3; 16] {
     })
 }
 
-/// A sheet rolled up so far that rays meet it five times.
+/// A rolled-up sheet that rays hit up to five times.
 fn roll() -> [DVec3; 16] {
     let line = [(0.0, 0.0), (6.0, 1.0), (-5.0, 1.5), (1.0, 0.2)];
     std::array::from_fn(|k| {
@@ -30,8 +30,7 @@ fn roll() -> [DVec3; 16] {
     })
 }
 
-/// With a cusp along the middle of u: the lines of a quarter of a loop that stands still in its
-/// tip.
+/// A patch with a cusp at u = 1/2, where the derivative along u vanishes.
 fn cusp() -> [DVec3; 16] {
     let line = [(0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)];
     std::array::from_fn(|k| {
@@ -70,7 +69,7 @@ fn hit_of(patch: &dyn Primitive, ray: &Ray, around: Interval) -> Option<(Primiti
     Some((hit, patch.surface(ray, &raw, Needs::UV)))
 }
 
-/// What must obey the laws of shapes.
+/// The examples that must pass the shape laws.
 pub(super) fn examples() -> [String; 3] {
     [wave(0.6), dome(1.0), roll()].map(|points| text(&points))
 }
@@ -90,14 +89,14 @@ fn a_flat_patch_is_where_its_points_say() {
         let ray = Ray::new(DVec3::new(x, y, 3.0), DVec3::NEG_Z);
         assert!(hit_of(&*flat, &ray, Interval::FORWARD).is_none());
     }
-    // In its plane, from beside and from inside: any answer, but an end.
+    // In its plane, from outside and from inside: any answer is allowed, but the search must end.
     for x in [-3.0, 0.1] {
         let ray = Ray::new(DVec3::new(x, 0.1, 0.0), DVec3::new(1.0, 0.3, 0.0));
         let _ = flat.closest(&ray, Interval::FORWARD, None);
     }
 }
 
-/// Newton's steps from nine places, without what makes them certain.
+/// Newton's method from nine starting points, without the guarantees of the plugin.
 fn naive(net: &Net<DVec3>, ray: &Ray, near: f64) -> Vec<f64> {
     let sheared = ShearedRay::new(ray);
     let seen = net.map(|p| sheared.beside(p).truncate());
@@ -112,7 +111,7 @@ fn naive(net: &Net<DVec3>, ray: &Ray, near: f64) -> Vec<f64> {
     found.collect()
 }
 
-/// Every point of every patch is found by rays through it, and what is found lies on the ray.
+/// Every point of every patch is found by rays through it, and hits lie on the ray.
 #[test]
 fn no_root_is_missed_and_residuals_are_small() {
     let mut random = Random::new(31);
@@ -129,7 +128,7 @@ fn no_root_is_missed_and_residuals_are_small() {
         let (mut worst, mut naive_missed) = (0f64, 0);
         let mut count = 0;
         for i in 0..4_000 {
-            // Inside, on the edges, and close to what is collapsed.
+            // Inside, on the edges, and close to a collapsed edge.
             let at = match i % 4 {
                 0 => DVec2::new(random.unit(), (random.below(2)) as f64),
                 1 => DVec2::new(random.unit(), 10f64.powf(-8.0 * random.unit())),
@@ -138,7 +137,7 @@ fn no_root_is_missed_and_residuals_are_small() {
             let target = net.at(at.x, at.y).p;
             let mut from = random.direction();
             if i % 5 == 0 {
-                // Almost along the surface.
+                // Nearly tangent to the surface.
                 let Jet { u, v, .. } = net.at(at.x, at.y);
                 from = (u + random.signed() * v + 1e-3 * from).normalize_or(from);
             }
@@ -146,7 +145,7 @@ fn no_root_is_missed_and_residuals_are_small() {
             let origin = target + distance * from;
             let ray = Ray::new(origin, (target - origin) / size);
             let t = (target - origin).dot(ray.direction) / ray.direction.length_squared();
-            // What is beside the ray by so little may be far along it at a slant.
+            // At a grazing angle, a small distance from the ray is a large one along it.
             let cosine = normal(&net, at).dot(from).abs();
             let slack = 4.0 * NEAR * size / cosine.max(1e-6) / ray.direction.length();
             let around = Interval {
@@ -193,7 +192,7 @@ fn a_tip_has_the_normal_that_it_tends_to() {
             let limit = normal(&net, DVec2::new(u, 0.0));
             let beside = normal(&net, DVec2::new(u, 1e-7));
             assert!(limit.distance(beside) < 1e-6, "{tip}, {u}: {limit} and {beside}");
-            // From the other end and along the other parameter.
+            // From the other end, and along the other parameter.
             let turned = Net(std::array::from_fn(|k| net.0[15 - k]));
             assert!(normal(&turned, DVec2::new(1.0 - u, 1.0)).distance(limit) < 1e-12);
             let swapped = Net(std::array::from_fn(|k| net.0[4 * (k % 4) + k / 4]));

@@ -1,26 +1,26 @@
-//! Boxes around parts of patches, one inside the other.
+//! A bounding volume hierarchy over parts of patches.
 //!
-//! A patch is halved, where it is least even, until its control points lie nearly as a flat piece's
-//! would, or it has been halved so often. The boxes are those of control points, in which the
-//! surface lies (Farin, 14.3). Parts are joined by halving lists of them at the median.
+//! A patch is halved in its least even direction until its control points are nearly those of a
+//! flat piece, or the limit on halvings is reached. The boxes bound the control points, and hence
+//! the surface (Farin, 14.3). The hierarchy is built by splitting lists of parts at the median.
 
 use super::net::{Net, Way};
 use whitstone_core::{Aabb, DVec2, DVec3};
 
-/// A part is even enough if its second differences are this much shorter than its lines.
+/// A part is even enough if its second differences are less than this fraction of its length.
 const EVEN: f64 = 0.08;
 
-/// How often a patch is halved, at most.
+/// Maximum number of halvings of a patch.
 const MOST_HALVINGS: u32 = 8;
 
-/// No inner node.
+/// Marks the absence of a second child or of a leaf.
 const NONE: u32 = u32::MAX;
 
 /// A part of a patch.
 pub(super) struct Leaf {
     pub(super) net: Net<DVec3>,
     pub(super) patch: u32,
-    /// Of its parameters.
+    /// Parameter range in the patch.
     pub(super) low: DVec2,
     pub(super) size: DVec2,
 }
@@ -37,18 +37,18 @@ pub(super) struct Tree {
     nodes: Vec<Node>,
 }
 
-/// A ray as boxes see it.
+/// A ray prepared for box tests.
 pub(super) struct Slabs {
     pub(super) origin: DVec3,
     pub(super) inverse: DVec3,
 }
 
 impl Slabs {
-    /// Where the ray enters a box and leaves it; the entry lies behind the exit if it misses.
+    /// Entry into and exit from a box; the entry lies behind the exit if the ray misses.
     fn cut(&self, aabb: &Aabb) -> (f64, f64) {
         let a = (aabb.min - self.origin) * self.inverse;
         let b = (aabb.max - self.origin) * self.inverse;
-        // In the plane of a face and parallel to it: not a number, which changes nothing.
+        // NaN (the ray runs within the plane of a face) has no effect.
         let low = |k: usize| {
             if a[k].is_nan() || b[k].is_nan() {
                 f64::NEG_INFINITY
@@ -67,7 +67,7 @@ impl Slabs {
     }
 }
 
-/// All parts of a patch.
+/// Splits a patch into parts.
 pub(super) fn parts(net: &Net<DVec3>, patch: u32) -> Vec<Leaf> {
     let whole = Leaf {
         net: *net,
@@ -109,7 +109,7 @@ pub(super) fn parts(net: &Net<DVec3>, patch: u32) -> Vec<Leaf> {
 }
 
 impl Tree {
-    /// Over some parts, whose boxes are `padding` larger than their control points say.
+    /// Builds a tree over parts; each box is padded by `padding`.
     pub(super) fn new(leaves: Vec<Leaf>, padding: f64) -> Self {
         let boxes: Vec<Aabb> = leaves
             .iter()
@@ -155,13 +155,13 @@ impl Tree {
         self.nodes[0].bounds
     }
 
-    /// Calls `visit` with every part whose box the ray meets between two parameters, the nearer of
-    /// two boxes first. What it returns is the new far end.
+    /// Calls `visit` for every part whose box the ray meets between two parameters, nearer boxes
+    /// first. The return value is the new far end.
     pub(super) fn walk(&self, ray: &Slabs, near: f64, far: f64, mut visit: impl FnMut(&Leaf) -> f64) {
         let mut far = far;
         let meets =
             |(enters, leaves): (f64, f64), far: f64| enters <= leaves && leaves >= near && enters <= far;
-        // Halving at the median makes a tree of at most 32 levels.
+        // Median splits give a tree of at most 32 levels.
         let mut waiting = [(0u32, f64::NEG_INFINITY); 40];
         let mut count = usize::from(meets(ray.cut(&self.nodes[0].bounds), far));
         while count > 0 {

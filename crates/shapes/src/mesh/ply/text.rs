@@ -1,7 +1,7 @@
-//! Bodies in text: a line an element.
+//! PLY text bodies: one element per line.
 //!
-//! Not by the library: it refuses numbers such as `.5` and `1.`, rounds to single precision, and
-//! tells of a fault in the terms of its grammar.
+//! Hand-written because the library rejects numbers such as `.5` and `1.`, rounds to single
+//! precision, and reports errors in the terms of its grammar.
 
 use crate::mesh::{FileError, shorten};
 use ply_rs_bw::ply::{ElementDef, Property, PropertyAccess, PropertyType, ScalarType};
@@ -10,7 +10,7 @@ use std::str::SplitAsciiWhitespace;
 /// The lines of a text body that are not blank.
 pub(super) struct Lines<'a> {
     rest: Option<&'a [u8]>,
-    /// Of the line read last.
+    /// Number of the line read last.
     number: usize,
 }
 
@@ -42,7 +42,7 @@ impl<'a> Lines<'a> {
         Ok(None)
     }
 
-    /// Reads all elements of a kind.
+    /// Reads all elements of one kind.
     pub(super) fn elements<E: PropertyAccess>(&mut self, element: &ElementDef) -> Result<Vec<E>, FileError> {
         let mut elements = Vec::new();
         for number in 0..element.count {
@@ -74,7 +74,8 @@ impl Words<'_> {
                     value.set_property(name, Property::Double(self.number(scalar)?));
                 }
                 PropertyType::List(count, scalar) => {
-                    // Words run out long before a wrong number of them does.
+                    // No preallocation: the words of a line run out long before a wrong count is
+                    // reached.
                     let mut list = Vec::new();
                     for _ in 0..self.count(count)? {
                         list.push(self.number(scalar)?);
@@ -105,7 +106,7 @@ impl Words<'_> {
         Err(FileError::at(self.line, message))
     }
 
-    /// As it is written, if a property of that type can have it.
+    /// Parses a number, if a property of that type can have its value.
     fn number(&mut self, scalar: &ScalarType) -> Result<f64, FileError> {
         let (expected, range) = match scalar {
             ScalarType::Char => ("a whole number from -128 to 127", -128.0..=127.0),
@@ -137,7 +138,7 @@ fn is_real(scalar: &ScalarType) -> bool {
     matches!(scalar, ScalarType::Float | ScalarType::Double)
 }
 
-/// Numbers of vertices as such; a face takes no others.
+/// Stores vertex indices as unsigned integers; faces reject all other lists.
 fn list_property(list: Vec<f64>, scalar: &ScalarType) -> Property {
     if is_real(scalar) || list.iter().any(|&x| x < 0.0) {
         Property::ListDouble(list)
