@@ -25,7 +25,7 @@ pub struct Config {
     irradiance: Color,
 }
 
-/// The same sample everywhere.
+/// The `directional` light: the same sample everywhere.
 pub struct Directional {
     sample: LightSample,
 }
