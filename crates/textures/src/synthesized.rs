@@ -3,8 +3,8 @@
 //! Efros and Freeman, *Image quilting for texture synthesis and transfer*, 2001, section 2: each
 //! square is a piece of the sample that nearly matches its neighbours in the overlap, and is cut
 //! along the path with the least difference. Optionally, the result is then brought closer to the
-//! sample (Kwatra, Essa, Bobick and Kwatra, *Texture optimization for example-based
-//! synthesis*, 2005) by plain least squares. All errors are integers, so every machine and the reference choose
+//! sample (Kwatra, Essa, Bobick and Kwatra, *Texture optimization for example-based synthesis*,
+//! 2005) by plain least squares. All errors are integers, so every machine and the reference choose
 //! the same pieces. The weights of that paper, error^(r - 2) with r = 0.8, are not integers and
 //! would let rounding choose. `scenes/showcase/texture_optimization.toml` compares both.
 //!
