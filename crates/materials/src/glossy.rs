@@ -61,7 +61,7 @@ fn four() -> IntegerIn<1, 8> {
 /// The `glossy` material; see the module documentation.
 pub struct Glossy {
     reflectance: ColorSource,
-    /// Unit vectors around +z; empty or more than one.
+    /// `samples`² unit vectors around +z.
     lobe: Vec<DVec3>,
 }
 

@@ -1,4 +1,4 @@
-//! A matte surface that darkens towards its limb, like dust (Minnaert, *The Reciprocity Principle
+//! A matte surface that darkens towards its rim, like dust (Minnaert, *The Reciprocity Principle
 //! in Lunar Photometry*, 1941).
 //!
 //! The BRDF is f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1). It is
@@ -18,7 +18,7 @@ use whitstone_core::{
     SceneErrors, SurfacePoint,
 };
 
-/// A matte surface that darkens towards its limb.
+/// A matte surface that darkens towards its rim.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -26,7 +26,7 @@ pub struct Config {
     /// texture or a colour.
     #[serde(default = "half")]
     reflectance: TextureRef,
-    /// At least 1: 1 is a plain matte surface, larger values are darker towards the limb. 1.5 if
+    /// At least 1: 1 is a plain matte surface, larger values are darker towards the rim. 1.5 if
     /// omitted.
     #[serde(default)]
     #[schemars(with = "Option<f64>")]
