@@ -39,7 +39,7 @@ impl List {
         self.len = 0;
     }
 
-    /// Appends a lane if `counts`, without a branch.
+    /// Appends a lane if `counts`, without a conditional jump.
     #[inline(always)]
     pub(crate) fn push_if(&mut self, counts: bool, lane: usize) {
         self.lanes.0[self.len % LANES] = lane as u16;
@@ -237,7 +237,7 @@ impl Waiting {
         if self.count == 0 {
             return;
         }
-        // Collects them first, so that no branch waits for a load from memory.
+        // Collects them first, so that no conditional jump waits for a load.
         self.found.clear();
         for lane in lanes {
             let slot = group.slot.0[lane % LANES] as usize % LANES;

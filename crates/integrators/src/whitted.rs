@@ -5,8 +5,8 @@
 //! depth first, reflection before transmission, on an explicit stack, because a hundred thousand
 //! bounces would exhaust the thread's stack. A ray is replaced by its two branches, one of which is
 //! followed at once, so the stack never holds more than `max_depth + 1` rays. Each bounce at a
-//! glossy surface with n² reflections adds up to n². `rules` traces single rays, `wave` streams of
-//! them.
+//! glossy surface with n² reflections adds up to n² rays. `rules` traces single rays, `wave`
+//! streams of them.
 //!
 //! - Twin: Mitsuba through the driver, which traverses the same tree level by level.
 //! - Example: `scenes/integrators/whitted.toml`.
@@ -286,7 +286,7 @@ mod tests {
     }
 
     /// Undeviated rays through a pane in an absorbing medium stay in that medium, and emission is
-    /// attenuated along both segments.
+    /// seen through the pane and the medium.
     #[test]
     fn rays_straight_on_stay_in_their_medium() {
         let absorption = Rgb::new(0.0, 1.0, 8.0);

@@ -130,7 +130,7 @@ impl Interface {
         self.eta
     }
 
-    /// Selects one of two interfaces without a branch.
+    /// Selects one of two interfaces without a conditional jump.
     #[inline(always)]
     pub(crate) fn choose(first: bool, a: &Self, b: &Self) -> Self {
         let pick = |a: f64, b: f64| select(first, a, b);

@@ -81,15 +81,15 @@ pub(crate) enum Projection {
     Uv,
     /// The world-space position itself.
     Solid,
-    /// Parallel, along z.
+    /// Parallel projection along z.
     Planar,
-    /// From the origin onto a sphere with poles on the z axis.
+    /// Projection from the origin onto a sphere with poles on the z axis.
     Spherical,
-    /// From the z axis onto a cylinder.
+    /// Projection from the z axis onto a cylinder.
     Cylindrical,
-    /// From the origin onto the faces of a cube.
+    /// Projection from the origin onto the faces of a cube.
     Cube,
-    /// Parallel, along each axis, weighted by the normal.
+    /// Parallel projection along each axis, weighted by the normal.
     Triplanar,
 }
 
