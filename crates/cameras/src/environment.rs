@@ -1,8 +1,8 @@
-//! A camera that looks in all directions: longitude across the image, latitude down it.
+//! An omnidirectional camera: longitude along the width of the image, latitude along its height.
 //!
-//! The plate carrée that environment maps are stored in (Blinn and Newell, *Texture and reflection
-//! in computer generated images*, 1976). Rows near the poles show little of the sphere in many
-//! pixels.
+//! The plate carrée projection in which environment maps are stored (Blinn and Newell, *Texture and
+//! reflection in computer generated images*, 1976). Rows near the poles cover little of the sphere
+//! with many pixels.
 //!
 //! - Twin: Mitsuba through the driver, by the formula of the model.
 //! - Example: `scenes/cameras/environment.toml`.
@@ -14,16 +14,16 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use toml::Spanned;
 use whitstone_core::{Camera, Cameras, Context, DVec2, FilmSize, Plugin, Ray, SceneErrors};
 
-/// A camera that looks in all directions: longitude across the image, latitude down it.
+/// An omnidirectional camera: longitude along the width of the image, latitude along its height.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Where the camera stands, what is in the middle of the image and what is up.
+    /// Position of the camera, the point in the middle of the image and the up direction.
     #[schemars(with = "LookAt")]
     look_at: Spanned<LookAt>,
 }
 
-/// In world space.
+/// The `environment` camera, in world space.
 pub struct Environment {
     frame: Frame,
     film: DVec2,
@@ -42,8 +42,8 @@ impl Plugin<Cameras> for Environment {
 
 impl Camera for Environment {
     fn ray(&self, raster: DVec2) -> Ray {
-        // Differences of both distances from the edges: an image of something symmetrical is
-        // symmetrical to the bit.
+        // The difference of the distances from both edges: a symmetrical scene gives a bitwise
+        // symmetrical image.
         let from_middle = (raster - (self.film - raster)) / self.film;
         let (sin_phi, cos_phi) = (PI * from_middle.x).sin_cos();
         let (sin_theta, cos_theta) = (-FRAC_PI_2 * from_middle.y).sin_cos();

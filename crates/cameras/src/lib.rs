@@ -1,6 +1,6 @@
-//! Cameras: one file is one plugin is one Cargo feature is one TOML `type`.
+//! Cameras: each plugin is one file, one Cargo feature and one TOML `type`.
 //!
-//! All are described in section 4 of `docs/whitted-model.md`.
+//! Section 4 of `docs/whitted-model.md` specifies all of them.
 
 #![cfg_attr(
     not(feature = "all"),
@@ -22,7 +22,7 @@ pub mod perspective;
 #[cfg(feature = "thin_lens")]
 pub mod thin_lens;
 
-/// Adds every camera whose feature is on.
+/// Registers every camera whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "environment")]

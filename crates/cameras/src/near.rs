@@ -1,4 +1,4 @@
-//! The near limit of a pinhole: rays start beyond it.
+//! The near limit of a pinhole camera: rays start at it.
 
 use crate::pinhole::{Pinhole, normalize};
 use crate::view::Frame;
@@ -9,27 +9,28 @@ use whitstone_core::config::NonNegative;
 use whitstone_core::simd::select;
 use whitstone_core::{DVec2, DVec3, SceneError, SceneErrors};
 
-/// The form of the near limit.
+/// Shape of the near limit.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum NearKind {
-    /// A plane across the view.
+    /// A plane perpendicular to the view axis.
     #[default]
     Planar,
     /// A sphere around the camera.
     Spherical,
 }
 
-/// How far along a ray to go from the camera, so that a ray without a near limit starts there to
-/// the bit: nothing is added then.
+/// Distance along a ray from the camera to the near limit. Without a limit, rays start bitwise at
+/// the camera position.
 pub(crate) struct Near {
-    /// For a planar limit: its distance in distances of the window. Else the distance in metres.
+    /// For a planar limit, its distance relative to that of the window; otherwise its distance in
+    /// metres.
     factor: f64,
     spherical: bool,
 }
 
 impl Near {
-    /// The limit `near`, in metres.
+    /// The limit at `near` metres.
     pub(crate) fn new(
         near: Option<&Spanned<NonNegative>>,
         kind: NearKind,
@@ -64,7 +65,7 @@ impl Near {
         }
     }
 
-    /// Where a ray starts; `through` leads to the window.
+    /// Start of a ray; `through` is the vector from the camera to the window.
     #[inline(always)]
     pub(crate) fn start(&self, frame: &Frame, through: DVec3, direction: DVec3) -> DVec3 {
         let pick = |direction: f64, through: f64| select(self.spherical, direction, through);
@@ -76,7 +77,7 @@ impl Near {
         frame.origin + self.factor * along
     }
 
-    /// How far from the camera that is.
+    /// Distance of that start from the camera.
     pub(crate) fn distance(&self, through: DVec3) -> f64 {
         if self.spherical {
             self.factor

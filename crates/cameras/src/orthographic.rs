@@ -1,6 +1,6 @@
-//! A camera with parallel rays.
+//! An orthographic camera.
 //!
-//! The window (l, r, b, t) is that of the lecture notes, without a distance, as is the near limit.
+//! The window (l, r, b, t) is that of the lecture notes, without a distance; so is the near limit.
 //!
 //! - Twin: Mitsuba `orthographic` (native).
 //! - Example: `scenes/cameras/orthographic.toml`.
@@ -14,23 +14,23 @@ use whitstone_core::{
     Camera, Cameras, Context, DMat4, DVec2, FilmSize, Plugin, Ray, SceneError, SceneErrors,
 };
 
-/// A camera with parallel rays, by its width or by a window.
+/// An orthographic camera, defined by its width or by a window.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Where the camera stands, what it looks at and what is up.
+    /// Position of the camera, the point it looks at and the up direction.
     #[schemars(with = "LookAt")]
     look_at: Spanned<LookAt>,
     /// Width of the view in metres; 2 if there is no `window`.
     #[serde(default)]
     #[schemars(with = "Positive")]
     width: Option<Spanned<Positive>>,
-    /// The window through which the camera looks, instead of `width`.
+    /// Window in the plane of the camera; replaces `width`.
     #[serde(default)]
     #[schemars(with = "Window")]
     window: Option<Spanned<Window>>,
-    /// What is nearer is not seen, in metres from the plane of the camera, negative ones behind it;
-    /// 0 if left out.
+    /// Near limit in metres from the plane of the camera; nearer surfaces are invisible. Negative
+    /// values lie behind the camera; 0 if omitted.
     #[serde(default = "zero")]
     near: Finite,
 }
@@ -53,7 +53,7 @@ struct Window {
     t: Finite,
 }
 
-/// In world space.
+/// The `orthographic` camera, in world space.
 pub struct Orthographic {
     frame: Frame,
     window: view::Window,

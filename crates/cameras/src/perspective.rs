@@ -16,36 +16,36 @@ use whitstone_core::config::{Finite, NonNegative};
 use whitstone_core::stream::{GROUP, Lanes, RayStream, groups};
 use whitstone_core::{Camera, Cameras, Context, DMat4, DVec2, FilmSize, Plugin, Ray, SceneErrors, simd};
 
-/// A pinhole camera, by its angle of view or by a window in front of it.
+/// A pinhole camera, defined by its angle of view or by a window in front of it.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Where the camera stands, what it looks at and what is up.
+    /// Position of the camera, the point it looks at and the up direction.
     #[schemars(with = "LookAt")]
     look_at: Spanned<LookAt>,
     /// Angle of view along `fov_axis`, in degrees between 0 and 180; 45 if there is no `window`.
     #[serde(default)]
     #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
     fov: Option<Spanned<Finite>>,
-    /// The side of the image that `fov` spans; "x" if left out.
+    /// The side of the image that `fov` spans; "x" if omitted.
     #[serde(default)]
     #[schemars(with = "FovAxis")]
     fov_axis: Option<Spanned<FovAxis>>,
-    /// The window through which the camera looks, instead of `fov`.
+    /// Window in front of the camera; replaces `fov`.
     #[serde(default)]
     #[schemars(with = "Window")]
     window: Option<Spanned<Window>>,
-    /// What is nearer is not seen, in metres; 0 if left out.
+    /// Near limit in metres; nearer surfaces are invisible; 0 if omitted.
     #[serde(default)]
     #[schemars(with = "NonNegative")]
     near: Option<Spanned<NonNegative>>,
-    /// From where `near` is measured: a "planar" limit across the view, or a "spherical" one around
-    /// the camera.
+    /// Shape of the near limit: "planar" (perpendicular to the view axis) or "spherical" (around
+    /// the camera).
     #[serde(default)]
     near_kind: NearKind,
 }
 
-/// In world space.
+/// The `perspective` camera, in world space.
 pub struct Perspective {
     frame: Frame,
     pinhole: Pinhole,
@@ -175,7 +175,7 @@ mod tests {
         close(edge("larger", 2, 4, 1.0, 4.0), -DVec2::Y);
     }
 
-    /// The lecture notes give the window by its edges and, elsewhere, by half its angle.
+    /// The lecture notes define the window by its edges and, elsewhere, by half of its angle.
     #[test]
     fn both_forms_of_the_window_agree() {
         let half = 30.0_f64.to_radians().tan();

@@ -1,8 +1,8 @@
-//! What the cameras with perspective share: the window that the image is seen through.
+//! Shared code of the perspective cameras: the window through which the image is seen.
 //!
-//! The window (l, r, b, t, d) is that of the lecture notes. The tangent of half the angle of view
-//! is taken from the complement beyond 90 degrees: 180 - fov is exact, and the tangent of a small
-//! angle is accurate where that of an angle near 90 degrees is not.
+//! The window (l, r, b, t, d) is that of the lecture notes. Beyond 90 degrees, the tangent of half
+//! the angle of view is computed from the complement: 180 - fov is exact, and the tangent is
+//! accurate for small angles but not near 90 degrees.
 
 use crate::view::{self, Frame};
 use schemars::JsonSchema;
@@ -11,7 +11,7 @@ use toml::Spanned;
 use whitstone_core::config::{Finite, Positive};
 use whitstone_core::{DMat4, DVec2, DVec3, FilmSize, SceneError, SceneErrors};
 
-/// A side of the image.
+/// The side of the image that an angle of view spans.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum FovAxis {
@@ -46,14 +46,15 @@ fn one() -> Positive {
     Positive::new(1.0).expect("1 is positive")
 }
 
-/// The keys that say what part of the world is in the image.
+/// The keys that define the visible part of the world.
 pub(crate) struct Keys {
     pub(crate) fov: Option<Spanned<Finite>>,
     pub(crate) fov_axis: Option<Spanned<FovAxis>>,
     pub(crate) window: Option<Spanned<Window>>,
 }
 
-/// In a unit of length, a power of two, in which the sizes are near 1: only the ratios matter.
+/// Window and distance in a unit of length, a power of two, that brings them near 1. Only ratios
+/// matter.
 pub(crate) struct Pinhole {
     pub(crate) window: view::Window,
     pub(crate) distance: f64,
@@ -61,7 +62,7 @@ pub(crate) struct Pinhole {
 }
 
 impl Pinhole {
-    /// From the keys, or all that is wrong with them.
+    /// Creates the pinhole from the keys, or returns all errors in them.
     pub(crate) fn new(keys: Keys, film: FilmSize) -> Result<Self, SceneErrors> {
         let mut errors = SceneErrors::default();
         let fov = keys.fov.as_ref().map_or(45.0, |fov| fov.get_ref().get());
@@ -104,7 +105,7 @@ impl Pinhole {
         })
     }
 
-    /// From the camera to the point of the window behind a raster position.
+    /// Vector from the camera to the point of the window at a raster position.
     #[inline(always)]
     pub(crate) fn through(&self, frame: &Frame, raster: DVec2) -> DVec3 {
         let DVec2 { x: a, y: c } = self.window.at(raster, self.film);
@@ -142,7 +143,7 @@ fn window_of_fov(fov: f64, axis: FovAxis, film: FilmSize) -> view::Window {
     }
 }
 
-/// Window and distance in a unit in which they can be squared.
+/// Window and distance in a unit in which their squares neither overflow nor underflow.
 fn scaled(w: view::Window, distance: f64) -> (view::Window, f64) {
     let largest = [w.l, w.r, w.b, w.t, distance]
         .into_iter()
@@ -155,7 +156,7 @@ fn scaled(w: view::Window, distance: f64) -> (view::Window, f64) {
         b: w.b * factor,
         t: w.t * factor,
     };
-    // A distance too small for this unit is still in front of the camera.
+    // The distance stays positive even if it underflows in this unit.
     (window, (distance * factor).max(f64::MIN_POSITIVE))
 }
 

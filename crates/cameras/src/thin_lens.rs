@@ -1,4 +1,4 @@
-//! A camera with a thin lens: what lies at the focus distance is sharp, what does not is a disk.
+//! A thin lens camera with depth of field.
 //!
 //! Potmesil and Chakravarty, *A lens and aperture camera model for synthetic image generation*,
 //! 1981; the rays of Cook, Porter, Carpenter, *Distributed ray tracing*, 1984, section 4.3, through
@@ -21,31 +21,31 @@ use whitstone_core::{
     Camera, Cameras, Context, DMat4, DVec2, DVec3, FilmSize, Plugin, Ray, SceneError, SceneErrors, simd,
 };
 
-/// A camera with a thin lens, seen through at fixed points: what is out of focus is blurred.
+/// A thin lens camera, sampled at fixed lens points: objects out of focus are blurred.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Where the camera stands, what it looks at and what is up.
+    /// Position of the camera, the point it looks at and the up direction.
     #[schemars(with = "LookAt")]
     look_at: Spanned<LookAt>,
     /// Angle of view along `fov_axis`, in degrees between 0 and 180; 45 if there is no `window`.
     #[serde(default)]
     #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
     fov: Option<Spanned<Finite>>,
-    /// The side of the image that `fov` spans; "x" if left out.
+    /// The side of the image that `fov` spans; "x" if omitted.
     #[serde(default)]
     #[schemars(with = "FovAxis")]
     fov_axis: Option<Spanned<FovAxis>>,
-    /// The window through which the camera looks, instead of `fov`.
+    /// Window in front of the camera; replaces `fov`.
     #[serde(default)]
     #[schemars(with = "Window")]
     window: Option<Spanned<Window>>,
     /// Radius of the lens in metres.
     aperture: NonNegative,
-    /// Distance of the plane in focus, in metres along the view axis.
+    /// Distance of the plane of focus, in metres along the view axis.
     #[schemars(with = "Positive")]
     focus_distance: Spanned<Positive>,
-    /// n: each position in the image is seen through n x n points of the lens.
+    /// Lens points along each side of a grid: n x n points are traced for each image position.
     #[serde(default = "four")]
     lens_samples: IntegerIn<1, 64>,
 }
@@ -54,14 +54,14 @@ fn four() -> IntegerIn<1, 64> {
     IntegerIn::new(4).expect("4 is in range")
 }
 
-/// In world space.
+/// The `thin_lens` camera, in world space.
 pub struct ThinLens {
     frame: Frame,
     pinhole: Pinhole,
-    /// From the middle of the lens to its points, in metres.
+    /// Vectors from the lens centre to its points, in metres.
     lens: Vec<DVec3>,
-    /// What a metre of the lens is at the window, seen from the plane in focus: distances of the
-    /// window in focus distances.
+    /// Window distance divided by focus distance: the factor that projects a lens offset onto the
+    /// window, seen from the plane of focus.
     shrink: f64,
 }
 
@@ -103,12 +103,12 @@ impl Plugin<Cameras> for ThinLens {
     }
 }
 
-/// The middle of a cell of n on the way from -1 to 1.
+/// The centre of cell `index` of n equal cells of [-1, 1].
 fn cell(index: u32, n: u32) -> f64 {
     (2.0 * f64::from(index) + 1.0 - f64::from(n)) / f64::from(n)
 }
 
-/// From the square around the origin to the disk that touches it.
+/// The concentric map from the square [-1, 1]² to the unit disk.
 fn concentric(p: f64, q: f64) -> [f64; 2] {
     let (r, phi) = if p.abs() > q.abs() {
         (p, FRAC_PI_4 * (q / p))
@@ -132,9 +132,8 @@ impl Camera for ThinLens {
         self.lens.len() as u32
     }
 
-    /// Through the point in focus, which lies behind the window as often as far as the plane in
-    /// focus does. Both are brought to the window, as the window may be too large or too near to
-    /// reach beyond.
+    /// The ray from a lens point through the point in focus. Both points are scaled to the window,
+    /// because the point in focus may not be representable for an oversized or very near window.
     #[inline(always)]
     fn lens_ray(&self, raster: DVec2, point: u32) -> Ray {
         let point = self.lens[point as usize];
@@ -158,7 +157,7 @@ impl Camera for ThinLens {
         );
     }
 
-    /// Of the middle of the lens.
+    /// The projection from the lens centre.
     fn projection(&self) -> Option<DMat4> {
         Some(self.pinhole.projection(&self.frame))
     }
@@ -201,11 +200,11 @@ mod tests {
                 let ray = camera.lens_ray(raster, point);
                 let t = 4.0 / ray.direction.dot(forward);
                 assert!((ray.at(t) - focus).length() < 1e-14, "{point}: {ray:?}");
-                // On the lens: across the view, within its radius.
+                // On the lens: perpendicular to the view axis, within its radius.
                 let off = ray.origin - middle.origin;
                 assert!(off.dot(forward).abs() < 1e-15 && off.length() < 0.5);
             }
-            // The one in the middle, of an odd number.
+            // The middle point of an odd number is the lens centre.
             let found = camera.lens_ray(raster, 12);
             assert!((found.direction - middle.direction).length() < 1e-15);
         }
@@ -221,7 +220,7 @@ mod tests {
         close(concentric(cell(0, 2), cell(1, 2)), [-half, half]);
         close(concentric(cell(2, 3), cell(1, 3)), [2.0 / 3.0, 0.0]);
         close(concentric(0.0, 0.0), [0.0, 0.0]);
-        // Of a uniform disk half the points lie within the radius sqrt(1/2).
+        // In a uniform disk, half of the points lie within the radius sqrt(1/2).
         let n = 64;
         let all = (0..n * n).map(|index| concentric(cell(index % n, n), cell(index / n, n)));
         let inside = all.filter(|[x, y]| x * x + y * y < 0.5).count();

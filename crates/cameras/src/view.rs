@@ -1,4 +1,4 @@
-//! What the cameras share: the frame that `look_at` spans, and windows.
+//! Shared code of the cameras: the frame defined by `look_at`, and windows.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -6,44 +6,44 @@ use toml::Spanned;
 use whitstone_core::config::Vector3;
 use whitstone_core::{DMat4, DVec2, DVec3, DVec4, FilmSize, SceneError, SceneErrors, SourceSpan};
 
-/// Where a camera stands, what it looks at and what is up in its image.
+/// Position of the camera, the point it looks at and the up direction.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct LookAt {
     /// Position of the camera, in metres.
     origin: Vector3,
-    /// A point on the view axis in front of the camera, in metres; not the origin.
+    /// A point on the view axis in front of the camera, in metres; must differ from the origin.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
-    /// A direction that is up in the image, of any length and not parallel to the view; [0, 1, 0]
-    /// if left out.
+    /// Direction that is up in the image, of any length and not parallel to the view; [0, 1, 0] if
+    /// omitted.
     #[serde(default)]
     #[schemars(with = "Vector3")]
     up: Option<Spanned<Vector3>>,
 }
 
-/// Where a camera stands, and its axes.
+/// Position of a camera and its axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     pub(crate) origin: DVec3,
-    /// Unit, to the right in the image.
+    /// Unit vector to the right in the image.
     pub(crate) right: DVec3,
-    /// Unit, up in the image.
+    /// Unit vector up in the image.
     pub(crate) up: DVec3,
-    /// Unit, against the view.
+    /// Unit vector opposite to the view direction.
     pub(crate) backwards: DVec3,
 }
 
 impl Frame {
-    /// What turns a point, with 1 as its fourth coordinate, into how far it is to the right, up and
-    /// in front.
+    /// Rows of the matrix that maps a point (x, y, z, 1) to its distances to the right, up and in
+    /// front of the camera.
     fn rows(&self) -> [DVec4; 3] {
         [self.right, self.up, -self.backwards].map(|axis| axis.extend(-axis.dot(self.origin)))
     }
 }
 
 impl LookAt {
-    /// The frame, or why there is none. `place` is that of the whole `look_at` table.
+    /// The frame, or the errors that prevent it. `place` is the span of the whole `look_at` table.
     pub(crate) fn frame(&self, place: &SourceSpan) -> Result<Frame, SceneErrors> {
         let (origin, target) = (self.origin.get(), self.target.get_ref().get());
         if origin == target {
@@ -53,14 +53,14 @@ impl LookAt {
                     .into(),
             );
         }
-        // A difference of huge coordinates may overflow where that of their halves does not.
+        // The difference of huge coordinates may overflow; that of their halves does not.
         let difference = origin - target;
         let difference = if difference.is_finite() {
             difference
         } else {
             0.5 * origin - 0.5 * target
         };
-        // Scaled by their largest components, both can be squared.
+        // Scaled by their largest components, so that squares neither overflow nor underflow.
         let back = difference / difference.abs().max_element();
         let up = self.up.as_ref().map_or(DVec3::Y, |up| up.get_ref().get());
         let up_place = self.up.as_ref().map_or_else(|| place.clone(), Spanned::span);
@@ -77,8 +77,8 @@ impl LookAt {
                 .with_help("give another `up`, such as [0, 0, 1] for a view straight down")
                 .into());
         }
-        // Where `up` is nearly parallel to the view, all of its products cancel: they must be
-        // accurate, and what the rounding of the factors left along the view is taken off.
+        // If `up` is nearly parallel to the view, its products cancel. They must be accurate, and
+        // the component along the view that rounding of the factors leaves is removed.
         let right = accurate_cross(up, back).normalize();
         let right = (right - right.dot(backwards) * backwards).normalize();
         Ok(Frame {
@@ -90,7 +90,7 @@ impl LookAt {
     }
 }
 
-/// The cross product to about two roundings in each component, however much cancels: Kahan's
+/// The cross product to about two roundings per component, regardless of cancellation: Kahan's
 /// difference of products with fused multiply-add (Jeannerod, Louvet, Muller 2013).
 fn accurate_cross(a: DVec3, b: DVec3) -> DVec3 {
     let difference = |p: f64, q: f64, r: f64, s: f64| {
@@ -105,7 +105,7 @@ fn accurate_cross(a: DVec3, b: DVec3) -> DVec3 {
     )
 }
 
-/// The part of a plane across the view that the image shows: left, right, bottom and top.
+/// The part of a plane perpendicular to the view that the image shows: left, right, bottom and top.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Window {
     pub(crate) l: f64,
@@ -115,7 +115,7 @@ pub(crate) struct Window {
 }
 
 impl Window {
-    /// Centred, with square pixels, from half its width.
+    /// A centred window with square pixels, given half its width.
     pub(crate) fn of_half_width(half: f64, film: FilmSize) -> Self {
         let half_height = half * f64::from(film.height) / f64::from(film.width);
         Self {
@@ -126,7 +126,7 @@ impl Window {
         }
     }
 
-    /// Centred, with square pixels, from half its height.
+    /// A centred window with square pixels, given half its height.
     pub(crate) fn of_half_height(half: f64, film: FilmSize) -> Self {
         let half_width = half * f64::from(film.width) / f64::from(film.height);
         Self {
@@ -137,7 +137,7 @@ impl Window {
         }
     }
 
-    /// The window if it has an area; all that is wrong with it otherwise.
+    /// Returns the window if it has an area, otherwise all errors.
     pub(crate) fn check(self, place: &SourceSpan) -> Result<Self, SceneErrors> {
         let mut errors = SceneErrors::default();
         for (low, a, high, b) in [("l", self.l, "r", self.r), ("b", self.b, "t", self.t)] {
@@ -149,9 +149,9 @@ impl Window {
         errors.into_result(self)
     }
 
-    /// The point (a, c) of the window behind a raster position. Weighted ends rather than an end
-    /// and a step: the ends are met exactly, and an image of something symmetrical is symmetrical
-    /// to the bit.
+    /// The point (a, c) of the window at a raster position. It interpolates between the edges
+    /// instead of adding steps to one edge, so that the edges are exact and a symmetrical scene
+    /// gives a bitwise symmetrical image.
     #[inline(always)]
     pub(crate) fn at(&self, raster: DVec2, film: DVec2) -> DVec2 {
         let (near, far) = (raster / film, (film - raster) / film);
@@ -159,19 +159,19 @@ impl Window {
     }
 }
 
-/// The projection to a window at a distance in front of the camera; parallel to the view if that is
-/// `None`.
+/// The projection to a window at `distance` in front of the camera; orthographic if that is `None`.
 pub(crate) fn projection(frame: &Frame, window: &Window, distance: Option<f64>, film: DVec2) -> DMat4 {
     let Window { l, r, b, t } = *window;
     let [right, up, depth] = frame.rows();
-    // In similar triangles, what is one at the window is `depth` over its distance.
+    // By similar triangles, an offset at `depth` appears on the window scaled by `distance` over
+    // `depth`.
     let (w, scale) = distance.map_or((DVec4::W, 1.0), |distance| (depth, distance));
     let x = film.x / (r - l) * (scale * right - l * w);
     let y = film.y / (t - b) * (t * w - scale * up);
     DMat4::from_cols(x, y, depth, w).transpose()
 }
 
-/// The size of the film as numbers.
+/// The size of the film in pixels.
 pub(crate) fn extent(film: FilmSize) -> DVec2 {
     DVec2::new(f64::from(film.width), f64::from(film.height))
 }
@@ -222,7 +222,7 @@ mod tests {
 
     #[test]
     fn a_nearly_parallel_up_still_says_which_way_to_roll() {
-        // Up lies 1e-10 off the view, and to the z side of it; all these numbers are exact.
+        // Up lies 1e-10 off the view, towards z. All these numbers are exact.
         let tilt = f64::exp2(-33.0);
         let frame = look_at([1.0, 1.0, 0.0], [0.0; 3], [1.0, 1.0, tilt]).unwrap();
         assert!((frame.up - DVec3::Z).length() < 1e-9, "{}", frame.up);

@@ -1,4 +1,4 @@
-//! Ray casting: local shading with shadows, without reflected or refracted rays.
+//! Ray casting: local illumination with shadows, without reflected or refracted rays.
 //!
 //! Appel 1968, *Some techniques for shading machine renderings of solids*. Delta materials are
 //! black.
@@ -13,16 +13,17 @@ use serde::Deserialize;
 use whitstone_core::stream::{Colors, RayStream};
 use whitstone_core::{Context, Integrator, Integrators, Plugin, Ray, Rgb, SceneErrors, Scratch, World};
 
-/// Ray casting: local shading with shadows, without reflected or refracted rays.
+/// Ray casting: local illumination with shadows, without reflected or refracted rays.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "opaque": surfaces hide lights; "none": every light is visible.
+    /// "opaque": surfaces hide lights; "filtered": transparent surfaces attenuate light; "none":
+    /// every light is visible.
     #[serde(default)]
     shadows: Shadows,
 }
 
-/// See the module.
+/// The `appel` integrator; see the module documentation.
 pub struct Appel {
     rules: Rules,
 }

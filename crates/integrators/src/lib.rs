@@ -1,6 +1,6 @@
-//! Integrators: one file is one plugin is one Cargo feature is one TOML `type`.
+//! Integrators: each plugin is one file, one Cargo feature and one TOML `type`.
 //!
-//! All are described in section 6 of `docs/whitted-model.md`.
+//! Section 6 of `docs/whitted-model.md` specifies all of them.
 
 #![cfg_attr(
     not(feature = "all"),
@@ -21,7 +21,7 @@ pub mod rasterizer;
 #[cfg(feature = "whitted")]
 pub mod whitted;
 
-/// Adds every integrator whose feature is on.
+/// Registers every integrator whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "appel")]

@@ -1,21 +1,20 @@
-//! The rays of a wave, those that wait for a later one, and how both are moved: column by column,
-//! by lists of lanes.
+//! The rays of a wave and the pending ones, and moving them between columns by lists of lanes.
 
 use whitstone_core::stream::{Colors, Ids, LANES, Lanes, RayStream, gather};
 use whitstone_core::{DVec3, Rgb, Spread, simd};
 
-/// Rays of a wave with what they are worth. Their limits stay infinite.
+/// Rays of a wave with their throughput and medium. Their `limit`s stay infinite.
 #[derive(Default)]
 pub(crate) struct Paths {
     pub(crate) rays: RayStream,
     pub(crate) throughput: Colors,
-    /// Black in all lanes where not `absorbing`.
+    /// Absorption coefficient per lane; black in all lanes unless `absorbing`.
     pub(crate) absorption: Colors,
-    /// Whether any ray may travel in a medium that absorbs.
+    /// Whether any ray may be in an absorbing medium.
     pub(crate) absorbing: bool,
-    /// Bounces before the ray.
+    /// Number of bounces before the ray.
     pub(crate) depth: Values<u32>,
-    /// Which camera ray it belongs to.
+    /// Index of the ray's camera ray.
     pub(crate) slot: Values<u16>,
 }
 
@@ -28,7 +27,7 @@ impl<T: Copy + Default> Default for Values<T> {
     }
 }
 
-/// Some lanes, in order.
+/// A list of lane indices, in order.
 #[derive(Default)]
 pub(crate) struct List {
     lanes: Values<u16>,
@@ -40,7 +39,7 @@ impl List {
         self.len = 0;
     }
 
-    /// Adds a lane if it counts, without a jump.
+    /// Appends a lane if `counts`, without a conditional jump.
     #[inline(always)]
     pub(crate) fn push_if(&mut self, counts: bool, lane: usize) {
         self.lanes.0[self.len % LANES] = lane as u16;
@@ -53,12 +52,12 @@ impl List {
     }
 }
 
-/// The rays of one kind of branch, lane by lane of the points.
+/// The rays of one kind of branch, in the lanes of the surface points.
 #[derive(Default)]
 pub(crate) struct Followed {
     pub(crate) rays: RayStream,
     pub(crate) throughput: Colors,
-    /// Whether the branch counts for anything.
+    /// Whether the branch is traced.
     pub(crate) alive: Values<bool>,
 }
 
@@ -86,7 +85,8 @@ impl Paths {
         }
     }
 
-    /// Takes over some lanes, but for what the rays leave: nobody asks for that again.
+    /// Replaces the contents by some lanes of `from`, without the primitives that the rays leave,
+    /// which are not read again.
     pub(crate) fn take(&mut self, from: &Self, lanes: &[u16]) {
         self.clear();
         self.rays.len = lanes.len();
@@ -105,8 +105,8 @@ impl Paths {
         );
     }
 
-    /// Adds some branches of the rays of a group that leave these primitives, in these media
-    /// (`None`: none that absorbs).
+    /// Appends some branches of the rays of a group. They leave the primitives `leaves` and enter
+    /// the media `media` (`None`: no absorption).
     pub(crate) fn append(
         &mut self,
         group: &Self,
@@ -140,7 +140,7 @@ impl Paths {
     }
 }
 
-/// A ray that was put off.
+/// A pending ray.
 #[derive(Clone, Copy)]
 struct Later {
     origin: DVec3,
@@ -148,27 +148,26 @@ struct Later {
     throughput: Rgb,
     leaves: [u32; 3],
     depth: u32,
-    /// The one of the same camera ray that was put off before.
+    /// Index of the previously pushed ray of the same camera ray.
     below: u32,
 }
 
-/// The end of a stack.
+/// End of a stack.
 const BOTTOM: u32 = u32::MAX;
 
-/// The rays that were put off, a stack for each camera ray. All stacks are in one list, whose
-/// places are used again.
+/// The pending rays: a stack for each camera ray. All stacks share one list, whose entries are
+/// reused.
 pub(crate) struct Waiting {
     rows: Vec<Later>,
-    /// How far apart the rays of the rows are, where textures ask for it; else empty.
+    /// Ray differentials of the rows, if textures need them; otherwise empty.
     spreads: Vec<Spread>,
-    /// What the media that the rays of the rows are in absorb; empty while none of them absorbs
-    /// anything.
+    /// Absorption coefficients of the media of the rows; empty until one of them absorbs.
     absorptions: Vec<Rgb>,
     free: Vec<u32>,
     tops: Lanes<u32>,
-    /// On all stacks together.
+    /// Number of pending rays on all stacks.
     count: usize,
-    /// Camera rays that go on.
+    /// Camera rays with a pending ray.
     found: List,
 }
 
@@ -187,7 +186,7 @@ impl Default for Waiting {
 }
 
 impl Waiting {
-    /// Puts some branches off; as [`Paths::append`].
+    /// Pushes some branches; the arguments are those of [`Paths::append`].
     pub(crate) fn push(
         &mut self,
         group: &Paths,
@@ -232,13 +231,13 @@ impl Waiting {
         }
     }
 
-    /// Goes on with the rays that were put off last of the camera rays that these lanes of a group
-    /// belong to, where any is left.
+    /// Pops the latest pending ray of the camera rays of these lanes, where there is one, and
+    /// appends it to `next`.
     pub(crate) fn resume(&mut self, next: &mut Paths, group: &Paths, lanes: impl Iterator<Item = usize>) {
         if self.count == 0 {
             return;
         }
-        // First which they are, so that no jump depends on what is still on its way from memory.
+        // Collects them first, so that no conditional jump waits for a load.
         self.found.clear();
         for lane in lanes {
             let slot = group.slot.0[lane % LANES] as usize % LANES;
@@ -271,10 +270,11 @@ impl Waiting {
     }
 }
 
-/// Parts of a wave that are counted side by side: one count waits for its last change, four do not.
+/// Number of parts of a wave with their own counters, so that consecutive increments do not wait
+/// for each other.
 const PARTS: usize = 4;
 
-/// All of so many lanes, those of one part in order.
+/// Visits all `len` lanes, alternating between the parts; those of one part are in order.
 #[inline(always)]
 fn side_by_side(len: usize, mut each: impl FnMut(usize, usize)) {
     let length = len / PARTS;
@@ -288,11 +288,11 @@ fn side_by_side(len: usize, mut each: impl FnMut(usize, usize)) {
     }
 }
 
-/// The lanes of a wave by the shape that they hit.
+/// The lanes of a wave, grouped by the shape that they hit.
 #[derive(Default)]
 pub(crate) struct ByShape {
-    /// By shape and part of the wave: how many lanes hit it, and then where the next of them goes
-    /// in `order`. Zero between two waves.
+    /// For each shape and part of the wave: first the number of lanes that hit it, then the index
+    /// in `order` of the next one. Zero between waves.
     counts: Vec<[u16; PARTS]>,
     /// Whether a shape is in `hit`.
     is_hit: Vec<bool>,
@@ -302,12 +302,12 @@ pub(crate) struct ByShape {
 }
 
 impl ByShape {
-    /// Sorts lanes; anything that is not a number below `shapes` is a miss.
+    /// Sorts lanes. Values of at least `shapes` are misses.
     pub(crate) fn sort(&mut self, hits: &[u32], shapes: usize) {
         self.hit.clear();
         self.counts.resize(shapes + 1, [0; PARTS]);
         self.is_hit.resize(shapes + 1, false);
-        // As long as they are: so nothing is checked below.
+        // Slices of the exact length avoid bounds checks below.
         let (counts, is_hit) = (&mut self.counts[..=shapes], &mut self.is_hit[..=shapes]);
         let (hit, order) = (&mut self.hit, &mut self.order);
         let index = |shape: u32| (shape as usize).min(shapes);
@@ -332,7 +332,7 @@ impl ByShape {
         });
     }
 
-    /// The only shape that was hit, if there is only one.
+    /// The shape, if all lanes hit the same one.
     pub(crate) fn only(&mut self) -> Option<u32> {
         match self.hit[..] {
             [shape] => {
@@ -343,7 +343,7 @@ impl ByShape {
         }
     }
 
-    /// Takes out the shapes, each with its lanes.
+    /// Removes all shapes and visits each with its lanes.
     pub(crate) fn groups(&mut self, mut each: impl FnMut(u32, &[u16])) {
         let mut start = 0;
         for place in 0..self.hit.len() {
@@ -354,7 +354,7 @@ impl ByShape {
         }
     }
 
-    /// Where the lanes of a shape end in `order`.
+    /// Clears the entries of a shape and returns the end of its lanes in `order`.
     fn forget(&mut self, shape: u32) -> u16 {
         let index = (shape as usize).min(self.counts.len() - 1);
         self.is_hit[index] = false;

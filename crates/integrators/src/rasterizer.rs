@@ -1,14 +1,14 @@
-//! Rasterization: each triangle is projected to the image, and a depth buffer keeps the nearest at
-//! each pixel; shading as ray casting.
+//! Rasterization: projects each triangle to the image and keeps the nearest one per pixel in a
+//! depth buffer; shading is that of ray casting.
 //!
 //! Catmull, *A subdivision algorithm for computer display of curved surfaces*, 1974 (the depth
 //! buffer); Pineda, *A parallel algorithm for polygon rasterization*, 1988 (edge functions); Olano
 //! and Greer, *Triangle scan conversion using 2D homogeneous coordinates*, 1997 (their form before
 //! the division); Gouraud, *Continuous shading of curved surfaces*, 1971; Blinn and Newell,
-//! *Clipping using homogeneous coordinates*, 1978. The steps of the lecture notes, one after the
-//! other: `project`, `Bins`, `Depths::draw`, and `Depths::hits` with what is shaded.
+//! *Clipping using homogeneous coordinates*, 1978. The steps are those of the lecture notes, in
+//! order: `project`, `Bins`, `Depths::draw`, and `Depths::hits` with shading.
 //!
-//! - Twin: the driver at depth 0, without branches: what is seen is the same.
+//! - Twin: the driver at depth 0, without branches: the visible surfaces are the same.
 //! - Example: `scenes/integrators/rasterizer.toml`.
 
 mod bins;
@@ -28,32 +28,33 @@ use whitstone_core::{
     Refused, Rgb, SceneError, SceneErrors, Scratch, Shape, Skip, View, World,
 };
 
-/// Rasterization of triangles with a depth buffer, and local shading with shadows.
+/// Rasterization of triangles with a depth buffer, local illumination and shadows.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "opaque": surfaces hide lights; "none": every light is visible.
+    /// "opaque": surfaces hide lights; "filtered": transparent surfaces attenuate light; "none":
+    /// every light is visible.
     #[serde(default)]
     shadows: Shadows,
-    /// What is interpolated over a triangle: "phong", normals, or "gouraud", colours, which goes
-    /// with `shadows = "none"` only.
+    /// Interpolation over a triangle: "phong" interpolates normals; "gouraud" interpolates colours
+    /// and requires `shadows = "none"`.
     #[serde(default)]
     #[schemars(with = "Interpolation")]
     interpolation: Option<Spanned<Interpolation>>,
 }
 
-/// What is interpolated over a triangle.
+/// The quantity that is interpolated over a triangle.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Interpolation {
-    /// Normals: each pixel is shaded.
+    /// Normals; each pixel is shaded.
     #[default]
     Phong,
-    /// Colours: vertices are shaded.
+    /// Colours; vertices are shaded.
     Gouraud,
 }
 
-/// See the module.
+/// The `rasterizer` integrator; see the module documentation.
 #[derive(Clone, Copy)]
 pub struct Rasterizer {
     shadows: Shadows,
@@ -61,7 +62,7 @@ pub struct Rasterizer {
 }
 
 impl Rasterizer {
-    /// At what is nearest, local shading.
+    /// Local illumination at the nearest hit.
     fn rules(&self) -> Rules {
         Rules {
             shadows: self.shadows,
@@ -69,7 +70,7 @@ impl Rasterizer {
         }
     }
 
-    /// Radiance along rays whose nearest hits are known; they are no longer after it.
+    /// Radiance along rays whose nearest hits are given; overwrites `hits`.
     fn shade(
         &self,
         world: &World,
@@ -118,7 +119,7 @@ impl Integrator for Rasterizer {
         false
     }
 
-    /// By ray casting: for a single ray there is nothing to project all triangles for.
+    /// Uses ray casting: projecting all triangles does not pay off for a single ray.
     fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
         match self.interpolation {
             Interpolation::Phong => self.rules().radiance(world, ray, scratch),
@@ -159,7 +160,7 @@ impl Integrator for Rasterizer {
             )
         })?;
         if self.interpolation == Interpolation::Gouraud {
-            // Where the rays start is where the viewer is.
+            // Vertex colours assume that the viewer is at the origin of all rays.
             let parallel = to_image.row(3).truncate() == DVec3::ZERO;
             let limited = view.camera.near(DVec2::ZERO) != 0.0;
             if parallel || limited {
@@ -197,7 +198,7 @@ impl Integrator for Rasterizer {
     }
 }
 
-/// All triangles in the image.
+/// All triangles of the scene, projected to the image.
 struct Frame {
     rasterizer: Rasterizer,
     to_image: DMat4,
@@ -253,7 +254,7 @@ mod tests {
         assert_eq!(error.span, Some(16..text.len()));
     }
 
-    /// One that projects to the image, or does not, with so many points of a lens.
+    /// A camera with a given projection, if any, and number of lens points.
     struct Eye(Option<DMat4>, u32);
 
     impl Camera for Eye {

@@ -1,4 +1,4 @@
-//! How trees of rays are walked, for one camera ray: what the integrators have in common.
+//! Single-ray traversal of ray trees, shared by the integrators.
 
 use crate::shadows::Shadows;
 use schemars::JsonSchema;
@@ -8,14 +8,14 @@ use whitstone_core::{
     SurfacePoint, World,
 };
 
-/// What is traced at a surface.
+/// The rays that are traced at a surface.
 pub(crate) struct Rules {
     pub(crate) shadows: Shadows,
-    /// `None`: local shading only.
+    /// `None`: local illumination only.
     pub(crate) branches: Option<Limits>,
 }
 
-/// How far branches are followed.
+/// Limits on tracing branches.
 #[derive(Clone, Copy)]
 pub(crate) struct Limits {
     pub(crate) max_depth: u32,
@@ -23,19 +23,19 @@ pub(crate) struct Limits {
     pub(crate) beyond: Beyond,
 }
 
-/// What lies beyond the depth limit.
+/// Radiance of branches beyond the depth limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Beyond {
     /// The background in the direction of the branch.
     #[default]
     Background,
-    /// Nothing.
+    /// Black.
     Black,
 }
 
 impl Rules {
-    /// Radiance along one camera ray: the tree under it is walked depth first.
+    /// Radiance along one camera ray. Its tree is traversed depth first.
     pub(crate) fn radiance(&self, world: &World, ray: &Ray, scratch: &mut Scratch) -> Rgb {
         scratch.pending.clear();
         let mut sum = Rgb::BLACK;
@@ -49,8 +49,8 @@ impl Rules {
         sum
     }
 
-    /// What this ray alone adds to the pixel. Its first branch is left in `next`, the others on the
-    /// stack.
+    /// The contribution of this ray alone to the pixel. Its first branch is left in `next`; the
+    /// others are pushed to the stack.
     fn trace(
         &self,
         world: &World,
@@ -93,7 +93,7 @@ impl Rules {
             let mut branches = Branches::default();
             world.branches(hit.shape, path.inside, &point, view, &mut branches);
             let face = world.face(hit.shape, path.inside, &point, view);
-            // Backwards: what comes last is traced first.
+            // In reverse order: the last branch is traced first.
             world.backwards(hit.shape, &point, view, &branches, |branch, letter| {
                 let Some(mut child) = follow(path, branch, &point, view, skip, throughput, limits) else {
                     return;
@@ -102,8 +102,8 @@ impl Rules {
                 child.inside = face.map_or(path.inside, |face| face.inside(branch.kind));
                 if path.depth < limits.max_depth {
                     child.spread = path.spread.map(|spread| {
-                        // All directions of a reflection that is spread are as far apart as that of
-                        // the mirror.
+                        // All directions of a glossy reflection use the differentials of the mirror
+                        // direction.
                         let mut own = branches.iter().filter(|own| own.kind == branch.kind);
                         let direction = own.next().map_or(branch.direction, |own| own.direction);
                         let branch = (branch.kind.into(), direction);
@@ -121,7 +121,7 @@ impl Rules {
     }
 }
 
-/// The ray of a branch, unless it counts for nothing: by rule G, or for its weight.
+/// The ray of a branch; `None` if rule G or its weight drops it.
 fn follow(
     path: &PathState,
     branch: &Branch,
@@ -143,7 +143,7 @@ fn follow(
     };
     let throughput = throughput * weight;
     let contribution = throughput.max_component();
-    // One more than the limit for the children of the deepest rays, which are never traced.
+    // Children of the deepest rays exceed the limit by one; they are never traced.
     let depth = path.depth + 1;
     (allowed && contribution > 0.0 && contribution >= limits.min_contribution).then(|| PathState {
         ray: Ray::new(point.leave(direction), direction),
@@ -157,7 +157,7 @@ fn follow(
     })
 }
 
-/// The background through an endless stretch of a medium.
+/// Background radiance after an endless segment in a medium.
 pub(crate) fn endless(world: &World, absorption: Rgb, direction: DVec3) -> Rgb {
     absorption.transmittance(f64::INFINITY) * world.background(direction)
 }

@@ -1,4 +1,4 @@
-//! What the integrators share: how they treat shadows, and local shading.
+//! Shared code of the integrators: shadow modes and local illumination.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -6,14 +6,14 @@ use whitstone_core::{
     DVec3, Illumination, Lobes, Medium, Rgb, Scratch, Shadowing, Skip, SurfacePoint, World,
 };
 
-/// What stands between a surface and a light.
+/// Treatment of surfaces between a surface point and a light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Shadows {
-    /// Every surface hides the lights behind it, but for its holes.
+    /// Every surface hides the lights behind it, except through its holes.
     #[default]
     Opaque,
-    /// What is transparent weakens the light that goes straight through it.
+    /// Transparent surfaces attenuate the light that passes straight through them.
     Filtered,
     /// Every light is visible.
     None,
@@ -35,8 +35,8 @@ impl Shadows {
         self != Self::None
     }
 
-    /// Radiance towards `view` from the surface itself and from the lights that reach the point.
-    /// `medium` is that on the viewer's side.
+    /// Emission plus reflected light from the visible lights, towards `view`. `medium` is the one
+    /// on the viewer's side.
     #[allow(clippy::too_many_arguments, reason = "all that shading depends on")]
     pub(crate) fn local(
         self,

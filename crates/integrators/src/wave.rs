@@ -1,9 +1,8 @@
-//! Streams of camera rays, wave by wave: each wave traces the next ray of every pixel that has one
-//! left.
+//! Stream tracing in waves: each wave traces the next pending ray of every pixel.
 //!
-//! A pixel's rays come in the same order as from the explicit stack of the single-ray code, depth
-//! first and reflection before transmission, so that sums have the same bits and memory stays
-//! bounded: what waits is one ray a level and pixel.
+//! The rays of a pixel are processed in the same order as by the explicit stack of the single-ray
+//! code: depth first, reflection before transmission. Sums therefore have the same bits, and memory
+//! stays bounded: at most one ray per level and pixel is pending.
 
 use crate::paths::{ByShape, Followed, List, Paths, Values, Waiting};
 use crate::rules::{Beyond, Limits, Rules};
@@ -16,18 +15,18 @@ use whitstone_core::{
     World, simd,
 };
 
-/// Working memory: about 200 KiB a thread.
+/// Working memory: about 200 KiB per thread.
 #[derive(Default)]
 pub(crate) struct Memory {
     current: Box<Paths>,
     next: Box<Paths>,
     hits: Box<HitStream>,
-    /// The rays of a wave that hit one shape.
+    /// The rays of a wave that hit the same shape.
     group: Box<Paths>,
     group_hits: Box<HitStream>,
     points: PointStream,
     lights: LightMemory,
-    /// Radiance along the rays of a group, and what it adds to the pixels.
+    /// Radiance along the rays of a group; later weighted by their throughput.
     radiance: Colors,
     branches: BranchStreams,
     reflected: Followed,
@@ -38,19 +37,19 @@ pub(crate) struct Memory {
     beyond: Box<BeyondLimit>,
 }
 
-/// How the rays of a group go on, by lists of lanes.
+/// Lists of the lanes of a group, by their branches.
 #[derive(Default)]
 struct NextLanes {
     reflected: List,
-    /// Transmitted, and not reflected.
+    /// Only transmitted.
     transmitted: List,
-    /// Transmitted as well as reflected.
+    /// Both reflected and transmitted.
     both: List,
-    /// Neither.
+    /// No branch.
     ended: List,
 }
 
-/// The branches of a group that are not followed.
+/// The branches of a group beyond the depth limit.
 #[derive(Default)]
 struct BeyondLimit {
     lanes: List,
@@ -67,8 +66,8 @@ impl Rules {
         out: &mut Colors,
     ) {
         if world.one_by_one() {
-            // What a ray is in has no column here, nor has a third branch a place: scenes of which
-            // that matters are rare.
+            // Streams store neither the medium set nor more than two branches per hit; the few
+            // scenes that need them are traced ray by ray.
             for lane in 0..rays.len {
                 scratch.spread = rays.spread(lane);
                 out.set(lane, self.radiance(world, &rays.ray(lane), scratch));
@@ -84,7 +83,7 @@ impl Rules {
         scratch.put_memory(memory);
     }
 
-    /// [`Self::radiance_stream`] of rays whose nearest hits are known; they are no longer after it.
+    /// [`Self::radiance_stream`] for rays whose nearest hits are given; overwrites `hits`.
     pub(crate) fn shade_stream(
         &self,
         world: &World,
@@ -102,7 +101,7 @@ impl Rules {
         scratch.put_memory(memory);
     }
 
-    /// Goes on until no pixel has a ray left. The hits of the current rays are known.
+    /// Traces waves until no pixel has a pending ray. The hits of the current rays must be known.
     fn waves(&self, world: &World, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
         while m.current.rays.len > 0 {
             self.wave(world, m, counters, out);
@@ -113,8 +112,7 @@ impl Rules {
         }
     }
 
-    /// Shades the hits of the current rays and leaves in `next` the ray of each pixel that comes
-    /// after.
+    /// Shades the hits of the current rays and collects the next ray of each pixel in `next`.
     fn wave(&self, world: &World, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
         m.next.clear();
         let len = m.current.rays.len;
@@ -140,8 +138,8 @@ impl Rules {
         m.by_shape = by_shape;
     }
 
-    /// What the rays in `group`, all of which hit this shape or none, add to their pixels, and the
-    /// rays that come after them.
+    /// Adds the contribution of the rays in `group`, which all hit this shape or all miss, to their
+    /// pixels, and collects their next rays.
     fn shade(&self, world: &World, shape: u32, m: &mut Memory, counters: &mut Counters, out: &mut Colors) {
         if shape == NO_SHAPE {
             background(world, &m.group, &mut m.radiance);
@@ -194,7 +192,7 @@ impl Rules {
 }
 
 impl Memory {
-    /// Finds what the current rays hit.
+    /// Intersects the current rays with the scene.
     fn trace(&mut self, world: &World, counters: &mut Counters) {
         counters.closest += self.current.rays.len as u64;
         world
@@ -202,7 +200,7 @@ impl Memory {
             .closest_stream(&self.current.rays, &mut self.hits);
     }
 
-    /// Adds what the surface gives off by itself.
+    /// Adds the emission of the material.
     fn glow(&mut self, material: &dyn Material) {
         let mut emission = Colors::default();
         material.emission_stream(&self.points, &mut emission);
@@ -212,7 +210,7 @@ impl Memory {
         }
     }
 
-    /// Keeps the rays that go straight on in the medium that they come from.
+    /// Keeps undeviated rays in the medium of their parent.
     fn stay(&mut self) {
         for lane in (0..self.group.rays.len).filter(|lane| self.branches.straight.0[*lane]) {
             let medium = self.group.absorption.get(lane);
@@ -220,13 +218,13 @@ impl Memory {
         }
     }
 
-    /// Goes on with what was put off, where a ray has no branches.
+    /// Resumes the pending rays of all pixels of a group without branches.
     fn resume_all(&mut self) {
         self.waiting
             .resume(&mut self.next, &self.group, 0..self.group.rays.len);
     }
 
-    /// Finds the branches that count, of the kinds that the material has.
+    /// Computes the branches of the kinds that the material has, and drops those that do not count.
     fn follow(&mut self, lobes: Lobes, limits: Limits) {
         let Self {
             group,
@@ -257,8 +255,8 @@ impl Memory {
         }
     }
 
-    /// Puts the background in the place of branches beyond the depth limit. Says whether there is
-    /// any.
+    /// Replaces branches beyond the depth limit by the background. Returns whether background may
+    /// have been added.
     fn stop_at_limit(&mut self, world: &World, limits: Limits) -> bool {
         let depths = &self.group.depth.0[..self.group.rays.len];
         if depths.iter().all(|depth| *depth < limits.max_depth) {
@@ -269,7 +267,7 @@ impl Memory {
             directions,
             seen,
         } = &mut *self.beyond;
-        // Backwards, as for a single ray.
+        // In reverse order, as for single rays.
         let kinds = [
             (&mut self.transmitted, &self.branches.absorption),
             (&mut self.reflected, &self.group.absorption),
@@ -297,7 +295,7 @@ impl Memory {
         limits.beyond == Beyond::Background
     }
 
-    /// Finds how far apart the branches of neighbouring rays are.
+    /// Computes the ray differentials of the branches.
     fn spread(&mut self, world: &World) {
         let (rays, hits, points) = (&self.group.rays, &self.group_hits, &self.points);
         let Some(spreads) = rays.spread.get() else {
@@ -321,8 +319,8 @@ impl Memory {
         }
     }
 
-    /// Takes the first branch of each ray into the next wave and puts its second one off. The order
-    /// of the rays in a wave has no part in the result.
+    /// Moves the first branch of each ray to the next wave and pushes its second one. The order of
+    /// rays within a wave does not affect the result.
     fn go_on(&mut self) {
         let Self {
             group,
@@ -363,7 +361,7 @@ impl Memory {
     }
 }
 
-/// Whether any of these lanes is in a medium that absorbs.
+/// Whether any of the selected lanes is in an absorbing medium.
 fn absorbs(absorption: &Colors, of: &Values<bool>, len: usize) -> bool {
     simd::dispatch(
         #[inline(always)]
@@ -380,7 +378,7 @@ fn absorbs(absorption: &Colors, of: &Values<bool>, len: usize) -> bool {
     )
 }
 
-/// Weakens the rays by the media they came through. One of which nothing is left has hit nothing.
+/// Applies the absorption of the media. Rays with no remaining throughput become misses.
 fn absorb(paths: &mut Paths, hits: &mut HitStream) {
     for lane in 0..paths.rays.len {
         if hits.id.shape[lane] == NO_SHAPE {
@@ -395,7 +393,7 @@ fn absorb(paths: &mut Paths, hits: &mut HitStream) {
     }
 }
 
-/// What rays see that hit nothing.
+/// Radiance of rays that hit nothing.
 fn background(world: &World, paths: &Paths, radiance: &mut Colors) {
     let len = paths.rays.len;
     world.background_stream(len, &paths.rays.direction, radiance);
@@ -421,7 +419,7 @@ fn weigh(paths: &Paths, radiance: &mut Colors) {
     );
 }
 
-/// Adds to the pixels.
+/// Adds values to their pixels.
 fn add(paths: &Paths, values: &Colors, out: &mut Colors) {
     for (lane, slot) in paths.slot.0.iter().enumerate().take(paths.rays.len) {
         let slot = *slot as usize % LANES;
@@ -429,14 +427,14 @@ fn add(paths: &Paths, values: &Colors, out: &mut Colors) {
     }
 }
 
-/// Which side of the surface a branch must go to, by rule G.
+/// The side of the surface that a branch must go to, by rule G.
 #[derive(Clone, Copy, PartialEq)]
 enum Side {
     Same,
     Other,
 }
 
-/// The rays of one kind of branch; see `Whitted::follow` for one.
+/// The rays of one kind of branch; `rules::follow` is the single-ray version.
 fn follow(
     group: &Paths,
     points: &PointStream,

@@ -1,14 +1,14 @@
-//! Recursive ray tracing: local shading, and a reflected and a refracted ray at each surface that
-//! has them.
+//! Recursive ray tracing: local illumination, plus a reflected and a refracted ray where the
+//! material has them.
 //!
-//! Whitted 1980, *An improved illumination model for shaded display*. The tree of rays is walked
-//! depth first, reflection before transmission, on an explicit stack: a hundred thousand bounces
-//! must not exhaust that of the thread. Since a ray is replaced by its two branches, of which one
-//! is followed first, the stack never holds more than `max_depth + 1` of them; where a glossy
-//! surface has n² reflections instead of one, n² for each bounce at such surfaces. See `rules` for
-//! one ray and `wave` for streams of them.
+//! Whitted 1980, *An improved illumination model for shaded display*. The ray tree is traversed
+//! depth first, reflection before transmission, on an explicit stack, because a hundred thousand
+//! bounces would exhaust the thread's stack. A ray is replaced by its two branches, one of which is
+//! followed at once, so the stack never holds more than `max_depth + 1` rays. Each bounce at a
+//! glossy surface with n² reflections adds up to n² rays. `rules` traces single rays, `wave`
+//! streams of them.
 //!
-//! - Twin: Mitsuba through the driver, which walks the same tree by levels.
+//! - Twin: Mitsuba through the driver, which traverses the same tree level by level.
 //! - Example: `scenes/integrators/whitted.toml`.
 
 use crate::rules::{Beyond, Limits, Rules};
@@ -19,22 +19,23 @@ use whitstone_core::config::{IntegerIn, NonNegative};
 use whitstone_core::stream::{Colors, RayStream};
 use whitstone_core::{Context, Integrator, Integrators, Plugin, Ray, Rgb, SceneErrors, Scratch, World};
 
-/// Recursive ray tracing: local shading, and a reflected and a refracted ray at each surface that
-/// has them.
+/// Recursive ray tracing: local illumination, plus a reflected and a refracted ray where the
+/// material has them.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// How many reflections and refractions a camera ray may go through.
+    /// Maximum number of reflections and refractions along a path from the camera.
     #[serde(default = "six")]
     max_depth: IntegerIn<0, 100_000>,
-    /// A branch is left out if its factor in the pixel is below this in every channel.
+    /// Branches whose factor in the pixel is below this in every channel are not traced.
     #[serde(default = "zero")]
     min_contribution: NonNegative,
-    /// What a branch beyond `max_depth` sees: the "background", as in the lecture notes, or
+    /// Radiance of a branch beyond `max_depth`: the "background", as in the lecture notes, or
     /// "black".
     #[serde(default)]
     at_max_depth: Beyond,
-    /// "opaque": surfaces hide lights; "none": every light is visible.
+    /// "opaque": surfaces hide lights; "filtered": transparent surfaces attenuate light; "none":
+    /// every light is visible.
     #[serde(default)]
     shadows: Shadows,
 }
@@ -47,7 +48,7 @@ fn zero() -> NonNegative {
     NonNegative::new(0.0).expect("0 is not negative")
 }
 
-/// See the module.
+/// The `whitted` integrator; see the module documentation.
 pub struct Whitted {
     rules: Rules,
 }
@@ -80,7 +81,7 @@ impl Integrator for Whitted {
             return 0;
         };
         let (mut bounces, mut share) = (0, 1.0 / f64::from(directions));
-        // Less than any number that is not 0, in the end, so that the loop has one.
+        // The share underflows to 0 eventually, so the loop terminates.
         while bounces < limits.max_depth && share >= limits.min_contribution && share > 0.0 {
             bounces += 1;
             share /= f64::from(directions);
@@ -117,7 +118,7 @@ mod tests {
         (integrator.radiance(world, &ray, &mut scratch), scratch)
     }
 
-    /// Two mirrors that face each other at y = 0 and y = 1, and also show a local radiance.
+    /// Two mirrors that face each other at y = 0 and y = 1 and also have local radiance.
     fn corridor(diffuse: f64, reflect: f64) -> World {
         let material = Simple {
             diffuse,
@@ -140,7 +141,7 @@ mod tests {
 
     #[test]
     fn bounces_are_counted_from_zero() {
-        // The sum of 0.5^k up to the limit, and the background beyond: the ray goes up at odd
+        // The sum of 0.5^k up to the limit, plus the background beyond. The ray goes up at odd
         // depths.
         for depth in 0..8 {
             let (found, scratch) = render(&format!("max_depth = {depth}"), &corridor(1.0, 0.5), DVec3::NEG_Y);
@@ -160,7 +161,7 @@ mod tests {
     fn a_hundred_thousand_bounces_need_no_memory_and_lose_no_energy() {
         let text = "max_depth = 100000\nat_max_depth = \"background\"";
         let (found, scratch) = render(text, &corridor(0.0, 0.9999), DVec3::NEG_Y);
-        // 0.9999^100001, to 20 digits by mpmath from the exact binary value of 0.9999; the last
+        // 0.9999^100001, to 20 digits by mpmath from the exact binary value of 0.9999. The last
         // branch goes up.
         let expected = 0.000045372696235615253296;
         assert!(
@@ -172,7 +173,7 @@ mod tests {
         assert!(scratch.pending.capacity() < 16);
     }
 
-    /// The stack holds what is left to do: with two branches everywhere, one ray a level.
+    /// The stack holds the pending rays: with two branches everywhere, one per level.
     #[test]
     fn two_branches_do_not_fill_the_stack() {
         let material = Simple {
@@ -190,7 +191,7 @@ mod tests {
         assert!(found.g > 0.5 && found.g < 1.0);
     }
 
-    /// What explains a pixel must be all of it: also branches beyond the limit, and hits that
+    /// The record of a pixel must be complete: it includes branches beyond the limit and hits that
     /// absorption hides.
     #[test]
     fn the_record_sums_to_the_radiance() {
@@ -208,7 +209,7 @@ mod tests {
         let cases = [
             (1.0, "max_depth = 3", 8, 0),
             (1.0, "max_depth = 3\nat_max_depth = \"black\"", 0, 0),
-            // exp(-2000) is 0: what lies a metre below the floor is hit and adds nothing.
+            // exp(-2000) is 0: surfaces a metre below the floor are hit and add nothing.
             (2000.0, "max_depth = 3", 2, 2),
         ];
         for (absorption, text, limits, hidden) in cases {
@@ -253,7 +254,7 @@ mod tests {
 
     #[test]
     fn media_absorb_the_segments_inside_them() {
-        // A slab between y = 0.25 and y = 0, looked at from above; the floor under it is far away.
+        // A slab between y = 0.25 and y = 0, seen from above; the floor under it is far away.
         let material = Simple {
             transmit: Rgb::WHITE,
             absorption: Rgb::new(0.0, 1.0, 8.0),
@@ -277,15 +278,15 @@ mod tests {
         );
         let (found, _) = render("", &world, DVec3::NEG_Y);
         assert_eq!(found, Rgb::new(1.0, (-0.25_f64).exp(), (-2.0_f64).exp()));
-        // Without a bottom the medium is endless, beyond the limit as well as before it.
+        // Without a bottom, the medium is endless, both beyond the depth limit and before it.
         let world = world_of_walls(&[(floor(0.25), material)], SKY);
         for text in ["", "max_depth = 0"] {
             assert_eq!(render(text, &world, DVec3::NEG_Y).0, Rgb::new(0.5, 0.0, 0.0));
         }
     }
 
-    /// Rays straight on through a pane in a medium that absorbs stay in it, and what glows is seen
-    /// through both.
+    /// Undeviated rays through a pane in an absorbing medium stay in that medium, and emission is
+    /// seen through the pane and the medium.
     #[test]
     fn rays_straight_on_stay_in_their_medium() {
         let absorption = Rgb::new(0.0, 1.0, 8.0);
@@ -332,8 +333,8 @@ mod tests {
         }
     }
 
-    /// A lamp above two surfaces above a floor: what each leaves of the light, the media between
-    /// them, and the cut.
+    /// A lamp above two surfaces above a floor: the transmittance of each surface, the media
+    /// between them, and the cut-off.
     #[test]
     fn shadow_rays_go_through_holes_and_filters() {
         let white = Simple {
@@ -373,7 +374,8 @@ mod tests {
         assert_eq!(lit("", glass(0.0), hole(1.0)), Rgb::BLACK);
         assert_eq!(lit(filtered, glass(0.0), hole(1.0)), Rgb::new(0.5, 0.25, 0.0));
         assert_eq!(lit("shadows = \"none\"", opaque, opaque), Rgb::WHITE);
-        // Less than 0.002 is nothing; a shadow ray is cut where that happens, not at its end.
+        // Transmittance below 0.002 counts as 0, from the surface where this occurs, not at the end
+        // of the shadow ray.
         assert_eq!(lit("", hole(0.004), hole(0.5)).r, 0.002);
         let thin = Simple {
             hole: Rgb::splat(0.0019),

@@ -1,4 +1,4 @@
-//! Uniform light from all around that no surface shadows.
+//! Uniform ambient light from all directions, never shadowed.
 //!
 //! - Twin: through the driver, which adds the materials' ambient terms.
 //! - Example: `scenes/lights/ambient.toml`.
@@ -9,7 +9,7 @@ use std::sync::Arc;
 use whitstone_core::config::Color;
 use whitstone_core::{Context, Light, LightGives, Lights, Plugin, Rgb, SceneErrors};
 
-/// Uniform light from all around that no surface shadows.
+/// Uniform ambient light from all directions, never shadowed.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -17,7 +17,7 @@ pub struct Config {
     radiance: Color,
 }
 
-/// See the module.
+/// The `ambient` light; see the module documentation.
 pub struct Ambient {
     radiance: Rgb,
 }

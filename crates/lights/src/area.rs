@@ -1,12 +1,12 @@
-//! A surface that shines: as many points of it, each with its share of the area.
+//! An area light: fixed points on its surface, each with its share of the area.
 //!
-//! The soft shadows of Cook, Porter and Carpenter, *Distributed ray tracing*, 1984, by a fixed
+//! Soft shadows as in Cook, Porter and Carpenter, *Distributed ray tracing*, 1984, but with a fixed
 //! quadrature instead of random points, so that two renderers that agree on the points must agree
-//! on the picture. Each point shines with the cosine to the normal and falls off with the square of
-//! the distance. The surface itself is not seen: a shape of material `emissive` in its place is. Of
-//! a mesh, each triangle is cut into equal ones, which shine from their centroids: exact in the
-//! area, and without a choice of triangles that rounding could make otherwise elsewhere. One is in
-//! `scenes/showcase/mesh_light.toml`.
+//! on the image. The intensity of each point is proportional to the cosine with the normal and
+//! falls off with the square of the distance. The surface itself is invisible; place a shape of
+//! material `emissive` there to show it. Each triangle of a mesh is divided into equal triangles,
+//! with one point at the centroid of each. This keeps the area exact and avoids a selection of
+//! triangles that could depend on rounding. `scenes/showcase/mesh_light.toml` has a mesh light.
 //!
 //! - Twin: Mitsuba `point` at the same points, through the driver.
 //! - Example: `scenes/lights/area.toml`.
@@ -24,33 +24,34 @@ use whitstone_core::{
     Transform, TriangleMesh,
 };
 
-/// Most points of a mesh: each is a shadow ray at each surface point.
+/// Upper limit of points of a mesh; each one costs a shadow ray per surface point.
 const MAX_POINTS: usize = 4096;
 
-/// A surface that shines, as a grid of fixed points of it.
+/// An area light, sampled at a fixed grid of points.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// What shines, in the size of the shape of that type: "rectangle" and "disk" along +z,
-    /// "sphere" outwards; "mesh", the triangles of `file`, along the normals of their winding.
+    /// Shape of the light, in the size of the shape of that type: "rectangle" and "disk" emit along
+    /// +z, "sphere" emits outwards; "mesh" is the triangles of `file`, which emit along the normals
+    /// given by their winding.
     #[serde(default = "rectangle")]
     #[schemars(with = "Surface")]
     shape: Spanned<Surface>,
-    /// Of "mesh" only: a file as of the shape mesh, that ends in .obj or .ply; its vertex normals
-    /// do not count. It need not be closed.
+    /// For "mesh" only: a file as for the shape mesh, ending in .obj or .ply. Its vertex normals
+    /// are ignored. It need not be closed.
     #[serde(default)]
     #[schemars(with = "FilePath")]
     file: Option<FilePath>,
-    /// Where it stands: one step, or steps in the order in which they are applied. That of a sphere
-    /// must be a similarity.
+    /// Placement of the light: one step, or steps in the order in which they are applied. For a
+    /// sphere it must be a similarity.
     #[serde(default = "none")]
     #[schemars(with = "Steps")]
     transform: Spanned<Steps>,
-    /// Radiance in W/(m² sr), the same in all directions.
+    /// Emitted radiance in W/(m² sr), the same in all directions.
     radiance: Color,
-    /// Points along each side of the grid, 4 if left out; of a mesh parts of each side of a
-    /// triangle, 1 if left out. Their square is the number of shadow rays at each surface point, of
-    /// a mesh for each triangle, which may be 4096 in all.
+    /// Points along each side of the grid (default 4), or parts of each side of a mesh triangle
+    /// (default 1). The square of this is the number of shadow rays per surface point; for a mesh,
+    /// per triangle, up to 4096 in total.
     #[serde(default)]
     #[schemars(with = "IntegerIn<1, 32>")]
     samples: Option<Spanned<IntegerIn<1, 32>>>,
@@ -64,7 +65,7 @@ fn rectangle() -> Spanned<Surface> {
     Spanned::new(0..0, Surface::Rectangle)
 }
 
-/// What shines.
+/// Shape of the light.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(rename_all = "snake_case")]
 enum Surface {
@@ -78,12 +79,12 @@ enum Surface {
     Mesh,
 }
 
-/// How far points are moved off their surface, along its normal, as a part of the size of the light
-/// (model, section 7): more than the rounding of the point and of a shape in the same place, so
-/// that the shape never hides the light.
+/// Offset of the points from the surface along its normal, relative to the size of the light
+/// (model, section 7). It exceeds the rounding errors of the point and of a shape at the same
+/// place, so that the shape never hides the light.
 const OFF_SURFACE: f64 = 32.0 * f64::EPSILON;
 
-/// A point of the surface, moved off it by [`OFF_SURFACE`].
+/// A point of the surface, offset by [`OFF_SURFACE`].
 struct Spot {
     position: DVec3,
     /// Unit normal.
@@ -93,7 +94,7 @@ struct Spot {
 }
 
 impl Spot {
-    /// The same, `by` metres along the normal.
+    /// The same point, moved by `by` metres along the normal.
     fn moved(self, by: f64) -> Self {
         Self {
             position: self.position + self.normal * by,
@@ -102,10 +103,10 @@ impl Spot {
     }
 }
 
-/// See the module.
+/// The `area` light; see the module documentation.
 pub struct Area {
     spots: Vec<Spot>,
-    /// Of each point, along its normal: radiance times its share of the area.
+    /// For each point, the intensity along its normal: radiance times its share of the area.
     intensities: Vec<Rgb>,
 }
 
@@ -157,14 +158,14 @@ fn grid(config: &Config, transform: &Transform) -> Result<Vec<Spot>, SceneErrors
         .collect())
 }
 
-/// The largest coordinate of the image of the cube from -1 to 1.
+/// Size of the light: the largest coordinate of the image of the cube [-1, 1]³.
 fn size(transform: &Transform) -> f64 {
     let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| transform.vector_to_world(axis).abs());
     let reach = axes.iter().sum::<DVec3>() + transform.point_to_world(DVec3::ZERO).abs();
     reach.max_element()
 }
 
-/// The points of the triangles of a file.
+/// The points of the triangles of a mesh file.
 fn mesh(
     config: &Config,
     file: &FilePath,
@@ -201,16 +202,15 @@ fn mesh(
     Ok(spots)
 }
 
-/// The centroids of the n² equal parts of a triangle, those that stand like it first; `None` where
-/// it has no area.
+/// The centroids of the n² equal parts of a triangle, upright parts first; `None` if it has no
+/// area.
 fn centroids(mesh: &TriangleMesh, triangle: u32, n: u32) -> Option<impl Iterator<Item = Spot>> {
     let [a, b, c] = mesh.corners(triangle);
     let (b, c) = (b - a, c - a);
     let across = b.cross(c);
     let normal = across.try_normalize()? * mesh.orientation;
     let area = 0.5 * across.length() / f64::from(n * n);
-    // In thirds of a part: 1 is the centroid of one that stands like the triangle, 2 that of one
-    // upside down.
+    // In thirds of a part: 1 is the centroid of an upright part, 2 that of an inverted one.
     let parts = [(1, n), (2, n - 1)].into_iter().flat_map(|(third, rows)| {
         let row = move |j: u32| (0..rows - j).map(move |i| (3 * i + third, 3 * j + third));
         (0..rows).flat_map(row)
@@ -222,7 +222,7 @@ fn centroids(mesh: &TriangleMesh, triangle: u32, n: u32) -> Option<impl Iterator
     }))
 }
 
-/// In m²; `None` for a sphere that is none in the world.
+/// Area in m²; `None` if a sphere is no sphere in world space.
 fn area(surface: Surface, transform: &Transform) -> Option<f64> {
     let across = transform
         .vector_to_world(DVec3::X)
@@ -238,8 +238,7 @@ fn area(surface: Surface, transform: &Transform) -> Option<f64> {
     }
 }
 
-/// The point at (u, v) of a unit square that is mapped to the surface so that equal areas stay
-/// equal.
+/// Maps (u, v) of the unit square to a point on the surface; the mapping preserves relative areas.
 fn spot(surface: Surface, transform: &Transform, u: f64, v: f64, area: f64) -> Spot {
     let (sin, cos) = (TAU * u).sin_cos();
     let (point, normal) = match surface {
@@ -262,7 +261,8 @@ fn spot(surface: Surface, transform: &Transform, u: f64, v: f64, area: f64) -> S
     }
 }
 
-/// The cosine at the surface towards a point that sees it in this direction.
+/// Cosine between the normal and the direction towards the receiver, clamped to 0. `direction`
+/// points to the light.
 #[inline(always)]
 fn facing(normal: DVec3, direction: DVec3) -> f64 {
     (-normal.dot(direction)).max(0.0)
@@ -290,7 +290,7 @@ impl Light for Area {
             let stream = out.stream(place);
             for lane in 0..len.min(LANES) {
                 let irradiance = stream.irradiance.get(lane);
-                // There is no direction to where nothing comes from.
+                // Lanes without irradiance have no valid direction.
                 if !irradiance.is_black() {
                     let cosine = facing(*normal, stream.direction.get(lane));
                     stream.irradiance.set(lane, irradiance * cosine);
@@ -299,13 +299,12 @@ impl Light for Area {
         }
     }
 
-    /// A point of it shines to the side of its normal: whether the ball around the box reaches
-    /// there.
+    /// Whether any point emits towards the bounding sphere of the box.
     fn reaches(&self, bounds: &Aabb) -> bool {
         let (center, radius) = emission::ball_around(bounds);
         let before = |spot: &Spot| {
             let out = center - spot.position;
-            // Where that is no number, it may reach.
+            // True also if a distance is NaN.
             let behind = spot.normal.dot(out) + radius < -1e-9 * (out.length() + radius);
             !behind
         };
@@ -341,11 +340,11 @@ mod tests {
         }
     }
 
-    /// Against closed forms of the irradiance below the middle: the error of the quadrature falls
-    /// with the square of the distance of points.
+    /// Compares with closed forms of the irradiance below the middle. The error of the quadrature
+    /// falls with the square of the point spacing.
     #[test]
     fn it_converges_to_the_integral() {
-        // A disk of radius 1 at height 1 gives pi L/(1 + h²); a sphere of radius 1 with its middle
+        // A disk of radius 1 at height 1 gives pi L/(1 + h²); a sphere of radius 1 with its centre
         // at height 2 gives pi L (r/d)².
         let below = "transform = { rotate = { axis = [1, 0, 0], degrees = 180 } }";
         for (shape, height, expected) in [("disk", 1.0, PI), ("sphere", 2.0, 2.0 * PI / 4.0)] {
@@ -359,8 +358,8 @@ mod tests {
         }
     }
 
-    /// A square of side 2 that faces +z as two triangles, one of them cut off by a sliver without
-    /// an area, and the corner of a cube.
+    /// Meshes: a square of side 2 that faces +z, as two triangles with a zero-area sliver on one of
+    /// them; and the corner of a cube.
     fn meshes() -> TestContext {
         let square = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
         let square = square.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
@@ -389,7 +388,7 @@ mod tests {
         build_in::<Lights, Area>(&text, (), &mut meshes())
     }
 
-    /// What arrives at a point, each sample with its cosine to a normal.
+    /// Irradiance at a point, with the cosine of each sample to a normal.
     fn from_mesh(text: &str, point: DVec3, normal: DVec3) -> f64 {
         let mut samples = Vec::new();
         of_mesh(text).unwrap().samples(point, &mut samples);
@@ -407,18 +406,18 @@ mod tests {
         }
     }
 
-    /// Seen from far away along the axes, the parts of the area that face that way.
+    /// Seen from far away along the axes, the mesh gives the projected area that faces that way.
     #[test]
     fn the_points_of_a_mesh_share_its_area() {
         let far = 1e7;
         for n in [1, 2, 5] {
             for (axis, scale, expected) in [
-                // The slanted face alone has a part that faces +x; the face across x is turned to
-                // -x.
+                // Only the slanted face has a projected area towards +x; the face perpendicular to
+                // x faces -x.
                 (DVec3::X, "[1, 1, 1]", 0.5),
                 (DVec3::NEG_X, "[1, 1, 1]", 0.5),
                 (DVec3::NEG_Y, "[2, 5, 3]", 3.0),
-                // Mirrored, outside stays outside.
+                // A mirroring transform keeps the outside outside.
                 (DVec3::Z, "[1, 1, -1]", 0.5),
                 (DVec3::NEG_Z, "[1, 1, -1]", 0.5),
             ] {
@@ -432,7 +431,7 @@ mod tests {
                 );
             }
         }
-        // The order and the places of the points of a triangle, as they are in the model.
+        // The order and the positions of the points of a triangle match the model.
         let mut context = meshes();
         let file: Config = whitstone_core::config::decode(
             &toml::de::DeTable::parse("shape = \"mesh\"\nfile = \"many.obj\"\nradiance = 1").unwrap(),
@@ -453,9 +452,9 @@ mod tests {
         assert_eq!(places, expected);
     }
 
-    /// Against the closed form of a square seen from a point on its axis (Howell, *A catalog of
-    /// radiation heat transfer configuration factors*, B-4, four times a corner): the error falls
-    /// with the square of the number of parts.
+    /// Compares with the closed form of a square seen from a point on its axis (Howell, *A catalog
+    /// of radiation heat transfer configuration factors*, B-4, four times a corner). The error
+    /// falls with the square of the number of parts.
     #[test]
     fn a_square_of_triangles_converges_to_its_closed_form() {
         let height: f64 = 0.8;

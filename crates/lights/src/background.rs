@@ -1,4 +1,4 @@
-//! What a ray sees that hits nothing: the same radiance in every direction.
+//! A constant background: the radiance of rays that hit nothing, the same in every direction.
 //!
 //! - Twin: Mitsuba `constant`, through the driver: here it lights no surface.
 //! - Example: `scenes/lights/background.toml`.
@@ -10,7 +10,7 @@ use whitstone_core::config::Color;
 use whitstone_core::stream::{Colors, Vectors};
 use whitstone_core::{Context, DVec3, Light, LightGives, Lights, Plugin, Rgb, SceneErrors};
 
-/// What a ray sees that hits nothing: the same radiance in every direction.
+/// A constant background: the radiance of rays that hit nothing, the same in every direction.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -18,7 +18,7 @@ pub struct Config {
     radiance: Color,
 }
 
-/// See the module.
+/// The `background` light; see the module documentation.
 pub struct Background {
     radiance: Rgb,
 }

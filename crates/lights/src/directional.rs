@@ -18,14 +18,14 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The way the light travels; of any length but zero.
+    /// Direction in which the light travels; any nonzero length.
     #[schemars(with = "Vector3")]
     direction: Spanned<Vector3>,
     /// Irradiance in W/m² on a surface that faces the light.
     irradiance: Color,
 }
 
-/// The same sample everywhere.
+/// The `directional` light: the same sample everywhere.
 pub struct Directional {
     sample: LightSample,
 }

@@ -1,18 +1,19 @@
-//! What the lights with a position share: directions and distances at any scale, and the falloff.
+//! Shared code of the lights with a position: directions and distances at any scale, and the
+//! falloff.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 use whitstone_core::stream::{GROUP, SampleStreams, Vectors, groups};
 use whitstone_core::{Aabb, DVec3, LightSample, Rgb, simd};
 
-/// How the light of a source with a position falls off with the distance d.
+/// Falloff of a light with a position, as a function of the distance d.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Falloff {
-    /// With 1/d².
+    /// Proportional to 1/d².
     #[default]
     InverseSquare,
-    /// Not at all, as in the lecture notes.
+    /// No falloff, as in the lecture notes.
     None,
 }
 
@@ -31,11 +32,11 @@ pub(crate) fn direction_and_length(v: DVec3) -> Option<(DVec3, f64)> {
     Some((scaled / length, length * largest))
 }
 
-/// Centre and radius of the ball around a box; the radius is infinite, and nothing else a number,
-/// where the box is endless.
+/// Centre and radius of the bounding sphere of a box. If the box is unbounded, the radius is
+/// infinite and the centre may be NaN.
 pub(crate) fn ball_around(bounds: &Aabb) -> (DVec3, f64) {
     let center = bounds.center();
-    // Points of a surface may lie outside of its box by their rounding.
+    // Rounding may put points of a surface outside of its box.
     let rounding = 1e-12 * center.abs().max_element();
     (center, (bounds.max - center).length() * (1.0 + 1e-12) + rounding)
 }
@@ -53,7 +54,7 @@ pub(crate) fn sample_stream(
     let usual = simd::dispatch(
         #[inline(always)]
         || {
-            // In registers: what is captured could be what is written to.
+            // Copied into registers: captured references could alias the output.
             let (position, intensity) = (position, intensity);
             let mut usual = true;
             for start in groups(len) {
@@ -76,7 +77,7 @@ pub(crate) fn sample_stream(
     }
 }
 
-/// Whether the squares of the components neither over- nor underflow.
+/// Whether the squares of the components neither overflow nor underflow.
 #[inline(always)]
 #[expect(clippy::manual_range_contains, reason = "both are tested without a jump")]
 fn is_usual(v: DVec3) -> bool {
@@ -84,7 +85,7 @@ fn is_usual(v: DVec3) -> bool {
     (largest >= 1e-140) & (largest < 1e140)
 }
 
-/// The light of a source at `position` that arrives at `point`; none at the source itself.
+/// The light that a source at `position` sends to `point`; `None` at the source itself.
 pub(crate) fn sample(position: DVec3, point: DVec3, intensity: Rgb, falloff: Falloff) -> Option<LightSample> {
     let to_light = position - point;
     if is_usual(to_light) {
@@ -92,8 +93,8 @@ pub(crate) fn sample(position: DVec3, point: DVec3, intensity: Rgb, falloff: Fal
     }
     let (direction, distance) = direction_and_length(to_light)?;
     let irradiance = match falloff {
-        // Divided twice, since d² may underflow where the quotient is still a number; what then
-        // exceeds all numbers is the largest one, lest an infinity meet a zero.
+        // Divided twice, because d² may underflow although the quotient is finite. Overflow is
+        // clamped to the largest finite number, so that infinity times zero does not occur.
         Falloff::InverseSquare => intensity.map(|i| (i / distance / distance).min(f64::MAX)),
         Falloff::None => intensity,
     };
@@ -104,12 +105,12 @@ pub(crate) fn sample(position: DVec3, point: DVec3, intensity: Rgb, falloff: Fal
     })
 }
 
-/// [`sample`] at a usual distance.
+/// [`sample`] at distances whose squares neither overflow nor underflow.
 #[inline(always)]
 fn usual_sample(to_light: DVec3, intensity: Rgb, falloff: Falloff) -> LightSample {
     let squared = to_light.length_squared();
     let distance = squared.sqrt();
-    // No jump, which would keep a stream out of vector registers.
+    // A jump would prevent the vectorisation of streams.
     let per = simd::select(falloff == Falloff::InverseSquare, squared, 1.0);
     LightSample {
         direction: to_light / distance,

@@ -1,10 +1,10 @@
-//! What lies all around, as a texture on the sphere of directions: seen behind everything and in
-//! mirrors, and a light if asked for.
+//! An environment map: a texture on the sphere of directions, visible behind everything and in
+//! reflections, and optionally a light.
 //!
-//! Blinn and Newell, *Texture and reflection in computer generated images*, 1976 (the picture by
-//! latitude and longitude); Greene, *Environment mapping and other applications of world
-//! projections*, 1986 (also the six faces of a cube). It lights by a fixed quadrature: directions
-//! that are placed by its luminance (`sky.rs`). A cube is in `scenes/showcase/cube_map.toml`.
+//! Blinn and Newell, *Texture and reflection in computer generated images*, 1976
+//! (latitude-longitude maps); Greene, *Environment mapping and other applications of world
+//! projections*, 1986 (also cube maps). Its illumination is a fixed quadrature over directions
+//! placed by luminance (`sky.rs`). `scenes/showcase/cube_map.toml` uses a cube map.
 //!
 //! - Twin: through the driver, which looks up the same texture.
 //! - Example: `scenes/lights/environment.toml`.
@@ -21,7 +21,7 @@ use whitstone_core::{
     SceneErrors, SurfacePoint, Texture,
 };
 
-/// What lies all around: seen behind everything, and a light if asked for.
+/// An environment map: visible behind everything, and optionally a light.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(try_from = "Keys")]
 pub struct Config(Keys);
@@ -29,7 +29,7 @@ pub struct Config(Keys);
 impl TryFrom<Keys> for Config {
     type Error = &'static str;
 
-    /// Here, so that it is told together with what else is wrong.
+    /// Checked here, so that it is reported together with other errors.
     fn try_from(keys: Keys) -> Result<Self, Self::Error> {
         if keys.radiance.is_none() && keys.faces.is_none() {
             return Err("missing field `radiance` or `faces`");
@@ -38,27 +38,27 @@ impl TryFrom<Keys> for Config {
     }
 }
 
-/// What lies all around: seen behind everything, and a light if asked for.
+/// An environment map: visible behind everything, and optionally a light.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Keys {
-    /// Radiance in W/(m² sr); a texture on the sphere of directions, such as a picture by latitude
-    /// and longitude, or a colour. Either this or `faces`.
+    /// Radiance in W/(m² sr) as a texture on the sphere of directions, such as a latitude-longitude
+    /// map, or a colour. Exactly one of this and `faces` is required.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
     radiance: Option<TextureRef>,
-    /// Radiance in W/(m² sr) as six square pictures of one size, each on a face of a cube around
-    /// everything.
+    /// Radiance in W/(m² sr) as a cube map: six square images of the same size.
     #[serde(default)]
     #[schemars(with = "Faces")]
     faces: Option<Spanned<Faces>>,
-    /// Number of directions from which it lights: twice the square of this, placed by luminance,
-    /// each a shadow ray at each surface point. 0: it is seen and lights nothing.
+    /// The map illuminates surfaces from up to 2 samples² directions, placed by luminance; each
+    /// costs a shadow ray per surface point. 0: the map is visible but illuminates nothing.
     #[serde(default = "zero")]
     samples: IntegerIn<0, 32>,
 }
 
-/// The faces of a cube, each as a camera in its middle sees it that has +y up.
+/// The faces of a cube map, each as seen by a camera at the centre, with +y up unless stated
+/// otherwise.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(
     deny_unknown_fields,
@@ -79,7 +79,7 @@ struct Faces {
     nz: Face,
 }
 
-/// A face of a cube.
+/// A face of a cube map.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, expecting = "a face: a table with `file`")]
 struct Face {
@@ -91,18 +91,18 @@ fn zero() -> IntegerIn<0, 32> {
     IntegerIn::new(0).expect("0 is in range")
 }
 
-/// See the module.
+/// The `environment` light; see the module documentation.
 pub struct Environment {
     sky: Sky,
-    /// From where it lights.
+    /// Directions of illumination, with their irradiance.
     samples: Vec<LightSample>,
 }
 
-/// Radiance by direction.
+/// Radiance as a function of direction.
 enum Sky {
-    /// By latitude and longitude.
+    /// A latitude-longitude map.
     Sphere(ColorSource),
-    /// +x, -x, +y, -y, +z, -z.
+    /// A cube map: +x, -x, +y, -y, +z, -z.
     Cube([Arc<dyn Texture>; 6]),
 }
 
@@ -114,7 +114,7 @@ impl Plugin<Lights> for Environment {
         let sky = match (&keys.radiance, &keys.faces) {
             (Some(radiance), None) => Sky::Sphere(context.texture(radiance)?),
             (None, Some(faces)) => Sky::Cube(cube(faces.get_ref(), context)?),
-            // Refused before.
+            // Rejected by `try_from`.
             (None, None) => return Err(SceneErrors::default()),
             (Some(_), Some(faces)) => {
                 let message = "`faces` together with `radiance`: expected one of them";
@@ -130,7 +130,7 @@ impl Plugin<Lights> for Environment {
     }
 }
 
-/// The pictures of the faces, which fit together.
+/// Resolves the images of the faces and checks that their sizes match.
 fn cube(faces: &Faces, context: &mut dyn Context) -> Result<[Arc<dyn Texture>; 6], SceneErrors> {
     let Faces {
         px,
@@ -170,7 +170,7 @@ impl Sky {
         self.at(place(direction), direction)
     }
 
-    /// How many lookups along each axis make a cell of the table of its light.
+    /// Number of lookups along each axis of a cell of the illumination table.
     fn parts(&self) -> usize {
         match self {
             Self::Sphere(ColorSource::Constant(_)) => 1,
@@ -181,7 +181,7 @@ impl Sky {
         }
     }
 
-    /// The radiance in a direction, which is at (u, v).
+    /// The radiance in `direction`, whose texture coordinates are `uv`.
     fn at(&self, uv: DVec2, direction: DVec3) -> Rgb {
         match self {
             Self::Sphere(radiance) => {
@@ -199,10 +199,11 @@ impl Sky {
     }
 }
 
-/// The face that a direction meets, the one of the first axis on an edge, and where on its picture.
+/// The cube face that a direction hits (on an edge, that of the first axis), and the (u, v) on its
+/// image.
 fn on_cube(d: DVec3) -> (usize, DVec2) {
     let size = d.abs();
-    // What lies to the right and up.
+    // `right` and `up` are the components along the axes of the face's image.
     let (face, distance, right, up) = if size.x >= size.y && size.x >= size.z {
         let side = d.x.signum();
         (usize::from(d.x < 0.0), size.x, side * d.z, d.y)
@@ -216,8 +217,7 @@ fn on_cube(d: DVec3) -> (usize, DVec2) {
     (face, 0.5 + 0.5 * DVec2::new(right, up) / distance)
 }
 
-/// (u, v) of a direction: v is 1 straight up, u is 1/2 towards -z and grows to the right from
-/// there.
+/// (u, v) of a direction: v is 1 straight up; u is 1/2 towards -z and grows to the right.
 fn place(direction: DVec3) -> DVec2 {
     let DVec3 { x, y, z } = direction;
     let u = 0.5 + 0.5 * FRAC_1_PI * x.atan2(-z);
@@ -259,7 +259,7 @@ mod tests {
     use whitstone_core::{Needs, Texture};
     use whitstone_testkit::{TestContext, build_in, light_laws};
 
-    /// (u, v) as red and green.
+    /// A texture with (u, v) as red and green.
     struct Ramp;
 
     impl Texture for Ramp {
@@ -272,7 +272,8 @@ mod tests {
         }
     }
 
-    /// (u, v) as red and green, and the number of a face as blue: a picture of so many texels.
+    /// An image of the given size in texels, with (u, v) as red and green and the face number as
+    /// blue.
     struct Marked(f64, [usize; 2]);
 
     impl Texture for Marked {
@@ -291,7 +292,7 @@ mod tests {
 
     const NAMES: [&str; 6] = ["px", "nx", "py", "ny", "pz", "nz"];
 
-    /// Of six faces, each in the file of its name, but for one.
+    /// A scene table with six faces, each in the file of its name except `odd`.
     fn faces(odd: &str, file: &str) -> String {
         let file = |name| if name == odd { file } else { name };
         NAMES
@@ -322,7 +323,7 @@ mod tests {
         light_laws(&*environment(&format!("{}samples = 2", faces("", ""))).unwrap());
     }
 
-    /// Each face is what a camera sees that looks along its axis: right is forward x up.
+    /// Each face is the view of a camera that looks along its axis: right is forward x up.
     #[test]
     fn faces_are_what_cameras_see() {
         let light = environment(&faces("", "")).unwrap();
@@ -343,7 +344,7 @@ mod tests {
                 assert!(off < 1e-15, "{number} {a} {c}: {found:?}");
             }
         }
-        // Of the faces that meet at an edge or a corner, that of the first axis.
+        // On an edge or a corner, the face of the first axis is used.
         assert_eq!(
             light.background(DVec3::new(1.0, 1.0, -1.0)),
             Rgb::new(0.0, 1.0, 0.0)
@@ -395,7 +396,7 @@ mod tests {
         assert_eq!(light.background(DVec3::NEG_Y).g, 0.0);
     }
 
-    /// An even sky gives pi times its radiance; the energy is that of the whole sphere for any
+    /// A uniform sky gives pi times its radiance. Its energy is that of the whole sphere for any
     /// number of directions.
     #[test]
     fn an_even_sky() {
@@ -422,7 +423,7 @@ mod tests {
         let black = environment("radiance = 0\nsamples = 3").unwrap();
         black.samples(DVec3::ZERO, &mut samples);
         assert!(samples.is_empty());
-        // Sums of what is as bright as numbers go stay finite.
+        // Sums of the largest finite radiances stay finite.
         let bright = environment("radiance = 1e308\nsamples = 3").unwrap();
         bright.samples(DVec3::ZERO, &mut samples);
         assert!(
@@ -436,7 +437,8 @@ mod tests {
     fn bad_values_are_refused_at_their_places() {
         let text = "radiance = -1\nsamples = 100";
         assert_eq!(environment(text).err().unwrap().0.len(), 2);
-        // What is missing is told beside what is wrong, and what is wrong is not missing.
+        // Missing keys are reported together with invalid ones, and an invalid key is not reported
+        // as missing.
         for (text, expected) in [
             ("samples = 1", &["missing key `radiance` or `faces`"][..]),
             (

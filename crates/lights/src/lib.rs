@@ -1,6 +1,6 @@
-//! Lights: one file is one plugin is one Cargo feature is one TOML `type`.
+//! Lights: each plugin is one file, one Cargo feature and one TOML `type`.
 //!
-//! All are described in section 7 of `docs/whitted-model.md`.
+//! Section 7 of `docs/whitted-model.md` specifies all of them.
 
 #![cfg_attr(
     not(feature = "all"),
@@ -30,7 +30,7 @@ mod sky;
 #[cfg(feature = "spot")]
 pub mod spot;
 
-/// Adds every light whose feature is on.
+/// Registers every light whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "ambient")]

@@ -1,4 +1,4 @@
-//! A point that shines equally in all directions.
+//! A point light that emits equally in all directions.
 //!
 //! - Twin: Mitsuba `point` (native); `falloff = "none"` through the driver.
 //! - Example: `scenes/lights/point.toml`.
@@ -13,20 +13,20 @@ use whitstone_core::{
     Aabb, Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneErrors,
 };
 
-/// A point that shines equally in all directions.
+/// A point light that emits equally in all directions.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Where it is, in metres.
+    /// Position in metres.
     position: Vector3,
     /// Radiant intensity in W/sr.
     intensity: Color,
-    /// How the irradiance depends on the distance d: "inverse_square" (I/d²) or "none" (I).
+    /// Falloff of the irradiance with the distance d: "inverse_square" (I/d²) or "none" (I).
     #[serde(default)]
     falloff: Falloff,
 }
 
-/// See the module.
+/// The `point` light; see the module documentation.
 pub struct Point {
     position: DVec3,
     intensity: Rgb,

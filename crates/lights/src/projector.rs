@@ -1,9 +1,10 @@
-//! A point that throws a slide into a pyramid.
+//! A point light that projects an image (a slide) into a pyramid.
 //!
 //! A projective texture as in Segal, Korobkin, van Widenfelt, Foran, Haeberli, *Fast shadows and
-//! lighting effects using texture mapping*, 1992, as a light: what a pinhole camera at its place
-//! would see through the slide is lit by it. Light is stronger to the sides, as behind a
-//! projector's lens, so that a slide of one colour lights a screen across the axis evenly.
+//! lighting effects using texture mapping*, 1992, used as a light. It illuminates the surfaces that
+//! a pinhole camera at its position would see through the slide. The intensity increases to the
+//! sides, as behind a projector's lens, so that a slide of one colour illuminates a screen
+//! perpendicular to the axis evenly.
 //!
 //! - Twin: Mitsuba `projector` (native frame and falloff); slide and colour through the driver.
 //! - Example: `scenes/lights/projector.toml`.
@@ -20,47 +21,48 @@ use whitstone_core::{
     SceneError, SceneErrors, SurfacePoint,
 };
 
-/// A point that throws a slide into a pyramid.
+/// A point light that projects an image (a slide) into a pyramid.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Where it is, in metres.
+    /// Position in metres.
     position: Vector3,
-    /// A point on the axis, where the middle of the slide falls, in metres; not the position.
+    /// A point on the axis, at the centre of the projected image, in metres; must differ from the
+    /// position.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
-    /// A direction that is up in the slide, of any length and not parallel to the axis; [0, 1, 0]
-    /// if left out.
+    /// Direction that is up in the image, of any length and not parallel to the axis; [0, 1, 0] if
+    /// omitted.
     #[serde(default)]
     #[schemars(with = "Vector3")]
     up: Option<Spanned<Vector3>>,
-    /// The whole angle across the slide in degrees, between 0 and 180; 45 if left out.
+    /// Full horizontal angle of the image in degrees, between 0 and 180; 45 if omitted.
     #[serde(default)]
     #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 180))]
     fov: Option<Spanned<Finite>>,
-    /// Width of the slide divided by its height, from 0.001 to 1000; 1 if left out. A picture is
-    /// stretched to it.
+    /// Width divided by height of the projected image, from 0.001 to 1000; 1 if omitted. The
+    /// texture is stretched to it.
     #[serde(default)]
     #[schemars(with = "Finite", extend("minimum" = 0.001, "maximum" = 1000))]
     aspect: Option<Spanned<Finite>>,
-    /// What it throws, a share of the intensity: a texture over the slide, whose left bottom corner
-    /// is (0, 0), or a colour.
+    /// The projected image, as a factor on the intensity: a texture with (0, 0) at the bottom left
+    /// corner, or a colour.
     slide: TextureRef,
-    /// Radiant intensity in W/sr along the axis where the slide is 1; the irradiance in W/m² of a
-    /// screen across the axis at 1 m.
+    /// Radiant intensity in W/sr along the axis where the slide is 1; equals the irradiance in W/m²
+    /// on a screen perpendicular to the axis at 1 m.
     intensity: Color,
 }
 
-/// See the module.
+/// The `projector` light; see the module documentation.
 pub struct Projector {
     position: DVec3,
-    /// Unit, to the right in the slide as the projector sees it.
+    /// Unit vector to the right in the image, as seen by the projector.
     right: DVec3,
-    /// Unit.
+    /// Unit vector, up in the image.
     up: DVec3,
-    /// Unit, the way the light goes.
+    /// Unit vector along the axis, away from the light.
     axis: DVec3,
-    /// Half the width and the height of the slide at a distance of 1.
+    /// Half the width and height of the image at distance 1.
     half: DVec2,
     slide: ColorSource,
     intensity: Rgb,
@@ -97,7 +99,7 @@ impl Plugin<Lights> for Projector {
     }
 }
 
-/// Half the width and the height of the slide at a distance of 1.
+/// Half the width and height of the image at distance 1.
 fn half_size(config: &Config) -> Result<DVec2, SceneErrors> {
     let mut errors = SceneErrors::default();
     let value = |number: &Spanned<Finite>| number.get_ref().get();
@@ -119,7 +121,7 @@ fn half_size(config: &Config) -> Result<DVec2, SceneErrors> {
     errors.into_result(DVec2::new(width, width / aspect))
 }
 
-/// What is to the right and up in the slide.
+/// The right and up axes of the image.
 fn across(config: &Config, axis: DVec3) -> Result<[DVec3; 2], SceneErrors> {
     let place = config
         .up
@@ -135,7 +137,8 @@ fn across(config: &Config, axis: DVec3) -> Result<[DVec3; 2], SceneErrors> {
         let help = "give another `up`, such as [0, 0, 1] for a slide that is thrown straight down";
         return Err(error.with_help(help).into());
     }
-    // Where `up` is nearly parallel to the axis, what rounding left along the axis is taken off.
+    // If `up` is nearly parallel to the axis, rounding leaves a component along the axis. Remove
+    // it.
     let right = right.normalize();
     let right = (right - axis * axis.dot(right)).normalize();
     Ok([right, right.cross(axis)])
@@ -164,31 +167,30 @@ impl Light for Projector {
         }
     }
 
-    /// The five planes that bound the pyramid, the one through the light included, against the ball
-    /// around the box.
+    /// Tests the bounding sphere of the box against the five planes that bound the pyramid,
+    /// including the plane through the light.
     fn reaches(&self, bounds: &Aabb) -> bool {
         let (center, radius) = emission::ball_around(bounds);
         let out = center - self.position;
         let (x, y, depth) = (self.right.dot(out), self.up.dot(out), self.axis.dot(out));
-        // How far the middle is outside of a plane that leans away from the axis by this much in a
-        // metre.
+        // Signed distance of the centre from a side plane with the slope `half`; positive outside.
         let beyond = |across: f64, half: f64| (across.abs() - half * depth) / half.hypot(1.0);
         let farthest = beyond(x, self.half.x).max(beyond(y, self.half.y)).max(-depth);
-        // Where that is no number, it may reach.
+        // False if a distance is NaN: the light is assumed to reach the box.
         let misses = farthest > radius + 1e-9 * (out.length() + radius);
         !(self.intensity.is_black() || self.slide.is_black() || misses)
     }
 }
 
 impl Projector {
-    /// What the slide leaves of the irradiance; `None` outside of it.
+    /// The irradiance after the slide; `None` outside of the image.
     #[inline]
     fn through_slide(&self, sample: &LightSample) -> Option<Rgb> {
         let travel = -sample.direction;
         let cosine = self.axis.dot(travel);
         let at = DVec2::new(self.right.dot(travel), self.up.dot(travel));
         let edge = self.half * cosine;
-        // Also false for what is no direction.
+        // Also false if the direction is NaN.
         let inside = cosine > 0.0 && at.x.abs() <= edge.x && at.y.abs() <= edge.y;
         if !inside {
             return None;
@@ -208,7 +210,7 @@ mod tests {
     use whitstone_core::{Needs, Texture};
     use whitstone_testkit::{TestContext, build_in, light_laws, light_near_laws};
 
-    /// (u, v) as red and green, where a solid texture finds them as blue.
+    /// A texture with (u, v) as red and green, and blue where a solid texture evaluates it.
     struct Ramp;
 
     impl Texture for Ramp {
@@ -248,20 +250,20 @@ mod tests {
         light_near_laws(&*light, DVec3::ZERO, Rgb::splat(2.0), DVec3::new(0.6, 0.0, 0.8));
     }
 
-    /// What is left and right, up and down, and where the frame ends: to a nanometre.
+    /// Orientation of the image and the position of its edges, to a nanometre.
     #[test]
     fn the_slide_is_where_the_model_says() {
         let text = "position = [0, 0, 0]\ntarget = [0, 0, -5]\nintensity = 1\nslide = \"ramp\"\nfov = 90\naspect = 2";
         let light = projector(text).unwrap();
-        // At a depth of 2 it is 4 wide and 2 high.
+        // At depth 2 the image is 4 wide and 2 high.
         for (x, y, u, v) in [
             (0.0, 0.0, 0.5, 0.5),
             (1.0, 0.5, 0.75, 0.75),
             (-2.0 + 1e-9, -0.5, 0.0, 0.25),
         ] {
             let p = DVec3::new(x, y, -2.0);
-            // 1/z² on a screen, and of a surface that faces the light as much more as its cosine is
-            // less.
+            // The irradiance is 1/z² on a screen perpendicular to the axis, and larger by 1/cosine
+            // on a surface that faces the light.
             let cosine = 2.0 / p.length();
             let found = irradiance(&*light, p) * (4.0 * cosine);
             for (found, expected) in found.to_array().into_iter().zip([u, v, u + 2.0 * v]) {
@@ -278,7 +280,7 @@ mod tests {
         }
     }
 
-    /// All light of a slide of one colour falls on a screen: as much as the screen is large, times
+    /// A slide of one colour illuminates a screen evenly: the flux is the area of the screen times
     /// the irradiance.
     #[test]
     fn a_screen_is_lit_evenly_and_spheres_receive_the_flux() {
@@ -289,13 +291,13 @@ mod tests {
             let found = irradiance(&*light, p).g / p.length();
             assert!((found - 3.0).abs() < 1e-12, "{p}: {found}");
         }
-        // Over the unit sphere, which faces the light everywhere: the flux through it is that
-        // through the screen, 3 times 2 times 2.
+        // The flux through the unit sphere, which faces the light everywhere, equals that through
+        // the screen: 3 times 2 times 2.
         let n = 400;
         let mut flux = 0.0;
         for k in 0..n * n {
             let middle = |k: i32| (f64::from(k) + 0.5) / f64::from(n) * 2.0 - 1.0;
-            // Points of the screen, each with the solid angle that it fills.
+            // Points of the screen, each with its solid angle.
             let p = DVec3::new(middle(k % n), middle(k / n), -1.0);
             let solid_angle = 4.0 / f64::from(n * n) / p.length().powi(3);
             flux += irradiance(&*light, p.normalize()).g * solid_angle;

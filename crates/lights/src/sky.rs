@@ -1,32 +1,33 @@
-//! Where the light of a sky comes from: directions placed by its luminance.
+//! Illumination by an environment map: directions placed by luminance.
 //!
-//! Debevec, *A median cut algorithm for light probe sampling*, 2005. Differences: the weight of the
-//! sphere is a power of the luminance and not the luminance, because a small sun needs few
-//! directions whatever its energy is; cuts go through cells, so directions move continuously with
-//! the radiance and no rounding error makes them jump; and each direction is the centroid of its
-//! region.
+//! Debevec, *A median cut algorithm for light probe sampling*, 2005, with three differences. The
+//! weight is a power of the luminance instead of the luminance, because a small sun needs few
+//! directions whatever its energy is. Cuts may pass through cells, so directions move continuously
+//! with the radiance and rounding errors cannot make them jump. Each direction is the centroid of
+//! its region.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::ops::Range;
 use whitstone_core::{DVec2, DVec3, LightSample, Rgb};
 
-/// Rows of the table, equal in latitude.
+/// Rows of the table, with equal steps of latitude.
 const ROWS: usize = 512;
-/// Columns of the table, equal in longitude.
+/// Columns of the table, with equal steps of longitude.
 const COLUMNS: usize = 2 * ROWS;
-/// Power of the luminance that is divided equally among directions. A region that the horizon of a
-/// surface cuts has an error of about its energy times its diameter. With a density of rho
-/// directions, the sum of the squared errors is proportional to the integral of `L² rho^(-5/2)`,
-/// which is least for rho proportional to `L^(4/7)`.
+/// Exponent of the luminance in the weight that is divided equally among directions. A region that
+/// is cut by the horizon of a surface has an error of about its energy times its diameter. With a
+/// density of rho directions, the sum of the squared errors is proportional to the integral of
+/// `L² rho^(-5/2)`, which is least for rho proportional to `L^(4/7)`.
 const POWER: f64 = 4.0 / 7.0;
-/// Part of the mean weight that is added everywhere, so that the position of every cut is unique,
-/// also in black areas.
+/// Fraction of the mean weight that is added everywhere, so that the position of every cut is
+/// unique even in black areas.
 const FLOOR: f64 = 0.01;
-/// A region is cut across its longitudes if they span more than its latitudes over this.
+/// A region is cut across its longitudes if `ASPECT` times their span exceeds that of its
+/// latitudes.
 const ASPECT: f64 = 0.65;
 
-/// The directions of a sky for `count` of them at most. `look` gives the radiance (>= 0) at (u, v),
-/// where the direction is also given; each cell of the table is the mean of `parts`² lookups.
+/// Returns at most `count` directions with their irradiance. `look` gives the radiance (>= 0) at
+/// (u, v), whose direction is also passed. Each cell of the table is the mean of `parts`² lookups.
 pub(crate) fn directions(count: usize, parts: usize, look: impl Fn(DVec2, DVec3) -> Rgb) -> Vec<LightSample> {
     let Some((table, peak)) = Table::new(parts, look) else {
         return Vec::new();
@@ -46,17 +47,17 @@ pub(crate) fn directions(count: usize, parts: usize, look: impl Fn(DVec2, DVec3)
     found
 }
 
-/// How many lookups along each axis make a cell for a picture of this size.
+/// Number of lookups along each axis of a cell, for a picture of this size.
 pub(crate) fn parts_of_picture([columns, rows]: [usize; 2]) -> usize {
     columns.div_ceil(2 * COLUMNS).max(rows.div_ceil(2 * ROWS)).max(1)
 }
 
-/// As [`parts_of_picture`] for six square pictures around the sphere.
+/// As [`parts_of_picture`], for a cube map.
 pub(crate) fn parts_of_cube(side: usize) -> usize {
     side.div_ceil(ROWS).max(1)
 }
 
-/// The unit vector of (u, v).
+/// The unit direction of (u, v).
 fn towards(u: f64, v: f64) -> DVec3 {
     let (sin_phi, cos_phi) = (TAU * (u - 0.5)).sin_cos();
     let (sin, cos) = (PI * (v - 0.5)).sin_cos();
@@ -67,38 +68,38 @@ fn luminance(l: Rgb) -> f64 {
     0.2126 * l.r + 0.7152 * l.g + 0.0722 * l.b
 }
 
-/// The height where a row begins, as the sine of the latitude.
+/// Lower edge of a row, as the sine of the latitude.
 fn row_edge(row: usize) -> f64 {
     (PI * (row as f64 / ROWS as f64 - 0.5)).sin()
 }
 
-/// The longitude where a column begins.
+/// Lower edge of a column, as the longitude.
 fn column_edge(column: usize) -> f64 {
     TAU * (column as f64 / COLUMNS as f64 - 0.5)
 }
 
-/// A sky that is constant on each cell.
+/// A sky with constant radiance in each cell.
 struct Table {
     /// Divided by the largest value, so that no sum overflows.
     radiance: Vec<Rgb>,
-    /// What is divided equally among directions, per solid angle.
+    /// Weight per solid angle; it is divided equally among directions.
     weight: Vec<f64>,
-    /// Heights of the rows' edges.
+    /// Edges of the rows, as sines of the latitude.
     y: Vec<f64>,
-    /// Longitudes of the columns' edges.
+    /// Edges of the columns, as longitudes.
     phi: Vec<f64>,
 }
 
-/// A part of the sphere.
+/// A region of the sphere, bounded by latitudes and longitudes.
 struct Region {
-    /// From and to which sine of the latitude.
+    /// Range of the sine of the latitude.
     y: [f64; 2],
-    /// From and to which longitude.
+    /// Range of the longitude.
     phi: [f64; 2],
 }
 
 impl Table {
-    /// The table and what its radiance is divided by; none of a black sky.
+    /// Creates the table and returns it with its normalisation factor; `None` for a black sky.
     fn new(parts: usize, look: impl Fn(DVec2, DVec3) -> Rgb) -> Option<(Self, f64)> {
         let middle = |cell: usize, part: usize, cells: usize| {
             ((cell * parts + part) as f64 + 0.5) / (cells * parts) as f64
@@ -143,7 +144,7 @@ impl Table {
         Some((table, peak))
     }
 
-    /// Divides a region among `count` directions and gives each with its energy.
+    /// Divides a region among `count` directions and passes each one with its energy to `out`.
     fn place(&self, region: &Region, count: usize, out: &mut impl FnMut(DVec3, Rgb)) {
         if count == 1 {
             self.gather(region, out);
@@ -188,7 +189,7 @@ impl Table {
         self.place(&b, count - first, out);
     }
 
-    /// The centroid and the energy of a region.
+    /// Passes the centroid and the energy of a region to `out`.
     fn gather(&self, region: &Region, out: &mut impl FnMut(DVec3, Rgb)) {
         let (rows, columns) = (pieces(&self.y, region.y), pieces(&self.phi, region.phi));
         let columns: Vec<_> = columns
@@ -215,7 +216,7 @@ fn outwards(y: f64) -> f64 {
     0.5 * (y * (1.0 - y * y).sqrt() + if y.abs() == 1.0 { y * FRAC_PI_2 } else { y.asin() })
 }
 
-/// The rows or columns that an interval overlaps, each with the part that it overlaps.
+/// The rows or columns that an interval overlaps, each with the overlapped part.
 #[derive(Clone)]
 struct Pieces<'a> {
     edges: &'a [f64],
@@ -228,7 +229,7 @@ fn pieces(edges: &[f64], interval: [f64; 2]) -> Pieces<'_> {
         .partition_point(|edge| *edge <= interval[0])
         .saturating_sub(1);
     let end = edges.partition_point(|edge| *edge < interval[1]);
-    // Rounding may leave nothing of an interval.
+    // Rounding may leave an interval empty.
     let start = start.min(edges.len() - 2);
     Pieces {
         edges,
@@ -256,7 +257,7 @@ impl Iterator for Pieces<'_> {
 
 impl ExactSizeIterator for Pieces<'_> {}
 
-/// Below which position the given share of all weight lies.
+/// The position below which the given share of the total weight lies.
 fn quantile(pieces: Pieces<'_>, weights: &[f64], share: f64) -> f64 {
     let total: f64 = pieces
         .clone()

@@ -1,7 +1,7 @@
-//! A point that shines into a cone.
+//! A spot light: a point light restricted to a cone.
 //!
-//! The angle from the axis comes from the lengths of the cross and the dot product: an arc cosine
-//! would lose half the digits in a narrow beam.
+//! The angle from the axis is computed from the lengths of the cross and the dot product, because
+//! an arc cosine would lose half the digits in a narrow beam.
 //!
 //! - Twin: Mitsuba `spot` (native); `falloff = "none"` through the driver.
 //! - Example: `scenes/lights/spot.toml`.
@@ -17,35 +17,35 @@ use whitstone_core::{
     Aabb, Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, Rgb, SceneError, SceneErrors,
 };
 
-/// A point that shines into a cone with a soft edge.
+/// A spot light: a point light restricted to a cone with a soft edge.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Where it is, in metres.
+    /// Position in metres.
     position: Vector3,
-    /// A point on the axis of the cone, in metres; not the position.
+    /// A point on the axis of the cone, in metres; must differ from the position.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
     /// Radiant intensity in W/sr inside the beam.
     intensity: Color,
-    /// Half angle of the cone in degrees, between 0 and 90; 20 if left out.
+    /// Half angle of the cone in degrees, between 0 and 90; 20 if omitted.
     #[serde(default)]
     #[schemars(with = "Finite", extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 90))]
     cutoff_angle: Option<Spanned<Finite>>,
-    /// Half angle in degrees up to which the intensity is full, at least 0 and less than
-    /// `cutoff_angle`; three quarters of that if left out.
+    /// Half angle in degrees of the beam with full intensity, at least 0 and less than
+    /// `cutoff_angle`; three quarters of that if omitted.
     #[serde(default)]
     #[schemars(with = "Finite", extend("minimum" = 0, "exclusiveMaximum" = 90))]
     beam_width: Option<Spanned<Finite>>,
-    /// How the irradiance depends on the distance d: "inverse_square" (I/d²) or "none" (I).
+    /// Falloff of the irradiance with the distance d: "inverse_square" (I/d²) or "none" (I).
     #[serde(default)]
     falloff: Falloff,
 }
 
-/// Angles in radians.
+/// The `spot` light, with angles in radians; see the module documentation.
 pub struct Spot {
     position: DVec3,
-    /// Unit, the way the light goes.
+    /// Unit vector along the axis, away from the light.
     axis: DVec3,
     intensity: Rgb,
     cutoff: f64,
@@ -55,10 +55,10 @@ pub struct Spot {
     falloff: Falloff,
 }
 
-/// Far above the rounding of a cosine of unit vectors.
+/// Well above the rounding error of a cosine of unit vectors.
 const COSINE_MARGIN: f64 = 1e-12;
 
-/// Far above the rounding of an angle, in radians.
+/// Well above the rounding error of an angle, in radians.
 const ANGLE_MARGIN: f64 = 1e-9;
 
 impl Plugin<Lights> for Spot {
@@ -132,13 +132,13 @@ impl Light for Spot {
         }
     }
 
-    /// The cone against the ball around the box.
+    /// Tests the cone against the bounding sphere of the box.
     fn reaches(&self, bounds: &Aabb) -> bool {
         let (center, radius) = emission::ball_around(bounds);
         let out = center - self.position;
         let (along, across) = (self.axis.dot(out), self.axis.cross(out).length());
-        // Beyond the cone's edge, seen from the light, by more than the ball's half width. Where a
-        // distance is no number, the light may reach.
+        // The sphere misses the cone if its centre lies beyond the cone's edge by more than its
+        // angular radius. If a distance is NaN, the light is assumed to reach the box.
         let beyond = across.atan2(along) - self.cutoff - ANGLE_MARGIN;
         let misses = beyond > 0.0 && (radius / out.length()).asin() < beyond;
         !(self.intensity.is_black() || misses)
@@ -146,13 +146,13 @@ impl Light for Spot {
 }
 
 impl Spot {
-    /// What the cone leaves of the irradiance; `None` outside.
+    /// The irradiance inside the cone; `None` outside.
     #[inline]
     fn inside_cone(&self, sample: &LightSample) -> Option<Rgb> {
         let travel = -sample.direction;
         let cosine = self.axis.dot(travel);
-        // The angle, which takes longer, is needed in the soft edge only, and where rounding makes
-        // the cosine doubtful.
+        // The angle is expensive. It is needed only in the soft edge, and where rounding makes the
+        // cosine unreliable.
         if cosine > self.cos_beam + COSINE_MARGIN {
             return Some(sample.irradiance);
         }

@@ -1,7 +1,7 @@
-//! Diffuse reflection and a highlight around the half vector.
+//! Diffuse reflection with a highlight around the half vector.
 //!
-//! Blinn 1977, *Models of light reflection for computer synthesized pictures*, in the form of the
-//! lecture notes: no 1/pi, and the highlight is not multiplied by n·l.
+//! Blinn 1977, *Models of light reflection for computer synthesized pictures*, as in the lecture
+//! notes: no 1/pi, and the highlight is not multiplied by n·l.
 //!
 //! - Twin: through the driver, by the formula; POV-Ray `specular` (native).
 //! - Example: `scenes/materials/blinn_phong.toml`.
@@ -15,7 +15,7 @@ use whitstone_core::{
     Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
 };
 
-/// Diffuse reflection and a highlight around the half vector.
+/// Diffuse reflection with a highlight around the half vector.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -25,10 +25,10 @@ pub struct Config {
     /// Coefficient of the highlight, per steradian; a texture or a colour.
     #[serde(default = "half")]
     k_s: TextureRef,
-    /// Sharpness of the highlight.
+    /// Exponent of the highlight; larger values make it sharper.
     #[serde(default = "sharp")]
     exponent: Positive,
-    /// Ambient coefficient; `k_d` if left out.
+    /// Ambient coefficient; a texture or a colour; defaults to `k_d`.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
     k_a: Option<TextureRef>,
@@ -42,7 +42,7 @@ fn sharp() -> Positive {
     Positive::new(32.0).expect("32 is positive")
 }
 
-/// See the module.
+/// The `blinn_phong` material; see the module documentation.
 pub struct BlinnPhong {
     gloss: Gloss,
 }

@@ -1,9 +1,10 @@
-//! A transparent body: what the materials that refract have in common.
+//! Transparent bodies: shared code of the materials that refract.
 
 use crate::optics::{Crossing, Interface, reflect};
 use whitstone_core::{DVec3, Filter, Rgb, SurfacePoint};
 
-/// Interfaces are named by the side that the viewer is on.
+/// The two orientations of a body's interface and its media. Interfaces are named by the viewer's
+/// side.
 pub(crate) struct Body {
     outside: Interface,
     inside: Interface,
@@ -11,9 +12,9 @@ pub(crate) struct Body {
     exterior_absorption: Rgb,
 }
 
-/// What becomes of a ray at the surface of a body.
+/// Reflection and refraction of a ray at the surface of a body.
 pub(crate) struct Passage {
-    /// As seen from the viewer's side.
+    /// The interface as seen from the viewer's side.
     pub(crate) interface: Interface,
     /// The mirror direction.
     pub(crate) reflected: DVec3,
@@ -23,7 +24,7 @@ pub(crate) struct Passage {
 }
 
 impl Body {
-    /// From the indices of refraction and absorption coefficients inside and outside.
+    /// Creates a body from (index of refraction, absorption coefficient) inside and outside.
     pub(crate) fn new(interior: (f64, Rgb), exterior: (f64, Rgb)) -> Self {
         Self {
             outside: Interface::new(exterior.0, interior.0),
@@ -33,12 +34,12 @@ impl Body {
         }
     }
 
-    /// Whether the indices are equal: nothing is reflected or bent.
+    /// Whether the indices are equal, so that rays are neither reflected nor bent.
     pub(crate) fn is_open(&self) -> bool {
         self.outside.is_open()
     }
 
-    /// What a shadow ray keeps of its light by this weight; it enters the medium that lies behind.
+    /// Shadow ray transmittance with this weight, and the medium that the shadow ray enters.
     pub(crate) fn filter(&self, point: &SurfacePoint, direction: DVec3, weight: Rgb) -> Filter {
         let inside = point.n_g.dot(direction) < 0.0;
         let medium = if inside {
@@ -52,8 +53,9 @@ impl Body {
         }
     }
 
-    /// The share of light that goes through without being bent: as seen from the side of the lower
-    /// index, where there is no total reflection, so that both faces of a plate take as much.
+    /// Fresnel transmittance of an undeviated shadow ray. It is evaluated from the side with the
+    /// lower index, where there is no total internal reflection, so that both faces of a plate
+    /// attenuate equally.
     pub(crate) fn unbent(&self, point: &SurfacePoint, direction: DVec3) -> f64 {
         let upward = if self.outside.eta() <= 1.0 {
             &self.outside
@@ -64,7 +66,7 @@ impl Body {
         upward.fresnel(&crossing).transmitted
     }
 
-    /// Straight-line code: streams run it in vector registers.
+    /// Reflection and refraction of a view ray. Branchless, so that streams can vectorise it.
     #[inline(always)]
     pub(crate) fn passage(&self, point: &SurfacePoint, view: DVec3) -> Passage {
         let n = point.n_towards(view);

@@ -1,15 +1,14 @@
-//! Bumps over the surface that are seen in the shading only: a height, or vectors that are added to
-//! the normals.
+//! Bump mapping: perturbs the shading normal by a height or by vectors added to the normals.
 //!
-//! Blinn 1978, *Simulation of wrinkled surfaces*: the normal is that of the surface raised by the
-//! height, of which only the slope is taken over. Here the height is a function of the place in the
-//! world (Perlin 1985, *An image synthesizer*, section "Texture"), so no tangents are asked of
-//! shapes; its slope is the difference quotient that the model says, so that two programs agree.
-//! The lecture notes have "a 2D or 3D array of vectors which are added to the normals at the points
-//! for which we do shading calculations" instead, which are here colours of an image or of a block
-//! of voxels, or of any other texture.
+//! Blinn 1978, *Simulation of wrinkled surfaces*: the normal is that of the surface displaced by
+//! the height, of which only the slope is used. The height is a function of the world-space
+//! position (Perlin 1985, *An image synthesizer*, section "Texture"), so shapes need not provide
+//! tangents. Its slope is the difference quotient that the model specifies, so that independent
+//! programs agree. The lecture notes instead use "a 2D or 3D array of vectors which are added to
+//! the normals at the points for which we do shading calculations". Here, these vectors are the
+//! colours of an image, a voxel grid or any other texture.
 //!
-//! - Twin: through the driver, which turns the frame that Mitsuba's materials see.
+//! - Twin: through the driver, which rotates the shading frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/bump.toml`.
 
 use crate::detail::{Detail, Detailed, Frame, coded};
@@ -22,47 +21,48 @@ use whitstone_core::{
     ColorSource, Context, DVec3, Material, Materials, Needs, Plugin, SceneError, SceneErrors, SurfacePoint,
 };
 
-/// A height over the surface, or vectors added to its normals, seen in the shading only.
+/// Bump mapping by a height or by vectors added to the normals.
 ///
-/// Outlines and shadows stay those of the smooth surface. Of the showcase's `bump_sphere` and
-/// `displacement`, which has the same relief in its triangles, the shades differ by 11% of the mean
-/// in the middle of the ball, by 29% where there is no bump; 156 pixels at the outline and 77 in
-/// the shadow are wrong.
+/// Only the shading changes: silhouettes and shadows are those of the smooth surface. The showcase
+/// scenes `bump_sphere` and `displacement` have the same relief, as bumps and as triangles. Their
+/// shading differs by 11% of the mean in the middle of the ball, and by 29% without bumps; 156
+/// pixels at the silhouette and 77 in the shadow are wrong.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The height: a texture that lies by the place in the world, of which the first channel
-    /// counts.
+    /// The height: the first channel of a texture that is mapped by world-space position.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
     height: Option<TextureRef>,
-    /// Instead of it, vectors: twice a colour less 1, so that mid grey, 0.5, is none. An image
-    /// should be read with `color_space = "linear"`; of 8 bits, none of its codes is 0.5 exactly.
+    /// Vectors instead of a height, encoded as 2 * colour - 1, so that mid grey (0.5) is the zero
+    /// vector. Read images with `color_space = "linear"`. No 8-bit code is exactly 0.5.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
     vectors: Option<TextureRef>,
-    /// Where the vectors point: "world", along its axes, or "tangent", along tangent, bitangent and
-    /// normal of the surface.
+    /// Space of the vectors: "world" (the world axes) or "tangent" (tangent, bitangent and normal
+    /// of the surface).
     #[serde(default)]
     #[schemars(with = "Space")]
     space: Option<Spanned<Space>>,
-    /// Of the space "tangent", as of a normal_map: direction of the tangent in the world; [1, 0, 0]
-    /// if neither is given.
+    /// World-space direction of the tangent for the space "tangent", as for normal_map; [1, 0, 0]
+    /// if neither `tangent` nor `axis` is given.
     #[serde(default)]
     #[schemars(with = "Vector3")]
     tangent: Option<Spanned<Vector3>>,
-    /// Instead of it, the axis around which the tangent goes.
+    /// Axis around which the tangent runs; replaces `tangent`.
     #[serde(default)]
     #[schemars(with = "Vector3")]
     axis: Option<Spanned<Vector3>>,
-    /// Metres for a height of 1; the factor of vectors, which are added to a unit normal.
+    /// Height in metres of the texture value 1, or the factor on vectors before they are added to
+    /// the unit normal.
     #[serde(default = "one")]
     scale: Finite,
-    /// How far to either side the height is looked up for its slope, in metres; 0.001 if left out.
+    /// Offset in metres to either side at which the height is sampled for its slope; 0.001 if
+    /// omitted.
     #[serde(default)]
     #[schemars(with = "Positive")]
     step: Option<Spanned<Positive>>,
-    /// What is shaded by it.
+    /// Material that is shaded with the perturbed normal.
     material: MaterialRef,
 }
 
@@ -70,31 +70,31 @@ fn one() -> Finite {
     Finite::new(1.0).expect("1 is finite")
 }
 
-/// Along what the parts of a vector are.
+/// Axes of the components of a vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Space {
-    /// The axes of the world.
+    /// World axes.
     World,
-    /// Tangent, bitangent and normal.
+    /// Tangent, bitangent and normal of the surface.
     Tangent,
 }
 
-/// See the module.
+/// The `bump` material; see the module documentation.
 pub struct Bump;
 
-/// By the slope of a height.
+/// Perturbs the normal by the slope of a height.
 struct Height {
     height: ColorSource,
     scale: f64,
     step: f64,
 }
 
-/// By vectors that are added.
+/// Perturbs the normal by adding vectors.
 struct Vectors {
     vectors: ColorSource,
     scale: f64,
-    /// `None`: the axes of the world.
+    /// Tangent frame; `None` for the world axes.
     frame: Option<Frame>,
 }
 
@@ -184,7 +184,7 @@ impl Height {
     }
 }
 
-/// Where the parts of vectors point; `None`: along the axes of the world.
+/// The tangent frame of the vectors; `None` for the world axes.
 fn frame(config: &Config) -> Result<Option<Frame>, SceneErrors> {
     let mut errors = SceneErrors::default();
     if let Some(step) = &config.step {
@@ -262,7 +262,7 @@ mod tests {
         }
     }
 
-    /// One of (u, v).
+    /// A texture over (u, v).
     struct Flat;
 
     impl Texture for Flat {
@@ -313,7 +313,7 @@ mod tests {
         assert_eq!(none.lobes(), Lobes::REFLECTION);
     }
 
-    /// The reflection of a view along the normal +z says where the bent normal is.
+    /// The bent normal, recovered from the reflection of a view along the normal +z.
     fn bent(text: &str) -> DVec3 {
         let material = bump(&format!("{text}\nmaterial = \"mirror\"")).unwrap();
         let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
@@ -332,7 +332,7 @@ mod tests {
         near("vectors = 0.5", [0.0, 0.0, 1.0]);
         near("vectors = [1, 0.5, 0.5]\nscale = 0.75", [0.75, 0.0, 1.0]);
         near("vectors = [0, 0.75, 0.75]", [-1.0, 0.5, 1.5]);
-        // Along y there, with -x for the bitangent: z x y.
+        // The tangent is y and the bitangent z x y = -x.
         let tangent = "vectors = [1, 0.75, 0.5]\nspace = \"tangent\"\ntangent = [0, 3, 7]";
         near(tangent, [-0.5, 1.0, 1.0]);
         near(
@@ -340,9 +340,9 @@ mod tests {
             [-0.5, 1.0, 1.0],
         );
         near("vectors = [1, 0.75, 0.5]\nspace = \"tangent\"", [1.0, 0.5, 1.0]);
-        // By (u, v), which a height cannot.
+        // Vectors may be mapped by (u, v); a height may not.
         near("vectors = \"flat\"\nscale = 4", [0.0, 0.0, 1.0]);
-        // What looks away, and what has no length, is not taken.
+        // Normals that face away from the viewer or have zero length are not used.
         near("vectors = [0.5, 0.5, 0]\nscale = 2", [0.0, 0.0, 1.0]);
         near("vectors = [0.5, 0.5, 0]", [0.0, 0.0, 1.0]);
     }

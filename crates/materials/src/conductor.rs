@@ -1,16 +1,17 @@
-//! A metal: the mirror direction, weakened by Fresnel's equations for conductors.
+//! A metal: specular reflection weighted by the Fresnel equations for conductors.
 //!
 //! Born and Wolf, *Principles of Optics*, section 14.2, with a complex index of refraction
-//! `eta + i k`. With s and c the sine and the cosine of incidence, `(a + i b)² = (eta + i k)² - s²`
-//! is found without cancellation: of `a² - b² = eta² - k² - s²` and `a b = eta k`, the larger
-//! square comes from a sum and the other one from the product. Then
+//! `eta + i k`. Let s and c be the sine and cosine of the angle of incidence.
+//! `(a + i b)² = (eta + i k)² - s²` is computed without cancellation: given
+//! `a² - b² = eta² - k² - s²` and `a b = eta k`, the larger square comes from a sum and the smaller
+//! one from the product. Then
 //!
 //! - `R_s = ((a - c)² + b²)/((a + c)² + b²)`,
 //! - `R_p = R_s ((a c - s²)² + b² c²)/((a c + s²)² + b² c²)`, which is
 //!   `|(n² c - (a + i b))/(n² c + (a + i b))|²` written out.
 //!
-//! The measured indices are those that Mitsuba integrates for linear Rec. 709 from its tables of
-//! spectra, to five decimals.
+//! The indices of the named metals are Mitsuba's spectral tables integrated for linear Rec. 709, to
+//! five decimals.
 //!
 //! - Twin: Mitsuba `conductor` in `twosided` (native).
 //! - Example: `scenes/materials/conductor.toml`.
@@ -28,27 +29,27 @@ use whitstone_core::{
     Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint, simd, simd::select,
 };
 
-/// Largest index that is taken: squares and their products stay numbers.
+/// Upper limit of eta and k, so that their squares and the products of these stay finite.
 const MOST: f64 = 1e3;
 
-/// A metal: a mirror with the colour that its index of refraction gives it.
+/// A metal: a mirror whose colour follows from its index of refraction.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// A measured metal; instead of `eta` and `k`.
+    /// A metal with a measured index, by its chemical symbol; replaces `eta` and `k`.
     #[serde(default)]
     #[schemars(with = "Metal")]
     metal: Option<Spanned<Metal>>,
-    /// Real part of the index of refraction, relative to the outside: a colour above 0, at
+    /// Real part of the index of refraction, relative to the outside: a colour greater than 0, at
     /// most 1000.
     #[serde(default)]
     #[schemars(with = "Color")]
     eta: Option<Spanned<Color>>,
-    /// Its imaginary part, by which light dies out inside: a colour of at least 0, at most 1000.
+    /// Imaginary part of the index of refraction (extinction coefficient): a colour from 0 to 1000.
     #[serde(default)]
     #[schemars(with = "Color")]
     k: Option<Spanned<Color>>,
-    /// Factor on what is seen in the mirror, from 0 to 1; a texture or a colour.
+    /// Factor on the reflected radiance, from 0 to 1; a texture or a colour.
     #[serde(default = "one")]
     tint: TextureRef,
 }
@@ -57,7 +58,7 @@ fn one() -> TextureRef {
     TextureRef::grey(1.0)
 }
 
-/// Metals by their chemical symbols.
+/// Metals by chemical symbol.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 enum Metal {
     Ag,
@@ -73,7 +74,7 @@ enum Metal {
 }
 
 impl Metal {
-    /// eta and k.
+    /// `[eta, k]`, each as linear RGB.
     const fn index(self) -> [[f64; 3]; 2] {
         match self {
             Self::Ag => [[0.15528, 0.11673, 0.13839], [4.82835, 3.12222, 2.14690]],
@@ -90,13 +91,13 @@ impl Metal {
     }
 }
 
-/// See the module.
+/// The `conductor` material; see the module documentation.
 pub struct Conductor {
     channels: [Index; 3],
     tint: ColorSource,
 }
 
-/// A complex index of refraction, for one channel.
+/// A complex index of refraction of one channel.
 #[derive(Clone, Copy)]
 struct Index {
     /// eta² - k².
@@ -113,7 +114,7 @@ impl Index {
         }
     }
 
-    /// The share of unpolarised light that is reflected, by the cosine and the sine of incidence.
+    /// Reflectance for unpolarised light, given the cosine and the sine of incidence.
     #[inline(always)]
     fn reflectance(self, c: f64, s: f64) -> f64 {
         let s2 = s * s;
@@ -128,7 +129,7 @@ impl Index {
         );
         let a = a2.sqrt();
         let square = |x: f64| x * x;
-        // Along the surface, and onto an index that is 0 in double precision, all is reflected.
+        // The reflectance is 1 at grazing incidence, and for an index that underflows to 0.
         let ratio = |part: f64, whole: f64| select(whole > 0.0, part / whole, 1.0);
         let r_s = ratio(square(a - c) + b2, square(a + c) + b2);
         let cross = b2 * c * c;
@@ -155,7 +156,7 @@ impl Plugin<Materials> for Conductor {
     }
 }
 
-/// eta and k.
+/// `[eta, k]` from the configuration.
 fn index(config: &Config) -> Result<[[f64; 3]; 2], SceneErrors> {
     let mut errors = SceneErrors::default();
     let mut number = |color: &Option<Spanned<Color>>, name: &str, zero: bool| {
@@ -188,12 +189,12 @@ fn index(config: &Config) -> Result<[[f64; 3]; 2], SceneErrors> {
 }
 
 impl Conductor {
-    /// The mirror direction and Fresnel's factor.
+    /// The mirror direction and the Fresnel reflectance.
     #[inline(always)]
     fn reflected(&self, point: &SurfacePoint, view: DVec3) -> (DVec3, Rgb) {
         let n = point.n_towards(view);
-        // A view along the geometry may see the normal from behind by rounding; rule G drops that
-        // branch.
+        // If the view grazes the geometric surface, rounding may put the viewer behind the normal.
+        // Rule G drops that branch.
         let (c, s) = (n.dot(view).abs(), n.cross(view).length());
         let [r, g, b] = self.channels.map(|index| index.reflectance(c, s));
         (reflect(n, view), Rgb::new(r, g, b))
@@ -244,8 +245,8 @@ mod tests {
     use super::*;
     use whitstone_testkit::{build, furnace_laws, material_laws};
 
-    /// The textbook form, in complex numbers written out: r = (n_1 c_1 - n_2 c_2)/(n_1 c_1 + n_2
-    /// c_2) and its like.
+    /// The textbook form in complex numbers: r = (n_1 c_1 - n_2 c_2)/(n_1 c_1 + n_2 c_2), and
+    /// likewise for the other polarisation.
     fn textbook(eta: f64, k: f64, c: f64) -> f64 {
         type C = (f64, f64);
         let mul = |a: C, b: C| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);

@@ -1,4 +1,4 @@
-//! Surface detail: another normal for shading, over any material.
+//! Perturbed shading normals, shared by `bump` and `normal_map`.
 
 use std::sync::Arc;
 use toml::Spanned;
@@ -8,19 +8,19 @@ use whitstone_core::{
     SceneError, SceneErrors, SurfacePoint,
 };
 
-/// Vectors as colours: twice a colour less 1.
+/// Decodes a colour into a vector: 2 * colour - 1.
 pub(crate) fn coded(colors: &ColorSource, point: &SurfacePoint) -> DVec3 {
     DVec3::from_array(colors.value(point).to_array().map(|part| 2.0 * part - 1.0))
 }
 
-/// Tangent, bitangent and normal, by where the tangent points.
+/// Tangent frame, defined by a tangent direction or by an axis around which tangents run.
 pub(crate) enum Frame {
     Along(DVec3),
     Around(DVec3),
 }
 
 impl Frame {
-    /// By one of two directions in the world, or along x.
+    /// Creates a frame from a world-space tangent or axis; the tangent is +x by default.
     pub(crate) fn new(
         tangent: Option<&Spanned<Vector3>>,
         axis: Option<&Spanned<Vector3>>,
@@ -45,8 +45,7 @@ impl Frame {
         })
     }
 
-    /// The vector whose parts are coded as a colour, in the world; `None` where there is no
-    /// tangent.
+    /// Decodes a tangent-space vector into world space; `None` where the tangent is degenerate.
     pub(crate) fn vector(&self, parts: &ColorSource, point: &SurfacePoint) -> Option<DVec3> {
         let n = point.n_s;
         let t = match self {
@@ -59,24 +58,24 @@ impl Frame {
     }
 }
 
-/// Where a normal for shading comes from.
+/// A source of perturbed shading normals.
 pub(crate) trait Detail: Send + Sync {
-    /// What it reads of a surface point.
+    /// The surface attributes that it reads.
     fn needs(&self) -> Needs;
 
-    /// The unit normal in the place of n_s, which points outside; `None` where there is none.
+    /// The unit normal that replaces n_s, on the outside of the surface; `None` to keep n_s.
     fn normal(&self, point: &SurfacePoint) -> Option<DVec3>;
 }
 
-/// A material that is shaded by other normals.
+/// A material that is shaded with perturbed normals.
 pub(crate) struct Detailed<D> {
     pub(crate) detail: D,
     pub(crate) inner: Arc<dyn Material>,
 }
 
 impl<D: Detail> Detailed<D> {
-    /// The point with the other normal, unless a viewer who sees one side of the surface would see
-    /// the other one of the normal.
+    /// The point with the perturbed normal. Keeps n_s where the viewer would be on different sides
+    /// of the perturbed and the geometric normal.
     fn at(&self, point: &SurfacePoint, view: DVec3) -> SurfacePoint {
         let mut turned = *point;
         if let Some(n) = self.detail.normal(point)

@@ -1,9 +1,10 @@
-//! Glass, water, diamond: reflection and refraction by Fresnel's equations.
+//! Smooth dielectrics such as glass, water and diamond: Fresnel reflection and refraction.
 //!
-//! Cook and Torrance 1982 (Fresnel); the forms that do not cancel are derived in `optics.rs`.
-//! Transmitted radiance is scaled by the squared relative index: what is kept is L/n². Bodies with
-//! a priority may overlap (Schmidt and Budge 2002, *Simple nested dielectrics in ray traced
-//! images*): the core says which media a face is between, as in `scenes/showcase/priorities.toml`.
+//! Cook and Torrance 1982 (Fresnel); `optics.rs` derives forms without cancellation. Transmitted
+//! radiance is scaled by the squared relative index, so that L/n² is preserved. Bodies with a
+//! priority may overlap (Schmidt and Budge 2002, *Simple nested dielectrics in ray traced images*):
+//! the core determines the media on the two sides of an interface, as in
+//! `scenes/showcase/priorities.toml`.
 //!
 //! - Twin: Mitsuba `dielectric` (native); absorption through the driver.
 //! - Example: `scenes/materials/dielectric.toml`.
@@ -20,7 +21,7 @@ use whitstone_core::{
     Overlapping, Plugin, Rgb, SceneError, SceneErrors, Substance, SurfacePoint, simd, simd::select,
 };
 
-/// A smooth transparent body: reflection and refraction by Fresnel's equations.
+/// A smooth transparent body: Fresnel reflection and refraction.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -34,13 +35,14 @@ pub struct Config {
     /// Absorption coefficient inside, per metre.
     #[serde(default = "clear")]
     absorption: Color,
-    /// Absorption coefficient outside, per metre, of rays that leave the body.
+    /// Absorption coefficient outside, per metre, for rays that leave the body.
     #[serde(default = "clear_outside")]
     #[schemars(with = "Color")]
     exterior_absorption: Spanned<Color>,
-    /// Lets the body overlap others that have one: where they do, that of the highest priority
-    /// counts, of equal ones the first in the scene, and faces between what does not count are not
-    /// there. What is outside then follows from the bodies around.
+    /// Priority for nested dielectrics (Schmidt and Budge 2002). Where bodies overlap, the one with
+    /// the highest priority fills the space (ties: the first in the scene); interfaces that do not
+    /// change the dominant body are ignored. The exterior medium then follows from the surrounding
+    /// bodies.
     #[schemars(with = "Option<IntegerIn<0, 65535>>")]
     priority: Option<IntegerIn<0, 65535>>,
 }
@@ -61,10 +63,10 @@ fn clear_outside() -> Spanned<Color> {
     Spanned::new(0..0, clear())
 }
 
-/// See the module.
+/// The `dielectric` material; see the module documentation.
 pub struct Dielectric {
     body: Body,
-    /// Of a body that may overlap others.
+    /// Priority and interior medium of a body that may overlap others.
     overlaps: Option<(u32, Substance)>,
 }
 
@@ -102,7 +104,7 @@ impl Plugin<Materials> for Dielectric {
 
 impl Material for Dielectric {
     fn lobes(&self) -> Lobes {
-        // What a body meets that overlaps others is not known here.
+        // The medium in front of an interface is unknown here if the body may overlap others.
         if self.body.is_open() && self.overlaps.is_none() {
             Lobes::TRANSMISSION | Lobes::FILTERS
         } else {
@@ -150,14 +152,14 @@ impl Material for Dielectric {
     }
 }
 
-/// Both branches at a point; one of weight zero is none.
+/// Both branches at a point. A branch with weight zero is not traced.
 struct Split {
     reflected: DVec3,
     reflectance: f64,
     transmitted: DVec3,
-    /// Of radiance: scaled by the squared relative index.
+    /// Factor on transmitted radiance, including the squared relative index.
     transmittance: f64,
-    /// Of the medium on the other side.
+    /// Absorption coefficient of the medium on the other side, per metre.
     absorption: Rgb,
 }
 
@@ -167,7 +169,7 @@ impl Split {
         let passage = body.passage(point, view);
         let (crossing, eta) = (&passage.crossing, passage.interface.eta());
         let fresnel = passage.interface.fresnel(crossing);
-        // In this order, since eta² may overflow where the product is a number.
+        // In this order, because eta² may overflow even if the product is finite.
         let transmittance = fresnel.transmitted * eta * eta;
         Self {
             reflected: passage.reflected,
@@ -198,8 +200,8 @@ impl Split {
     }
 }
 
-/// The body whose face is between two substances, as the one in front of it is seen in this
-/// direction.
+/// The body equivalent to an interface between two media. `from` is the medium on the side of the
+/// viewer in direction `view`.
 fn between(point: &SurfacePoint, view: DVec3, from: Substance, to: Substance) -> Body {
     let [from, to] = [from, to].map(|substance| (substance.ior, substance.absorption));
     if point.n_g.dot(view) > 0.0 {
@@ -330,7 +332,8 @@ mod tests {
         assert_eq!(outwards.medium, Some(Rgb::splat(3.0)));
     }
 
-    /// Between two substances a body with a priority does what one does that names both of them.
+    /// Between two given media, a body with a priority behaves like one that names both media
+    /// itself.
     #[test]
     fn a_priority_changes_nothing_but_what_the_faces_are_between() {
         let build = |text: &str| build::<Materials, Dielectric>(text, ()).unwrap();

@@ -1,8 +1,8 @@
-//! A surface that glows by itself, over any other material.
+//! A surface that emits light by itself, on top of any other material.
 //!
-//! The incandescence term of the lecture notes: radiance that does not depend on light. It is seen
-//! by the camera and in reflections and refractions, and lights nothing: that would be the business
-//! of a light.
+//! The incandescence term of the lecture notes: radiance that is independent of the lights. It is
+//! visible to the camera and in reflections and refractions, but illuminates no other surface. Use
+//! a light for that.
 //!
 //! - Twin: through the driver, from the texture.
 //! - Example: `scenes/materials/emissive.toml`.
@@ -17,14 +17,14 @@ use whitstone_core::{
     Material, Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
 };
 
-/// A surface that glows by itself, over any other material.
+/// A surface that emits light by itself, on top of any other material.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Radiance that it gives off on both sides, in W/(m² sr); a texture or a colour.
+    /// Emitted radiance, on both sides, in W/(m² sr); a texture or a colour.
     #[serde(default = "one")]
     radiance: TextureRef,
-    /// What it is apart from that; black if left out.
+    /// Material that supplies all other terms; black if omitted.
     #[serde(default)]
     #[schemars(with = "MaterialRef")]
     material: Option<MaterialRef>,
@@ -34,13 +34,13 @@ fn one() -> TextureRef {
     TextureRef::grey(1.0)
 }
 
-/// See the module.
+/// The `emissive` material; see the module documentation.
 pub struct Emissive {
     radiance: ColorSource,
     under: Arc<dyn Material>,
 }
 
-/// Reflects nothing.
+/// Material that reflects nothing.
 struct Black;
 
 impl Material for Black {

@@ -1,5 +1,4 @@
-//! The shading sum of the lecture notes, shared by the three materials that differ in their
-//! highlight.
+//! The shading sum of the lecture notes, shared by `phong`, `blinn_phong` and `whitted`.
 
 use crate::optics::{cosine_power, reflect};
 use whitstone_core::config::TextureRef;
@@ -13,17 +12,17 @@ pub(crate) struct Gloss {
     exponent: f64,
 }
 
-/// Which cosine the highlight is a power of.
+/// The cosine that is raised to the exponent of the highlight.
 #[derive(Clone, Copy)]
 pub(crate) enum Highlight {
-    /// Between the reflected light and the viewer.
+    /// Between the mirrored light direction and the viewer.
     Phong,
     /// Between the normal and the half vector.
     BlinnPhong,
 }
 
 impl Gloss {
-    /// `k_a` is `k_d` if left out.
+    /// Creates the sum; `k_a` defaults to `k_d`.
     pub(crate) fn new(
         k_a: Option<&TextureRef>,
         k_d: &TextureRef,
@@ -84,7 +83,7 @@ impl Gloss {
             if !k_s.is_black() {
                 let power = match highlight {
                     Highlight::Phong => cosine_power(reflect(n, l), view, self.exponent),
-                    // Light from exactly behind the viewer's opposite has no half vector.
+                    // There is no half vector if l = -view.
                     Highlight::BlinnPhong => (l + view)
                         .try_normalize()
                         .map_or(0.0, |h| cosine_power(n, h, self.exponent)),

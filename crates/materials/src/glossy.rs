@@ -1,14 +1,14 @@
-//! A mirror that is not quite smooth: what it shows is blurred.
+//! A rough mirror with blurred reflections.
 //!
 //! Distribution ray tracing: Cook, Porter and Carpenter, *Distributed ray tracing*, SIGGRAPH 1984,
-//! section 4.1, "Gloss". The lobe is that of Phong, `cos^exponent` about the mirror direction, cut
-//! into parts of equal share (Lafortune and Willems, *Using the modified Phong reflectance model
-//! for physically based rendering*, 1994, for the share inside a cone; Shirley and Chiu, *A low
-//! discrepancy map between disk and square*, 1997, for the square). One ray goes through the middle
-//! of each part, the same ones everywhere: instead of noise there are, with few of them, several
-//! weaker mirror images.
+//! section 4.1, "Gloss". The lobe is Phong's `cos^exponent` around the mirror direction. It is
+//! divided into parts of equal weight (Lafortune and Willems, *Using the modified Phong reflectance
+//! model for physically based rendering*, 1994, for the weight inside a cone; Shirley and Chiu, *A
+//! low discrepancy map between disk and square*, 1997, for the square). One ray is traced through
+//! the middle of each part, with the same pattern everywhere. With few samples this shows several
+//! weaker mirror images instead of noise.
 //!
-//! - Twin: through the driver, which spreads what Mitsuba's mirror answers.
+//! - Twin: through the driver, which samples the lobe around the direction of Mitsuba's mirror.
 //! - Example: `scenes/materials/glossy.toml`.
 
 use crate::optics::reflect;
@@ -23,23 +23,25 @@ use whitstone_core::{
     Needs, Plugin, SceneErrors, SurfacePoint,
 };
 
-/// A mirror on both sides that blurs, by samples² fixed directions about that of the mirror.
+/// A mirror on both sides whose reflections are blurred by samples² fixed directions around the
+/// mirror direction.
 ///
-/// Each bounce multiplies the rays by samples², up to `max_depth` bounces: `min_contribution` ends
-/// those that no longer count. More than 2^24 rays from one camera ray, glossy bounces alone
-/// counted, are an error. Directions that go into the surface are lost: it darkens at grazing
-/// angles.
+/// Each bounce multiplies the number of rays by samples², up to `max_depth` bounces;
+/// `min_contribution` ends rays whose contribution is too small. More than 2^24 rays per camera
+/// ray, counting glossy bounces only, are an error. Directions that point into the surface are
+/// dropped, which darkens the reflection at grazing angles.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Factor on what is seen in it, from 0 to 1; a texture or a colour.
+    /// Factor on the reflected radiance, from 0 to 1; a texture or a colour.
     #[serde(default = "one")]
     reflectance: TextureRef,
-    /// Of the cosine of the angle to the mirror direction, above 0: the larger, the sharper. Half
-    /// of the light is within 7 degrees with 100, within 2 with 1000.
+    /// Exponent of the cosine of the angle to the mirror direction, greater than 0; larger values
+    /// are sharper. Half of the light is within 7 degrees for 100, and within 2 degrees for 1000.
     #[serde(default = "hundred")]
     exponent: Positive,
-    /// Side of the square of directions, 1 to 8: so many times so many rays. With 1 it is a mirror.
+    /// Directions along each side of the square, 1 to 8; its square is the number of rays. 1 is a
+    /// perfect mirror.
     #[serde(default = "four")]
     samples: IntegerIn<1, 8>,
 }
@@ -56,10 +58,10 @@ fn four() -> IntegerIn<1, 8> {
     IntegerIn::new(4).expect("4 is in range")
 }
 
-/// See the module.
+/// The `glossy` material; see the module documentation.
 pub struct Glossy {
     reflectance: ColorSource,
-    /// Unit vectors about +z; more than one.
+    /// `samples`² unit vectors around +z.
     lobe: Vec<DVec3>,
 }
 
@@ -75,13 +77,13 @@ impl Plugin<Materials> for Glossy {
     }
 }
 
-/// The middle of each of n x n parts of a lobe about +z.
+/// The middle direction of each of n x n parts of a lobe around +z.
 fn lobe(n: u32, exponent: f64) -> Vec<DVec3> {
     let middle = |index: u32| (2.0 * f64::from(index) + 1.0 - f64::from(n)) / f64::from(n);
     let at = |index: u32| {
         let (s, phi) = on_disk(middle(index % n), middle(index / n));
-        // cos^(exponent + 1) is what lies outside of a cone; near 1 the sine keeps its digits this
-        // way.
+        // cos^(exponent + 1) is the weight outside of a cone. Near 1, this form keeps the sine
+        // accurate.
         let log_cos = (-s * s).ln_1p() / (exponent + 1.0);
         let sin = (-(2.0 * log_cos).exp_m1()).sqrt().copysign(s);
         DVec3::new(sin * phi.cos(), sin * phi.sin(), log_cos.exp())
@@ -89,7 +91,8 @@ fn lobe(n: u32, exponent: f64) -> Vec<DVec3> {
     (0..n * n).map(at).collect()
 }
 
-/// The concentric map of the square to the disk: radius, which may be negative, and angle.
+/// The concentric map from the square to the disk: the radius, which may be negative, and the
+/// angle.
 fn on_disk(p: f64, q: f64) -> (f64, f64) {
     if p.abs() > q.abs() {
         (p, FRAC_PI_4 * (q / p))
@@ -168,7 +171,7 @@ mod tests {
         spread.map_or_else(|| vec![mirrored], |spread| spread.directions(mirrored).collect())
     }
 
-    /// Of each ring of the concentric map, the share of the lobe inside is the area of the disk
+    /// For each ring of the concentric map, the weight of the lobe inside equals the disk area
     /// inside.
     #[test]
     fn parts_are_of_equal_share() {
@@ -184,7 +187,7 @@ mod tests {
                 }
             }
         }
-        // The mean cosine of the lobe is (e + 1)/(e + 2), up to the error of a rule of midpoints.
+        // The mean cosine of the lobe is (e + 1)/(e + 2), up to the error of the midpoint rule.
         let mean = lobe(8, 20.0).iter().map(|q| q.z).sum::<f64>() / 64.0;
         assert!((mean - 21.0 / 22.0).abs() < 1e-2, "{mean}");
     }
@@ -208,7 +211,7 @@ mod tests {
         assert!(last < 1e-15);
     }
 
-    /// They lie evenly about the mirror direction, whatever the frame.
+    /// The directions are evenly distributed around the mirror direction, for any frame.
     #[test]
     fn the_mirror_direction_is_in_the_middle() {
         for n in [
@@ -233,7 +236,7 @@ mod tests {
         }
     }
 
-    /// What is made of it spreads as it does, bumps about their own normal.
+    /// Materials made of a glossy one spread in the same way; bumps spread around their own normal.
     #[test]
     fn it_is_glossy_inside_others_too() {
         let mut context = TestContext::default()

@@ -1,6 +1,6 @@
-//! Materials: one file is one plugin is one Cargo feature is one TOML `type`.
+//! Materials: each plugin is one file, one Cargo feature and one TOML `type`.
 //!
-//! All are described in section 8 of `docs/whitted-model.md`.
+//! Section 8 of `docs/whitted-model.md` specifies all of them.
 
 #![cfg_attr(
     not(feature = "all"),
@@ -46,7 +46,7 @@ pub mod two_sided;
 #[cfg(feature = "whitted")]
 pub mod whitted;
 
-/// Adds every material whose feature is on.
+/// Registers every material whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "blinn_phong")]

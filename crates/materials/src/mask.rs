@@ -1,10 +1,10 @@
-//! A material with holes: where it is not opaque, rays go straight on, shadow rays as well.
+//! A material with holes: where it is not opaque, rays and shadow rays pass straight through.
 //!
-//! Both what is there and what lies behind count, by their shares, as two branches of Whitted's
-//! tree do. A threshold would be cheaper and would move with the rounding of the texture; a choice
-//! at random is no part of this model.
+//! The surface and the background behind it are blended by opacity, as two branches of Whitted's
+//! ray tree. An opacity threshold would be cheaper, but would depend on the rounding of the
+//! texture. The model has no random choice.
 //!
-//! - Twin: through the driver, which weighs what Mitsuba answers for the material.
+//! - Twin: through the driver, which weights the result of Mitsuba for the material.
 //! - Example: `scenes/materials/mask.toml`.
 
 use crate::reflectance::share;
@@ -17,14 +17,14 @@ use whitstone_core::{
     Material, Materials, Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint,
 };
 
-/// A material with holes, through which rays and shadow rays go straight on.
+/// A material with holes through which rays and shadow rays pass straight.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// How much of it is there, from 0 to 1; a texture or a colour.
+    /// Opacity, from 0 to 1; a texture or a colour.
     #[serde(default = "half")]
     opacity: TextureRef,
-    /// What is there. It must not refract.
+    /// Material of the opaque part. It must not refract.
     material: MaterialRef,
 }
 
@@ -32,7 +32,7 @@ fn half() -> TextureRef {
     TextureRef::grey(0.5)
 }
 
-/// See the module.
+/// The `mask` material; see the module documentation.
 pub struct Mask {
     opacity: ColorSource,
     inner: Arc<dyn Material>,
@@ -167,7 +167,7 @@ mod tests {
             kind: BranchKind::Straight,
         };
         assert_eq!(all, [expected]);
-        // Shadows are not filtered, but holes are holes.
+        // Holes let light through even if shadows are not filtered.
         assert_eq!(
             material.shadow(&point, DVec3::Z, false),
             Filter::straight(expected.weight)

@@ -1,6 +1,6 @@
-//! Diffuse reflection, equally bright from everywhere.
+//! Lambertian diffuse reflection: the reflected radiance is the same in all directions.
 //!
-//! Lambert 1760. With the 1/pi of radiometry, unlike the materials of the lecture notes.
+//! Lambert 1760. Includes the 1/pi of radiometry, unlike the materials of the lecture notes.
 //!
 //! - Twin: Mitsuba `diffuse` in `twosided` (native).
 //! - Example: `scenes/materials/matte.toml`.
@@ -17,11 +17,11 @@ use whitstone_core::{
     SurfacePoint, simd,
 };
 
-/// Diffuse reflection, equally bright from everywhere.
+/// Lambertian diffuse reflection: the reflected radiance is the same in all directions.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Share of the light that is reflected, from 0 to 1; a texture or a colour.
+    /// Share of the light that is reflected (albedo), from 0 to 1; a texture or a colour.
     #[serde(default = "half")]
     reflectance: TextureRef,
 }
@@ -30,7 +30,7 @@ fn half() -> TextureRef {
     TextureRef::grey(0.5)
 }
 
-/// See the module.
+/// The `matte` material; see the module documentation.
 pub struct Matte {
     reflectance: ColorSource,
 }

@@ -1,6 +1,6 @@
 //! A perfect mirror on both sides.
 //!
-//! Whitted 1980, section 2, with the reflected ray alone.
+//! Whitted 1980, section 2, with the reflected ray only.
 //!
 //! - Twin: Mitsuba `conductor` with `material = "none"` in `twosided` (native).
 //! - Example: `scenes/materials/mirror.toml`.
@@ -21,7 +21,7 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Factor on what is seen in the mirror, from 0 to 1; a texture or a colour.
+    /// Factor on the reflected radiance, from 0 to 1; a texture or a colour.
     #[serde(default = "one")]
     reflectance: TextureRef,
 }
@@ -30,7 +30,7 @@ fn one() -> TextureRef {
     TextureRef::grey(1.0)
 }
 
-/// See the module.
+/// The `mirror` material; see the module documentation.
 pub struct Mirror {
     reflectance: ColorSource,
 }

@@ -1,10 +1,10 @@
-//! Two materials in one place, each by its share.
+//! A linear blend of two materials.
 //!
-//! A linear blend of all that they answer: local light, branches, and what they let through to
-//! lights. Branches in one direction become one, so that the tree of rays has at most two at each
-//! surface, as that of Whitted.
+//! All their terms are blended: local illumination, branches and shadow transmittance. Branches in
+//! the same direction are merged, so that the ray tree has at most two branches at each surface, as
+//! in Whitted 1980.
 //!
-//! - Twin: through the driver, which weighs what Mitsuba answers for both.
+//! - Twin: through the driver, which weights the results of Mitsuba for both.
 //! - Example: `scenes/materials/mix.toml`.
 
 use crate::reflectance::share;
@@ -17,15 +17,15 @@ use whitstone_core::{
     Needs, Plugin, Rgb, SceneError, SceneErrors, SurfacePoint,
 };
 
-/// Two materials in one place, each by its share.
+/// A linear blend of two materials.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The first one.
+    /// The first material.
     a: MaterialRef,
-    /// The second one.
+    /// The second material.
     b: MaterialRef,
-    /// Share of the second one, from 0 to 1; a texture or a colour.
+    /// Weight of `b`, from 0 to 1; a texture or a colour.
     #[serde(default = "half")]
     weight: TextureRef,
 }
@@ -34,7 +34,7 @@ fn half() -> TextureRef {
     TextureRef::grey(0.5)
 }
 
-/// See the module.
+/// The `mix` material; see the module documentation.
 pub struct Mix {
     a: Arc<dyn Material>,
     b: Arc<dyn Material>,
@@ -62,7 +62,7 @@ impl Plugin<Materials> for Mix {
     }
 }
 
-/// That branches of a kind go in one direction.
+/// Checks that branches of the same kind have the same direction.
 fn one_direction(a: &dyn Material, b: &dyn Material) -> Result<(), &'static str> {
     let spread = a.reflections() > 1 || b.reflections() > 1;
     let (a, b) = (a.lobes(), b.lobes());
@@ -86,7 +86,7 @@ fn one_direction(a: &dyn Material, b: &dyn Material) -> Result<(), &'static str>
 }
 
 impl Mix {
-    /// What this gives for both, blended.
+    /// Evaluates `of` for both materials and blends the results.
     fn blend(&self, point: &SurfacePoint, of: impl Fn(&dyn Material) -> Rgb) -> Rgb {
         let [a, b] = self.shares(point);
         of(&*self.a) * a + of(&*self.b) * b
@@ -123,7 +123,7 @@ impl Material for Mix {
         let of = |material: &dyn Material| material.shadow(point, direction, filtered);
         Filter {
             weight: self.blend(point, |material| of(material).weight),
-            // At most one of them has a body.
+            // At most one of them refracts.
             medium: of(&*self.a).medium.or(of(&*self.b).medium),
         }
     }
@@ -142,7 +142,7 @@ impl Material for Mix {
     }
 
     fn distribution(&self, point: &SurfacePoint, view: DVec3) -> Option<Distribution<'_>> {
-        // At most one of them reflects, if either spreads what it reflects.
+        // If either has a glossy reflection, at most one of them reflects.
         self.a
             .distribution(point, view)
             .or_else(|| self.b.distribution(point, view))

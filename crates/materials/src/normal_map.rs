@@ -1,10 +1,10 @@
-//! Normals from the colours of a texture.
+//! Normal mapping: shading normals from the colours of a texture.
 //!
-//! Cohen, Olano and Manocha 1998, *Appearance-preserving simplification* (normals in tangent space,
-//! coded as colours). The frame is said by the scene, by a direction in the world or by an axis to
-//! go around, so that it is exact for any shape.
+//! Cohen, Olano and Manocha 1998, *Appearance-preserving simplification* (tangent-space normals
+//! encoded as colours). The scene defines the tangent frame by a world-space direction or by an
+//! axis of rotation, so that it is exact for every shape.
 //!
-//! - Twin: through the driver, which turns the frame that Mitsuba's materials see.
+//! - Twin: through the driver, which rotates the shading frame that Mitsuba's materials see.
 //! - Example: `scenes/materials/normal_map.toml`.
 
 use crate::detail::{Detail, Detailed, Frame};
@@ -17,27 +17,27 @@ use whitstone_core::{
     ColorSource, Context, DVec3, Material, Materials, Needs, Plugin, SceneErrors, SurfacePoint,
 };
 
-/// Normals from the colours of a texture, over any material.
+/// Normal mapping: shading normals from the colours of a texture, for any material.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Twice a colour less 1 are the parts of the normal along tangent, bitangent and normal. An
-    /// image should be read with `color_space = "linear"`.
+    /// 2 * colour - 1 gives the components along tangent, bitangent and normal. Read images with
+    /// `color_space = "linear"`.
     map: TextureRef,
-    /// Direction of the tangent in the world, of which the part along the surface counts; [1, 0, 0]
-    /// if neither is given.
+    /// World-space direction of the tangent, projected onto the surface; [1, 0, 0] if neither
+    /// `tangent` nor `axis` is given.
     #[serde(default)]
     #[schemars(with = "Vector3")]
     tangent: Option<Spanned<Vector3>>,
-    /// Instead of it, the axis around which the tangent goes, as on a globe.
+    /// Axis around which the tangent runs, as on a globe; replaces `tangent`.
     #[serde(default)]
     #[schemars(with = "Vector3")]
     axis: Option<Spanned<Vector3>>,
-    /// What is shaded by it.
+    /// Material that is shaded with the mapped normal.
     material: MaterialRef,
 }
 
-/// See the module.
+/// The `normal_map` material; see the module documentation.
 pub struct NormalMap {
     map: ColorSource,
     frame: Frame,
@@ -100,13 +100,13 @@ mod tests {
 
     #[test]
     fn colours_are_parts_of_the_normal() {
-        // n_s = z; the tangent is y along the surface, so the bitangent is -x.
+        // n_s = z. The projected tangent is y, so the bitangent is -x.
         for frame in ["tangent = [0, 3, 7]", "axis = [2, 0, 0]"] {
             let normal = |map: [f64; 3]| {
                 let frame = if frame.starts_with('t') {
                     Frame::Along(DVec3::new(0.0, 3.0, 7.0))
                 } else {
-                    // Around x, z goes to -y.
+                    // The tangent around x is -y at z.
                     Frame::Around(DVec3::NEG_X)
                 };
                 let map = ColorSource::Constant(Rgb::from(map));

@@ -1,9 +1,9 @@
 //! Reflection, refraction, Fresnel's equations and powers of cosines, without cancellation.
 //!
-//! Notation of the model: `n` is the normal on the viewer's side, `v` points to the viewer,
-//! `eta = n_i/n_t`, `s = |n x v|` the sine and `c_i = n·v` the cosine of the angle of incidence,
-//! `c_t` that of refraction. Sine and cosine come from the vectors independently, each accurate
-//! where it is small.
+//! Notation, as in the model: `n` is the normal on the viewer's side, `v` points to the viewer,
+//! `eta = n_i/n_t`, `s = |n x v|` is the sine and `c_i = n·v` the cosine of the angle of incidence,
+//! and `c_t` is the cosine of refraction. Sine and cosine are computed independently from the
+//! vectors, so that each is accurate where it is small.
 //!
 //! **Cosine of refraction.** `c_t² = 1 - eta² s²` is `(1 - eta s)(1 + eta s)`, which cancels only
 //! where `eta s` is near 1. There, since `s² + c_i² = 1`, with
@@ -37,14 +37,15 @@ pub(crate) fn reflect(n: DVec3, v: DVec3) -> DVec3 {
     nearly_unit(2.0 * n.dot(v) * n - v)
 }
 
-/// A step of Newton's method for 1/|v|: rounding errors must not add up over many bounces.
+/// Renormalises by one Newton step for 1/|v|, so that rounding errors do not grow over many
+/// bounces.
 #[inline(always)]
 fn nearly_unit(v: DVec3) -> DVec3 {
     v * (1.5 - 0.5 * v.length_squared())
 }
 
-/// `[a·b]+` to a power, for unit vectors. Near 1 the cosine has lost what a high exponent reads:
-/// there it is taken from the sine.
+/// `[a·b]+` to a power, for unit vectors. Near 1 the cosine is too coarse for high exponents, so
+/// the logarithm is computed from the sine.
 pub(crate) fn cosine_power(a: DVec3, b: DVec3, exponent: f64) -> f64 {
     let cosine = a.dot(b);
     if cosine <= 0.0 {
@@ -71,23 +72,23 @@ pub(crate) struct Interface {
     eta: f64,
     /// 1 - eta².
     g: f64,
-    /// sqrt(-g) where that is a number.
+    /// sqrt(-g), where it is real.
     q: f64,
 }
 
-/// A ray that goes through an interface, or would.
+/// Refraction of a ray at an interface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Crossing {
-    /// Whether nothing goes through: total internal reflection. The rest then means nothing.
+    /// Total internal reflection: nothing is transmitted, and the other fields are meaningless.
     pub(crate) total: bool,
-    /// Unit direction into the other side.
+    /// Unit direction of the refracted ray.
     pub(crate) direction: DVec3,
     cos_i: f64,
     sin_i: f64,
     cos_t: f64,
 }
 
-/// How the radiance is shared out at a crossing.
+/// Fresnel reflectance and transmittance at a crossing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Fresnel {
     /// R.
@@ -97,8 +98,8 @@ pub(crate) struct Fresnel {
 }
 
 impl Interface {
-    /// From the index on the viewer's side and that on the other one, both positive. Ratios beyond
-    /// 1e150 are taken for that, so that squares stay numbers.
+    /// Creates an interface from the indices on the viewer's side and on the other side, both
+    /// positive. Ratios beyond 1e150 are clamped to that, so that squares stay finite.
     pub(crate) fn new(n_i: f64, n_t: f64) -> Self {
         let unit = n_i.max(n_t);
         // Subtracted before scaling: the difference of near numbers is exact, that of rounded
@@ -116,7 +117,8 @@ impl Interface {
         }
     }
 
-    /// Whether the indices are equal: nothing is reflected or bent, from either side.
+    /// Whether the indices are equal, so that rays are neither reflected nor bent, from either
+    /// side.
     #[inline(always)]
     pub(crate) fn is_open(&self) -> bool {
         self.difference == 0.0
@@ -128,7 +130,7 @@ impl Interface {
         self.eta
     }
 
-    /// One of two interfaces, by values: straight-line code.
+    /// Selects one of two interfaces without a conditional jump.
     #[inline(always)]
     pub(crate) fn choose(first: bool, a: &Self, b: &Self) -> Self {
         let pick = |a: f64, b: f64| select(first, a, b);
@@ -142,12 +144,12 @@ impl Interface {
         }
     }
 
-    /// The refracted ray. Straight-line code: streams run it in vector registers.
+    /// The refracted ray. Branchless, so that streams can vectorise it.
     #[inline(always)]
     pub(crate) fn cross(&self, n: DVec3, v: DVec3) -> Crossing {
         let cosine = n.dot(v);
-        // A normal that looks away can only come from a view along the geometry, where rule G drops
-        // the branch: any unit direction will do.
+        // The normal can face away only for a view that grazes the geometric surface. Rule G drops
+        // that branch, so any unit direction is acceptable.
         let (n, cos_i) = if cosine < 0.0 { (-n, -cosine) } else { (n, cosine) };
         let sine = n.cross(v);
         let sin_i = sine.length();
@@ -160,8 +162,8 @@ impl Interface {
         let sine_will_do = (a * a < 0.5) | (g <= -1.0);
         let cos_t_squared = select(sine_will_do, by_sine, by_cosine);
         let cos_t = cos_t_squared.max(0.0).sqrt();
-        // (n x v) x n is v without its part along n, and as long as the sine: a unit vector even
-        // for a huge eta.
+        // (n x v) x n is the component of v perpendicular to n. Its length is the sine, so the
+        // result is a unit vector even for a huge eta.
         let bent = nearly_unit(-(cos_t * n + eta * sine.cross(n)));
         let open = self.is_open();
         Crossing {

@@ -1,7 +1,7 @@
-//! Diffuse reflection and a highlight around the mirror direction.
+//! Diffuse reflection with a highlight around the mirror direction.
 //!
-//! Phong 1975, *Illumination for computer generated pictures*, in the form of the lecture notes: no
-//! 1/pi, and the highlight is not multiplied by n·l.
+//! Phong 1975, *Illumination for computer generated pictures*, as in the lecture notes: no 1/pi,
+//! and the highlight is not multiplied by n·l.
 //!
 //! - Twin: through the driver, by the formula (Mitsuba's own `phong` is normalised); POV-Ray
 //!   `phong` (native).
@@ -16,7 +16,7 @@ use whitstone_core::{
     Context, DVec3, Illumination, Lobes, Material, Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint,
 };
 
-/// Diffuse reflection and a highlight around the mirror direction.
+/// Diffuse reflection with a highlight around the mirror direction.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -26,10 +26,10 @@ pub struct Config {
     /// Coefficient of the highlight, per steradian; a texture or a colour.
     #[serde(default = "half")]
     k_s: TextureRef,
-    /// Sharpness of the highlight.
+    /// Exponent of the highlight; larger values make it sharper.
     #[serde(default = "sharp")]
     exponent: Positive,
-    /// Ambient coefficient; `k_d` if left out.
+    /// Ambient coefficient; a texture or a colour; defaults to `k_d`.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
     k_a: Option<TextureRef>,
@@ -43,7 +43,7 @@ fn sharp() -> Positive {
     Positive::new(32.0).expect("32 is positive")
 }
 
-/// See the module.
+/// The `phong` material; see the module documentation.
 pub struct Phong {
     gloss: Gloss,
 }
@@ -118,7 +118,8 @@ mod tests {
         for (a, b) in found.to_array().into_iter().zip(expected) {
             assert!((a - b).abs() < 1e-15, "{a} {b}");
         }
-        // From below, the same: materials show both sides; the light above does not count.
+        // Seen from below, the result is the same because materials show both sides. The light
+        // above does not count.
         let below = Illumination {
             ambient: Rgb::splat(4.0),
             lights: &[],

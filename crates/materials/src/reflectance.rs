@@ -1,9 +1,9 @@
-//! Shares of light, at most all of it.
+//! Textures and colours that are shares of light, from 0 to 1.
 
 use whitstone_core::config::TextureRef;
 use whitstone_core::{ColorSource, Context, SceneError, SceneErrors};
 
-/// The colour or texture. A colour above 1 is an error at its value.
+/// Resolves a reflectance. A constant colour above 1 is an error at its place in the scene.
 pub(crate) fn reflectance(
     reference: &TextureRef,
     context: &mut dyn Context,
@@ -18,7 +18,7 @@ pub(crate) fn reflectance(
     })
 }
 
-/// Likewise, called `what` in the message.
+/// Like [`reflectance`], named `what` in the error message.
 pub(crate) fn share(
     reference: &TextureRef,
     what: &str,

@@ -1,9 +1,9 @@
-//! A pane without thickness: a window, a soap bubble, the wall of an empty glass.
+//! A thin pane with no volume: a window, a soap bubble, the wall of an empty glass.
 //!
 //! Stokes 1862, *On the intensity of the light reflected from or transmitted through a pile of
-//! plates*: with Fresnel's R at each of both faces and `T = 1 - R`, all that is reflected between
-//! them sums up to `R + T² R (1 + R² + R⁴ + ...) = 2R/(1 + R)`, and what goes through to
-//! `T²/(1 - R²) = (1 - R)/(1 + R)`. The ray leaves in the direction in which it came.
+//! plates*: with the Fresnel reflectance R at each of the two faces and `T = 1 - R`, all
+//! interreflections sum to the reflected share `R + T² R (1 + R² + R⁴ + ...) = 2R/(1 + R)` and the
+//! transmitted share `T²/(1 - R²) = (1 - R)/(1 + R)`. The transmitted ray keeps its direction.
 //!
 //! - Twin: Mitsuba `thindielectric` (native).
 //! - Example: `scenes/materials/thin_dielectric.toml`.
@@ -20,17 +20,17 @@ use whitstone_core::{
     Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd, simd::select,
 };
 
-/// A pane without thickness, with all reflections between its faces.
+/// A thin pane with no volume, including all reflections between its faces.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// Index of refraction of the pane.
     #[serde(default = "glass")]
     interior_ior: Positive,
-    /// Index of refraction on both sides of it.
+    /// Index of refraction on both sides of the pane.
     #[serde(default = "vacuum")]
     exterior_ior: Positive,
-    /// Factor on what goes through, from 0 to 1; a texture or a colour.
+    /// Factor on the transmitted radiance, from 0 to 1; a texture or a colour.
     #[serde(default = "one")]
     tint: TextureRef,
 }
@@ -47,7 +47,7 @@ fn one() -> TextureRef {
     TextureRef::grey(1.0)
 }
 
-/// See the module.
+/// The `thin_dielectric` material; see the module documentation.
 pub struct ThinDielectric {
     face: Interface,
     tint: ColorSource,
@@ -66,7 +66,7 @@ impl Plugin<Materials> for ThinDielectric {
 }
 
 impl ThinDielectric {
-    /// What is reflected and what goes through, of both faces together.
+    /// Reflected and transmitted shares of the whole pane, both faces included.
     #[inline(always)]
     fn shares(&self, n: DVec3, view: DVec3) -> (f64, f64) {
         let crossing = self.face.cross(n, view);
@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn both_faces_together() {
-        // R = 0.04 at each face: 0.08/1.04 come back.
+        // R = 0.04 at each face: 0.08/1.04 is reflected.
         for view in [DVec3::Z, DVec3::NEG_Z] {
             let found = branches("tint = [1, 0.5, 0]", view);
             let [r, t] = found[..] else { panic!("{found:?}") };

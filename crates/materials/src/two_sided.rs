@@ -1,8 +1,8 @@
-//! Another material on the back.
+//! Different materials on the front and the back.
 //!
-//! Which side is seen is decided by the geometric normal, as for the media of transparent bodies.
+//! The geometric normal determines the visible side, as for the media of transparent bodies.
 //!
-//! - Twin: through the driver, which asks Mitsuba for both.
+//! - Twin: through the driver, which evaluates both in Mitsuba.
 //! - Example: `scenes/materials/two_sided.toml`.
 
 use schemars::JsonSchema;
@@ -14,17 +14,17 @@ use whitstone_core::{
     Rgb, SceneErrors, SurfacePoint,
 };
 
-/// One material outside, another one inside.
+/// Different materials on the outside and the inside.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// What is seen from outside: from where the normal points.
+    /// Material on the outside, the side that the geometric normal points to.
     front: MaterialRef,
-    /// What is seen from inside.
+    /// Material on the inside.
     back: MaterialRef,
 }
 
-/// See the module.
+/// The `two_sided` material; see the module documentation.
 pub struct TwoSided {
     front: Arc<dyn Material>,
     back: Arc<dyn Material>,
@@ -46,7 +46,7 @@ impl Plugin<Materials> for TwoSided {
 }
 
 impl TwoSided {
-    /// What a viewer in this direction sees.
+    /// The material seen by a viewer in this direction.
     fn seen(&self, point: &SurfacePoint, view: DVec3) -> &dyn Material {
         if point.n_g.dot(view) > 0.0 {
             &*self.front
@@ -134,7 +134,7 @@ mod tests {
         let absorption = Rgb::BLACK;
         let both = [BranchKind::Reflection, BranchKind::Transmission { absorption }];
         assert_eq!(kinds(DVec3::NEG_Z), both);
-        // A shadow ray sees the side that it comes from.
+        // A shadow ray is filtered by the side that it arrives at.
         assert_eq!(material.shadow(&point, DVec3::NEG_Z, true), Filter::OPAQUE);
         assert!(material.shadow(&point, DVec3::Z, true).weight.g > 0.9);
     }

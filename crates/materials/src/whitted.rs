@@ -1,8 +1,8 @@
-//! The material of the lecture notes: Phong shading plus constant shares of the reflected and of
-//! the refracted ray.
+//! The material of the lecture notes: Phong shading plus reflection and refraction with constant
+//! weights.
 //!
 //! Whitted 1980, *An improved illumination model for shaded display*: `k_refl` and `k_refr` do not
-//! depend on the angle, and the refracted ray is not scaled by the squared index.
+//! depend on the angle, and transmitted radiance is not scaled by the squared relative index.
 //!
 //! - Twin: through the driver, by the formula; POV-Ray `phong`, `reflection` and a filter (native).
 //! - Example: `scenes/materials/whitted.toml`.
@@ -19,7 +19,7 @@ use whitstone_core::{
     Material, Materials, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, simd,
 };
 
-/// Phong shading plus constant shares of the reflected and of the refracted ray.
+/// Phong shading plus reflection and refraction with constant weights.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -29,17 +29,17 @@ pub struct Config {
     /// Coefficient of the highlight, per steradian; a texture or a colour.
     #[serde(default = "nothing")]
     k_s: TextureRef,
-    /// Sharpness of the highlight.
+    /// Exponent of the highlight; larger values make it sharper.
     #[serde(default = "sharp")]
     exponent: Positive,
-    /// Ambient coefficient; `k_d` if left out.
+    /// Ambient coefficient; a texture or a colour; defaults to `k_d`.
     #[serde(default)]
     #[schemars(with = "TextureRef")]
     k_a: Option<TextureRef>,
-    /// Factor on what the reflected ray sees; a texture or a colour.
+    /// Factor on the radiance of the reflected ray; a texture or a colour.
     #[serde(default = "nothing")]
     k_refl: TextureRef,
-    /// Factor on what the refracted ray sees; a texture or a colour.
+    /// Factor on the radiance of the refracted ray; a texture or a colour.
     #[serde(default = "nothing")]
     k_refr: TextureRef,
     /// Index of refraction inside.
@@ -51,7 +51,7 @@ pub struct Config {
     /// Absorption coefficient inside, per metre.
     #[serde(default = "clear")]
     absorption: Color,
-    /// Absorption coefficient outside, per metre, of rays that leave the body.
+    /// Absorption coefficient outside, per metre, for rays that leave the body.
     #[serde(default = "clear")]
     exterior_absorption: Color,
 }
@@ -76,7 +76,7 @@ fn clear() -> Color {
     Color::grey(0.0)
 }
 
-/// See the module.
+/// The `whitted` material; see the module documentation.
 pub struct Whitted {
     gloss: Gloss,
     k_refl: ColorSource,
@@ -118,7 +118,7 @@ impl Material for Whitted {
         if !self.k_refr.is_black() {
             lobes = lobes | Lobes::TRANSMISSION | Lobes::FILTERS;
         }
-        // What cannot be transmitted is reflected.
+        // Total internal reflection moves the transmitted share to the reflected ray.
         let can_be_total = !self.k_refr.is_black() && !self.body.is_open();
         if !self.k_refl.is_black() || can_be_total {
             lobes = lobes | Lobes::REFLECTION;
@@ -185,7 +185,8 @@ impl Material for Whitted {
     }
 }
 
-/// Of the reflected and of the transmitted ray: what cannot be transmitted is reflected.
+/// Weights of the reflected and the transmitted ray. At total internal reflection, the reflected
+/// ray receives both shares.
 #[inline(always)]
 fn weights(k_refl: Rgb, k_refr: Rgb, total: bool) -> (Rgb, Rgb) {
     (

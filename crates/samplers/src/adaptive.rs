@@ -1,13 +1,13 @@
-//! As many samples as a pixel needs: few where it shows one thing, more at edges.
+//! Adaptive sampling: few samples in uniform pixels, more at edges.
 //!
 //! Whitted 1980, *An improved illumination model for shaded display*, section "Anti-aliasing": a
-//! pixel is sampled more finely where its samples differ. Which ones are, is decided as in Mitchell
-//! 1987, *Generating antialiased images at low sampling densities*, by their contrast, here in
-//! units of the error that is left; that of the neighbours counts, too, as an edge may pass between
-//! the samples of a pixel. The points are those of `sobol`, so that what is taken later adds to
-//! what is there.
+//! pixel is sampled more finely if its samples differ. The criterion is contrast, as in Mitchell
+//! 1987, *Generating antialiased images at low sampling densities*, here in units of the remaining
+//! error. The contrast of neighbouring pixels counts as well, because an edge may pass between the
+//! samples of a pixel. The points are those of `sobol`, so that later samples complement earlier
+//! ones.
 //!
-//! - Twin: Mitsuba through the driver, which traces the same positions in as many rounds.
+//! - Twin: Mitsuba through the driver, which traces the same positions in the same rounds.
 //! - Example: `scenes/samplers/adaptive.toml`.
 
 use crate::scrambled;
@@ -17,23 +17,23 @@ use toml::Spanned;
 use whitstone_core::config::{IntegerIn, Positive};
 use whitstone_core::{Context, DVec2, Plugin, Refinement, Sampler, Samplers, SceneError, SceneErrors};
 
-/// Samples where they are needed: at edges, and not where a pixel shows one thing.
+/// Adaptive sampling: more samples at edges than in uniform pixels.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Samples a pixel at most.
+    /// Maximum number of samples per pixel.
     #[serde(default = "most")]
     samples: IntegerIn<1, 65536>,
-    /// Samples that every pixel takes, at most `samples`; 8 if left out, or all where those are
-    /// fewer.
+    /// Initial samples of every pixel, at most `samples`; if omitted, 8 or `samples`, whichever is
+    /// less.
     #[serde(default)]
     #[schemars(with = "IntegerIn<1, 65536>")]
     first: Option<Spanned<IntegerIn<1, 65536>>>,
-    /// The error, a radiance in W/(m² sr), that a pixel is estimated to have when it takes no more
-    /// samples; greater than 0.
+    /// Sampling of a pixel stops when its estimated error, a radiance in W/(m² sr), is at most
+    /// this; greater than 0.
     #[serde(default = "threshold")]
     threshold: Positive,
-    /// Of the scrambling: another one gives other points.
+    /// Seed of the scrambling; different seeds give different points.
     #[serde(default = "zero")]
     seed: IntegerIn<0, 0xffff_ffff>,
 }
@@ -50,14 +50,14 @@ fn zero() -> IntegerIn<0, 0xffff_ffff> {
     IntegerIn::new(0).expect("0 is in range")
 }
 
-/// See the module.
+/// The `adaptive` sampler; see the module documentation.
 pub struct Adaptive {
     samples: u32,
     seed: u32,
     rule: Refinement,
 }
 
-/// First samples, if the scene does not say.
+/// Default number of initial samples.
 const FIRST: u32 = 8;
 
 impl Plugin<Samplers> for Adaptive {

@@ -12,7 +12,7 @@ use whitstone_core::{Context, DVec2, Plugin, Sampler, Samplers, SceneErrors};
 #[serde(deny_unknown_fields)]
 pub struct Config {}
 
-/// See the module.
+/// The `center` sampler; see the module documentation.
 pub struct Center;
 
 impl Plugin<Samplers> for Center {

@@ -1,4 +1,4 @@
-//! A square grid of samples in each pixel.
+//! A regular square grid of samples in each pixel.
 //!
 //! - Twin: Mitsuba, through the driver, which traces the same positions.
 //! - Example: `scenes/samplers/grid.toml`.
@@ -8,11 +8,11 @@ use serde::Deserialize;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{Context, DVec2, Plugin, Sampler, Samplers, SceneErrors};
 
-/// A square grid of n x n samples in each pixel.
+/// A regular grid of n x n samples in each pixel.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Samples in each direction.
+    /// Samples along each axis.
     #[serde(default = "two")]
     n: IntegerIn<1, 64>,
 }
@@ -21,7 +21,7 @@ fn two() -> IntegerIn<1, 64> {
     IntegerIn::new(2).expect("2 is in range")
 }
 
-/// See the module.
+/// The `grid` sampler; see the module documentation.
 pub struct Grid {
     n: u32,
 }

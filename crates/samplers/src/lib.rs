@@ -1,6 +1,6 @@
-//! Samplers: one file is one plugin is one Cargo feature is one TOML `type`.
+//! Samplers: each plugin is one file, one Cargo feature and one TOML `type`.
 //!
-//! All are described in section 5 of `docs/whitted-model.md`.
+//! Section 5 of `docs/whitted-model.md` specifies all of them.
 
 #![cfg_attr(
     not(feature = "all"),
@@ -22,12 +22,12 @@ pub mod sobol;
 #[cfg(feature = "stratified")]
 pub mod stratified;
 
-/// A number for each pixel: column i, row j.
+/// Hash of a pixel (column i, row j).
 fn hash_of_pixel(seed: u32, [i, j]: [u32; 2]) -> u32 {
     mix(mix(mix(seed).wrapping_add(j)).wrapping_add(i))
 }
 
-/// Adds every sampler whose feature is on.
+/// Registers every sampler whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "adaptive")]

@@ -1,6 +1,6 @@
-//! Sobol' points, scrambled after Owen by another seed in each pixel.
+//! Sobol' points with Owen scrambling, with a different seed in each pixel.
 //!
-//! The module `scrambled` has their sources.
+//! The module `scrambled` lists the sources.
 //!
 //! - Twin: Mitsuba, through the driver, which traces the same positions.
 //! - Example: `scenes/samplers/sobol.toml`.
@@ -11,14 +11,14 @@ use serde::Deserialize;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{Context, DVec2, Plugin, Sampler, Samplers, SceneErrors};
 
-/// Sobol' points, scrambled after Owen, other ones in each pixel.
+/// Sobol' points with Owen scrambling, different in each pixel.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Samples a pixel; powers of two are distributed best.
+    /// Samples per pixel; powers of two are distributed best.
     #[serde(default = "four")]
     samples: IntegerIn<1, 65536>,
-    /// Of the scrambling: another one gives other points.
+    /// Seed of the scrambling; different seeds give different points.
     #[serde(default = "zero")]
     seed: IntegerIn<0, 0xffff_ffff>,
 }
@@ -31,7 +31,7 @@ fn zero() -> IntegerIn<0, 0xffff_ffff> {
     IntegerIn::new(0).expect("0 is in range")
 }
 
-/// See the module.
+/// The `sobol` sampler; see the module documentation.
 pub struct Sobol {
     samples: u32,
     seed: u32,
@@ -75,7 +75,7 @@ mod tests {
         }
     }
 
-    /// Without scrambling: the first points of the sequence, as tables of it have them.
+    /// Without scrambling, the first points are those of published tables of the sequence.
     #[test]
     fn the_points_are_those_of_sobol() {
         let plain =
@@ -93,9 +93,9 @@ mod tests {
         assert_eq!([0, 1, 2, 3, 4, 5, 6, 7].map(plain), known);
     }
 
-    /// Of 2^m points, each box of the area 2^-m whose sides are powers of two holds one: no other
-    /// property makes them better than random ones, and a scrambling that is not Owen's would lose
-    /// it.
+    /// Of 2^m points, each elementary interval (a box of area 2^-m whose sides are powers of two)
+    /// contains exactly one. Only this property makes them better than random points, and a
+    /// scrambling other than Owen's would lose it.
     #[test]
     fn every_elementary_box_holds_one_point() {
         let m = 8;
@@ -117,7 +117,7 @@ mod tests {
         }
     }
 
-    /// The driver's own test has the same numbers, from other code:
+    /// The driver's own test contains the same numbers, computed by other code:
     /// `references/mitsuba/tests/test_samplers.py`.
     #[test]
     fn the_points_are_those_of_the_driver() {

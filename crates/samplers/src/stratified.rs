@@ -1,9 +1,9 @@
-//! One sample at a random place in each cell of a square grid, another place in each pixel.
+//! Stratified sampling: one jittered sample in each cell of a square grid, different in each pixel.
 //!
-//! Where a pixel's content has an edge, the error of n² such samples falls as n^-1.5, where it is
-//! smooth as n^-2 (Mitchell 1996, *Consequences of stratified sampling in graphics*); a regular
-//! grid falls as n^-1 along edges that lie along its rows. The places come from the hash of the
-//! model's section 9, so they are the same in every renderer and in every run.
+//! The error of n² such samples falls as n^-1.5 in a pixel with an edge, and as n^-2 in a smooth
+//! one (Mitchell 1996, *Consequences of stratified sampling in graphics*). That of a regular grid
+//! falls as n^-1 for edges parallel to its rows. The positions come from the hash of the model's
+//! section 9, so they are the same in every renderer and every run.
 //!
 //! - Twin: Mitsuba, through the driver, which traces the same positions.
 //! - Example: `scenes/samplers/stratified.toml`.
@@ -15,14 +15,14 @@ use whitstone_core::config::IntegerIn;
 use whitstone_core::hash::mix;
 use whitstone_core::{Context, DVec2, Plugin, Sampler, Samplers, SceneErrors};
 
-/// One sample at a random place in each cell of a grid of n x n, another place in each pixel.
+/// Stratified sampling: one jittered sample in each cell of an n x n grid, different in each pixel.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Cells in each direction.
+    /// Cells along each axis.
     #[serde(default = "two")]
     n: IntegerIn<1, 64>,
-    /// Of the places: another one gives others.
+    /// Seed of the positions; different seeds give different positions.
     #[serde(default = "zero")]
     seed: IntegerIn<0, 0xffff_ffff>,
 }
@@ -35,7 +35,7 @@ fn zero() -> IntegerIn<0, 0xffff_ffff> {
     IntegerIn::new(0).expect("0 is in range")
 }
 
-/// See the module.
+/// The `stratified` sampler; see the module documentation.
 pub struct Stratified {
     n: u32,
     seed: u32,
@@ -97,7 +97,7 @@ mod tests {
         assert_ne!(a.position([0, 0], 0), b.position([0, 0], 0));
     }
 
-    /// The driver's own test has the same numbers, from other code:
+    /// The driver's own test contains the same numbers, computed by other code:
     /// `references/mitsuba/tests/test_samplers.py`.
     #[test]
     fn the_places_are_those_of_the_driver() {

@@ -1,16 +1,16 @@
-//! Numbers of cells, for patterns that repeat in space.
+//! Cell numbers of patterns that repeat in space.
 
-/// How far borders are moved, in cells: a surface that lies exactly on a border shows one colour,
-/// where otherwise rounding errors would choose.
+/// Shift of all cell borders, in cells. A surface exactly on a border then shows one colour;
+/// without the shift, rounding errors would choose.
 pub(crate) const SHIFT: f64 = 1.0 / 4096.0;
 
-/// The number of the cell that a coordinate is in.
+/// The number of the cell that contains a coordinate.
 #[inline(always)]
 pub(crate) fn cell(x: f64) -> f64 {
     (x + SHIFT).floor()
 }
 
-/// 1 in cells with odd numbers, else 0; NaN where there is no cell.
+/// 1 in cells with odd numbers, else 0; NaN if the cell is NaN.
 #[inline(always)]
 pub(crate) fn odd(x: f64) -> f64 {
     let cell = cell(x);

@@ -1,4 +1,4 @@
-//! Two colours in squares.
+//! A checkerboard of two colours.
 //!
 //! - Twin: Mitsuba `checkerboard` (native).
 //! - Example: `scenes/textures/checker.toml`.
@@ -10,23 +10,23 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Scale2, Vector2};
 use whitstone_core::{Context, DVec2, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures};
 
-/// Two colours in squares, like a chessboard.
+/// A checkerboard of two colours.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour of the square at u, v in [0, 1) (without an offset).
+    /// Colour of the square with u, v in [0, 1) (without an offset).
     #[serde(default = "light")]
     a: Color,
-    /// Colour of its neighbours.
+    /// Colour of the adjacent squares.
     #[serde(default = "dark")]
     b: Color,
-    /// Squares in a unit of u and of v.
+    /// Squares per unit of u and of v.
     #[serde(default = "one")]
     scale: Scale2,
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
-    /// Where the texture lies; by (u, v) if left out.
+    /// Mapping of the texture; by (u, v) if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
@@ -47,7 +47,7 @@ fn zero() -> Vector2 {
     Vector2::new(0.0, 0.0)
 }
 
-/// See the module.
+/// The `checker` texture; see the module documentation.
 pub struct Checker {
     a: Rgb,
     b: Rgb,
@@ -74,8 +74,8 @@ impl Pattern for Checker {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let cell = (q.truncate() * self.scale + self.offset).floor();
-        // The remainder after division by 2, exact for every finite number; a sum of cell numbers
-        // could round. Without a cell (NaN) the colour is b.
+        // The remainder modulo 2, which is exact for every finite number; a sum of cell numbers
+        // could round. If the cell is NaN, the colour is b.
         let odd = cell - 2.0 * (0.5 * cell).floor();
         if odd.x == odd.y { self.a } else { self.b }
     }

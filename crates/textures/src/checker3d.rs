@@ -1,4 +1,4 @@
-//! Two colours in cubes.
+//! A three-dimensional checkerboard: cubes of two colours.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture; POV-Ray, a function.
 //! - Example: `scenes/textures/checker3d.toml`.
@@ -11,23 +11,23 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Positive, Vector3};
 use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures};
 
-/// Two colours in cubes, like a chessboard in three dimensions.
+/// A three-dimensional checkerboard: cubes of two colours.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour of the cube at x, y, z in [0, 1) (without an offset).
+    /// Colour of the cube with x, y, z in [0, 1) (without an offset).
     #[serde(default = "light")]
     a: Color,
-    /// Colour of the cubes next to it.
+    /// Colour of the adjacent cubes.
     #[serde(default = "dark")]
     b: Color,
-    /// Cubes in a unit of texture space (a metre by default).
+    /// Cubes per unit of texture space (a metre by default).
     #[serde(default = "one")]
     scale: Positive,
     /// Added after scaling, along each axis.
     #[serde(default = "zero")]
     offset: Vector3,
-    /// Where the texture lies; by the place in the world if left out.
+    /// Mapping of the texture; by world-space position if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
@@ -48,7 +48,7 @@ fn zero() -> Vector3 {
     Vector3::new(0.0, 0.0, 0.0)
 }
 
-/// See the module.
+/// The `checker3d` texture; see the module documentation.
 pub struct Checker3d {
     a: Rgb,
     b: Rgb,
@@ -75,7 +75,8 @@ impl Pattern for Checker3d {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let p = q * self.scale + self.offset;
-        // The sum is 0 or 2 where a is, 1 or 3 where b is; without a cell (NaN) the colour is b.
+        // The sum is 0 or 2 in cubes of colour a, 1 or 3 in those of b. If the cell is NaN, the
+        // colour is b.
         let odd = odd(p.x) + odd(p.y) + odd(p.z);
         if (odd == 0.0) | (odd == 2.0) {
             self.a

@@ -1,4 +1,4 @@
-//! The same colour everywhere: a number in the scene that has an id.
+//! A constant colour, so that several materials can share it by its ID.
 //!
 //! - Twin: Mitsuba `rgb` (native).
 //! - Example: `scenes/textures/constant.toml`.
@@ -9,7 +9,7 @@ use std::sync::Arc;
 use whitstone_core::config::Color;
 use whitstone_core::{Context, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, Texture, Textures};
 
-/// The same colour everywhere.
+/// A constant colour.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -17,7 +17,7 @@ pub struct Config {
     value: Color,
 }
 
-/// See the module.
+/// The `constant` texture; see the module documentation.
 pub struct Constant {
     value: Rgb,
 }

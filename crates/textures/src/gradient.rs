@@ -1,4 +1,4 @@
-//! A ramp of colours along the first axis.
+//! A colour ramp along the first axis.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture; POV-Ray, a function.
 //! - Example: `scenes/textures/gradient.toml`.
@@ -12,53 +12,53 @@ use toml::Spanned;
 use whitstone_core::config::{Color, Finite, Positive, UnitInterval};
 use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, Textures};
 
-/// A ramp of colours along the first axis.
+/// A colour ramp along the first axis.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour at x = 0 (without an offset); 0.8 if left out.
+    /// Colour at x = 0 (without an offset); 0.8 if omitted.
     #[schemars(with = "Option<Color>")]
     a: Option<Spanned<Color>>,
-    /// Colour at x = 1; 0.2 if left out.
+    /// Colour at x = 1; 0.2 if omitted.
     #[schemars(with = "Option<Color>")]
     b: Option<Spanned<Color>>,
-    /// Instead of `a` and `b`: 2 to 64 colours at places from 0 to 1, in ascending order.
+    /// Replaces `a` and `b`: 2 to 64 colours at positions from 0 to 1, in ascending order.
     #[schemars(with = "Option<Vec<Stop>>")]
     stops: Option<Spanned<Vec<Stop>>>,
-    /// Ramps in a unit of texture space (a metre by default).
+    /// Ramps per unit of texture space (a metre by default).
     #[serde(default = "one")]
     scale: Positive,
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Finite,
-    /// What is beyond the ramp: "repeat", the ramp again; "clamp", the colour of its end; "mirror",
-    /// the ramp in the other direction.
+    /// Continuation beyond the ramp: "repeat" repeats it, "clamp" uses the colour of its end,
+    /// "mirror" reflects it.
     #[serde(default)]
     wrap: Wrap,
-    /// Where the texture lies; by the place in the world if left out.
+    /// Mapping of the texture; by world-space position if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
 
-/// A colour of the ramp.
+/// A colour stop of the ramp.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Stop {
-    /// Its place.
+    /// Position of the stop.
     at: UnitInterval,
-    /// The colour there.
+    /// Colour at the stop.
     color: Color,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Wrap {
-    /// The ramp again.
+    /// Repeats the ramp.
     #[default]
     Repeat,
-    /// The colour of its end.
+    /// Uses the colour of its end.
     Clamp,
-    /// The ramp in the other direction.
+    /// Reflects the ramp.
     Mirror,
 }
 
@@ -70,9 +70,9 @@ fn zero() -> Finite {
     Finite::new(0.0).expect("0 is finite")
 }
 
-/// See the module.
+/// The `gradient` texture; see the module documentation.
 pub struct Gradient {
-    /// Places and colours, two at least.
+    /// Positions and colours; at least two.
     stops: Vec<(f64, Rgb)>,
     scale: f64,
     offset: f64,
@@ -131,7 +131,7 @@ impl Pattern for Gradient {
             Wrap::Clamp => x,
             Wrap::Mirror => 1.0 - (x - 2.0 * (0.5 * x).floor() - 1.0).abs(),
         };
-        // NaN is 0 as well.
+        // Also maps NaN to 0.
         let t = if t > 0.0 { t.min(1.0) } else { 0.0 };
         let above = self.stops.partition_point(|(at, _)| *at <= t);
         match (

@@ -1,4 +1,4 @@
-//! Lines of one colour on another, like squared paper.
+//! A grid of lines on a background.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture.
 //! - Example: `scenes/textures/grid_lines.toml`.
@@ -11,7 +11,7 @@ use toml::Spanned;
 use whitstone_core::config::{Color, Scale2, Vector2};
 use whitstone_core::{Context, DVec2, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, Textures};
 
-/// Lines of one colour on another, like squared paper.
+/// A grid of lines on a background.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -21,16 +21,16 @@ pub struct Config {
     /// Colour of the lines.
     #[serde(default = "dark")]
     b: Color,
-    /// Width of the lines across u and across v as a share of their distance, from 0 (none) to 1.
+    /// Width of the lines across u and across v relative to their spacing, from 0 (no lines) to 1.
     #[schemars(with = "Option<Scale2>")]
     width: Option<Spanned<Scale2>>,
-    /// Lines in a unit of u and of v.
+    /// Lines per unit of u and of v.
     #[serde(default = "one")]
     scale: Scale2,
-    /// Added after scaling: at 0, the middle of a line is at u = 0 and one at v = 0.
+    /// Added after scaling: with 0, lines are centred at u = 0 and at v = 0.
     #[serde(default = "zero")]
     offset: Vector2,
-    /// Where the texture lies; by (u, v) if left out.
+    /// Mapping of the texture; by (u, v) if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
@@ -51,7 +51,7 @@ fn zero() -> Vector2 {
     Vector2::new(0.0, 0.0)
 }
 
-/// See the module.
+/// The `grid_lines` texture; see the module documentation.
 pub struct GridLines {
     a: Rgb,
     b: Rgb,
@@ -91,10 +91,10 @@ impl Pattern for GridLines {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let uv = q.truncate() * self.scale + self.offset;
-        // Not the floor of uv + 0.5, which rounds where uv is large.
+        // Not the floor of uv + 0.5, which rounds for large uv.
         let part = uv - uv.floor();
         let from_line = part.min(1.0 - part);
-        // Without a part (NaN) it is on no line.
+        // NaN is not on a line.
         let line = (from_line.x < self.half_width.x) | (from_line.y < self.half_width.y);
         if line { self.b } else { self.a }
     }

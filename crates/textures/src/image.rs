@@ -1,9 +1,9 @@
-//! A picture from a file, or its alpha channel.
+//! An image file, or its alpha channel.
 //!
-//! Alpha says how much of the picture is there (Porter and Duff, *Compositing digital images*,
-//! 1984). Colours are neither multiplied by it nor divided. A `mask` multiplies them, so it wants a
-//! file in which that has not been done already: PNG files are so, EXR files mostly not. Leaves are
-//! cut out in `scenes/showcase/cutout.toml`.
+//! Alpha is coverage (Porter and Duff, *Compositing digital images*, 1984). Colours are neither
+//! multiplied nor divided by it. A `mask` multiplies them, so it needs a file whose colours are not
+//! premultiplied: PNG files are not, EXR files mostly are. `scenes/showcase/cutout.toml` uses it
+//! for leaves.
 //!
 //! - Twin: Mitsuba `bitmap` (native); the filters `trilinear` and `ewa` are hosted.
 //! - Example: `scenes/textures/image.toml`.
@@ -20,56 +20,56 @@ use whitstone_core::{Context, Plugin, SceneError, SceneErrors, Texture, Textures
 use whitstone_image::limits::{Limits, ReadFault};
 use whitstone_image::texels;
 
-/// A picture from a PNG, JPEG or EXR file.
+/// An image from a PNG, JPEG or EXR file.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The file, relative to the scene.
+    /// Path of the file, relative to the scene.
     file: FilePath,
-    /// Between texel centres: "bilinear" interpolation, or the "nearest" texel. What several texels
-    /// fall into one sample of: "trilinear" looks up a pyramid of ever coarser levels, "ewa" takes
-    /// the mean over the ellipse that a sample covers; both are bilinear where samples are closer
-    /// than texels, and take 4 bytes more for each texel.
+    /// "nearest" uses the nearest texel, "bilinear" interpolates between texel centres. Two filters
+    /// average where a sample covers several texels: "trilinear" looks up a mip map; "ewa" averages
+    /// over the ellipse that a sample covers. Both are bilinear where samples are closer than
+    /// texels, and need 4 more bytes per texel.
     #[serde(default)]
     filter: Filter,
-    /// Of "ewa": how many times longer than wide the ellipse of a sample may be; a longer one is
-    /// made wider, so that no lookup reads texels without end. 16 if left out.
+    /// For "ewa": maximum ratio of the axes of a sample's ellipse. Longer ellipses are widened,
+    /// which bounds the number of texels read. 16 if omitted.
     #[schemars(with = "Option<IntegerIn<1, 64>>")]
     max_anisotropy: MaxAnisotropy,
-    /// Outside of the picture: "repeat" it, "clamp" to its border, or "mirror" it; two words for
-    /// what is beside it and what is above and below. A sky by latitude and longitude wants
-    /// ["repeat", "clamp"].
+    /// Continuation outside of the image: "repeat", "clamp" to its border, or "mirror". Two words
+    /// give the horizontal and the vertical rule; a latitude-longitude sky needs ["repeat",
+    /// "clamp"].
     #[serde(default)]
     wrap: Wraps,
-    /// What of the picture: "color", as it is in the file, whatever its alpha is; or "alpha" as a
-    /// grey, such as for the `opacity` of a `mask`.
+    /// Channel of the image: "color", as stored in the file regardless of alpha; or "alpha" as a
+    /// grey, for example for the `opacity` of a `mask`.
     #[serde(default)]
     #[schemars(with = "Channel")]
     channel: Option<Spanned<Channel>>,
-    /// What the values in the file are: "srgb", "linear", or "auto": sRGB for PNG and JPEG, linear
-    /// for EXR. Not of alpha, which is always linear.
+    /// Encoding of the values in the file: "srgb", "linear", or "auto" (sRGB for PNG and JPEG,
+    /// linear for EXR). Alpha is always linear.
     #[serde(default)]
     #[schemars(with = "ColorSpace")]
     color_space: Option<Spanned<ColorSpace>>,
-    /// Pictures in a unit of u and of v.
+    /// Repetitions of the image per unit of u and of v.
     #[serde(default = "one")]
     scale: Scale2,
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
-    /// Where the texture lies; by (u, v) if left out.
+    /// Mapping of the texture; by (u, v) if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
 
-/// A part of a picture.
+/// A channel of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Channel {
     /// Its colours.
     #[default]
     Color,
-    /// How much of it is there.
+    /// Its alpha (coverage).
     Alpha,
 }
 
@@ -81,7 +81,7 @@ fn zero() -> Vector2 {
     Vector2::new(0.0, 0.0)
 }
 
-/// See the module.
+/// The `image` texture; see the module documentation.
 pub struct Image;
 
 impl Plugin<Textures> for Image {
@@ -150,7 +150,7 @@ mod tests {
     use whitstone_image::tone::srgb_to_linear;
     use whitstone_testkit::{TestContext, build_in, texture_laws};
 
-    /// 4 x 2 texels whose codes are 10 (column + 1) + row.
+    /// An image of 4 x 2 texels with the codes 10 (column + 1) + row.
     fn picture(extra: &str) -> Arc<dyn Texture> {
         let raster = png::Raster::from_fn(4, 2, |x, y| [(10 * (x + 1) + y) as u8, 0, 255]);
         let folder = tempfile::tempdir().unwrap();
@@ -205,7 +205,7 @@ mod tests {
         let texture = picture("color_space = \"linear\"");
         assert!((code(&*texture, 0.25, 0.75) - 15.0).abs() < 1e-13);
         assert!((code(&*texture, 0.25, 0.5) - 15.5).abs() < 1e-13);
-        // Across the seam: columns 3 and 0.
+        // Across the seam, columns 3 and 0 are interpolated.
         assert!((code(&*texture, 0.0, 0.75) - 25.0).abs() < 1e-13);
         let clamped = picture("color_space = \"linear\"\nwrap = \"clamp\"");
         assert!((code(&*clamped, 0.0, 0.75) - 10.0).abs() < 1e-13);
@@ -228,7 +228,7 @@ mod tests {
         assert_eq!(m, [3, 3, 2, 1, 0, 0, 1, 2, 3, 3, 2, 1, 0, 0, 1].map(f64::from));
     }
 
-    /// Round the sides, not over the top: each axis has its own rule.
+    /// Each axis has its own wrap rule: repeat horizontally, clamp vertically, or the reverse.
     #[test]
     fn each_axis_is_wrapped_by_its_own_word() {
         for filter in ["bilinear", "trilinear", "ewa"] {
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn huge_indices_wrap_exactly() {
-        // 2^60 + 4096 is a multiple of 4 and a number.
+        // 2^60 + 4096 is a multiple of 4 and exactly representable.
         let index = f64::exp2(60.0) + 4096.0;
         assert_eq!(Wrap::Repeat.index(index, 3), ((1_u64 << 60) + 4096) as usize % 3);
         assert_eq!(Wrap::Mirror.index(-1.0, 3), 0);
@@ -332,7 +332,7 @@ mod tests {
         )
         .unwrap();
         texture_laws(&*leaf);
-        // Whole, absent, and in part, by codes that mean what they are.
+        // Opaque, transparent and partial coverage; the codes have their exact values.
         let values: Vec<Rgb> = (0..32 * 32)
             .map(|k| {
                 at(
@@ -407,7 +407,7 @@ mod tests {
         }
     }
 
-    /// A picture of noise, so that no mean of it is like another one.
+    /// An image of noise, so that different means are distinguishable.
     fn noise(width: u32, height: u32, extra: &str) -> Arc<dyn Texture> {
         let code = |x: usize, y: usize, c: u32| {
             let number = 3 * (y as u32 * width + x as u32) + c;
@@ -422,7 +422,7 @@ mod tests {
         build(folder.path(), &text).unwrap()
     }
 
-    /// The value of a sample whose neighbours are these steps away.
+    /// The value of a sample with these steps to its neighbours.
     fn over(texture: &dyn Texture, at: [f64; 2], steps: [[f64; 2]; 2]) -> Rgb {
         let mut point = SurfacePoint::new(DVec3::ZERO, 0.0, DVec3::Z);
         point.uv = at.into();
@@ -450,7 +450,7 @@ mod tests {
                 for step in [0.0, 1e-3, 0.05, 0.3, 1.7, 50.0] {
                     for other in [1e-4, 0.1, 3.0] {
                         let found = over(&*texture, [0.3, 2.6], [[step, 0.2 * step], [-0.1 * other, other]]);
-                        // As many roundings of single precision as texels in the longest ellipse.
+                        // At most one single-precision rounding per texel of the longest ellipse.
                         let most = 1024.0 * f64::from(f32::EPSILON);
                         assert!(
                             distance(found, expected) < most,
@@ -471,15 +471,14 @@ mod tests {
             let [plain, trilinear, ewa] = [0, 1, 2].map(|i| over(&*pictures[i], at, steps));
             assert_eq!((plain, plain), (trilinear, ewa), "{k}");
         }
-        // Above that they are not.
+        // For larger steps they differ.
         let wide = [[3.0 / 16.0, 0.0], [0.0, 3.0 / 16.0]];
         let [plain, trilinear, ewa] = [0, 1, 2].map(|i| over(&*pictures[i], [0.2, 0.4], wide));
         assert!(plain != trilinear && plain != ewa && trilinear != ewa);
     }
 
-    /// Means of noise over circles and ellipses are compared with means over many points of the
-    /// square or parallelogram of the sample, of which the filters are approximations: what is to
-    /// be seen is that they are near, and how near.
+    /// Compares filtered noise over circles and ellipses with the mean over many points of the
+    /// sample's square or parallelogram, which the filters approximate.
     #[test]
     fn ellipses_are_nearer_to_the_mean_over_a_sample_than_levels_are() {
         let [plain, trilinear, ewa] =
@@ -495,8 +494,8 @@ mod tests {
             }
             sum * (1.0 / f64::from(points * points))
         };
-        // In texels, as round as samples can be, and as long as they come: (error of levels, error
-        // of ellipses).
+        // In texels, for nearly round and for elongated samples: (error of trilinear, error of
+        // EWA).
         let errors = |s: [f64; 2], t: [f64; 2]| {
             let steps = [s, t].map(|step| step.map(|x| x / 64.0));
             let of = |texture: &dyn Texture| {
@@ -561,7 +560,7 @@ mod tests {
             over(&*usual, [0.3, 0.3], steps),
             over(&*sixteen, [0.3, 0.3], steps)
         );
-        // Both steps along one line: no width at all.
+        // Both steps along one line: the ellipse has zero width.
         let flat = [[0.5, 0.25], [1.0, 0.5]];
         assert!(is_colour(over(&*usual, [0.3, 0.3], flat)));
         let folder = tempfile::tempdir().unwrap();
@@ -596,7 +595,7 @@ mod tests {
                 (3 * 64 * 32 + table, 0)
             );
         }
-        // 32 x 16 + 16 x 8 + 8 x 4 + 4 x 2 + 2 x 1 + 1 x 1 texels of three numbers.
+        // 32 x 16 + 16 x 8 + 8 x 4 + 4 x 2 + 2 x 1 + 1 x 1 texels of three numbers each.
         for filter in ["trilinear", "ewa"] {
             assert_eq!(bytes(filter).levels, (683 + 6) * 12);
         }

@@ -1,6 +1,6 @@
-//! Textures: one file is one plugin is one Cargo feature is one TOML `type`.
+//! Textures: each plugin is one file, one Cargo feature and one TOML `type`.
 //!
-//! All are described in section 10 of `docs/whitted-model.md`.
+//! Section 10 of `docs/whitted-model.md` specifies all of them.
 
 #![cfg_attr(
     not(feature = "all"),
@@ -47,7 +47,7 @@ pub mod synthesized;
 pub mod worley;
 mod wrap;
 
-/// Adds every texture whose feature is on.
+/// Registers every texture whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "checker")]

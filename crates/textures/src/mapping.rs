@@ -1,12 +1,12 @@
-//! Where a texture is: the point of texture space that belongs to a point of a surface.
+//! Texture mapping: the point of texture space for a surface point.
 //!
-//! A texture is a [`Pattern`], a function of a point of texture space and of nothing else; a
-//! [`Mapping`] finds that point, from the surface's own (u, v) or from its place in the world. So
-//! each texture is written once and can be put on by each mapping, and only a mapping that reads
-//! (u, v) makes shapes compute it. The solid textures of Peachey 1985 and Perlin 1985 are patterns
-//! that look at all three coordinates; the projections are those of Bier and Sloan, *Two-part
-//! texture mappings*, 1986. The triplanar one is a mean of three planar ones by the normal (Geiss,
-//! *Generating complex procedural terrains using the GPU*, GPU Gems 3, 2007, section 1.5).
+//! A texture is a [`Pattern`], a function of a point of texture space only. A [`Mapping`] computes
+//! that point from the surface's (u, v) or from its world-space position. Each texture is therefore
+//! written once and works with every mapping, and only a mapping that reads (u, v) makes shapes
+//! compute it. The solid textures of Peachey 1985 and Perlin 1985 are patterns that use all three
+//! coordinates; the projections are those of Bier and Sloan, *Two-part texture mappings*, 1986. The
+//! triplanar one is a mean of three planar ones weighted by the normal (Geiss, *Generating complex
+//! procedural terrains using the GPU*, GPU Gems 3, 2007, section 1.5).
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -20,51 +20,51 @@ use whitstone_core::{
     Transform, simd,
 };
 
-/// A colour for each point of texture space.
+/// A texture function: a colour for each point of texture space.
 pub(crate) trait Pattern: Send + Sync {
-    /// The linear value at a point; finite and not negative whatever the point is. Mark it
-    /// `#[inline(always)]` if it is straight-line.
+    /// The linear value at a point; finite and not negative for every point. Mark branchless
+    /// implementations `#[inline(always)]`.
     fn at(&self, q: DVec3) -> Rgb;
 
-    /// Whether it shows a mean over what a sample covers.
+    /// Whether [`Self::over`] filters over the footprint of a sample.
     #[inline(always)]
     fn filters(&self) -> bool {
         false
     }
 
-    /// That mean, of a sample whose neighbours are these steps away; the value at the point where
-    /// they are zero. Finite and not negative whatever they are.
+    /// The filtered value of a sample with these steps to its neighbours; the value at the point if
+    /// the steps are zero. Finite and not negative for all steps.
     fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
         let _ = steps;
         self.at(q)
     }
 
-    /// What it keeps in memory that grows with what it is made of.
+    /// Memory that grows with the size of the texture data.
     fn bytes(&self) -> TextureBytes {
         TextureBytes::default()
     }
 
-    /// Columns and rows of a picture.
+    /// Columns and rows of an image.
     fn size(&self) -> Option<[usize; 2]> {
         None
     }
 }
 
-/// How texture space lies on surfaces.
+/// Mapping from surfaces to texture space.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Mapping {
-    /// "uv": by the texture coordinates of the shape; "solid": by the place in the world; "planar",
-    /// "spherical", "cylindrical", "cube": by the place in the world, projected; "triplanar": by
-    /// the mean of three projections, along the axes. Textures of (u, v) have "uv" by default,
-    /// solid ones "solid".
+    /// "uv": the texture coordinates of the shape. "solid": the world-space position. "planar",
+    /// "spherical", "cylindrical", "cube": a projection of the world-space position. "triplanar":
+    /// the mean of three projections along the axes. The default is "uv" for textures of (u, v),
+    /// and "solid" for solid ones.
     projection: Option<Projection>,
-    /// From the space of the shape's (u, v, 0), or from world space, to that of the texture or of
-    /// the projection: one step, or steps in the order in which they are applied.
+    /// Transform from (u, v, 0) of the shape, or from world space, to the space of the texture or
+    /// of the projection: one step, or steps in the order in which they are applied.
     #[serde(default = "none")]
     transform: Steps,
-    /// Of "triplanar": the power of the normal's components by which each projection counts; 4 if
-    /// left out.
+    /// For "triplanar": exponent of the normal's components in the weights of the projections; 4 if
+    /// omitted.
     #[schemars(with = "Option<Positive>")]
     sharpness: Option<Spanned<Positive>>,
 }
@@ -73,23 +73,23 @@ const fn none() -> Steps {
     Steps::NONE
 }
 
-/// See [`Mapping`].
+/// Projection to texture space; see [`Mapping`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Projection {
     /// The texture coordinates of the shape.
     Uv,
-    /// The point itself.
+    /// The world-space position itself.
     Solid,
-    /// Along z.
+    /// Parallel projection along z.
     Planar,
-    /// From the origin to a sphere around z.
+    /// Projection from the origin onto a sphere with poles on the z axis.
     Spherical,
-    /// From the z axis to a cylinder.
+    /// Projection from the z axis onto a cylinder.
     Cylindrical,
-    /// From the origin to the faces of a cube.
+    /// Projection from the origin onto the faces of a cube.
     Cube,
-    /// Along each axis.
+    /// Parallel projection along each axis, weighted by the normal.
     Triplanar,
 }
 
@@ -104,7 +104,7 @@ impl Default for Mapping {
 }
 
 impl Mapping {
-    /// A texture of this pattern; `usual` is the projection where none is written.
+    /// Maps `pattern` to surfaces; `usual` is the default projection.
     ///
     /// # Errors
     ///
@@ -135,13 +135,13 @@ impl Mapping {
     }
 }
 
-/// A pattern on surfaces.
+/// A pattern mapped to surfaces.
 struct Mapped<P> {
     pattern: P,
     projection: Projection,
-    /// The transform, where it does something.
+    /// The transform, unless it is the identity.
     moved: Option<DAffine3>,
-    /// What it does to normals; of "triplanar" only, like what follows.
+    /// The transform of normals. This and the next field are for "triplanar" only.
     turned: DMat3,
     sharpness: f64,
 }
@@ -164,7 +164,7 @@ impl<P: Pattern> Mapped<P> {
         }
     }
 
-    /// The steps to the neighbours of a point, before they are projected.
+    /// The steps to the neighbours of a point, transformed but not projected.
     fn steps(&self, point: &SurfacePoint) -> [DVec3; 2] {
         let step = |side: usize| {
             let step = match self.projection {
@@ -176,7 +176,7 @@ impl<P: Pattern> Mapped<P> {
         [step(0), step(1)]
     }
 
-    /// The mean over the footprint of a point.
+    /// The filtered value over the footprint of a point.
     fn filtered(&self, point: &SurfacePoint) -> Rgb {
         let source = match self.projection {
             Projection::Uv => point.uv.extend(0.0),
@@ -188,7 +188,7 @@ impl<P: Pattern> Mapped<P> {
         self.pattern.over(self.projection.project(q), steps)
     }
 
-    /// The mean of the projections along the axes.
+    /// The weighted mean of the projections along the axes.
     fn triplanar(&self, point: &SurfacePoint) -> Rgb {
         let q = self.moved(point.position);
         let plane = |q: DVec3, a: usize| DVec3::new(q[(a + 1) % 3], q[(a + 2) % 3], 0.0);
@@ -201,19 +201,19 @@ impl<P: Pattern> Mapped<P> {
             }
         };
         let normal = (self.turned * point.n_s).abs();
-        // By the largest, so that not all powers vanish.
+        // Relative to the largest component, so that not all powers underflow.
         let shares = (normal / normal.max_element())
             .to_array()
             .map(|x| x.powf(self.sharpness));
         let (mut sum, mut total) = (Rgb::BLACK, 0.0);
         for (a, share) in shares.into_iter().enumerate() {
-            // What does not count is not looked up.
+            // Projections with weight 0 are not evaluated.
             if share > 0.0 {
                 sum += along(a) * share;
                 total += share;
             }
         }
-        // No normal, after a transform that overflows.
+        // After a transform that overflows, the normal may be NaN.
         if total > 0.0 {
             sum * (1.0 / total)
         } else {
@@ -221,7 +221,7 @@ impl<P: Pattern> Mapped<P> {
         }
     }
 
-    /// The values at the points of a stream, each at the place that the function says.
+    /// The values at the points of a stream, with `place` mapping each point to texture space.
     #[inline(always)]
     fn stream(&self, points: &PointStream, out: &mut Colors, place: impl Fn(&SurfacePoint) -> DVec3) {
         simd::dispatch(
@@ -242,8 +242,7 @@ impl Projection {
             Self::Uv | Self::Solid | Self::Triplanar => q,
             Self::Planar => DVec3::new(q.x, q.y, 0.0),
             Self::Spherical => {
-                // As the inverse tangent, which is exact near the poles, where the inverse cosine
-                // is not.
+                // The arc tangent is accurate near the poles; the arc cosine is not.
                 let theta = q.truncate().length().atan2(q.z);
                 DVec3::new(turn(q), (PI - theta) / PI, 0.0)
             }
@@ -264,8 +263,8 @@ impl Projection {
 }
 
 impl Projection {
-    /// What a small step away from q is in texture space; not finite where the projection is not
-    /// smooth.
+    /// The image of a small step from q in texture space; not finite where the projection is not
+    /// differentiable.
     #[inline]
     fn step(self, q: DVec3, step: DVec3) -> DVec3 {
         let turn = || (q.x * step.y - q.y * step.x) / (TAU * q.truncate().length_squared());
@@ -290,7 +289,7 @@ impl Projection {
     }
 }
 
-/// The axis along which q is farthest from the origin, the lowest at equality.
+/// The axis of the largest component of q by magnitude; the lowest axis if several are equal.
 fn cube_face(q: DVec3) -> usize {
     let size = q.abs();
     if size.x >= size.y && size.x >= size.z {
@@ -302,7 +301,7 @@ fn cube_face(q: DVec3) -> usize {
     }
 }
 
-/// The angle around z from the x axis, in turns from 0 to 1.
+/// The angle around z from the x axis, as a fraction of a turn from 0 to 1.
 fn turn(q: DVec3) -> f64 {
     let phi = q.y.atan2(q.x);
     (if phi < 0.0 { phi + TAU } else { phi }) / TAU
@@ -346,7 +345,8 @@ impl<P: Pattern> Texture for Mapped<P> {
             }
             return;
         }
-        // The choice is made once for a stream, so that it keeps no loop from becoming vector code.
+        // Selected once per stream, so that the choice does not prevent the vectorisation of the
+        // loops.
         match (self.projection, self.moved) {
             (Projection::Uv, None) => self.stream(points, out, |point| point.uv.extend(0.0)),
             (Projection::Solid, None) => self.stream(points, out, |point| point.position),
@@ -367,7 +367,7 @@ mod tests {
     use whitstone_core::config::decode;
     use whitstone_testkit::texture_laws;
 
-    /// The point of texture space, as a colour; the pole of no pattern is hidden.
+    /// A pattern that shows the magnitudes of its point's coordinates as a colour.
     struct Place;
 
     impl Pattern for Place {
@@ -426,14 +426,14 @@ mod tests {
         };
         let [x, y, z] = [[2.0, 4.0, 0.0], [4.0, 1.0, 0.0], [1.0, 2.0, 0.0]].map(DVec3::from_array);
         let near = |a: DVec3, b: DVec3| assert!(a.abs_diff_eq(b, 1e-14), "{a}, not {b}");
-        // Along an axis there is one; on both sides the same.
+        // A normal along an axis selects one projection, the same for both signs.
         near(seen("", [1.0, 0.0, 0.0]), x);
         near(seen("", [0.0, -1.0, 0.0]), y);
         near(seen("", [1.0, 1.0, 1.0]), (x + y + z) / 3.0);
         near(seen("", [0.0, 1.0, 2.0]), (y + 16.0 * z) / 17.0);
         near(seen("sharpness = 1", [0.0, -1.0, 2.0]), (y + 2.0 * z) / 3.0);
         near(seen("sharpness = 1e300", [0.0, 1.0, 2.0]), z);
-        // Twice as long along z: normals lie flatter there.
+        // Stretched by 2 along z, which makes the transformed normals flatter.
         let long = "sharpness = 1\ntransform = { scale = [1, 1, 2] }";
         let y2 = DVec3::new(8.0, 1.0, 0.0);
         near(seen(long, [0.0, 1.0, 2.0]), (y2 + z) / 2.0);

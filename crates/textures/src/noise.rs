@@ -1,8 +1,8 @@
-//! Perlin's noise, in octaves, and as marble and wood.
+//! Perlin noise: single, in octaves, and as marble and wood.
 //!
-//! Perlin, *Improving noise*, 2002: gradients to the edges of a cube chosen by a table, eased by a
-//! polynomial of degree five. The sums of octaves and marble are those of Perlin, *An image
-//! synthesizer*, 1985; wood is rings, after Peachey in Ebert et al., *Texturing and
+//! Perlin, *Improving noise*, 2002: gradients towards the edges of a cube are chosen by a table and
+//! blended by a polynomial of degree five. The sums of octaves and marble are those of Perlin, *An
+//! image synthesizer*, 1985; wood is rings, after Peachey in Ebert et al., *Texturing and
 //! Modeling*, 1994.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
@@ -18,40 +18,40 @@ use whitstone_core::config::{Color, Finite, IntegerIn, Positive};
 use whitstone_core::hash::mix;
 use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, Textures};
 
-/// Perlin's noise, in octaves, and as marble and wood.
+/// Perlin noise: single, in octaves, and as marble and wood.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// "perlin": one octave; "fbm": a sum of octaves; "turbulence": of their absolute values;
-    /// "marble": waves along x that turbulence distorts; "wood": rings around the z axis that fbm
-    /// distorts.
+    /// "perlin": one octave; "fbm": a sum of octaves; "turbulence": a sum of their absolute values;
+    /// "marble": waves along x distorted by turbulence; "wood": rings around the z axis distorted
+    /// by fbm.
     #[serde(default)]
     kind: Kind,
-    /// Colour where the noise is least.
+    /// Colour at the minimum of the noise.
     #[serde(default = "dark")]
     a: Color,
-    /// Colour where the noise is greatest.
+    /// Colour at the maximum of the noise.
     #[serde(default = "light")]
     b: Color,
-    /// Cells of the first octave in a unit of texture space (a metre, if nothing else is said); of
-    /// marble and wood also the waves.
+    /// Cells of the first octave per unit of texture space (a metre by default); for marble and
+    /// wood also the number of waves.
     #[serde(default = "one")]
     scale: Positive,
-    /// How many octaves; not of "perlin", which is one.
+    /// Number of octaves; not for "perlin", which has one.
     #[schemars(with = "Option<IntegerIn<1, 16>>")]
     octaves: Option<Spanned<IntegerIn<1, 16>>>,
-    /// Factor on the scale from one octave to the next.
+    /// Factor on the frequency from one octave to the next.
     #[schemars(with = "Option<Positive>")]
     lacunarity: Option<Spanned<Positive>>,
-    /// Factor on the strength from one octave to the next.
+    /// Factor on the amplitude from one octave to the next.
     #[schemars(with = "Option<Positive>")]
     gain: Option<Spanned<Positive>>,
-    /// How far "marble" and "wood" are moved by noise, in waves.
+    /// Displacement of "marble" and "wood" by noise, in waves.
     #[schemars(with = "Option<Finite>")]
     distortion: Option<Spanned<Finite>>,
-    /// Shuffles the table of gradients; Perlin's own if left out.
+    /// Seed that shuffles the permutation table; Perlin's own table if omitted.
     seed: Option<IntegerIn<0, { u32::MAX }>>,
-    /// Where the texture lies; by the place in the world if left out.
+    /// Mapping of the texture; by world-space position if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
@@ -68,7 +68,7 @@ fn one() -> Positive {
     Positive::new(1.0).expect("1 is positive")
 }
 
-/// What is made of the octaves.
+/// Combination of the octaves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Kind {
@@ -85,10 +85,11 @@ enum Kind {
     Wood,
 }
 
-/// The greatest factor on the scale of the last octave, and the greatest sum of strengths.
+/// Upper limit of the frequency of the last octave relative to the first, and of the sum of
+/// amplitudes.
 const MOST: f64 = 1e100;
 
-/// See the module.
+/// The `noise` texture; see the module documentation.
 pub struct Noise {
     kind: Kind,
     a: Rgb,
@@ -97,7 +98,7 @@ pub struct Noise {
     octaves: u32,
     lacunarity: f64,
     gain: f64,
-    /// 1 over the sum of the strengths of all octaves.
+    /// 1 over the sum of the amplitudes of all octaves.
     share: f64,
     distortion: f64,
     table: Table,
@@ -137,7 +138,7 @@ impl Plugin<Textures> for Noise {
             |key: &Option<Spanned<Positive>>, usual| key.as_ref().map_or(usual, |n| n.get_ref().get());
         let (gain, lacunarity) = (number(&config.gain, 0.5), number(&config.lacunarity, 2.0));
         let strengths: f64 = (0..octaves).map(|k| gain.powi(k as i32)).sum();
-        // Neither places nor sums may overflow.
+        // Neither coordinates nor sums may overflow.
         let finest = lacunarity.powi(octaves as i32 - 1);
         for (key, found, what) in [
             (
@@ -178,7 +179,7 @@ impl Plugin<Textures> for Noise {
 }
 
 impl Noise {
-    /// The mean of all octaves by their strengths, each after `shape`.
+    /// The mean of all octaves weighted by amplitude, after applying `shape` to each.
     #[inline(always)]
     fn octaves(&self, q: DVec3, shape: impl Fn(f64) -> f64) -> f64 {
         let (mut q, mut strength, mut sum) = (q, 1.0, 0.0);
@@ -202,7 +203,7 @@ impl Pattern for Noise {
             Kind::Marble => wave(q.x + self.distortion * self.octaves(q, f64::abs)),
             Kind::Wood => wave(q.truncate().length() + self.distortion * self.octaves(q, |n| n)),
         };
-        // What is no number, far outside of every scene, becomes 0.
+        // NaN, which occurs far outside of every scene, becomes 0.
         let t = if t > 0.0 { t.min(1.0) } else { 0.0 };
         self.a * (1.0 - t) + self.b * t
     }
@@ -216,7 +217,7 @@ impl Table {
         let Some(seed) = seed else {
             return Self(PERLIN);
         };
-        // Fisher and Yates.
+        // The Fisher-Yates shuffle.
         let mut table: [u8; 256] = std::array::from_fn(|i| i as u8);
         for i in (1..256u32).rev() {
             let j = mix(seed.wrapping_add(mix(i))) % (i + 1);
@@ -225,12 +226,12 @@ impl Table {
         Self(table)
     }
 
-    /// Noise at a point: 0 at whole numbers, between about -1 and 1.
+    /// Noise at a point: 0 at integer coordinates, between about -1 and 1.
     #[inline(always)]
     fn noise(&self, q: DVec3) -> f64 {
         let cell = q.floor();
         let p = q - cell;
-        // The remainder is exact for every finite number; what is none becomes 0.
+        // The remainder is exact for every finite number; NaN becomes 0.
         let corner = (cell - 256.0 * (cell / 256.0).floor())
             .to_array()
             .map(|x| x as usize);
@@ -250,7 +251,7 @@ impl Table {
     }
 }
 
-/// To the middles of the twelve edges of a cube, four of them twice.
+/// Directions to the midpoints of the twelve edges of a cube; four of them appear twice.
 const GRADIENTS: [[f64; 3]; 16] = [
     [1.0, 1.0, 0.0],
     [-1.0, 1.0, 0.0],
@@ -301,7 +302,7 @@ mod tests {
 
     #[test]
     fn noise_is_that_of_perlins_program() {
-        // What Perlin's Java program of 2002 gives.
+        // The output of Perlin's Java program of 2002.
         let found = Table::new(None).noise(DVec3::new(314.0 / 100.0, 42.0, 7.0));
         assert!((found - 0.136_919_958_784_000_12).abs() < 1e-15, "{found}");
     }
@@ -341,7 +342,7 @@ mod tests {
             let x = 0.173 * f64::from(i);
             let single = value("", x);
             assert_eq!(value("kind = \"fbm\"\noctaves = 1", x), single);
-            // All octaves alike: their mean is each of them.
+            // With equal octaves, the mean is each of them.
             let alike = value("kind = \"fbm\"\noctaves = 3\nlacunarity = 1\ngain = 0.7", x);
             assert!((alike - single).abs() < 1e-15);
             let turbulence = value("kind = \"turbulence\"\noctaves = 1", x);

@@ -1,22 +1,22 @@
-//! A picture at ever coarser levels, and what a ray and its neighbours see of it.
+//! Mip maps and EWA filtering of images.
 //!
-//! Williams, *Pyramidal parametrics*, SIGGRAPH 1983: each level is the picture at half the size, so
-//! that a mean over many texels is one over few. Greene and Heckbert, *Creating raster Omnimax
+//! Williams, *Pyramidal parametrics*, SIGGRAPH 1983: each level is the image at half the size, so
+//! that a mean over many texels becomes one over few. Greene and Heckbert, *Creating raster Omnimax
 //! images from multiple perspective views using the elliptical weighted average filter*, IEEE CG&A
 //! 6(6), 1986, and Heckbert, *Fundamentals of texture mapping and image warping*, 1989, section
-//! 3.5: the mean over the ellipse that a round sample covers, whose rows are cut out of its
-//! quadratic form. A long ellipse is made wider until its axes are in proportion to a bound, so
-//! that the texels that are read are bounded too.
+//! 3.5: the mean over the ellipse that a round sample covers, scanned row by row using its
+//! quadratic form. Elongated ellipses are widened until the ratio of their axes is at most a bound,
+//! which also bounds the number of texels read.
 
 use crate::wrap::Wrap;
 
 use whitstone_core::{DVec2, Rgb, Vec4, simd};
 
-/// Linear values, row by row from the top.
+/// A level of a mip map: linear values, row by row from the top.
 pub(crate) struct Level {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// One more than there are, so that four numbers can be read at each.
+    /// Padded by one texel, so that four numbers can be loaded at each.
     texels: Vec<[f32; 3]>,
 }
 
@@ -26,7 +26,7 @@ impl Level {
         self.texels[at]
     }
 
-    /// For [`elliptical`].
+    /// Texel lookup for [`elliptical`].
     #[inline(always)]
     pub(crate) fn four(&self) -> impl Fn(usize) -> Vec4 {
         let numbers = self.texels.as_flattened();
@@ -34,18 +34,18 @@ impl Level {
     }
 }
 
-/// The levels of a picture but for the finest one, which is the picture; the last one is a single
-/// texel. Together they take about 4 bytes for each texel of the picture: a third of its texels, of
-/// 12 bytes.
+/// The levels of a mip map except the finest one, which is the image itself; the last one is a
+/// single texel. Together they need about 4 bytes per texel of the image: a third of its texels, at
+/// 12 bytes each.
 #[derive(Default)]
 pub(crate) struct Pyramid(pub(crate) Vec<Level>);
 
-/// Half, rounded down, but at least one.
+/// Half of n, rounded down, but at least 1.
 fn halved(n: usize) -> usize {
     (n / 2).max(1)
 }
 
-/// The sizes of all levels but the finest.
+/// The sizes of all levels except the finest.
 fn sizes(width: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
     let next =
         |(width, height): &(usize, usize)| (width * height > 1).then(|| (halved(*width), halved(*height)));
@@ -53,7 +53,7 @@ fn sizes(width: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
 }
 
 impl Pyramid {
-    /// What it takes over a picture of this size, in bytes.
+    /// Memory of the mip map of an image of this size, in bytes.
     pub(crate) fn bytes(width: usize, height: usize) -> u64 {
         let texels: usize = sizes(width, height)
             .map(|(width, height)| width * height + 1)
@@ -61,8 +61,8 @@ impl Pyramid {
         (texels * size_of::<[f32; 3]>()) as u64
     }
 
-    /// Over a picture whose texels have these linear values. Each texel of a level is the mean of
-    /// the level before over the area that it covers, so that sizes need not be powers of two.
+    /// Builds the mip map of an image with these linear texel values. Each texel of a level is the
+    /// mean of the previous level over the area that it covers, so sizes need not be powers of two.
     pub(crate) fn new(width: usize, height: usize, texel: impl Fn(usize) -> [f32; 3]) -> Self {
         let mut levels: Vec<Level> = Vec::new();
         for (to_width, to_height) in sizes(width, height) {
@@ -79,8 +79,8 @@ impl Pyramid {
     }
 }
 
-/// For each of `to` texels in a row the first of the `from` texels that it covers, and the shares
-/// of these.
+/// For each of `to` texels in a row, the first of the `from` texels that it covers and the weights
+/// of the covered ones.
 fn shares(from: usize, to: usize) -> Vec<(usize, Vec<f64>)> {
     let ratio = from as f64 / to as f64;
     let covered = |k: usize| {
@@ -92,7 +92,7 @@ fn shares(from: usize, to: usize) -> Vec<(usize, Vec<f64>)> {
     (0..to).map(covered).collect()
 }
 
-/// The mean over the area of each texel of the smaller level.
+/// Downsamples a level: the mean over the area of each texel of the smaller level.
 fn shrunk(from: (usize, usize), (width, height): (usize, usize), texel: &dyn Fn(usize) -> [f32; 3]) -> Level {
     let (columns, rows) = (shares(from.0, width), shares(from.1, height));
     let mut texels = Vec::with_capacity(width * height + 1);
@@ -119,19 +119,19 @@ fn shrunk(from: (usize, usize), (width, height): (usize, usize), texel: &dyn Fn(
     }
 }
 
-/// Half axes of the ellipse for neighbours that are one texel away along them: so that the weights
-/// have the variance of the square of a sample, 1/12. Along an axis, over a disk of radius 1, they
-/// have (1 - 5q) / (4 (1 - 3q)), q = e^-2.
+/// Half axis of the ellipse per texel of distance to the neighbouring sample, chosen so that the
+/// weights have the variance of a square sample, 1/12. Along an axis, over a disk of radius 1, the
+/// weights have the variance (1 - 5q) / (4 (1 - 3q)), q = e^-2.
 const RADIUS: f64 = 0.782_549_4;
 
-/// A factor of all weights, a power of two, so that no sum of texels exceeds all numbers: an
-/// ellipse holds fewer texels.
+/// Factor on all weights, a power of two, so that no sum of texels overflows: an ellipse has fewer
+/// than 65536 texels.
 const SMALL: f32 = 1.0 / 65536.0;
 
-/// The weight of a texel by the square of its distance from the middle of the ellipse, as a part of
-/// that of its edge: a Gaussian that is cut where it is e^-2, lowered so that it ends at zero
-/// there, [`SMALL`] in the middle. As a polynomial, which loops are made of more easily than of
-/// exponentials: the nearest one of this degree, off by 2.6e-4 at most. Of four texels.
+/// The weights of four texels, given their squared distances from the centre relative to the edge
+/// of the ellipse. A Gaussian truncated at e^-2 and lowered to reach zero there; it is [`SMALL`] at
+/// the centre. Approximated by the best polynomial of this degree, with an error of at most 2.6e-4,
+/// because polynomials vectorise more easily than exponentials.
 #[inline(always)]
 fn weight(square: Vec4) -> Vec4 {
     const BY: [f32; 4] = [
@@ -144,22 +144,22 @@ fn weight(square: Vec4) -> Vec4 {
     x * (BY[0] + x * (BY[1] + x * (BY[2] + x * BY[3])))
 }
 
-/// The ellipse that a sample covers, in units of the picture.
+/// The ellipse that a sample covers, in image coordinates.
 pub(crate) struct Ellipse {
     major: DVec2,
     minor: DVec2,
-    /// Lengths of both, in texels of the finest level.
+    /// Lengths of both half axes, in texels of the finest level.
     pub(crate) long: f64,
     pub(crate) short: f64,
 }
 
 impl Ellipse {
-    /// Of a sample whose neighbours are these steps away, on a picture of this size. Not finite if
-    /// a step is not.
+    /// The ellipse of a sample with these steps to its neighbours, on an image of this size, with
+    /// an axis ratio of at most `most`. Not finite if a step is not.
     pub(crate) fn new(steps: [DVec2; 2], size: DVec2, most: f64) -> Self {
         let scale = size * RADIUS;
         let (s, t) = (steps[0] * scale, steps[1] * scale);
-        // The axes of the quadratic form: Jacobi's rotation of the sum of s s^T and t t^T.
+        // The axes of the quadratic form, by a Jacobi rotation of the sum of s s^T and t t^T.
         let (xx, xy, yy) = (
             s.x * s.x + t.x * t.x,
             s.x * s.y + t.x * t.y,
@@ -168,7 +168,7 @@ impl Ellipse {
         let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
         let root = (half * half + xy * xy).sqrt();
         let long = (mean + root).sqrt();
-        // By the area, which does not cancel.
+        // From the area, which is free of cancellation.
         let short = if long > 0.0 {
             (s.perp_dot(t) / long).abs()
         } else {
@@ -190,40 +190,40 @@ impl Ellipse {
     }
 }
 
-/// A level as it is looked up.
+/// Size and wrap rules of a level.
 #[derive(Clone, Copy)]
 pub(crate) struct Grid {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// Of columns and of rows.
+    /// Rules of columns and of rows.
     pub(crate) wrap: [Wrap; 2],
 }
 
-/// Places in a row or a column, one after the other.
+/// Wrapped indices along a row or a column.
 #[derive(Clone, Copy)]
 struct Walk {
     wrap: Wrap,
     count: i32,
-    /// The place that texels are counted from.
+    /// The index that offsets are relative to.
     base: i32,
 }
 
 impl Walk {
-    /// `middle` is a whole number of any size.
+    /// `middle` is an integer of any size.
     #[inline(always)]
     fn new(wrap: Wrap, count: usize, middle: f64) -> Self {
         let count = count as i32;
         let base = match wrap {
-            // Whole numbers below the bounds of the type, or NaN, which becomes 0.
+            // An integer within the range of the type, or NaN, which becomes 0.
             Wrap::Repeat => middle.rem_euclid(f64::from(count)) as i32,
             Wrap::Mirror => middle.rem_euclid(2.0 * f64::from(count)) as i32,
-            // Far beyond the border all is the border.
+            // Far beyond the border, all texels are the border.
             Wrap::Clamp => middle.clamp(f64::from(i32::MIN / 2), f64::from(i32::MAX / 2)) as i32,
         };
         Self { wrap, count, base }
     }
 
-    /// The texel that stands so many places from the middle.
+    /// The wrapped index at an offset from the base.
     #[inline(always)]
     fn place(&self, offset: i32) -> usize {
         let k = self.base + offset;
@@ -239,7 +239,7 @@ impl Walk {
         inside as usize
     }
 
-    /// The texel of the first of these places, if they are one behind the other in the level.
+    /// The index at `from`, if the range needs no wrapping.
     #[inline(always)]
     fn straight(&self, from: i32, to: i32) -> Option<usize> {
         let (from, to) = (self.base + from, self.base + to);
@@ -247,10 +247,10 @@ impl Walk {
     }
 }
 
-/// The weighted mean of a level over an ellipse around a point. What a texel's fourth number is
-/// does not matter.
+/// The weighted mean of a level over an ellipse around a point. The fourth component of texels is
+/// ignored.
 pub(crate) fn elliptical(grid: Grid, texel: impl Fn(usize) -> Vec4, middle: DVec2, ellipse: &Ellipse) -> Rgb {
-    // Numbers are rounded to whole ones all the time: an instruction that not every processor has.
+    // Dispatched because it rounds often, with an instruction that not every processor has.
     simd::dispatch(
         #[inline(always)]
         || mean(grid, texel, middle, ellipse),
@@ -261,8 +261,8 @@ pub(crate) fn elliptical(grid: Grid, texel: impl Fn(usize) -> Vec4, middle: DVec
 fn mean(grid: Grid, texel: impl Fn(usize) -> Vec4, middle: DVec2, ellipse: &Ellipse) -> Rgb {
     let size = DVec2::new(grid.width as f64, grid.height as f64);
     let middle = middle * size - 0.5;
-    // At least a texel to each side, so that some are inside, and the mean goes over smoothly from
-    // one to the next.
+    // The half axes span at least one texel, so that some texels are inside and the mean is
+    // continuous across texels.
     let wide = |axis: DVec2| {
         let axis = axis * size;
         axis * (1.0 / axis.length()).max(1.0)
@@ -278,7 +278,7 @@ fn mean(grid: Grid, texel: impl Fn(usize) -> Vec4, middle: DVec2, ellipse: &Elli
         }
     };
     let (right, down) = (part(middle.x), part(middle.y));
-    // Few long runs of texels instead of many short ones.
+    // Scans few long runs of texels instead of many short ones.
     let lying = major.x.abs() >= major.y.abs();
     let across = |v: DVec2| if lying { v } else { DVec2::new(v.y, v.x) };
     let quadratic = Quadratic::new(across(major), across(minor));
@@ -289,17 +289,17 @@ fn mean(grid: Grid, texel: impl Fn(usize) -> Vec4, middle: DVec2, ellipse: &Elli
     }
 }
 
-/// The points of an ellipse: `a p² + b p q + c q² < 1`.
+/// An ellipse: `a p² + b p q + c q² < 1`.
 struct Quadratic {
     a: f32,
     b: f32,
     c: f32,
-    /// How far it reaches along q.
+    /// Extent along q.
     reach: f32,
 }
 
 impl Quadratic {
-    /// With these conjugate half diameters.
+    /// Creates the ellipse with these conjugate half diameters.
     #[inline(always)]
     fn new(one: DVec2, other: DVec2) -> Self {
         let area = one.perp_dot(other);
@@ -312,8 +312,8 @@ impl Quadratic {
         }
     }
 
-    /// Of all texels inside, by their distance from a point that lies `start` beyond a texel.
-    /// Texels stand so many `apart` in the level along p and q.
+    /// The weighted mean of all texels inside. The centre lies `start` beyond a texel; adjacent
+    /// texels are `apart` entries away along p and q.
     #[inline(always)]
     fn mean(
         &self,
@@ -324,10 +324,10 @@ impl Quadratic {
     ) -> Rgb {
         let Self { a, b, c, reach } = *self;
         let (slope, half) = (-0.5 * b / a, (1.0 / a).sqrt());
-        // Each line as long as the longest, because processors foresee that; texels outside weigh
-        // nothing.
+        // All lines have the length of the longest, for predictable loops. Texels outside have
+        // weight 0.
         let runs = (2.0 * half) as i32 / 4 + 1;
-        // Two, because one sum would wait for itself.
+        // Two sums avoid a dependency chain.
         let (mut even, mut odd) = (Vec4::ZERO, Vec4::ZERO);
         let mut total = Vec4::ZERO;
         let (first, last) = ((start_q - reach).ceil() as i32, (start_q + reach).floor() as i32);
@@ -396,7 +396,7 @@ mod tests {
         assert_eq!(pyramid.0[2].texel(0), [32.0, 1.0, 0.0]);
         assert_eq!(pyramid.0[2].four()(0), Vec4::new(32.0, 1.0, 0.0, 0.0));
         assert!(Pyramid::new(1, 1, |_| [1.0; 3]).0.is_empty());
-        // What is promised of the largest textures that are common.
+        // The documented memory of the largest common textures.
         assert_eq!(Pyramid::bytes(4096, 4096), 12 * ((4096 * 4096 - 1) / 3 + 12));
     }
 
@@ -415,7 +415,7 @@ mod tests {
         assert_eq!(weight(Vec4::new(1.0, 7.0, f32::INFINITY, f32::NAN)), Vec4::ZERO);
     }
 
-    /// The weights have the variance that the radius is made from: of the square of a sample.
+    /// The weights have the variance that `RADIUS` assumes, that of a square sample.
     #[test]
     fn the_weights_have_the_variance_of_a_square() {
         let (mut sum, mut moment) = (0.0, 0.0);
@@ -439,7 +439,7 @@ mod tests {
         let (long, short, ellipse) = of([0.08, 0.0], [0.0, 0.02], 16.0);
         assert!((long - 8.0).abs() < 1e-12 && (short - 2.0).abs() < 1e-12);
         assert!(ellipse.major.y.abs() < 1e-15 && ellipse.minor.x.abs() < 1e-15);
-        // The same ellipse by other half diameters.
+        // The same ellipse, from other conjugate half diameters.
         let turn = DVec2::from_angle(0.6);
         let (s, t) = (
             DVec2::new(0.08 * turn.x, 0.02 * turn.y),
@@ -447,12 +447,12 @@ mod tests {
         );
         let (long, short, _) = of(s.into(), t.into(), 16.0);
         assert!((long - 8.0).abs() < 1e-12 && (short - 2.0).abs() < 1e-12);
-        // Made wider, and never longer.
+        // The ellipse is widened, never lengthened.
         let (long, short, _) = of([0.08, 0.0], [0.16, 0.0], 16.0);
         assert!((short - long / 16.0).abs() < 1e-12 && (long - 320f64.sqrt()).abs() < 1e-12);
     }
 
-    /// Each texel by itself, to find out what weight it has.
+    /// Isolates each texel to measure its weight.
     #[test]
     fn weights_add_up_to_one() {
         for wrap in [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp] {

@@ -1,8 +1,8 @@
-//! Grids of texels, looked up.
+//! Grids of texels and their lookup.
 //!
-//! Texels are kept as they are in the file, as codes or as floating-point numbers, and decoded when
-//! looked up, by a table: so the linear value is exact in double precision, and a texel of an 8-bit
-//! file takes 3 bytes.
+//! Texels are stored as in the file, as codes or floating-point numbers, and decoded by a table at
+//! lookup. The linear value is therefore exact in double precision, and a texel of an 8-bit file
+//! needs 3 bytes.
 
 use crate::mapping::Pattern;
 use crate::pyramid::{Ellipse, Grid, Pyramid, elliptical};
@@ -15,36 +15,36 @@ use whitstone_core::{Context, DVec2, DVec3, Rgb, SceneError, SceneErrors, Textur
 use whitstone_image::texels::{Encoding, Texels};
 use whitstone_image::tone::srgb_to_linear;
 
-/// What lies between texel centres.
+/// Texture filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Filter {
-    /// A mean of the four texels around.
+    /// Interpolates between the four nearest texels.
     #[default]
     Bilinear,
-    /// The texel whose square it is.
+    /// The nearest texel.
     Nearest,
-    /// Between the two levels of a pyramid whose texels are about as far apart as samples are.
+    /// Interpolates between the two mip map levels whose texel spacing brackets the sample spacing.
     Trilinear,
-    /// A mean over the ellipse that a sample covers.
+    /// Elliptical weighted average over the footprint of a sample.
     Ewa,
 }
 
-/// How much longer than wide the ellipse of a sample may be.
+/// Maximum ratio of the axes of a sample's ellipse.
 pub(crate) type MaxAnisotropy = Option<Spanned<IntegerIn<1, 64>>>;
 
 const USUAL_ANISOTROPY: u32 = 16;
 
-/// What the values in a file are.
+/// Encoding of the values in a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum ColorSpace {
-    /// By the kind of file.
+    /// Depends on the file format.
     #[default]
     Auto,
     /// Encoded as in IEC 61966-2-1.
     Srgb,
-    /// Proportional to light.
+    /// Linear in radiance.
     Linear,
 }
 
@@ -54,22 +54,22 @@ pub(crate) struct Raster {
     pub(crate) height: usize,
     pub(crate) store: Store,
     pub(crate) lookup: Lookup,
-    /// What only the filter needs.
+    /// Additional data of the filter.
     coarse: Coarse,
 }
 
-/// How a grid is looked up.
+/// Lookup parameters of a grid.
 pub(crate) struct Lookup {
     pub(crate) filter: Filter,
-    /// Along u and along v.
+    /// Rules along u and along v.
     pub(crate) wrap: [Wrap; 2],
     pub(crate) scale: DVec2,
     pub(crate) offset: DVec2,
 }
 
-/// What filters by footprints read.
+/// Additional data of the filters that use footprints.
 enum Coarse {
-    /// Nothing.
+    /// No additional data.
     None,
     Trilinear(Pyramid),
     Ewa(Ewa),
@@ -78,7 +78,7 @@ enum Coarse {
 struct Ewa {
     pyramid: Pyramid,
     max_anisotropy: f64,
-    /// The linear values of 8-bit codes.
+    /// Linear values of 8-bit codes.
     linear: Option<Box<[f32; 256]>>,
 }
 
@@ -95,14 +95,14 @@ pub(crate) enum Store {
 }
 
 impl Store {
-    /// The texels of a file.
+    /// Creates a store from the texels of a file.
     pub(crate) fn new(texels: Texels, color_space: ColorSpace) -> Self {
         let encoded = match color_space {
             ColorSpace::Auto => texels.encoding != Encoding::Linear,
             ColorSpace::Srgb => true,
             ColorSpace::Linear => false,
         };
-        // Rounding gives back the code, of which the value is the nearest f32.
+        // Rounding recovers the code, whose value is the nearest f32.
         match texels.encoding {
             Encoding::Srgb8 => {
                 let code = |value: f32| (f64::from(value) * 255.0 + 0.5) as u8;
@@ -123,7 +123,7 @@ impl Store {
         }
     }
 
-    /// 8-bit codes, of sRGB or linear.
+    /// Creates a store of 8-bit codes, sRGB-encoded or linear.
     pub(crate) fn eight(codes: Vec<[u8; 3]>, encoded: bool) -> Self {
         Self::Eight(codes, table(255, encoded))
     }
@@ -148,7 +148,7 @@ impl Store {
     }
 }
 
-/// The linear values of all codes.
+/// Linear values of all codes.
 fn table(last: u32, encoded: bool) -> Vec<f64> {
     let linear = |value: f64| if encoded { srgb_to_linear(value) } else { value };
     (0..=last)
@@ -157,11 +157,11 @@ fn table(last: u32, encoded: bool) -> Vec<f64> {
 }
 
 impl Raster {
-    /// With what its filter needs, and no more.
+    /// Creates a grid with the data that its filter needs.
     ///
     /// # Errors
     ///
-    /// If there is no memory for it, or if a key has no effect.
+    /// If there is not enough memory, or if a key has no effect.
     pub(crate) fn new(
         [width, height]: [usize; 2],
         store: Store,
@@ -202,21 +202,20 @@ impl Raster {
         })
     }
 
-    /// Where texture space is in the picture: (0, 0) its left top corner, (1, 1) the right bottom
-    /// one.
+    /// Maps texture space to the image: (0, 0) is its top left corner, (1, 1) the bottom right one.
     #[inline(always)]
     fn place(&self, q: DVec3) -> DVec2 {
         let uv = q.truncate() * self.lookup.scale + self.lookup.offset;
         DVec2::new(uv.x, 1.0 - uv.y)
     }
 
-    /// Between the four nearest middles of texels of the picture.
+    /// Bilinear interpolation in the image.
     fn bilinear(&self, place: DVec2) -> Rgb {
         let texel = |at| self.store.texel(at);
         bilinear([self.width, self.height], self.lookup.wrap, place, texel)
     }
 
-    /// The same of a level.
+    /// Bilinear interpolation in a level of the mip map.
     fn bilinear_at(&self, pyramid: &Pyramid, level: usize, place: DVec2) -> Rgb {
         let Some(level) = level.checked_sub(1).map(|above| &pyramid.0[above]) else {
             return self.bilinear(place);
@@ -225,13 +224,13 @@ impl Raster {
         bilinear([level.width, level.height], self.lookup.wrap, place, texel)
     }
 
-    /// The value of a level, not a whole number, between those of its neighbours.
+    /// Interpolates between the two levels next to a fractional level.
     fn between(&self, pyramid: &Pyramid, level: f64, of: impl Fn(usize) -> Rgb) -> Rgb {
         let last = pyramid.0.len();
         if level.is_nan() || level >= last as f64 {
             return match pyramid.0.last() {
                 Some(level) => linear(level.texel(0)),
-                // The picture is a single texel.
+                // The image is a single texel.
                 None => self.store.texel(0),
             };
         }
@@ -251,7 +250,7 @@ impl Raster {
         if longest <= 1.0 {
             return self.bilinear(place);
         }
-        // Steps that are not finite are wider than all levels.
+        // Non-finite steps select the coarsest level.
         self.between(pyramid, longest.log2(), |level| {
             self.bilinear_at(pyramid, level, place)
         })
@@ -265,11 +264,11 @@ impl Raster {
         } = ewa;
         let size = DVec2::new(self.width as f64, self.height as f64);
         let ellipse = Ellipse::new(steps, size, *max_anisotropy);
-        // Where it is small beside a texel there is nothing to filter.
+        // The ellipse is smaller than a texel, so no filtering is needed.
         if ellipse.long <= 1.0 {
             return self.bilinear(place);
         }
-        // Steps that are not finite are wider than all levels.
+        // Non-finite steps select the coarsest level.
         let level = if ellipse.long.is_finite() {
             ellipse.short.log2().max(0.0)
         } else {
@@ -312,7 +311,7 @@ impl Raster {
                 elliptical(grid, level.four(), place, &ellipse)
             }
         });
-        // No jump where it begins.
+        // Blends with the bilinear value to avoid a discontinuity.
         let part = ellipse.long - 1.0;
         if part < 1.0 {
             self.bilinear(place) * (1.0 - part) + found * part
@@ -322,7 +321,7 @@ impl Raster {
     }
 }
 
-/// The nearest finite number.
+/// The nearest finite f32.
 #[inline(always)]
 fn single(value: f64) -> f32 {
     (value as f32).min(f32::MAX)
@@ -333,7 +332,7 @@ fn linear([r, g, b]: [f32; 3]) -> Rgb {
     Rgb::new(f64::from(r), f64::from(g), f64::from(b))
 }
 
-/// Between the four nearest middles of texels.
+/// Interpolates between the four nearest texel centres.
 #[inline(always)]
 fn bilinear(
     [width, height]: [usize; 2],
@@ -371,7 +370,7 @@ impl Pattern for Raster {
 
     fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
         let place = self.place(q);
-        // Rows go down where v goes up.
+        // Rows go down while v goes up.
         let scale = self.lookup.scale * DVec2::new(1.0, -1.0);
         let steps = [steps[0].truncate() * scale, steps[1].truncate() * scale];
         match &self.coarse {

@@ -1,4 +1,4 @@
-//! Two colours in rings around the second axis.
+//! Concentric rings of two colours around the second axis.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture; POV-Ray, a function.
 //! - Example: `scenes/textures/rings.toml`.
@@ -11,23 +11,23 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Finite, Positive};
 use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures};
 
-/// Two colours in rings around the second axis, which is up in the world.
+/// Concentric rings of two colours around the second axis (y, up in the world).
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// Colour of the innermost ring (without an offset).
     #[serde(default = "light")]
     a: Color,
-    /// Colour of the ring around it.
+    /// Colour of the next ring.
     #[serde(default = "dark")]
     b: Color,
-    /// Rings in a unit of texture space (a metre by default).
+    /// Rings per unit of texture space (a metre by default).
     #[serde(default = "one")]
     scale: Positive,
     /// Added to the distance from the axis after scaling.
     #[serde(default = "zero")]
     offset: Finite,
-    /// Where the texture lies; by the place in the world if left out.
+    /// Mapping of the texture; by world-space position if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
@@ -48,7 +48,7 @@ fn zero() -> Finite {
     Finite::new(0.0).expect("0 is finite")
 }
 
-/// See the module.
+/// The `rings` texture; see the module documentation.
 pub struct Rings {
     a: Rgb,
     b: Rgb,
@@ -75,7 +75,7 @@ impl Pattern for Rings {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
         let r = (q.x * q.x + q.z * q.z).sqrt();
-        // Without a cell (NaN) the colour is b.
+        // If the cell is NaN, the colour is b.
         if odd(r * self.scale + self.offset) == 0.0 {
             self.a
         } else {

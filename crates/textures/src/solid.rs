@@ -1,4 +1,4 @@
-//! A block of values in space, out of which shapes are carved.
+//! A voxel grid of colours, as a solid texture.
 //!
 //! Peachey, *Solid texturing of complex surfaces*, 1985, section 3.
 //!
@@ -17,38 +17,38 @@ use toml::Spanned;
 use whitstone_core::config::{FilePath, IntegerIn, NonNegative};
 use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneError, SceneErrors, Texture, TextureBytes, Textures};
 
-/// A block of values in space, out of which shapes are carved.
+/// A voxel grid of colours, as a solid texture.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Voxels along x, y and z: together they are the unit cube of texture space.
+    /// Voxels along x, y and z; together they fill the unit cube of texture space.
     #[schemars(with = "[IntegerIn<1, 4096>; 3]")]
     size: Spanned<[IntegerIn<1, 4096>; 3]>,
-    /// Numbers in a voxel: 1, a grey, or 3, linear RGB.
+    /// Numbers per voxel: 1 (grey) or 3 (linear RGB).
     #[serde(default)]
     #[schemars(with = "u8")]
     channels: Channels,
-    /// The numbers, each at least 0: those of a voxel side by side, voxels along x first, then y,
-    /// then z.
+    /// The numbers, each at least 0. Those of a voxel are adjacent; voxels are ordered along x
+    /// first, then y, then z.
     #[schemars(with = "Option<Vec<NonNegative>>")]
     values: Option<Spanned<Values>>,
-    /// A file of the numbers and nothing else, relative to the scene.
+    /// A raw file that contains only the numbers; path relative to the scene.
     file: Option<FilePath>,
-    /// What the file holds: "u8", bytes of which 255 means 1, or "f32", little-endian.
+    /// Format of the file: "u8" (bytes, 255 means 1) or "f32" (little-endian).
     #[schemars(with = "Option<Format>")]
     format: Option<Spanned<Format>>,
-    /// Between the middles of voxels: "trilinear" interpolation, or the "nearest" voxel.
+    /// "trilinear" interpolates between voxel centres; "nearest" uses the nearest voxel.
     #[serde(default)]
     filter: Filter,
-    /// Outside of the block: "repeat" it, "clamp" to its border, or "mirror" it.
+    /// Continuation outside of the grid: "repeat", "clamp" to its border, or "mirror".
     #[serde(default)]
     wrap: Wrap,
-    /// Where the texture lies; by the place in the world if left out.
+    /// Mapping of the texture; by world-space position if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
 
-/// A list of numbers, each refused at its place.
+/// A list of numbers, each with its own error location.
 #[derive(Debug)]
 struct Values(Vec<f64>);
 
@@ -63,7 +63,7 @@ impl<'de> Deserialize<'de> for Values {
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Values, A::Error> {
                 let mut values = Vec::new();
                 loop {
-                    // The core finds the place of an element by these words.
+                    // The core derives the location of an element from this message.
                     let next = seq
                         .next_element::<NonNegative>()
                         .map_err(|error| A::Error::custom(format!("element {}: {error}", values.len())))?;
@@ -78,11 +78,11 @@ impl<'de> Deserialize<'de> for Values {
     }
 }
 
-/// Numbers in a voxel.
+/// Numbers per voxel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "u8")]
 enum Channels {
-    /// A grey.
+    /// Grey.
     #[default]
     One,
     /// Linear RGB.
@@ -100,29 +100,29 @@ impl TryFrom<u8> for Channels {
     }
 }
 
-/// What a file holds.
+/// Format of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Format {
-    /// Bytes.
+    /// Bytes; 255 means 1.
     #[default]
     U8,
-    /// Little-endian floating-point numbers of single precision.
+    /// Little-endian single-precision floating-point numbers.
     F32,
 }
 
-/// What lies between the middles of voxels.
+/// Texture filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Filter {
-    /// A mean of the eight voxels around.
+    /// Interpolates between the eight nearest voxels.
     #[default]
     Trilinear,
-    /// The voxel whose cube it is.
+    /// The nearest voxel.
     Nearest,
 }
 
-/// See the module.
+/// The `solid` texture; see the module documentation.
 pub struct Solid {
     size: [usize; 3],
     channels: Channels,
@@ -131,7 +131,7 @@ pub struct Solid {
     wrap: Wrap,
 }
 
-/// The numbers as they came, so that they take no more memory than there.
+/// The numbers in their original type, to save memory.
 enum Store {
     U8(Vec<u8>),
     F32(Vec<f32>),
@@ -168,7 +168,7 @@ impl Plugin<Textures> for Solid {
             Channels::One => 1,
             Channels::Three => 3,
         };
-        // Below 2^38: no overflow.
+        // At most 2^38, so no overflow.
         let count = channels * size[0] * size[1] * size[2];
         let store = match (config.values, config.file, config.format) {
             (Some(values), None, None) => {
@@ -191,14 +191,14 @@ impl Plugin<Textures> for Solid {
                     let message = format!("\"{}\" is no such block: {why}", file.path);
                     SceneErrors::from(SceneError::at(file.span.clone(), message))
                 };
-                // Before it is read: a file of another size is not taken into memory.
+                // Checked before reading, so that a file of another size is not loaded.
                 let found = std::fs::metadata(&path)
                     .map_err(|error| refuse(error.to_string()))?
                     .len();
                 if found != bytes {
                     return Err(refuse(format!("expected {bytes} bytes, found {found}")));
                 }
-                // Numbers are read as bytes first.
+                // The file is first read as bytes.
                 context.reserve(match format {
                     Format::U8 => bytes,
                     Format::F32 => 2 * bytes,
@@ -224,7 +224,7 @@ impl Plugin<Textures> for Solid {
     }
 }
 
-/// The numbers of a file, or what is wrong with one of them.
+/// The numbers of a file, or the error in one of them.
 fn read(path: &Path, format: Format) -> Result<Store, String> {
     let bytes = std::fs::read(path).map_err(|error| error.to_string())?;
     match format {
@@ -248,7 +248,7 @@ fn read(path: &Path, format: Format) -> Result<Store, String> {
 }
 
 impl Solid {
-    /// The voxel at whole numbers of any size.
+    /// The voxel at integer coordinates of any size.
     fn voxel(&self, i: f64, j: f64, k: f64) -> Rgb {
         let [nx, ny, nz] = self.size;
         let (i, j, k) = (
@@ -276,7 +276,7 @@ impl Pattern for Solid {
         }
         let p = p - 0.5;
         let low = p.floor();
-        // Infinite coordinates have no part.
+        // Infinite coordinates have no fractional part.
         let part = (p - low).to_array().map(|t| if t.is_finite() { t } else { 0.0 });
         let between = |a: Rgb, b: Rgb, t: f64| a * (1.0 - t) + b * t;
         let along_x =

@@ -1,4 +1,4 @@
-//! Two colours in layers across the first axis.
+//! Parallel layers of two colours, perpendicular to the first axis.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture; POV-Ray, a function.
 //! - Example: `scenes/textures/stripes.toml`.
@@ -11,23 +11,23 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Finite, Positive};
 use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures};
 
-/// Two colours in layers across the first axis.
+/// Parallel layers of two colours, perpendicular to the first axis.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour of the stripe at x in [0, 1) (without an offset).
+    /// Colour of the stripe with x in [0, 1) (without an offset).
     #[serde(default = "light")]
     a: Color,
-    /// Colour of the stripes next to it.
+    /// Colour of the adjacent stripes.
     #[serde(default = "dark")]
     b: Color,
-    /// Stripes in a unit of texture space (a metre by default).
+    /// Stripes per unit of texture space (a metre by default).
     #[serde(default = "one")]
     scale: Positive,
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Finite,
-    /// Where the texture lies; by the place in the world if left out.
+    /// Mapping of the texture; by world-space position if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
@@ -48,7 +48,7 @@ fn zero() -> Finite {
     Finite::new(0.0).expect("0 is finite")
 }
 
-/// See the module.
+/// The `stripes` texture; see the module documentation.
 pub struct Stripes {
     a: Rgb,
     b: Rgb,
@@ -74,7 +74,7 @@ impl Plugin<Textures> for Stripes {
 impl Pattern for Stripes {
     #[inline(always)]
     fn at(&self, q: DVec3) -> Rgb {
-        // Without a cell (NaN) the colour is b.
+        // If the cell is NaN, the colour is b.
         if odd(q.x * self.scale + self.offset) == 0.0 {
             self.a
         } else {

@@ -1,13 +1,12 @@
-//! A picture of any size, quilted out of pieces of a small sample.
+//! Texture synthesis: an image of any size, quilted from pieces of a small sample.
 //!
 //! Efros and Freeman, *Image quilting for texture synthesis and transfer*, 2001, section 2: each
-//! square is a piece of the sample that nearly agrees with its neighbours where they overlap, and
-//! is cut along the path on which they differ least. On demand the whole is then brought nearer to
-//! the sample (Kwatra, Essa, Bobick and Kwatra, *Texture optimization for example-based synthesis*,
-//! 2005), with plain least squares: all errors are whole numbers, so that every machine, and the
-//! reference, choose the same pieces. The weights of that paper, error^(r - 2) with r = 0.8, are
-//! none, and would let rounding choose. Both are beside each other in
-//! `scenes/showcase/texture_optimization.toml`.
+//! square is a piece of the sample that nearly matches its neighbours in the overlap, and is cut
+//! along the path with the least difference. Optionally, the result is then brought closer to the
+//! sample (Kwatra, Essa, Bobick and Kwatra, *Texture optimization for example-based synthesis*,
+//! 2005) by plain least squares. All errors are integers, so every machine and the reference choose
+//! the same pieces. The weights of that paper, error^(r - 2) with r = 0.8, are not integers and
+//! would let rounding choose. `scenes/showcase/texture_optimization.toml` compares both.
 //!
 //! - Twin: Mitsuba `bitmap` (native; `trilinear` and `ewa` are hosted), of a picture quilted in
 //!   Python, written from the model.
@@ -33,79 +32,79 @@ use whitstone_core::{Context, Plugin, SceneError, SceneErrors, SourceSpan, Textu
 use whitstone_image::limits::Limits;
 use whitstone_image::texels::{self, Encoding};
 
-/// A picture of any size, quilted out of pieces of a small sample.
+/// Texture synthesis: an image of any size, quilted from pieces of a small sample.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The sample, a PNG or JPEG file of 8 bits, relative to the scene.
+    /// The sample, an 8-bit PNG or JPEG file; path relative to the scene.
     file: FilePath,
-    /// Columns and rows of texels to make.
+    /// Columns and rows of texels of the image.
     #[schemars(with = "[IntegerIn<1, 4096>; 2]")]
     size: Spanned<[IntegerIn<1, 4096>; 2]>,
-    /// Side of the square pieces in texels: about the size of what is to be recognised.
+    /// Side of the square pieces in texels: about the size of the features to preserve.
     #[schemars(with = "Option<IntegerIn<2, 256>>")]
     block: Option<Spanned<IntegerIn<2, 256>>>,
-    /// Texels by which neighbours overlap, at most half a block; a quarter of it, at least 1, if
-    /// left out.
+    /// Overlap of adjacent pieces in texels, at most half a block; if omitted, a quarter of it, at
+    /// least 1.
     #[schemars(with = "Option<IntegerIn<1, 128>>")]
     overlap: Option<Spanned<IntegerIn<1, 128>>>,
-    /// How much worse than the best a piece may fit, as a share of its error: with 0 the sample is
-    /// repeated more.
+    /// Tolerated error of a piece above the best one, as a fraction of the best error. With 0, the
+    /// sample repeats more visibly.
     #[serde(default = "tenth")]
     tolerance: NonNegative,
-    /// Chooses other pieces.
+    /// Seed of the choice of pieces.
     #[serde(default = "first")]
     seed: IntegerIn<0, { u32::MAX }>,
-    /// What is done to the quilt then, so that it is like the sample across seams too; nothing if
-    /// left out.
+    /// Optimisation after quilting, which improves the match with the sample across seams; none if
+    /// omitted.
     #[serde(default)]
     #[schemars(with = "Option<Optimize>")]
     optimize: Option<Spanned<Optimize>>,
-    /// Between texel centres: "bilinear" interpolation, or the "nearest" texel. What several texels
-    /// fall into one sample of: "trilinear" looks up a pyramid of ever coarser levels, "ewa" takes
-    /// the mean over the ellipse that a sample covers; both are bilinear where samples are closer
-    /// than texels, and take 4 bytes more for each texel.
+    /// "nearest" uses the nearest texel, "bilinear" interpolates between texel centres. Two filters
+    /// average where a sample covers several texels: "trilinear" looks up a mip map; "ewa" averages
+    /// over the ellipse that a sample covers. Both are bilinear where samples are closer than
+    /// texels, and need 4 more bytes per texel.
     #[serde(default)]
     filter: Filter,
-    /// Of "ewa": how many times longer than wide the ellipse of a sample may be; a longer one is
-    /// made wider, so that no lookup reads texels without end. 16 if left out.
+    /// For "ewa": maximum ratio of the axes of a sample's ellipse. Longer ellipses are widened,
+    /// which bounds the number of texels read. 16 if omitted.
     #[schemars(with = "Option<IntegerIn<1, 64>>")]
     max_anisotropy: MaxAnisotropy,
-    /// Outside of the picture: "repeat" it, "clamp" to its border, or "mirror" it.
+    /// Continuation outside of the image: "repeat", "clamp" to its border, or "mirror".
     #[serde(default)]
     wrap: Wraps,
-    /// What the values in the file are: "srgb", "linear", or "auto", which is sRGB.
+    /// Encoding of the values in the file: "srgb", "linear", or "auto", which is sRGB.
     #[serde(default)]
     color_space: ColorSpace,
-    /// Pictures in a unit of u and of v.
+    /// Repetitions of the image per unit of u and of v.
     #[serde(default = "one")]
     scale: Scale2,
     /// Added after scaling.
     #[serde(default = "zero")]
     offset: Vector2,
-    /// Where the texture lies; by (u, v) if left out.
+    /// Mapping of the texture; by (u, v) if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
 
-/// Iterations that each lower the sum of squared differences between all neighbourhoods of the
-/// picture and the pieces of the sample nearest to them.
+/// Texture optimisation. Each iteration lowers the sum of squared differences between all
+/// neighbourhoods of the image and their nearest pieces of the sample.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Optimize {
-    /// Side of the square neighbourhoods in texels, a quarter of which they lie apart: what is
-    /// larger is not recognised, and what is smaller becomes smoother. 16 if left out.
+    /// Side of the square neighbourhoods in texels; they are spaced a quarter of it apart. Larger
+    /// features are not preserved, smaller ones become smoother. 16 if omitted.
     #[schemars(with = "Option<IntegerIn<4, 256>>")]
     neighborhood: Option<Spanned<IntegerIn<4, 256>>>,
-    /// How often all pieces are searched, and each texel becomes the mean of what they show there.
-    /// With 0 it is the quilt.
+    /// Number of iterations: each one searches all pieces, and sets each texel to the mean of the
+    /// pieces that cover it. 0 keeps the quilt.
     #[serde(default = "four")]
     iterations: IntegerIn<0, 64>,
 }
 
 impl Optimize {
-    /// What is done to a picture of this size, if it is not too much beside the steps that were
-    /// taken before.
+    /// Validates the optimisation of an image of this size. It is an error if its steps and the
+    /// `before` previous ones exceed [`MOST_STEPS`].
     fn over(
         &self,
         sample: &Codes,
@@ -157,10 +156,10 @@ fn zero() -> Vector2 {
     Vector2::new(0.0, 0.0)
 }
 
-/// The most channels that are compared: some seconds.
+/// Upper limit of channel comparisons; they take some seconds.
 const MOST_STEPS: u64 = 1 << 33;
 
-/// See the module.
+/// The `synthesized` texture; see the module documentation.
 pub struct Synthesized;
 
 impl Plugin<Textures> for Synthesized {
@@ -237,14 +236,14 @@ impl Plugin<Textures> for Synthesized {
     }
 }
 
-/// Of what these make: another one whenever they make another picture of the same.
+/// Version of the algorithm in the cache key. Change it whenever the same parameters give another
+/// image.
 const VERSION: &[u8] = b"synthesized 1";
 
-/// What takes no longer than this to make is not worth a file.
+/// Images that are made faster than this are not cached.
 const SHORT: Duration = Duration::from_millis(50);
 
-/// The picture, from an earlier run if it was kept; it is kept if it takes longer than `short` to
-/// make.
+/// The image from the cache, or newly made; it is cached if making it takes longer than `short`.
 fn recalled_or_made(
     sample: &Codes,
     quilt: &Quilt,
@@ -253,7 +252,7 @@ fn recalled_or_made(
     context: &mut dyn Context,
 ) -> Codes {
     let [width, height] = quilt.size;
-    // The picture may be kept, not how its texels are looked up.
+    // The key contains everything that affects the image, but not the lookup of its texels.
     let how = format!(
         "{} x {}, {quilt:?}, {optimization:?}",
         sample.width, sample.height
@@ -281,7 +280,7 @@ mod tests {
     use whitstone_core::hash::mix;
     use whitstone_testkit::{TestContext, build_in, texture_laws};
 
-    /// Noise of two tones, from the hash.
+    /// Two-tone noise from the hash.
     pub(super) fn noise(width: usize, height: usize) -> Codes {
         let texel = |at: usize| {
             let hash = mix(at as u32 / 3);
@@ -349,7 +348,7 @@ mod tests {
             let first = again(&mut context);
             assert_eq!(context.kept.len(), number + 1);
             assert!(number > 0 || first == made);
-            // It is what was kept that is shown then.
+            // Verifies that the cached image is used.
             let kept = context.kept.clone();
             for bytes in context.kept.values_mut() {
                 *bytes = bytes.iter().map(|byte| !byte).collect();

@@ -1,7 +1,7 @@
-//! Cells around scattered points.
+//! Worley noise: cells around scattered feature points.
 //!
-//! Worley, *A cellular texture basis function*, 1996, with one feature point in each cell of a
-//! grid, where Worley's are several.
+//! Worley, *A cellular texture basis function*, 1996, but with one feature point in each cell of a
+//! grid, where Worley has several.
 //!
 //! - Twin: Mitsuba, hosted: a Python texture, written from the model.
 //! - Example: `scenes/textures/worley.toml`.
@@ -14,12 +14,12 @@ use whitstone_core::config::{Color, IntegerIn, Positive};
 use whitstone_core::hash::mix;
 use whitstone_core::{Context, DVec3, Plugin, Rgb, SceneErrors, Texture, Textures};
 
-/// Cells around scattered points.
+/// Worley noise: cells around scattered feature points.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// What is shown: "f1", the distance to the nearest point; "f2", that to the second nearest;
-    /// "f2_minus_f1", which is 0 between the cells.
+    /// Displayed value: "f1" is the distance to the nearest point, "f2" that to the second nearest,
+    /// and "f2_minus_f1" their difference, which is 0 between the cells.
     #[serde(default)]
     value: Value,
     /// Colour where the value is 0.
@@ -28,13 +28,13 @@ pub struct Config {
     /// Colour where the value is 1 cell or more.
     #[serde(default = "light")]
     b: Color,
-    /// Cells of the grid in a unit of texture space (a metre, if nothing else is said).
+    /// Grid cells per unit of texture space (a metre by default).
     #[serde(default = "one")]
     scale: Positive,
-    /// Scatters the points otherwise.
+    /// Seed of the feature points.
     #[serde(default = "first")]
     seed: IntegerIn<0, { u32::MAX }>,
-    /// Where the texture lies; by the place in the world if left out.
+    /// Mapping of the texture; by world-space position if omitted.
     #[serde(default)]
     mapping: Mapping,
 }
@@ -55,20 +55,20 @@ fn first() -> IntegerIn<0, { u32::MAX }> {
     IntegerIn::new(0).expect("0 is in range")
 }
 
-/// What is shown.
+/// The displayed value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Value {
     /// The distance to the nearest point.
     #[default]
     F1,
-    /// That to the second nearest.
+    /// The distance to the second nearest point.
     F2,
-    /// Their difference.
+    /// The difference of these two.
     F2MinusF1,
 }
 
-/// See the module.
+/// The `worley` texture; see the module documentation.
 pub struct Worley {
     value: Value,
     a: Rgb,
@@ -93,24 +93,24 @@ impl Plugin<Textures> for Worley {
     }
 }
 
-/// Cells as far as two from one, those that may hold nearer points first, each with the square of
-/// the distance that its points have at least.
+/// Offsets of all cells up to two cells away, ordered by the least possible squared distance of
+/// their points, which is given for each.
 ///
-/// **These suffice.** Let x be the point's place in its own cell and a_k = max(x_k, 1 - x_k), at
+/// **These suffice.** Let x be the point's position in its own cell and a_k = max(x_k, 1 - x_k), at
 /// least 1/2, for each axis k. The feature point of its own cell is no farther than sqrt(a_1^2 +
-/// a_2^2 + a_3^2) <= sqrt(3). The cell beside it on the nearer side along the axis of the largest
-/// a_k, say a_1, holds another, no farther than sqrt((2 - a_1)^2 + a_2^2 + a_3^2) <= sqrt((2 -
-/// a_1)^2 + 2 a_1^2), which for a_1 from 1/2 to 1 is at most sqrt(3) as well. So the two nearest
-/// are within sqrt(3), and whatever is three cells away is farther than 2.
+/// a_2^2 + a_3^2) <= sqrt(3). The neighbouring cell on the nearer side along the axis of the
+/// largest a_k, say a_1, has another feature point, no farther than sqrt((2 - a_1)^2 + a_2^2 +
+/// a_3^2) <= sqrt((2 - a_1)^2 + 2 a_1^2), which for a_1 from 1/2 to 1 is at most sqrt(3) as well.
+/// So the two nearest are within sqrt(3), and points in cells three away are farther than 2.
 const AROUND: [([i8; 3], u8); 125] = around();
 
 const fn around() -> [([i8; 3], u8); 125] {
     let mut cells = [([0; 3], 0); 125];
     let mut count = 0;
-    // A cell two away along n axes is farther than n whole cells in square; others touch.
+    // The squared distance of a cell that is two away along n axes exceeds n; other cells touch.
     let mut least = 0;
     while least <= 3 {
-        // Its own cell comes first, then those with a common face, edge and corner.
+        // Its own cell comes first, then those that share a face, an edge or a corner.
         let mut steps = 0;
         while steps <= 6 {
             let mut number = 0;
@@ -138,7 +138,7 @@ const fn around() -> [([i8; 3], u8); 125] {
 }
 
 impl Worley {
-    /// Where the feature point of a cell lies in it.
+    /// Position of the feature point within its cell.
     #[inline(always)]
     fn feature(&self, cell: [u32; 3]) -> DVec3 {
         let [i, j, k] = cell;
@@ -153,14 +153,14 @@ impl Worley {
     fn nearest(&self, q: DVec3) -> [f64; 2] {
         let cell = q.floor();
         let p = q - cell;
-        // The remainder is exact for every finite number; what is none becomes 0.
+        // The remainder is exact for every finite number; NaN becomes 0.
         let number = cell.to_array().map(|x| x.rem_euclid(2f64.powi(32)) as u32);
         let [mut first, mut second] = [f64::INFINITY; 2];
         for (step, least) in AROUND {
             if f64::from(least) >= second {
                 break;
             }
-            // What lies between the point and the cell, along each axis.
+            // Distance between the point and the cell, along each axis.
             let apart: f64 = (0..3)
                 .map(|k| {
                     let from = f64::from(step[k]) - p[k];
@@ -188,7 +188,7 @@ impl Pattern for Worley {
             Value::F2 => second,
             Value::F2MinusF1 => second - first,
         };
-        // What is no number, far outside of every scene, becomes 0.
+        // NaN, which occurs far outside of every scene, becomes 0.
         let t = if t > 0.0 { t.min(1.0) } else { 0.0 };
         self.a * (1.0 - t) + self.b * t
     }
@@ -219,7 +219,7 @@ mod tests {
         }
     }
 
-    /// All points of cells up to so many away, one by one.
+    /// Reference: tests the points of all cells up to `reach` away.
     fn naive(texture: &Worley, q: DVec3, reach: i32) -> [f64; 2] {
         let cell = q.floor().as_ivec3();
         let mut distances = Vec::new();

@@ -1,4 +1,4 @@
-//! What lies outside of a grid of texels or voxels.
+//! Wrap rules of grids of texels or voxels.
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::StrDeserializer;
@@ -7,28 +7,27 @@ use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
 use std::fmt;
 
-/// What lies outside of the picture.
+/// Continuation outside of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Wrap {
-    /// The picture again.
+    /// Repeats the image.
     #[default]
     Repeat,
-    /// Its border.
+    /// Clamps to its border.
     Clamp,
-    /// Its mirror image.
+    /// Mirrors the image.
     Mirror,
 }
 
 impl Wrap {
-    /// The texel that stands at an index, which is a whole number of any size, or none at all.
+    /// Wraps an index, which is an integer of any size or not finite, into `0..count`.
     pub(crate) fn index(self, index: f64, count: usize) -> usize {
         let n = count as f64;
         if index >= 0.0 && index < n {
             return index as usize;
         }
-        // In floating-point numbers, where nothing overflows: the remainder of whole numbers is
-        // exact.
+        // Computed in floating point, which cannot overflow; remainders of integers are exact.
         let inside = match self {
             Self::Repeat => index.rem_euclid(n),
             Self::Clamp => index.clamp(0.0, n - 1.0),
@@ -46,8 +45,7 @@ impl Wrap {
     }
 }
 
-/// What lies outside of a picture beside it, and what above and below it: one word for both, or
-/// two.
+/// Horizontal and vertical wrap rules: one word for both, or two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Wraps(pub(crate) [Wrap; 2]);
 

@@ -1,4 +1,4 @@
-//! Whitstone's command line with one shape more.
+//! Whitstone's command line with one additional shape.
 
 fn main() -> std::process::ExitCode {
     whitstone::Cli::new("superquadric")

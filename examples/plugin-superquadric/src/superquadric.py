@@ -1,8 +1,8 @@
-"""The twin of the superquadric for Whitstone's driver of Mitsuba: what `superquadric.rs` promises,
-found by another method.
+"""The twin of the superquadric for Whitstone's Mitsuba driver: the shape of `superquadric.rs`,
+intersected by another method.
 
-Along a line N - 1 is convex. Ternary search finds where it is least; where that is below 0,
-bisection on both sides finds the two crossings. The plugin uses Newton's method instead.
+Along a line, N - 1 is convex. Ternary search finds its minimum. If that is negative, bisection on
+both sides finds the two intersections. The plugin uses Newton's method instead.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import numpy as np
 from whitstone_mitsuba import twins
 from whitstone_mitsuba.surfaces import Crossings, Points, Surface, turn
 
-# Steps that shrink any part of a line that meets the cube to a unit in the last place.
+# Steps of ternary search that narrow any segment within the cube to an ulp.
 NARROWING = 130
 HALVINGS = 70
 
 
 class Superquadric(Surface):
-    """N(x, y, z) <= 1 with N = ||(||(x, y)||_p, z)||_q, in a space where it reaches from -1 to 1.
+    """N(x, y, z) <= 1 with N = ||(||(x, y)||_p, z)||_q, in a space where it extends from -1 to 1.
     """
 
     def __init__(self, matrix, p, q):
@@ -29,14 +29,15 @@ class Superquadric(Surface):
         return np.zeros(3), np.sqrt(3.0)
 
     def excess(self, o, d, t):
-        """N - 1 at places of lines."""
+        """N - 1 at parameters t of lines with origins o and directions d."""
         x, y, z = (np.abs(o[axis] + t * d[axis]) for axis in range(3))
         return norm(norm(x, y, self.p), z, self.q) - 1
 
     def crossings(self, o, d, start):
         o, d = self.local(o), self.local(d, False)
         started = start.code >= 0
-        # Where the line is nearest to the centre, and as far on both sides as anything can be.
+        # The point of the line nearest to the centre, and a segment around it that contains the
+        # shape.
         length = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
         middle = -(o[0] * d[0] + o[1] * d[1] + o[2] * d[2]) / length**2
         far = 2 / length
@@ -55,8 +56,8 @@ class Superquadric(Surface):
                 within = self.excess(o, d, half) < 0
                 inside, outside = np.where(within, half, inside), np.where(within, outside, half)
             ends.append(np.where(meets, 0.5 * (inside + outside), np.inf))
-        # A ray that starts on the surface does not meet it again where it goes out; where it goes
-        # in, its start is the first crossing.
+        # A ray that leaves the surface outwards does not hit it again. One that goes inside starts
+        # at the first crossing and hits the second.
         first = np.where(started, np.inf, ends[0])
         second = np.where(started & start.outward, np.inf, ends[1])
         count = len(started)
@@ -70,7 +71,7 @@ class Superquadric(Surface):
         x, y, z = self.local(p)
         rim = norm(np.abs(x), np.abs(y), self.p)
         whole = norm(rim, np.abs(z), self.q)
-        # The gradient of N, by the chain rule; powers of ratios, which never overflow.
+        # The gradient of N by the chain rule, in powers of ratios, which never overflow.
         across = ratio(rim, whole) ** (self.q - 1)
         n = (
             across * np.sign(x) * ratio(np.abs(x), rim) ** (self.p - 1),
@@ -83,7 +84,7 @@ class Superquadric(Surface):
 
 
 def norm(a, b, power):
-    """(a^p + b^p)^(1/p) without overflow, of numbers of at least 0."""
+    """(a^p + b^p)^(1/p) of non-negative numbers, without overflow."""
     most, least = np.maximum(a, b), np.minimum(a, b)
     return most * (1 + ratio(least, most) ** power) ** (1 / power)
 

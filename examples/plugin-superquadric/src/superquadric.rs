@@ -1,14 +1,15 @@
 //! A superellipsoid (Barr, *Superquadrics and Angle-Preserving Transformations*, IEEE CG&A 1(1),
 //! 1981).
 //!
-//! Its points are those with N = 1, where N(x, y, z) = ‖(‖(x, y)‖_p, z)‖_q with p = 2/east_west, q
-//! = 2/north_south, in units of the radii. For exponents up to 2, p and q are at least 1 and N is a
-//! norm, so N - 1 is convex along a ray. Newton's method that starts outside and goes inwards never
-//! steps over the root of a convex function: it comes to it from one side, or to where the function
-//! turns, and the ray misses. No bracket, no tolerance, and no thin part is lost.
+//! Its points satisfy N = 1 with N(x, y, z) = ‖(‖(x, y)‖_p, z)‖_q, p = 2/east_west, q =
+//! 2/north_south, in units of the radii. For exponents up to 2, p and q are at least 1 and N is a
+//! norm, so N - 1 is convex along a ray. Newton's method that starts outside and moves inwards
+//! never overshoots the root of a convex function. It converges from one side, or reaches a point
+//! where the function increases, and the ray misses. It needs no bracket and no tolerance, and does
+//! not lose thin parts.
 //!
-//! - Twin: `superquadric.py`; the tests hold it to bisection, and to the sphere and the octahedron
-//!   that it becomes.
+//! - Twin: `superquadric.py`; the tests compare with bisection, and with the sphere and the
+//!   octahedron that are its special cases.
 //! - Example: `scenes/superquadric.toml`.
 
 use schemars::JsonSchema;
@@ -21,21 +22,21 @@ use whitstone_core::{
     Ray, SceneError, SceneErrors, Shape, Shapes, Spans, SurfacePoint, Transform, solid,
 };
 
-/// A superellipsoid about the origin of its object space, with poles on the z axis; the outside is
-/// away from its center.
+/// A superellipsoid centred at the origin of its object space, with poles on the z axis. The normal
+/// points away from the centre.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Half the extents along x, y and z in metres.
+    /// Half extents along x, y and z in metres.
     #[serde(default = "ones")]
     radii: [Positive; 3],
-    /// How round it is from pole to pole, from 0.1 to 2: towards 0 a cylinder with sharp rims, 1
-    /// round, 2 pointed at the poles.
+    /// Roundness from pole to pole, from 0.1 to 2: towards 0 a cylinder with sharp rims, 1 round, 2
+    /// pointed at the poles.
     #[serde(default)]
     #[schemars(with = "Option<f64>")]
     north_south: Option<Spanned<Finite>>,
-    /// How round it is around the axis, from 0.1 to 2: towards 0 a square, 1 a circle, 2 a square
-    /// on its corner.
+    /// Roundness around the axis, from 0.1 to 2: towards 0 a square, 1 a circle, 2 a square rotated
+    /// by 45 degrees.
     #[serde(default)]
     #[schemars(with = "Option<f64>")]
     east_west: Option<Spanned<Finite>>,
@@ -45,7 +46,7 @@ fn ones() -> [Positive; 3] {
     [Positive::new(1.0).expect("1 is positive"); 3]
 }
 
-/// The power of the norm for an exponent.
+/// The power of the norm for an exponent; 2 if there is none.
 fn power(exponent: Option<Spanned<Finite>>, key: &str) -> Result<f64, SceneError> {
     let Some(exponent) = exponent else { return Ok(2.0) };
     let value = exponent.get_ref().get();
@@ -57,22 +58,22 @@ fn power(exponent: Option<Spanned<Finite>>, key: &str) -> Result<f64, SceneError
     Err(error.with_help("above 2 it is not convex, below 0.1 its edges are too sharp: use a box"))
 }
 
-/// In an object space where it reaches from -1 to 1.
+/// A superellipsoid in an object space where it extends from -1 to 1.
 pub struct Superquadric {
     transform: Transform,
     p: f64,
     q: f64,
-    /// How far object coordinates can change on the way into the world and back, for a unit step
-    /// along each.
+    /// Error bound of object coordinates after a transform to world space and back, per unit along
+    /// each axis.
     slant: DMat3,
     bounds: Aabb,
 }
 
-/// Half the distance from 1 to the next number: the relative error of one rounding.
+/// Half an ulp of 1: the relative error of one rounding.
 const UNIT: f64 = 0.5 * f64::EPSILON;
 
-/// What the norm of a point may be off by: twice two powers and a root of less than an ulp each,
-/// and their arguments.
+/// Relative error bound of the norm: two powers and a root of less than an ulp each, twice, and
+/// their arguments.
 const SLACK: f64 = 20.0 * UNIT;
 
 impl Plugin<Shapes> for Superquadric {
@@ -96,7 +97,7 @@ impl Plugin<Shapes> for Superquadric {
     }
 }
 
-/// A line from where it passes the center nearest: the point at `s` is `middle + s d`.
+/// A line parametrised from its point nearest to the centre: the point at `s` is `middle + s d`.
 struct Line {
     middle: DVec3,
     d: DVec3,
@@ -111,7 +112,7 @@ impl Line {
         let d = scale * ray.direction;
         let a = d.length_squared();
         let along = |s: f64, o: DVec3| DVec3::new(s.mul_add(d.x, o.x), s.mul_add(d.y, o.y), s.mul_add(d.z, o.z));
-        // Twice, for what the first parameter is off by from far away.
+        // Applied twice, to remove the error of the first parameter from a distant origin.
         let first = -ray.origin.dot(d) / a;
         let near = along(first, ray.origin);
         let more = -near.dot(d) / a;
@@ -131,13 +132,13 @@ impl Line {
         PrimitiveHit {
             t: (self.start + s) * self.scale,
             primitive: 0,
-            // Where on the line, with more digits than t has from far away.
+            // Parameter on the line, which is more accurate than t for distant origins.
             params: DVec2::new(s, 0.0),
         }
     }
 
-    /// The part inside the cube from -1 to 1, a little enlarged. Comparisons with NaN, in a face,
-    /// change nothing.
+    /// The part inside a slightly enlarged cube from -1 to 1. NaN, for a ray within a face,
+    /// compares false and changes nothing.
     fn in_cube(&self) -> Option<(f64, f64)> {
         let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
         for axis in 0..3 {
@@ -155,14 +156,13 @@ impl Line {
     }
 }
 
-/// A power of two by which the longest coordinate comes to lie between 1 and 2.
+/// A power of two that scales the largest coordinate to between 1 and 2.
 fn power_of_two_below_inverse(v: DVec3) -> f64 {
     let exponent = (v.abs().max_element().to_bits() >> 52).clamp(1, 2045);
     f64::from_bits((2046 - exponent) << 52)
 }
 
-/// ‖(a, b)‖_p of numbers that are not negative, and its derivatives. Scaled, so that no power is
-/// above 1.
+/// ‖(a, b)‖_p of non-negative numbers, and its derivatives. Scaled so that no power exceeds 1.
 fn norm(a: f64, b: f64, p: f64) -> (f64, f64, f64) {
     let most = a.max(b);
     if most == 0.0 {
@@ -204,18 +204,18 @@ impl Superquadric {
         (n, gradient.copysign(point))
     }
 
-    /// N - 1 along a line, and its slope.
+    /// N - 1 along a line, and its derivative.
     fn along(&self, line: &Line, s: f64) -> (f64, f64) {
         let (n, gradient) = self.value(line.at(s));
         (n - 1.0, gradient.dot(line.d))
     }
 
-    /// Where a line that starts outside first meets the surface before `to`: Newton's method, which
-    /// does not overtake the root.
+    /// The first intersection, before `to`, of a line that starts outside. Newton's method does not
+    /// overshoot the root.
     fn enters(&self, line: &Line, from: f64, to: f64) -> Option<f64> {
         let mut s = from;
-        // Where it touches, the distance to go is halved each time: more steps than there are
-        // digits.
+        // At a tangent, each step halves the remaining distance: more steps than binary digits
+        // suffice.
         for _ in 0..128 {
             let (value, slope) = self.along(line, s);
             if value <= 0.0 {
@@ -236,7 +236,7 @@ impl Superquadric {
         Some(s)
     }
 
-    /// Entry and exit.
+    /// Parameters of entry and exit.
     fn crossings(&self, line: &Line) -> Option<[f64; 2]> {
         let (from, to) = line.in_cube()?;
         let enter = self.enters(line, from, to)?;
@@ -252,7 +252,7 @@ impl Superquadric {
         Line::new(&self.transform.ray_to_object(ray))
     }
 
-    /// How fast the ray leaves the surface, or comes nearer, where it starts.
+    /// Derivative of N along the ray at its origin: positive if the ray leaves the surface.
     fn slope_at_start(&self, line: &Line) -> f64 {
         self.along(line, -line.start).1
     }
@@ -265,8 +265,8 @@ impl Primitive for Superquadric {
 
     fn closest(&self, ray: &Ray, interval: Interval, leaves: Option<u32>) -> Option<PrimitiveHit> {
         let line = self.line(ray);
-        // It is convex: what leaves outwards meets it no more, what goes inside meets the exit
-        // only.
+        // The shape is convex: rays that leave it outwards do not hit it again, and rays that go
+        // inside hit the exit only.
         let leaving = leaves.is_some();
         if leaving && self.slope_at_start(&line) >= 0.0 {
             return None;
@@ -286,8 +286,8 @@ impl Primitive for Superquadric {
         let length = across.length();
         let normal = across / length;
         let position = forward.transform_point3(p);
-        // What N is off by, over the length of its gradient in the world, is how far away the
-        // surface is; then the roundings of three products and three sums.
+        // The error of N divided by the length of its world-space gradient is the distance to the
+        // surface. The roundings of three products and three sums are added.
         let slack = (gradient.abs().dot(self.slant * p.abs()) + SLACK) / length;
         let terms = forward.translation.abs() + forward.matrix3.abs() * p.abs();
         let error = slack + 5.0 * UNIT * normal.abs().dot(terms);
@@ -339,7 +339,7 @@ mod tests {
         }
     }
 
-    /// Rays at the ball of radius 3 about the center, from outside.
+    /// Rays from outside towards the ball of radius 3 around the centre.
     fn rays(count: usize) -> impl Iterator<Item = Ray> {
         let mut random = Random::new(7);
         (0..count).map(move |_| {
@@ -348,7 +348,8 @@ mod tests {
         })
     }
 
-    /// By halving, from 3000 places along the ray on: where the sum of powers first falls below 1.
+    /// The first of 3000 steps along the ray where the sum of powers falls below 1, refined by
+    /// bisection.
     fn by_bisection(ray: &Ray, [north_south, east_west]: [f64; 2]) -> Option<f64> {
         let outside = |t: f64| {
             let p = ray.at(t).abs();
@@ -373,7 +374,7 @@ mod tests {
             for ray in rays(500) {
                 let ours = shape.closest(&ray, Interval::FORWARD, None).map(|hit| hit.t);
                 let Some(expected) = by_bisection(&ray, exponents) else {
-                    // The places may step over a corner.
+                    // The steps may miss a corner.
                     continue;
                 };
                 let ours = ours.expect("what is hit by bisection is hit");

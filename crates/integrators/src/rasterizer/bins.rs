@@ -1,23 +1,23 @@
-//! Which triangles may be seen in which square of the image, so that each square can be drawn by
-//! itself, by any thread.
+//! Binning: the triangles that may be visible in each square tile of the image, so that tiles can
+//! be drawn independently by any thread.
 
 use super::fill::{Projected, outline};
 use whitstone_core::{DVec2, FilmSize, Geometry, Shape};
 
-/// Edge length of a square in pixels.
+/// Side of a tile in pixels.
 const SIDE: f64 = 16.0;
 
-/// Triangles by square, as (shape, triangle), in the order of the scene.
+/// Triangles by tile, as (shape, triangle), in scene order.
 pub(super) struct Bins {
     columns: usize,
     rows: usize,
-    /// Where the entries of each square begin; one more at the end.
+    /// Index of the first entry of each tile, plus the total at the end.
     starts: Vec<usize>,
     entries: Vec<(u32, u32)>,
 }
 
 impl Bins {
-    /// An estimate: small triangles are in one square, sometimes in four.
+    /// An estimate: small triangles lie in one tile, sometimes in four.
     pub(super) const BYTES_A_TRIANGLE: usize = 2 * size_of::<(u32, u32)>();
 
     pub(super) fn new(geometry: &Geometry, projected: &Projected, film: FilmSize) -> Self {
@@ -30,7 +30,7 @@ impl Bins {
             starts: vec![0; columns * rows + 1],
             entries: Vec::new(),
         };
-        // Counted first, so that all lists are one.
+        // First pass counts, so that all lists share one allocation.
         each(geometry, projected, size, |low, high, _| {
             for square in bins.squares(low, high) {
                 bins.starts[square + 1] += 1;
@@ -51,13 +51,13 @@ impl Bins {
         bins
     }
 
-    /// The lists of all squares that this part of the image touches.
+    /// The lists of all tiles that overlap this part of the image.
     pub(super) fn around(&self, low: DVec2, high: DVec2) -> impl Iterator<Item = &[(u32, u32)]> {
         let list = |square: usize| &self.entries[self.starts[square]..self.starts[square + 1]];
         self.squares(low, high).map(list)
     }
 
-    /// The numbers of the squares that this part of the image touches.
+    /// Indices of the tiles that overlap this part of the image.
     fn squares(&self, low: DVec2, high: DVec2) -> impl Iterator<Item = usize> + use<> {
         // Casts saturate, and NaN becomes 0.
         let place = |x: f64, count: usize| ((x / SIDE) as usize).min(count - 1);
@@ -70,7 +70,7 @@ impl Bins {
     }
 }
 
-/// Each triangle that may be seen, with the part of the image in which it is.
+/// Visits each triangle that may be visible, with its bounds in the image.
 fn each(
     geometry: &Geometry,
     projected: &Projected,

@@ -1,26 +1,26 @@
-//! Triangles in the image: projecting their vertices, clipping, filling, the depth buffer.
+//! Triangles in the image: projection of vertices, clipping, filling and the depth buffer.
 //!
-//! A vertex is (x w, y w, depth, w): at (x, y) in the image, in pixels. Three such rows, without
-//! the depth, span a triangle as a cone from the camera, and a pixel is inside where (x, y, 1) is
-//! on the inner side of the three planes that bound the cone. So no division is needed, and no
-//! vertex that clipping would make: triangles that share an edge share its plane, up to the sign,
-//! and the rule for pixels exactly on it gives each to one of them.
+//! A vertex is (x w, y w, depth, w) and appears at (x, y) in the image, in pixels. Three such rows,
+//! without the depth, span a triangle as a cone from the camera. A pixel is inside where (x, y, 1)
+//! is on the inner side of the three planes that bound the cone. This needs no division and no
+//! vertices created by clipping. Triangles that share an edge share its plane up to the sign, and
+//! the fill rule assigns pixels exactly on it to one of them.
 
 use whitstone_core::simd::{self, select};
 use whitstone_core::stream::{GROUP, HitStream, LANES, Lanes, NO_SHAPE, RayStream};
 use whitstone_core::triangle::ShearedRay;
 use whitstone_core::{DMat4, DVec2, DVec3, DVec4, Geometry, InstancePath, RawHit, Shape, TriangleMesh};
 
-/// Pixels by which clipping leaves room around the image, for its rounding.
+/// Margin of clipping around the image in pixels, for rounding errors.
 const MARGIN: f64 = 1.0;
 
-/// Pixels that are more than the rounding of a projected vertex.
+/// Upper bound of the rounding error of a projected vertex, in pixels.
 const ROUNDING: f64 = 1e-6;
 
-/// The vertices of all meshes in the image, by number of the shape.
+/// The projected vertices of all meshes, by shape number.
 pub(super) struct Projected(Vec<Vec<DVec4>>);
 
-/// Every vertex once.
+/// Projects every vertex once.
 pub(super) fn project(geometry: &Geometry, to_image: &DMat4) -> Projected {
     let vertices = |shape: &Shape| match shape {
         Shape::Triangles(mesh) => {
@@ -33,14 +33,14 @@ pub(super) fn project(geometry: &Geometry, to_image: &DMat4) -> Projected {
 }
 
 impl Projected {
-    /// The corners of a triangle.
+    /// The projected corners of a triangle.
     #[inline(always)]
     pub(super) fn corners(&self, mesh: &TriangleMesh, shape: u32, triangle: u32) -> [DVec4; 3] {
         mesh.triangles[triangle as usize].map(|vertex| self.0[shape as usize][vertex as usize])
     }
 }
 
-/// The part of the image that a triangle may be seen in. `None` if that is nothing.
+/// Bounds of a triangle in the image; `None` if it is outside.
 #[inline(always)]
 pub(super) fn outline(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
     let in_front = corners.iter().all(|corner| corner.w > 0.0);
@@ -51,8 +51,8 @@ pub(super) fn outline(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
     within(a.min(b).min(c) - ROUNDING, a.max(b).max(c) + ROUNDING, film)
 }
 
-/// [`outline`] of a triangle that is partly behind the camera: that part is cut off, and what is
-/// beside the image.
+/// [`outline`] of a triangle that is partly behind the camera, clipped to the half space in front
+/// of it and to the image.
 #[cold]
 #[inline(never)]
 fn clipped(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
@@ -63,8 +63,8 @@ fn clipped(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
         DVec4::new(0.0, 1.0, 0.0, MARGIN),
         DVec4::new(0.0, -1.0, 0.0, film.y + MARGIN),
     ];
-    // Sutherland and Hodgman, *Reentrant polygon clipping*, 1974: each side adds one corner at
-    // most.
+    // Sutherland and Hodgman, *Reentrant polygon clipping*, 1974: each side adds at most one
+    // corner.
     let mut polygon = corners.to_vec();
     for side in sides {
         let before = std::mem::take(&mut polygon);
@@ -83,7 +83,7 @@ fn clipped(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
     for corner in &polygon {
         let at = DVec2::new(corner.x, corner.y) / corner.w;
         if !at.is_finite() {
-            // At the camera itself: anywhere.
+            // A corner at the camera itself may project anywhere.
             return Some([DVec2::ZERO, film]);
         }
         (low, high) = (low.min(at - MARGIN), high.max(at + MARGIN));
@@ -91,8 +91,7 @@ fn clipped(corners: [DVec4; 3], film: DVec2) -> Option<[DVec2; 2]> {
     within(low, high, film)
 }
 
-/// What of it is in the image. Numbers beyond all bounds, which compare with nothing, are
-/// everywhere.
+/// Clips bounds to the image. NaN compares false, so such bounds cover the whole image.
 #[inline(always)]
 fn within(low: DVec2, high: DVec2, film: DVec2) -> Option<[DVec2; 2]> {
     let beside = low.cmpgt(film).any() || high.cmplt(DVec2::ZERO).any() || low.cmpgt(high).any();
@@ -101,17 +100,17 @@ fn within(low: DVec2, high: DVec2, film: DVec2) -> Option<[DVec2; 2]> {
 
 /// A triangle that is ready to be filled.
 struct Filled {
-    /// The planes opposite to its corners: positive inside.
+    /// The planes opposite to its corners, positive inside.
     planes: [DVec3; 3],
-    /// Whether pixels exactly on a plane belong to the triangle: on left edges, and on level ones
-    /// above it.
+    /// Whether pixels exactly on a plane belong to the triangle: those on left edges and on
+    /// horizontal top edges do.
     owns: [bool; 3],
     /// Depths of the corners.
     depths: DVec3,
 }
 
 impl Filled {
-    /// `None` for one that is seen edge-on.
+    /// `None` if the triangle is edge-on or not finite.
     #[inline(always)]
     fn new([a, b, c]: [DVec4; 3]) -> Option<Self> {
         let flat = |q: DVec4| DVec3::new(q.x, q.y, q.w);
@@ -127,8 +126,8 @@ impl Filled {
         Some(Self { planes, owns, depths })
     }
 
-    /// Depth at a pixel and the weights of the second and third corner, with the perspective: NaN
-    /// outside.
+    /// Depth at a pixel (NaN outside) and the perspective-correct weights of the second and third
+    /// corner.
     #[inline(always)]
     fn at(&self, x: f64, y: f64) -> DVec3 {
         let [e0, e1, e2] = self.planes.map(|plane| plane.x * x + plane.y * y + plane.z);
@@ -145,7 +144,7 @@ pub(super) struct Depths {
     len: usize,
     x: Lanes<f64>,
     y: Lanes<f64>,
-    /// Where camera rays start: what is not behind that is not seen.
+    /// Depth where camera rays start; nearer surfaces are invisible.
     start: Lanes<f64>,
     nearest: Lanes<f64>,
     shape: Lanes<u32>,
@@ -153,7 +152,7 @@ pub(super) struct Depths {
     /// Weights of the second and third corner.
     second: Lanes<f64>,
     third: Lanes<f64>,
-    /// The part of the image that each group of lanes is in.
+    /// Bounds in the image of each group of lanes.
     groups: [[DVec2; 2]; LANES / GROUP],
 }
 
@@ -182,7 +181,7 @@ impl Depths {
         depths
     }
 
-    /// The part of the image that the pixels are in.
+    /// Bounds of all pixels in the image.
     pub(super) fn bounds(&self) -> (DVec2, DVec2) {
         let start = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         let all = self.groups.iter();
@@ -191,7 +190,7 @@ impl Depths {
         })
     }
 
-    /// Draws triangles, of which the first stays where several are equally deep.
+    /// Draws triangles. Of several at the same depth, the first stays.
     pub(super) fn draw(
         &mut self,
         shapes: &[Shape],
@@ -224,7 +223,7 @@ impl Depths {
         );
     }
 
-    /// Fills the pixels of a group.
+    /// Fills the pixels of a group of lanes.
     #[inline(always)]
     fn fill(&mut self, first: usize, filled: &Filled, shape: u32, triangle: u32) {
         for lane in first..first + GROUP {
@@ -238,8 +237,8 @@ impl Depths {
         }
     }
 
-    /// What is seen, as hits of the camera rays. The point that is shaded is where the ray meets
-    /// the triangle; only where rounding lets it pass by is it where the depth buffer says.
+    /// The visible surfaces as hits of the camera rays. The shaded point is the intersection of ray
+    /// and triangle. If rounding makes the ray miss, it is the point from the depth buffer.
     pub(super) fn hits(&self, geometry: &Geometry, rays: &RayStream) -> Box<HitStream> {
         let mut hits = Box::<HitStream>::default();
         hits.clear(rays);
@@ -287,7 +286,7 @@ mod tests {
     /// As many pixels as a stream has rays.
     const FILM: DVec2 = DVec2::splat(16.0);
 
-    /// A pinhole with a window of two metres at a distance of one.
+    /// A pinhole camera with a window of two metres at a distance of one metre.
     struct Pinhole {
         eye: DVec3,
         axes: [DVec3; 3],
@@ -327,7 +326,7 @@ mod tests {
         })])
     }
 
-    /// Triangles all around the camera, behind it and through its plane as well.
+    /// Random triangles around the camera, including behind it and across its plane.
     fn soup(random: &mut Random, count: u32) -> Geometry {
         let corner = |_| 3.0 * random.cube();
         let positions = (0..3 * count).map(corner).collect();
@@ -356,7 +355,7 @@ mod tests {
             Self { raster, rays }
         }
 
-        /// What is drawn at each pixel; `change` does to projected vertices what it likes.
+        /// The rasterized hits; `change` modifies the projected vertices.
         fn drawn(
             &self,
             geometry: &Geometry,
@@ -376,7 +375,7 @@ mod tests {
             depths.hits(geometry, &self.rays)
         }
 
-        /// What is met by rays.
+        /// The hits found by ray casting.
         fn cast(&self, geometry: &Geometry) -> Vec<Option<RawHit>> {
             let Shape::Triangles(mesh) = &geometry.shapes()[0] else {
                 unreachable!()
@@ -388,7 +387,8 @@ mod tests {
         }
     }
 
-    /// Pixels of random scenes at which drawing with such vertices differs from casting rays.
+    /// Number of pixels in random scenes where rasterization with changed vertices differs from ray
+    /// casting.
     fn differences(scenes: u64, change: impl Fn(DVec4) -> DVec4 + Copy) -> usize {
         let mut count = 0;
         for seed in 0..scenes {
@@ -410,15 +410,14 @@ mod tests {
         assert_eq!(differences(SCENES, |vertex| vertex), 0);
     }
 
-    /// The check bites: vertices that are divided before what is behind the camera is cut off come
-    /// out mirrored, and depths that are interpolated without perspective put the wrong triangle in
-    /// front.
+    /// The test is not vacuous. Dividing vertices before clipping against the camera plane mirrors
+    /// them, and interpolating depth without perspective puts the wrong triangle in front.
     #[test]
     fn divided_vertices_differ_from_rays() {
         let divided = |v: DVec4| DVec4::new(v.x / v.w, v.y / v.w, v.z, 1.0);
         assert!(differences(50, divided) > 1_000, "{}", differences(50, divided));
-        // Also where all is in front of the camera: two large triangles that cut each other, away
-        // from the middle of their edges.
+        // They also differ if everything is in front of the camera: two large triangles intersect
+        // away from the middle of their edges.
         let camera = Pinhole {
             eye: DVec3::ZERO,
             axes: [DVec3::X, DVec3::Y, DVec3::NEG_Z],
@@ -443,12 +442,12 @@ mod tests {
         assert!(count(&stream.drawn(&geometry, &camera.to_image(), divided)) > 10);
     }
 
-    /// Parallel rays; edges run exactly through pixel centres, and every pixel belongs to one
+    /// Parallel rays: edges run exactly through pixel centres, and every pixel belongs to one
     /// triangle.
     #[test]
     fn pixels_on_a_shared_edge_belong_to_one_triangle() {
         let to_image = DMat4::from_cols(DVec4::X, DVec4::Y, DVec4::Z, DVec4::W);
-        // Around (8.5, 8.5): level, upright and diagonal edges, and the border of a square.
+        // Around (8.5, 8.5): horizontal, vertical and diagonal edges, and the border of a square.
         let rim = [
             [2.5, 2.5],
             [8.5, 2.5],
@@ -479,7 +478,8 @@ mod tests {
             }
             for (lane, owners) in owners.into_iter().enumerate() {
                 let (x, y) = (lane % 16, lane / 16);
-                // The square's left and upper border is inside, the right and lower one is not.
+                // The left and upper border of the square is inside, the right and lower one
+                // outside.
                 let inside = (2..14).contains(&x) && (2..14).contains(&y);
                 assert_eq!(owners, u32::from(inside), "{x} {y}");
             }
@@ -504,7 +504,8 @@ mod tests {
             DVec4::new(-8.0, -80.0, -1.0, -1.0),
         ];
         let [low, high] = outline(through, FILM).unwrap();
-        // It goes on to the top; divided, its third corner would be far down.
+        // It extends to the top of the image. With a division before clipping, its third corner
+        // would be far down.
         assert!(low.y == 0.0 && high.y < 10.0 && low.x < 8.0, "{low} {high}");
     }
 }

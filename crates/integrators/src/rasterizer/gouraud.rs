@@ -1,12 +1,12 @@
-//! Colours at the corners of triangles, interpolated.
+//! Gouraud shading: colours at the corners of triangles, interpolated.
 //!
-//! Gouraud, *Continuous shading of curved surfaces*, 1971. With the perspective: the weights are
-//! those of the point in the world.
+//! Gouraud, *Continuous shading of curved surfaces*, 1971, with perspective-correct weights: those
+//! of the point in world space.
 
 use crate::shadows::Shadows;
 use whitstone_core::{DVec2, Lobes, Medium, PathState, RawHit, Ray, Rgb, Scratch, Shape, Skip, World};
 
-/// Radiance along a camera ray that starts where the viewer is.
+/// Radiance along a camera ray that starts at the viewer.
 pub(super) fn radiance(world: &World, ray: &Ray, hit: Option<RawHit>, scratch: &mut Scratch) -> Rgb {
     let path = PathState::camera(*ray);
     let Some(hit) = hit else {
@@ -14,7 +14,7 @@ pub(super) fn radiance(world: &World, ray: &Ray, hit: Option<RawHit>, scratch: &
         scratch.note(&path, None, Rgb::WHITE, background);
         return background;
     };
-    // What is no triangle has no corners: it is as if all were where it is hit.
+    // Other shapes have no corners and are shaded at the hit.
     let triangle = matches!(
         world.geometry.shapes().get(hit.shape as usize),
         Some(Shape::Triangles(_))
@@ -52,7 +52,7 @@ mod tests {
     };
     use whitstone_testkit::{Lamp, Simple};
 
-    /// Over the one triangle of the geometry.
+    /// An accelerator over the only triangle of the geometry.
     struct One(Arc<Geometry>);
 
     impl Accelerator for One {
@@ -71,8 +71,8 @@ mod tests {
         }
     }
 
-    /// Under a lamp close above the middle, corners are dark, and so is the middle of what lies
-    /// between them.
+    /// Under a lamp close above the middle, the corners are dark, and so is the interpolated
+    /// middle.
     #[test]
     fn the_middle_is_the_mean_of_the_corners() {
         let positions = vec![
@@ -109,7 +109,7 @@ mod tests {
         let hit = world.accelerator.closest(&ray, Interval::FORWARD, Skip::NOTHING);
         let found = radiance(&world, &ray, hit, &mut Scratch::default());
         assert!((found.g - 2.0 * mean).abs() < 1e-14, "{found:?} {mean}");
-        // Shaded where it is, it would be bright.
+        // Shaded directly, the middle would be bright.
         assert!(2.0 * cosine(&middle) > 3.0 * found.g, "{}", cosine(&middle));
     }
 }

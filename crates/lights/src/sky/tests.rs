@@ -30,7 +30,7 @@ fn truth(look: &impl Fn(DVec2, DVec3) -> Rgb, rows: usize) -> Vec<Rgb> {
     sums
 }
 
-/// The directions before they were placed by luminance: equal parts of the sphere.
+/// Directions without luminance placement: equal parts of the sphere.
 fn equal(n: usize, look: &impl Fn(DVec2, DVec3) -> Rgb) -> Vec<LightSample> {
     let sample = |index: usize| {
         let y = 1.0 - 2.0 * ((index / (2 * n)) as f64 + 0.5) / n as f64;
@@ -45,7 +45,7 @@ fn equal(n: usize, look: &impl Fn(DVec2, DVec3) -> Rgb) -> Vec<LightSample> {
     (0..2 * n * n).map(sample).collect()
 }
 
-/// The largest relative error of the luminance of the irradiance.
+/// The largest relative error of the irradiance, measured by luminance.
 fn bias(samples: &[LightSample], truth: &[Rgb]) -> f64 {
     let errors = normals().into_iter().zip(truth).map(|(normal, truth)| {
         let light = |s: &LightSample| luminance(s.irradiance) * s.direction.dot(normal).max(0.0);
@@ -55,7 +55,7 @@ fn bias(samples: &[LightSample], truth: &[Rgb]) -> f64 {
     errors.fold(0.0, f64::max)
 }
 
-/// A blue sky above dark ground, with a sun of 1 degree that gives half of all light.
+/// A blue sky above dark ground, with a sun of 1 degree that gives half of the light.
 fn sunny(_: DVec2, d: DVec3) -> Rgb {
     let sun = DVec3::new(0.3, 0.5, -0.7).normalize();
     let sky = if d.y > 0.0 {
@@ -71,18 +71,18 @@ fn sunny(_: DVec2, d: DVec3) -> Rgb {
 fn a_small_sun_is_lit_without_bias() {
     let truth = truth(&sunny, 2048);
     for (n, limit) in [(4, 0.2), (8, 0.05), (16, 0.01), (32, 0.005)] {
-        // Looked up at 8 x 8 places of a cell: the disk of the sun is three cells wide, and its
-        // edge would be the largest error.
+        // 8 x 8 lookups per cell: the sun's disk is three cells wide, and its edge would otherwise
+        // be the largest error.
         let found = bias(&directions(2 * n * n, 8, sunny), &truth);
         let before = bias(&equal(n, &sunny), &truth);
         println!("n = {n}: {found:.4}, equal parts of the sphere {before:.4}");
         assert!(found <= limit, "n = {n}: bias {found}");
-        // The measure sees what it is for.
+        // The measure detects the difference.
         assert!(before > 5.0 * found, "n = {n}: {before}");
     }
 }
 
-/// The folder in `WHITSTONE_SKIES` holds pictures by latitude and longitude (EXR).
+/// The directory `WHITSTONE_SKIES` contains latitude-longitude maps (EXR).
 #[test]
 fn measured_skies() {
     let Some(folder) = std::env::var_os("WHITSTONE_SKIES") else {
@@ -106,7 +106,7 @@ fn measured_skies() {
         let planes = image.rgb().unwrap();
         let texel = |x: i64, y: i64| {
             let index = y.clamp(0, height as i64 - 1) as usize * width + x.rem_euclid(width as i64) as usize;
-            // Scenes refuse negative radiance, which some measured skies have.
+            // Scenes reject negative radiance, which some measured skies have.
             Rgb::from(planes.map(|plane| f64::from(plane[index]).max(0.0)))
         };
         let look = |uv: DVec2, _: DVec3| {
@@ -134,8 +134,8 @@ fn measured_skies() {
     }
 }
 
-/// A small change of the radiance moves no direction far, also where half of the sky is black and
-/// cuts are ambiguous.
+/// A small change of the radiance moves no direction far, even if half of the sky is black and cuts
+/// are ambiguous.
 #[test]
 fn rounding_does_not_move_directions() {
     let half = |_: DVec2, d: DVec3| Rgb::splat(if d.x > 0.0 { 1.0 } else { 0.0 });

@@ -1,13 +1,14 @@
 use super::*;
 
-/// The plane of incidence is turned, so that no component is zero by luck.
+/// The plane of incidence is rotated, so that no component is accidentally zero.
 fn incidence(sin: f64, cos: f64) -> (DVec3, DVec3) {
     (DVec3::Z, DVec3::new(sin, 0.0, cos))
 }
 
-/// n_i, n_t, sine and cosine of v, R, 1 - R, cosine of refraction; the last three to 20 digits, by
-/// mpmath at 80 digits from the textbook formulas for the exact binary values of the first four
-/// (the angle is that of the vector (sine, cosine), whose length is not quite 1).
+/// n_i, n_t, sine and cosine of v, R, 1 - R, cosine of refraction. The last three have 20 digits
+/// and were computed by mpmath at 80 digits from the textbook formulas, for the exact binary values
+/// of the first four (the angle is that of the vector (sine, cosine), whose length is not exactly
+/// 1).
 const FRESNEL: &[[f64; 7]] = &[
     [1.0, 1.5, 0.0, 1.0, 0.04, 0.96, 1.0],
     [1.0, 1.5, 1e-08, 1.0, 0.04, 0.96, 0.99999999999999997778],
@@ -494,8 +495,8 @@ fn fresnel_agrees_with_high_precision() {
         let found = interface.fresnel(&crossing);
         let error = |a: f64, b: f64| ((a - b) / b).abs();
         let what = format!("n_i {n_i} n_t {n_t} sin {sin}: {found:?}");
-        // Relative errors; what the direction's own rounding does to a steep function is allowed
-        // for.
+        // Relative errors. The tolerance allows for the effect of the direction's own rounding on a
+        // steep function.
         assert!(
             error(crossing.cos_t, cos_t) < 4e-15,
             "{what}: {}",

@@ -1,4 +1,4 @@
-//! 8-bit texels and how they differ, in whole numbers.
+//! 8-bit texels and their differences, in integers.
 
 use crate::raster::{ColorSpace, Store};
 use whitstone_image::texels::Texels;
@@ -13,7 +13,7 @@ pub(super) struct Codes {
 
 impl Codes {
     pub(super) fn of(texels: &Texels) -> Self {
-        // Rounding gives back the code, of which the value is the nearest f32.
+        // Rounding recovers the code, whose value is the nearest f32.
         let code = |value: f32| (f64::from(value) * 255.0).round() as u8;
         Self {
             width: texels.width,
@@ -31,12 +31,12 @@ impl Codes {
     }
 }
 
-/// How two texels differ: the sum of the squares over the channels.
+/// Squared difference of two texels: the sum over the channels.
 pub(super) fn difference(a: [u8; 3], b: [u8; 3]) -> u32 {
     (0..3).map(|k| u32::from(a[k].abs_diff(b[k])).pow(2)).sum()
 }
 
-/// The same of rows; at most 256 texels long, so that nothing overflows.
+/// Squared difference of two rows of at most 256 texels, so that the sum does not overflow.
 #[inline(always)]
 pub(super) fn differences(a: &[[u8; 3]], b: &[[u8; 3]]) -> u32 {
     let both = a.as_flattened().iter().zip(b.as_flattened());

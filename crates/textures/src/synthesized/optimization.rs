@@ -1,54 +1,52 @@
 //! Texture optimisation: Kwatra, Essa, Bobick and Kwatra 2005, sections 3 and 3.1.
 //!
-//! The energy of a picture is the sum over its neighbourhoods of the squared error to the piece of
-//! the sample that is nearest. Searching these pieces lowers it, and so does giving each texel the
-//! mean of the pieces that cover it: the code next to the mean is the one with the least sum of
-//! squares.
+//! The energy of an image is the sum over its neighbourhoods of the squared error to the nearest
+//! piece of the sample. Searching these pieces lowers it. So does setting each texel to the mean of
+//! the pieces that cover it: the code nearest to the mean has the least sum of squares.
 
 use super::codes::{Codes, differences};
 use whitstone_core::simd;
 
-/// What is done to a quilted picture.
+/// Parameters of the optimisation.
 #[derive(Debug)]
 pub(super) struct Optimization {
-    /// Of the square neighbourhoods, in texels.
+    /// Side of the square neighbourhoods, in texels.
     pub(super) side: usize,
     pub(super) iterations: u32,
 }
 
 impl Optimization {
-    /// Where neighbourhoods begin along an axis of so many texels: a quarter of a side apart, the
-    /// last one at the end.
+    /// Start positions of neighbourhoods along an axis of `length` texels: a quarter of a side
+    /// apart, the last one at the end.
     fn starts(&self, length: usize) -> impl Iterator<Item = usize> + Clone {
         let last = length - self.side;
         (0..last).step_by((self.side / 4).max(1)).chain([last])
     }
 
-    /// The left top texels of all neighbourhoods.
+    /// Top left texels of all neighbourhoods.
     fn squares(&self, [width, height]: [usize; 2]) -> impl Iterator<Item = [usize; 2]> {
         let columns = self.starts(width);
         self.starts(height)
             .flat_map(move |y| columns.clone().map(move |x| [x, y]))
     }
 
-    /// Comparisons of channels, at most.
+    /// Upper bound of channel comparisons.
     pub(super) fn steps(&self, sample: &Codes, [width, height]: [usize; 2]) -> u64 {
         let places = (sample.width - self.side + 1) as u64 * (sample.height - self.side + 1) as u64;
         let squares = (self.starts(width).count() * self.starts(height).count()) as u64;
         let each = 3 * (self.side * self.side) as u64;
-        // At most 2^18 * 2^28, times 2^24 * 2^6: the last may overflow.
+        // At most 2^18 * 2^28, times 2^24 * 2^6: the last product may overflow.
         (each * places).saturating_mul(squares * u64::from(self.iterations))
     }
 
-    /// Memory for sums, counts and places.
+    /// Memory of sums, counts and positions, in bytes.
     pub(super) fn bytes(&self, [width, height]: [usize; 2]) -> u64 {
         let texels = (width * height * size_of::<Sum>()) as u64;
         let squares = (self.starts(width).count() * self.starts(height).count()) as u64;
         texels + 2 * squares * size_of::<usize>() as u64
     }
 
-    /// All iterations. Where nothing changes any more, those that are left would change nothing
-    /// either.
+    /// Runs all iterations; stops early once nothing changes.
     pub(super) fn improve(&self, picture: &mut Codes, sample: &Codes) {
         let mut nearest = Vec::new();
         for _ in 0..self.iterations {
@@ -61,8 +59,8 @@ impl Optimization {
         }
     }
 
-    /// For each neighbourhood the nearest piece of the sample; `known` are those of the iteration
-    /// before, if there was one.
+    /// The nearest piece of the sample for each neighbourhood; `known` are the results of the
+    /// previous iteration, if any.
     fn search(&self, picture: &Codes, sample: &Codes, known: &[usize]) -> Vec<usize> {
         let find = |(number, square)| {
             let known = known.get(number).copied();
@@ -77,7 +75,7 @@ impl Optimization {
             .collect()
     }
 
-    /// The least error and the first piece that has it.
+    /// The least error, and the first piece that has it.
     #[inline(always)]
     fn nearest(
         &self,
@@ -87,7 +85,7 @@ impl Optimization {
         known: Option<usize>,
     ) -> (u64, usize) {
         let [columns, rows] = [sample.width, sample.height].map(|side| side - self.side + 1);
-        // No further than is needed to know that it is more than `most`.
+        // Stops once the error is known to exceed `most`.
         let error = |place: usize, most: u64| {
             let mut sum = 0;
             for j in 0..self.side {
@@ -107,8 +105,7 @@ impl Optimization {
         best
     }
 
-    /// Each texel becomes the mean of what the pieces of its neighbourhoods have there, halves
-    /// rounded up.
+    /// Sets each texel to the mean of the pieces of its neighbourhoods, halves rounded up.
     fn blend(&self, picture: &mut Codes, sample: &Codes, nearest: &[usize]) {
         let columns = sample.width - self.side + 1;
         let mut sums = vec![Sum::default(); picture.data.len()];
@@ -128,8 +125,8 @@ impl Optimization {
     }
 }
 
-/// Texels that are to become one: fewer than a hundred, as sides are at most 7 times as long as
-/// what lies between neighbourhoods.
+/// Sum of the texels that are averaged into one: fewer than a hundred, because sides are at most 7
+/// times as long as the spacing of neighbourhoods.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     codes: [u32; 3],
@@ -144,7 +141,7 @@ impl Sum {
         self.count += 1;
     }
 
-    /// Of at least one.
+    /// The mean of at least one texel.
     fn mean(self) -> [u8; 3] {
         self.codes
             .map(|sum| ((2 * sum + self.count) / (2 * self.count)) as u8)
@@ -175,7 +172,7 @@ mod tests {
             .sum()
     }
 
-    /// Each half of an iteration takes the least of the energy that the other one leaves it.
+    /// Each half of an iteration minimises the energy over its own variables.
     #[test]
     fn the_energy_falls_with_each_iteration_until_it_rests() {
         let sample = noise(22, 19);
@@ -209,10 +206,10 @@ mod tests {
         assert_eq!(same, sample);
     }
 
-    /// What was found before only makes the search shorter, and so does giving up early.
+    /// Known results and early termination only shorten the search.
     #[test]
     fn the_nearest_piece_is_the_first_of_those_with_the_least_error() {
-        // Every piece is there several times.
+        // Every piece occurs several times.
         let tile = noise(5, 5);
         let sample = Codes {
             width: 15,
@@ -255,7 +252,7 @@ mod tests {
         for texel in [[1, 0, 255], [2, 0, 255], [2, 1, 255], [1, 0, 255]] {
             sum.add(texel);
         }
-        // 3/2, 1/4 and 255.
+        // The means of 3/2, 1/4 and 255.
         assert_eq!(sum.mean(), [2, 0, 255]);
     }
 }

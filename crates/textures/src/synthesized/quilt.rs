@@ -3,7 +3,7 @@
 use super::codes::{Codes, difference, differences};
 use whitstone_core::hash::mix;
 
-/// What is to be made.
+/// Parameters of a quilt.
 #[derive(Debug)]
 pub(super) struct Quilt {
     pub(super) size: [usize; 2],
@@ -14,27 +14,27 @@ pub(super) struct Quilt {
 }
 
 impl Quilt {
-    /// How many blocks stand side by side along an axis.
+    /// Number of blocks along an axis.
     fn count(&self, axis: usize) -> usize {
         1 + self.size[axis]
             .saturating_sub(self.block)
             .div_ceil(self.block - self.overlap)
     }
 
-    /// Texels of all blocks along an axis.
+    /// Size in texels of all blocks along an axis.
     fn extent(&self, axis: usize) -> usize {
         self.block + (self.count(axis) - 1) * (self.block - self.overlap)
     }
 
-    /// Comparisons of channels, at most.
+    /// Upper bound of channel comparisons.
     pub(super) fn steps(&self, sample: &Codes) -> u64 {
         let places = (sample.width - self.block + 1) as u64 * (sample.height - self.block + 1) as u64;
         let strip = (self.overlap * (2 * self.block - self.overlap)) as u64;
-        // At most 2^28 * 2^16 * 2^24: the last may overflow.
+        // At most 2^28 * 2^16 * 2^24: the last product may overflow.
         (3 * strip * places).saturating_mul((self.count(0) * self.count(1)) as u64)
     }
 
-    /// Memory for the canvas and for what is cut out of it.
+    /// Memory of the canvas and of the image cut from it, in bytes.
     pub(super) fn bytes(&self) -> u64 {
         3 * (self.extent(0) * self.extent(1) + self.size[0] * self.size[1]) as u64
     }
@@ -61,7 +61,7 @@ impl Quilt {
         }
     }
 
-    /// Puts a piece at column c and row r of the blocks.
+    /// Places a piece at column c and row r of the blocks.
     fn place(&self, canvas: &mut Codes, sample: &Codes, c: usize, r: usize) {
         let step = self.block - self.overlap;
         let corner = [c * step, r * step];
@@ -85,7 +85,7 @@ impl Quilt {
         }
     }
 
-    /// Which piece of the sample: its left top corner.
+    /// Chooses a piece of the sample and returns its top left corner.
     fn choose(&self, canvas: &Codes, sample: &Codes, corner: [usize; 2], [c, r]: [usize; 2]) -> [usize; 2] {
         let columns = sample.width - self.block + 1;
         let rows = sample.height - self.block + 1;
@@ -105,8 +105,8 @@ impl Quilt {
                 errors.push(sum);
             }
         }
-        // Of the least that is not 0: where the sample goes on as it does there, that would be the
-        // only one.
+        // The least nonzero error. An exact match, where the sample continues in the same way,
+        // would be the only candidate.
         let least = errors.iter().copied().filter(|e| *e > 0).min().unwrap_or(0);
         let most = least as f64 * (1.0 + self.tolerance);
         let fits = |e: &u64| *e as f64 <= most;
@@ -120,10 +120,10 @@ impl Quilt {
         [at % columns, at / columns]
     }
 
-    /// For each step along a strip, the first texel across it that is new: a path on which both
-    /// sides differ least in sum.
+    /// The seam with the least sum of differences: for each step along a strip, the first texel
+    /// across it that belongs to the new piece.
     fn seam(&self, error: impl Fn(usize, usize) -> u32) -> Vec<usize> {
-        // The least sum up to each texel, step by step.
+        // The least sum up to each texel, by dynamic programming.
         let mut sums: Vec<Vec<u32>> = Vec::with_capacity(self.block);
         let around = |across: usize| across.saturating_sub(1)..(across + 2).min(self.overlap);
         for along in 0..self.block {
@@ -141,7 +141,7 @@ impl Quilt {
                 .collect();
             sums.push(row);
         }
-        // `min_by_key` gives the first of several.
+        // `min_by_key` returns the first minimum.
         let lowest = |sums: &[u32], among: std::ops::Range<usize>| {
             among.min_by_key(|across| sums[*across]).expect("at least one")
         };
@@ -182,7 +182,7 @@ pub(super) mod tests {
 
     #[test]
     fn neighbours_agree() {
-        // Smooth waves: where pieces do not fit, neighbouring texels differ.
+        // Smooth waves: neighbouring texels differ where pieces do not match.
         let wave = |x: usize, y: usize| {
             (128.0 + 60.0 * (0.7 * x as f64).sin() + 60.0 * (0.5 * y as f64).cos()) as u8
         };
@@ -215,7 +215,7 @@ pub(super) mod tests {
         for case in 0..50 {
             let error = |along: usize, across: usize| mix(case * 1000 + (along * 3 + across) as u32) % 16;
             let cost = |seam: &[usize]| -> u32 { (0..6).map(|along| error(along, seam[along])).sum() };
-            // All paths, one by one.
+            // Exhaustive search over all paths.
             let least = (0..3usize.pow(6))
                 .map(|number| (0..6).map(|k| number / 3usize.pow(k) % 3).collect::<Vec<_>>())
                 .filter(|seam| seam.windows(2).all(|pair| pair[0].abs_diff(pair[1]) <= 1))

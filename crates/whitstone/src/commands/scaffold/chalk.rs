@@ -1,11 +1,10 @@
-//! A matte surface that is darker towards its rim, as dust is (Minnaert, *The Reciprocity Principle
+//! A matte surface that darkens towards its rim, like dust (Minnaert, *The Reciprocity Principle
 //! in Lunar Photometry*, 1941).
 //!
-//! f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1): the same both ways,
-//! and what it reflects of light from everywhere has the closed form in `local`.
+//! The BRDF is f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1). It is
+//! reciprocal, and its reflection of uniform illumination has the closed form in `local`.
 //!
-//! - Twin: none; the tests hold it to energy, reciprocity, and to the matte surface that it
-//!   becomes.
+//! - Twin: none; the tests check energy, reciprocity, and the matte surface as a special case.
 //! - Example: `scenes/chalk.toml`.
 
 use schemars::JsonSchema;
@@ -19,15 +18,16 @@ use whitstone_core::{
     SceneErrors, SurfacePoint,
 };
 
-/// A matte surface that is darker towards its rim.
+/// A matte surface that darkens towards its rim.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Share of the light that is reflected where it comes from and goes straight up, from 0 to 1;
-    /// a texture or a colour.
+    /// Share of the light that is reflected at normal incidence towards the normal, from 0 to 1; a
+    /// texture or a colour.
     #[serde(default = "half")]
     reflectance: TextureRef,
-    /// At least 1: 1 is a plain matte surface, more is darker towards the rim. 1.5 if left out.
+    /// At least 1: 1 is a plain matte surface, larger values are darker towards the rim. 1.5 if
+    /// omitted.
     #[serde(default)]
     #[schemars(with = "Option<f64>")]
     darkening: Option<Spanned<Finite>>,
@@ -37,7 +37,7 @@ fn half() -> TextureRef {
     TextureRef::grey(0.5)
 }
 
-/// See the module.
+/// The material that `Config` describes; see the module documentation.
 pub struct Chalk {
     reflectance: ColorSource,
     darkening: f64,
@@ -61,7 +61,7 @@ impl Plugin<Materials> for Chalk {
             Some(value) => value.get_ref().get(),
             None => 1.5,
         };
-        // All errors are told at once.
+        // Collected, so that all errors are reported at once.
         let reflectance = errors.take(context.texture(&config.reflectance));
         let reflectance = reflectance.unwrap_or(ColorSource::Constant(Rgb::BLACK));
         errors.into_result(Arc::new(Self {
@@ -86,13 +86,13 @@ impl Material for Chalk {
 
     fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
         let n = point.n_towards(view);
-        // Below the horizon there is nothing: a negative number has no power.
+        // Clamped at the horizon: a negative base has no real power.
         let cosine = |direction: DVec3| n.dot(direction).max(0.0);
         let mut irradiance = Rgb::BLACK;
         for incoming in light.lights {
             irradiance += incoming.irradiance * cosine(incoming.direction).powf(self.darkening);
         }
-        // The integral of f cos over the half sphere.
+        // The integral of f cos over the hemisphere, times the ambient radiance.
         let from_everywhere = light.ambient * (2.0 / (self.darkening + 1.0));
         let rim = cosine(view).powf(self.darkening - 1.0);
         self.reflectance.value(point) * (from_everywhere + irradiance * FRAC_1_PI) * rim

@@ -1,6 +1,7 @@
-//! A camera whose distances from the middle of the image are angles: the equidistant projection.
+//! A camera with the equidistant projection: distances from the image centre are proportional to
+//! angles.
 //!
-//! - Twin: none; the tests hold it to the angles that it is made of.
+//! - Twin: none; the tests check the angles of rays.
 //! - Example: `scenes/fisheye.toml`.
 
 use schemars::JsonSchema;
@@ -11,20 +12,20 @@ use whitstone_core::{
     Camera, Cameras, Context, DVec2, DVec3, FilmSize, Plugin, Ray, SceneError, SceneErrors,
 };
 
-/// A camera whose distances from the middle of the image are angles.
+/// A camera with the equidistant projection, for angles of view up to 360 degrees.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Where it stands.
+    /// Position of the camera in metres.
     origin: Vector3,
-    /// What is in the middle of the image.
+    /// The point in the middle of the image.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
-    /// What is up; y if left out.
+    /// Up direction; +y if omitted.
     #[serde(default = "y")]
     up: Vector3,
-    /// Angle across the longer side of the image, in degrees above 0 and up to 360; 180 if left
-    /// out.
+    /// Angle across the longer side of the image, in degrees, greater than 0 and at most 360; 180
+    /// if omitted.
     #[serde(default)]
     #[schemars(with = "Option<f64>")]
     fov: Option<Spanned<Finite>>,
@@ -34,14 +35,14 @@ fn y() -> Vector3 {
     Vector3::new(0.0, 1.0, 0.0)
 }
 
-/// In world space.
+/// The camera in world space.
 pub struct Fisheye {
     origin: DVec3,
     right: DVec3,
     up: DVec3,
     forward: DVec3,
     middle: DVec2,
-    /// Radians a pixel.
+    /// Radians per pixel.
     angle: f64,
 }
 
@@ -81,7 +82,7 @@ impl Camera for Fisheye {
         let from_middle = raster - self.middle;
         let distance = from_middle.length();
         let (sine, cosine) = (self.angle * distance).sin_cos();
-        // In the very middle there is no way aside.
+        // The exact centre has no direction to the side.
         let aside = if distance > 0.0 {
             from_middle * (sine / distance)
         } else {

@@ -1,10 +1,9 @@
-//! Parallel light of a ball that is lit from the side: the more of its dark half is seen, the less.
+//! Parallel light from a sphere that is lit from the side; it dims with the phase angle.
 //!
-//! The phase function of a matte ball (Lambert, *Photometria*, 1760): (sin a + (pi - a) cos a)/pi
+//! The phase function of a matte sphere (Lambert, *Photometria*, 1760): (sin a + (pi - a) cos a)/pi
 //! at the phase angle a.
 //!
-//! - Twin: none; the tests hold it to the closed values of the formula.
-//! - Example: `scenes/moon.toml`.
+//! - Twin: none; the tests check closed-form values of the formula.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -16,23 +15,23 @@ use whitstone_core::{
     Context, DVec3, Light, LightGives, LightSample, Lights, Plugin, SceneError, SceneErrors,
 };
 
-/// Parallel light of a ball that is lit from the side.
+/// Parallel light from a sphere that is lit from the side.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The way the light travels; of any length but zero.
+    /// Direction in which the light travels; any nonzero length.
     #[schemars(with = "Vector3")]
     direction: Spanned<Vector3>,
-    /// Irradiance in W/m² on a surface that faces it when it is full.
+    /// Irradiance in W/m² at full phase, on a surface that faces the light.
     irradiance: Color,
-    /// Angle between the sun and the viewer as the ball sees them, in degrees from 0 (full) to 180
-    /// (new); 0 if left out.
+    /// Phase angle between the sun and the viewer as seen from the sphere, in degrees from 0 (full)
+    /// to 180 (new); 0 if omitted.
     #[serde(default)]
     #[schemars(with = "Option<f64>")]
     phase: Option<Spanned<Finite>>,
 }
 
-/// The same sample everywhere.
+/// The light; it gives the same sample everywhere.
 pub struct Moon {
     sample: LightSample,
 }
@@ -56,7 +55,7 @@ impl Plugin<Lights> for Moon {
             );
         }
         let a = phase.to_radians();
-        // Rounding must not make it negative at new moon.
+        // Rounding must not make the value negative near a phase angle of 180 degrees.
         let share = ((a.sin() + (PI - a) * a.cos()) / PI).max(0.0);
         errors.into_result(Arc::new(Self {
             sample: LightSample {

@@ -1,6 +1,6 @@
-//! Two colours in turn around a point of texture space.
+//! Concentric rings of two alternating colours in texture space.
 //!
-//! - Twin: none; the tests hold it to the distances that it is made of.
+//! - Twin: none; the tests check the colours at given distances from the centre.
 //! - Example: `scenes/ripples.toml`.
 
 use schemars::JsonSchema;
@@ -9,20 +9,20 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Positive, Vector2};
 use whitstone_core::{Context, DVec2, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, Texture, Textures};
 
-/// Two colours in turn around a point of texture space.
+/// Concentric rings of two alternating colours in texture space.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour in the middle.
+    /// Colour of the innermost ring.
     #[serde(default = "light")]
     a: Color,
-    /// Colour around it.
+    /// Colour of the next ring.
     #[serde(default = "dark")]
     b: Color,
-    /// The middle, in (u, v).
+    /// Centre of the rings, in (u, v).
     #[serde(default = "middle")]
     center: Vector2,
-    /// From one change of colour to the next, in units of u and v.
+    /// Width of a ring, in units of u and v.
     #[serde(default = "tenth")]
     width: Positive,
 }
@@ -43,7 +43,7 @@ fn tenth() -> Positive {
     Positive::new(0.1).expect("a tenth is positive")
 }
 
-/// See the module.
+/// The texture that `Config` describes; see the module documentation.
 pub struct Ripples {
     colors: [Rgb; 2],
     center: DVec2,
@@ -70,7 +70,7 @@ impl Texture for Ripples {
 
     fn value(&self, point: &SurfacePoint) -> Rgb {
         let distance = (point.uv - self.center).length();
-        // Beyond all numbers the remainder is none, and the comparison says no.
+        // For an infinite distance the remainder is NaN, which compares false.
         let inner = distance.rem_euclid(2.0 * self.width) < self.width;
         self.colors[usize::from(!inner)]
     }
