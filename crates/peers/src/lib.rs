@@ -2,10 +2,10 @@
 //! one TOML `type`.
 //!
 //! They render the same scenes with the same surrounding code, so that their errors and times are
-//! directly comparable with ours. They alone intersect triangles, **in single precision**: they do
-//! not obey the law of accelerators, and report that ([`whitstone_core::Accelerator::caveat`]). All
-//! other shapes are tested one by one in double precision. `docs/peers.md` says what differs and by
-//! how much.
+//! directly comparable with ours. They find all hits on triangles, **in single precision**. So they
+//! do not obey the law of accelerators, and report that ([`whitstone_core::Accelerator::caveat`]).
+//! All other shapes are tested one by one in double precision. `docs/peers.md` says what differs
+//! and by how much.
 
 use whitstone_core::{DuplicateType, Registry};
 

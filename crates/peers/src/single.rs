@@ -80,7 +80,7 @@ fn single(ray: &Ray, interval: Interval, skip: Skip) -> Option<SingleRay> {
     if !(origin.is_finite() && direction.is_finite()) {
         return None;
     }
-    // Rounding puts the origin of a ray that leaves a surface on either side of it, and of all
+    // Rounding may put the origin of a ray that leaves a surface on either side of it, and of all
     // triangles near the one that is left: hits within that rounding do not count.
     let rounding = match skip.id() {
         Some(_) => 8.0 * f32::EPSILON * origin.abs().max_element(),

@@ -51,7 +51,8 @@ struct Builder {
 pub(super) fn build(geometry: &Geometry, elements: &Elements, config: &Config) -> Partition {
     let items = &elements.items;
     let builder = Builder {
-        // Below the margin of a cut by a box, as what is lost here is not added there.
+        // Smaller than the margin of box overlap tests: these enlarge the box by it, whereas here
+        // each cut loses up to this much of a fragment.
         margin: 0.125 * MARGIN * elements.reach,
         max_leaf: config.max_leaf.get() as usize,
         split: config.split,

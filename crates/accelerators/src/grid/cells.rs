@@ -316,8 +316,8 @@ impl Steps {
     fn aim(&mut self, cells: &Cells, ray: &WideRay, axis: usize, number: usize) {
         self.arrives = f64::INFINITY;
         if number + 1 < cells.resolution[axis] {
-            // A NaN means that the ray runs along the next cell: at the width that is no more than
-            // possible.
+            // NaN means that the ray is parallel to the next cell and touches it only with the
+            // border of its padding; `min` ignores it.
             self.arrives = self
                 .arrives
                 .min(ray.arrives(axis, cells.entry(ray, axis, number + 1)));

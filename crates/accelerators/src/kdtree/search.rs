@@ -227,9 +227,9 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
                 let (arrives, leaves) = (t + local.near[axis], t + local.far[axis]);
                 let before = node.children() + local.side(axis) as u32;
                 let beyond = before ^ 1;
-                // The order of the children is a branch: where rays often agree, the predicted path
-                // does not wait for the distances. Whether both are visited is branchless, as it is
-                // the least predictable.
+                // Whether the near child is entered is a branch: where rays often agree, the
+                // predicted path does not wait for the distances. Whether both are entered is
+                // branchless, as it is the least predictable.
                 stack[height % MAX_DEPTH] = (beyond, if arrives > near { arrives } else { near }, far);
                 if near <= leaves {
                     height += usize::from(arrives <= far);
