@@ -1,13 +1,13 @@
-//! Instructions, by callgrind, of the kernels that pictures spend their time in: the same in every
-//! run, so that a change of 1% is seen on any machine, however busy. They are no times: callgrind
-//! knows neither AVX-512 nor what waits for memory.
+//! Instruction counts, by callgrind, of the kernels in which rendering spends its time. They are
+//! the same in every run, so a change of 1% is visible on any machine, however busy. They are not
+//! times: callgrind models neither AVX-512 nor memory latency.
 //!
 //! ```text
 //! cargo install gungraun-runner --version 0.20.0     # and valgrind
 //! cargo bench -p whitstone-benches
 //! ```
 //!
-//! Each is over a stream of 256 rays.
+//! Each benchmark traces a stream of 256 rays.
 
 #![allow(
     missing_docs,

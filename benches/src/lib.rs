@@ -1,5 +1,5 @@
-//! What the benchmarks of kernels run: each is one call over a stream of 256 rays, whose
-//! preparation does not count.
+//! Workloads of the kernel benchmarks: each is one call over a stream of 256 rays, whose setup is
+//! not counted.
 
 use std::sync::Arc;
 use whitstone_accelerators::bvh::Bvh;
@@ -13,7 +13,7 @@ use whitstone_shapes::cuboid::Cuboid;
 use whitstone_shapes::sphere::Sphere;
 use whitstone_testkit::build;
 
-/// Rays from z = -4 through a square of the plane z = 0 around the origin, 16 by 16.
+/// 16 by 16 rays from z = -4 through a square of the plane z = 0 around the origin.
 pub fn rays(half_side: f64) -> Box<RayStream> {
     let mut rays = Box::new(RayStream {
         len: LANES,
@@ -29,13 +29,13 @@ pub fn rays(half_side: f64) -> Box<RayStream> {
     rays
 }
 
-/// A stream and what it is traced through.
+/// A stream of rays, and the target that it is traced against.
 pub struct Traced<T> {
-    /// What is hit or missed.
+    /// The accelerator or shape to intersect.
     pub target: T,
     /// 256 rays.
     pub rays: Box<RayStream>,
-    /// Where hits go.
+    /// Destination of the hits.
     pub hits: Box<HitStream>,
 }
 
@@ -49,7 +49,7 @@ impl<T> Traced<T> {
     }
 }
 
-/// Triangles of an edge length around some centers, facing the rays.
+/// Triangles with the given edge length and first corners, facing the rays.
 fn triangles(centers: impl Iterator<Item = DVec3>, edge: f64) -> TriangleMesh {
     let mut mesh = TriangleMesh {
         orientation: 1.0,
@@ -69,23 +69,23 @@ fn bvh(mesh: TriangleMesh) -> Box<dyn Accelerator> {
     build::<Accelerators, Bvh>("", geometry).expect("it is a hierarchy")
 }
 
-/// Eight leaves in the corners of a cube; the rays run between them: the test of a node, and what a
-/// search costs anyway.
+/// Eight leaves in the corners of a cube, with rays that pass between them. Measures the node test
+/// and the fixed cost of a search.
 pub fn node() -> Traced<Box<dyn Accelerator>> {
     let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 2.0 - 1.0;
     let centers = (0..8).flat_map(|i| (0..8).map(move |k| corner(i) + 1e-3 * f64::from(k)));
     Traced::new(bvh(triangles(centers, 0.01)), 0.3)
 }
 
-/// Eight large triangles, one behind the other, whose boxes every ray meets in the half that they
-/// do not fill: the filter of triangles.
+/// Eight large triangles, one behind the other; every ray hits their boxes in the half that they do
+/// not fill. Measures the triangle filter.
 pub fn leaf() -> Traced<Box<dyn Accelerator>> {
     let centers = (0..8).map(|i| DVec3::new(-9.0, -9.0, 0.1 * f64::from(i)));
     Traced::new(bvh(triangles(centers, 12.0)), 0.3)
 }
 
-/// Eight large triangles, one behind the other, that every ray hits: the filter, and one decision
-/// in double precision a ray.
+/// Eight large triangles, one behind the other, that every ray hits. Measures the filter and one
+/// double-precision test per ray.
 pub fn hit() -> Traced<Box<dyn Accelerator>> {
     let centers = (0..8).map(|i| DVec3::new(-3.0, -3.0, 0.1 * f64::from(i)));
     Traced::new(bvh(triangles(centers, 12.0)), 0.3)
@@ -106,13 +106,14 @@ pub fn cuboid() -> Traced<Shape> {
     shape::<Cuboid>("")
 }
 
-/// One triangle by the watertight test in double precision; half of the rays hit it.
+/// One triangle, tested by the watertight test in double precision; half of the rays hit it.
 pub fn triangle() -> Traced<Shape> {
     let center = DVec3::new(-1.5, -1.5, 0.0);
     Traced::new(Shape::Triangles(triangles(std::iter::once(center), 3.0)), 1.5)
 }
 
-/// Nearest hits of the stream; the number of hits, so that nobody leaves the work out.
+/// Finds the nearest hits of the stream. Returns their number, so that the work is not optimised
+/// away.
 pub fn closest<T>(traced: &mut Traced<T>, trace: impl FnOnce(&T, &RayStream, &mut HitStream)) -> usize {
     trace(&traced.target, &traced.rays, &mut traced.hits);
     (0..traced.rays.len)
@@ -120,7 +121,7 @@ pub fn closest<T>(traced: &mut Traced<T>, trace: impl FnOnce(&T, &RayStream, &mu
         .count()
 }
 
-/// The same ray by ray, of an accelerator.
+/// The same for an accelerator, ray by ray.
 pub fn closest_single(traced: &Traced<Box<dyn Accelerator>>) -> usize {
     let rays = &traced.rays;
     let hit = |lane: &usize| {
@@ -133,7 +134,7 @@ pub fn closest_single(traced: &Traced<Box<dyn Accelerator>>) -> usize {
     (0..rays.len).filter(hit).count()
 }
 
-/// Nearest hits with one shape.
+/// Finds the nearest hits with one shape.
 pub fn closest_shape(shape: &Shape, rays: &RayStream, hits: &mut HitStream) {
     hits.clear(rays);
     match shape {
@@ -143,13 +144,13 @@ pub fn closest_shape(shape: &Shape, rays: &RayStream, hits: &mut HitStream) {
     }
 }
 
-/// A camera and positions in the image.
+/// A camera and raster positions.
 pub struct Tile {
     /// The camera.
     pub camera: Box<dyn Camera>,
-    /// Positions, 16 by 16.
+    /// Raster positions, 16 by 16.
     pub raster: Box<Lanes<DVec2>>,
-    /// Where rays go.
+    /// Destination of the rays.
     pub rays: Box<RayStream>,
 }
 

@@ -1,14 +1,14 @@
-//! What a ray costs in each structure, on one thread, over a generated mesh: steps (inner nodes or
-//! cells visited), tests of elements, and time, beside `bvh2` in the same run. The default `bvh`
+//! Cost of a ray in each structure, on one thread, over a generated mesh: steps (inner nodes or
+//! cells visited), element tests, and time compared with `bvh2` in the same run. The default `bvh`
 //! counts no steps.
 //!
 //! ```text
 //! cargo run --release -p whitstone-accelerators --example structures -- [TRIANGLES] [MESH] [NAME]
 //! ```
 //!
-//! MESH is `ball` (with bumps, compact triangles, spread evenly), `needles` (long thin triangles
-//! that lie askew) or `stadium` (the ball within one of 128 triangles that is a hundred times as
-//! large). NAME keeps only the rows that contain it, and `bvh2`.
+//! MESH is `ball` (bumpy, with compact, evenly spread triangles), `needles` (long, thin, slanted
+//! triangles) or `stadium` (the ball inside one of 128 triangles that is a hundred times as large).
+//! NAME keeps only the rows that contain it, and `bvh2`.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -32,7 +32,7 @@ fn main() {
         _ => ball(side, DVec3::ZERO, 1.0),
     })];
     if kind == "stadium" {
-        // The ball is the teapot.
+        // The ball is the teapot in the stadium.
         shapes.push(Shape::Triangles(ball(8, DVec3::ZERO, 100.0)));
     }
     let geometry = Arc::new(Geometry::new(shapes));
@@ -106,7 +106,7 @@ fn main() {
     }
 }
 
-/// Rays from around into the middle.
+/// Rays from all around into the middle.
 fn rays() -> Vec<Ray> {
     let mut random = random();
     let mut cube = || DVec3::new(random(), random(), random());
@@ -117,7 +117,7 @@ fn rays() -> Vec<Ray> {
     (0..4000).map(|_| ray()).collect()
 }
 
-/// The mean of something that is counted for each ray.
+/// Mean of a counter over all rays; "-" if the accelerator does not count.
 fn effort(accelerator: &dyn Accelerator, of: impl Fn(Effort) -> u64) -> String {
     let rays = rays();
     let count = |ray: &Ray| accelerator.effort(ray, Interval::FORWARD, Skip::NOTHING).map(&of);
@@ -128,11 +128,10 @@ fn effort(accelerator: &dyn Accelerator, of: impl Fn(Effort) -> u64) -> String {
     )
 }
 
-/// Nanoseconds of a nearest hit and of any hit: the best of some rounds.
+/// Nanoseconds per ray for nearest hits and for any hits: the best of some rounds.
 fn cost(accelerator: &dyn Accelerator) -> (f64, f64) {
     let rays = rays();
-    // The best of several rounds of few rays each, so that other work of the machine disturbs
-    // little.
+    // The best of several rounds of few rays each, to reduce the effect of other load.
     let best = |trace: &dyn Fn(&Ray) -> bool| {
         let chunks = rays.chunks(500).map(|rays| {
             let rounds = (0..8).map(|_| {
@@ -154,7 +153,7 @@ fn cost(accelerator: &dyn Accelerator) -> (f64, f64) {
     )
 }
 
-/// Numbers from -1 to 1, always the same.
+/// A reproducible sequence of numbers from -1 to 1.
 fn random() -> impl FnMut() -> f64 {
     let mut state = 1u64;
     move || {
@@ -165,7 +164,7 @@ fn random() -> impl FnMut() -> f64 {
     }
 }
 
-/// A ball with bumps, of 2 n² triangles.
+/// A bumpy ball of 2 n² triangles.
 fn ball(n: usize, center: DVec3, radius: f64) -> TriangleMesh {
     let at = |i: usize, j: usize| {
         let theta = std::f64::consts::PI * (i as f64 + 0.01) / (n as f64 + 0.02);
@@ -182,7 +181,7 @@ fn ball(n: usize, center: DVec3, radius: f64) -> TriangleMesh {
     mesh(corners.collect())
 }
 
-/// Hairs that lie askew.
+/// Slanted hairs.
 fn needles(count: usize) -> TriangleMesh {
     let mut random = random();
     let mut cube = move || DVec3::new(random(), random(), random());

@@ -1,5 +1,5 @@
-//! Millions of rays a second of the BVH on a mesh, on one thread, and whether it agrees with trying
-//! every triangle:
+//! Measures the default BVH on a mesh, in millions of rays a second on one thread, and checks that
+//! it agrees with testing every triangle:
 //!
 //! ```text
 //! cargo run --release -p whitstone-accelerators --example trace_speed -- MESH [RAYS_TO_COMPARE]
@@ -69,7 +69,7 @@ fn main() {
     }
 }
 
-/// The rays of a picture of the whole, 1024 x 1024 pixels.
+/// Camera rays for an image of the whole mesh, 1024 x 1024 pixels.
 fn picture(bounds: &Aabb) -> Vec<Ray> {
     let size = bounds.extent().max_element();
     let eye = bounds.center() + size * DVec3::new(0.3, 0.4, 1.6);
@@ -83,7 +83,7 @@ fn picture(bounds: &Aabb) -> Vec<Ray> {
         .collect()
 }
 
-/// From around to around, in no order.
+/// Incoherent rays, from a box three times as large as the mesh's bounds to points in the bounds.
 fn random(bounds: &Aabb) -> Vec<Ray> {
     let mut state = 1u64;
     let mut unit = move || {

@@ -1,12 +1,12 @@
-//! The build of binary hierarchies, whatever volumes they then put around their nodes: top down
-//! over the centers of the elements' boxes.
+//! Builds binary hierarchies top down over the centers of the elements' boxes, for any kind of node
+//! volume.
 //!
-//! - `split = "sah"`: the surface area heuristic, in bins (Wald, *On fast construction of SAH-based
-//!   bounding volume hierarchies*, 2007), by a full sweep where few elements are left.
-//! - `split = "midpoint"`: in the middle of the box of all centers. `split = "median"`: half of the
-//!   elements to each side.
-//! - `axes = "longest"` tries the axis in which the centers spread most, `"all"` takes the cheapest
-//!   of three.
+//! - `split = "sah"`: the surface area heuristic, binned (Wald, *On fast construction of SAH-based
+//!   bounding volume hierarchies*, 2007), or by a full sweep for small nodes.
+//! - `split = "midpoint"`: the middle of the box of all centers. `split = "median"`: half of the
+//!   elements on each side.
+//! - `axes = "longest"` tries the axis with the largest extent of the centers; `"all"` tries all
+//!   three and takes the cheapest.
 
 use crate::elements::{Item, bounds};
 use crate::split::{Axes, Split};
@@ -14,32 +14,31 @@ use std::cmp::Ordering;
 use std::ops::Range;
 use whitstone_core::Aabb;
 
-/// Time of a step down, in units of the time of one test of an element: measured on triangle
-/// meshes.
+/// Cost of a traversal step in element tests, measured on triangle meshes.
 pub(crate) const STEP_COST: f64 = 0.7;
 
-/// No path from the root is longer.
+/// Maximum depth of the tree.
 pub(crate) const MAX_DEPTH: usize = 64;
 
-/// Bins for each axis.
+/// Bins per axis.
 const BINS: usize = 32;
 
-/// Up to this number of elements every split is tried.
+/// Up to this number of elements, every split is tried.
 const SWEEP: usize = 24;
 
-/// From this number of elements on both sides are built in parallel.
+/// From this number of elements, both sides are built in parallel.
 const PARALLEL: usize = 4096;
 
-/// What is below a node.
+/// A subtree.
 pub(crate) enum Tree {
-    /// These of the items.
+    /// A range of the items.
     Leaf(Range<usize>),
-    /// Two subtrees, each with the box around its items.
+    /// Two subtrees, each with the bounds of its items.
     Inner([(Aabb, Box<Tree>); 2]),
 }
 
 impl Tree {
-    /// The items of the subtree, which lie next to one another.
+    /// The items of the subtree, which are contiguous.
     pub(crate) fn range(&self) -> Range<usize> {
         match self {
             Self::Leaf(range) => range.clone(),
@@ -48,17 +47,18 @@ impl Tree {
     }
 }
 
-/// How to build.
+/// Parameters of a build.
 pub(crate) struct Builder {
-    /// Most elements in a leaf.
+    /// Maximum number of elements in a leaf.
     pub(crate) max_leaf: usize,
     pub(crate) split: Split,
     pub(crate) axes: Axes,
-    /// Time of a step down, in units of the time of one test of an element.
+    /// Cost of a traversal step in element tests.
     pub(crate) step_cost: f64,
 }
 
-/// The best split found so far: its cost (area times number, both sides) and how to make it.
+/// The best split found so far: its cost (area times count, summed over both sides) and how to make
+/// it.
 struct Cut {
     cost: f64,
     axis: usize,
@@ -68,13 +68,13 @@ struct Cut {
 enum At {
     /// Items in bins below this one go left.
     Bin(usize),
-    /// So many items go left, in the order of their centers.
+    /// This number of items goes left, in the order of their centers.
     Count(usize),
 }
 
 impl Builder {
-    /// Builds over items, of which there is at least one, and brings them into the order of the
-    /// leaves. The result depends on the items only, not on the number of threads.
+    /// Builds a tree over at least one item and reorders the items into leaf order. The result
+    /// depends only on the items, not on the number of threads.
     pub(crate) fn build(&self, items: &mut [Item]) -> Tree {
         self.tree(items, 0, 0)
     }
@@ -86,8 +86,8 @@ impl Builder {
             return leaf;
         }
         let centers = Aabb::around(items.iter().map(|item| item.center));
-        // Halving leads to single elements in as many steps as there are bits in n: from where that
-        // is all that the stack has room for, halve.
+        // Halving n items reaches single items after at most as many levels as n has bits. Once
+        // only that many levels remain, halve.
         let must_halve = depth + (usize::BITS - n.leading_zeros()) as usize >= MAX_DEPTH;
         let cut = if must_halve {
             None
@@ -138,7 +138,8 @@ impl Builder {
         Tree::Inner([(boxes[0], left), (boxes[1], right)])
     }
 
-    /// The best split of its kind; `None` if there is none, as where all centers coincide.
+    /// The best split of the configured kind; `None` if there is none, for example if all centers
+    /// coincide.
     fn choose(&self, items: &mut [Item], centers: &Aabb) -> Option<Cut> {
         let axes = self.axes.of(centers.extent().to_array());
         match self.split {
@@ -162,7 +163,7 @@ impl Builder {
     }
 }
 
-/// By the center along an axis, then by number.
+/// Order by the center along an axis, then by number.
 fn order(axis: usize) -> impl Fn(&Item, &Item) -> Ordering {
     move |a, b| {
         a.center[axis]
@@ -175,15 +176,15 @@ fn sort(items: &mut [Item], axis: usize) {
     items.sort_unstable_by(order(axis));
 }
 
-/// Brings the lower half along an axis to the front; returns how many these are.
+/// Moves the lower half along an axis to the front; returns its size.
 fn halve(items: &mut [Item], axis: usize) -> usize {
     let middle = items.len() / 2;
     items.select_nth_unstable_by(middle, order(axis));
     middle
 }
 
-/// Brings what `goes_left` to the front, in no particular but a reproducible order; returns how
-/// many.
+/// Moves the items for which `goes_left` holds to the front, in an unspecified but reproducible
+/// order; returns their number.
 fn partition(items: &mut [Item], goes_left: impl Fn(&Item) -> bool) -> usize {
     let mut middle = 0;
     for i in 0..items.len() {
@@ -195,7 +196,7 @@ fn partition(items: &mut [Item], goes_left: impl Fn(&Item) -> bool) -> usize {
     middle
 }
 
-/// The best split of few items, among all along some axes; `None` if no split has a cost.
+/// The best of all splits of a few items along some axes; `None` if there is no split.
 fn sweep(items: &mut [Item], axes: impl Iterator<Item = usize>) -> Option<Cut> {
     let n = items.len();
     let mut best: Option<Cut> = None;
@@ -223,7 +224,7 @@ fn sweep(items: &mut [Item], axes: impl Iterator<Item = usize>) -> Option<Cut> {
     best
 }
 
-/// The bin of an item by its center.
+/// Maps an item to a bin by its center.
 struct ToBin {
     axis: usize,
     start: f64,
@@ -241,12 +242,12 @@ impl ToBin {
     }
 
     fn bin(&self, item: &Item) -> usize {
-        // The conversion saturates, so that whatever rounding does the bin is one of them.
+        // The conversion saturates, so rounding cannot yield a bin out of range.
         (((item.center[self.axis] - self.start) * self.scale) as usize).min(BINS - 1)
     }
 }
 
-/// The best split before some of the bins; `None` if one side would be empty at each.
+/// The best split at a lower border of the bins in `before`; `None` if each leaves one side empty.
 fn binned(
     items: &[Item],
     centers: &Aabb,

@@ -1,6 +1,7 @@
-//! No acceleration: every element is tried, in order.
+//! No acceleration: every element is tested, in order.
 //!
-//! The definition of the right answer, and the fastest for a handful of elements.
+//! It defines the correct result for all other accelerators, and is the fastest for a handful of
+//! elements.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/brute_force.toml`.
@@ -15,7 +16,7 @@ use whitstone_core::{
     Ray, SceneErrors, Shape, Skip, Statistics,
 };
 
-/// Tries every element in order, without any structure.
+/// Tests every element in order, without an acceleration structure.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {}
@@ -39,12 +40,12 @@ impl Plugin<Accelerators> for BruteForce {
 }
 
 impl BruteForce {
-    /// Hands every hit inside the interval to `found` until that returns false. The interval is
-    /// never narrowed: the purity of the shapes is what other accelerators rely on and this one
-    /// need not.
+    /// Calls `found` with every hit inside the interval until it returns false. The interval is
+    /// never narrowed, so that this accelerator, unlike the others, does not rely on the shapes'
+    /// tests being pure functions.
     #[inline(always)]
     fn hits(&self, ray: &Ray, interval: Interval, skip: Skip, mut found: impl FnMut(RawHit) -> bool) {
-        // Made for the first mesh only: the divisions cost as much as a hit.
+        // Created at the first mesh only: its divisions cost as much as a hit.
         let mut sheared = None;
         for (part, shape) in self.geometry.shapes().iter().zip(0u32..) {
             let leaves = skip.of_shape(InstancePath::WORLD, shape);
@@ -74,13 +75,13 @@ impl BruteForce {
                         return;
                     }
                 }
-                // No other kind can be made here; core adds them together with their code.
+                // No other kind occurs here: core adds new kinds together with their code.
                 _ => {}
             }
         }
     }
 
-    /// The copies of groups.
+    /// The instances.
     fn instances(&self) -> impl Iterator<Item = &Instance> {
         let any = self.geometry.paths() > 1;
         let shapes = if any { self.geometry.shapes() } else { &[] };
@@ -121,7 +122,7 @@ impl Accelerator for BruteForce {
                 _ => {}
             }
         }
-        // At equal distance what is in no copy comes first.
+        // At equal distance, hits outside of instances win.
         for instance in self.instances() {
             instance.closest_stream(rays, hits);
         }

@@ -1,20 +1,18 @@
-//! A binary space partition by planes in *any* direction; `kdtree` is the one whose planes follow
-//! the axes.
+//! A binary space partition (BSP) by planes of *any* orientation; `kdtree` uses axis-parallel
+//! planes only.
 //!
-//! - Build: Ize, Wald, Parker, *Ray tracing with the BSP tree*, 2008: the surface area heuristic
-//!   over polyhedra (section 3), with the planes of the triangles themselves as candidates besides
-//!   axis-parallel ones, where few elements are left. Triangles are cut into polygons at each plane
-//!   (Fuchs, Kedem, Naylor, *On visible surface generation by a priori tree structures*, 1980).
-//!   `split = "midpoint"` and `"median"` cut across the principal axis of what is in the cell; see
-//!   `build`.
-//! - Traversal: that of a kd-tree, with two products of vectors for each plane; see `tree`.
-//! - Cost model: that of `kdtree`, with the areas of the polyhedra; but a leaf costs a test for
-//!   each element, and a step 1.6 tests. What it buys are cells that fit: a triangle that lies
-//!   askew fills a corner of every axis-parallel box, and a plane along it leaves empty space on
-//!   one side at once. With the few candidates that are tried here that saves no tests (figures in
-//!   `docs/accelerators.md`), and the build is by far the slowest. Memory: 40 bytes a node, at most
-//!   8 references to an element on average, after which cells stay as they are. Build: O(n log n)
-//!   with a large factor.
+//! - Build: Ize, Wald, Parker, *Ray tracing with the BSP tree*, 2008: SAH over polyhedra (section
+//!   3). Candidates are axis-parallel planes and, where few elements are left, the planes of
+//!   triangles. Triangles are clipped to polygons at each plane (Fuchs, Kedem, Naylor, *On visible
+//!   surface generation by a priori tree structures*, 1980). `split = "midpoint"` and `"median"`
+//!   cut across the principal axis of the cell's contents; see `build`.
+//! - Traversal: as in a kd-tree, with two dot products per plane; see `tree`.
+//! - Cost model: as in `kdtree`, with the areas of the polyhedra, but a leaf costs one test per
+//!   element and a step 1.6 tests. The benefit is tight cells: a slanted triangle fills only a
+//!   corner of each axis-parallel box, whereas a plane along it leaves one side empty at once. With
+//!   the few candidates tried here that does not pay off (figures in `docs/accelerators.md`), and
+//!   the build is by far the slowest. Memory: 40 bytes a node, at most 8 references per element on
+//!   average, after which cells are not divided further. Build: O(n log n) with a large factor.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bsp.toml`.
@@ -33,17 +31,17 @@ use std::sync::Arc;
 use whitstone_core::config::IntegerIn;
 use whitstone_core::{Accelerator, Accelerators, Context, Geometry, Plugin, SceneErrors};
 
-/// Space cut by planes in any direction: cells that fit, and a slow build.
+/// A BSP tree with planes of any orientation: tight cells, but a slow build.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Cells of so few elements are not cut.
+    /// Cells of at most this many elements are not cut.
     #[serde(default = "two")]
     max_leaf: NonZeroU32,
-    /// Longest path from the root; 8 + 1.3 log2 of the number of elements if left out.
+    /// Maximum depth of the tree; 8 + 1.3 log2 of the number of elements if left out.
     #[serde(default)]
     max_depth: Option<IntegerIn<1, { MAX_DEPTH as u32 }>>,
-    /// Where to cut.
+    /// How to choose the position of a cut.
     #[serde(default)]
     split: Split,
 }

@@ -1,12 +1,12 @@
-//! A wide bounding volume hierarchy in vector instructions: the default.
+//! An 8-wide SIMD bounding volume hierarchy (BVH): the default accelerator.
 //!
-//! - Nodes of eight boxes in `f32`, leaves of up to eight triangles in `f32`; what these tests
-//!   cannot decide for certain, and every hit that is returned, is decided by the tests in `f64`.
-//!   Proof that nothing is missed: `docs/accelerators.md`.
-//! - Build: `morton`, `binned` or `spatial`, then `wide`. Traversal: `search`; eight boxes at once,
-//!   near and far planes by the signs of the direction (Wald, Benthin, Boulos, *Getting rid of
-//!   packets*, 2008; Fuetterling et al., *Accelerated single ray tracing for wide vector units*,
-//!   HPG 2017).
+//! - Nodes hold eight boxes in `f32`, leaves up to eight triangles in `f32`. The tests in `f64`
+//!   decide whatever the `f32` tests cannot, and compute every hit that is returned. Proof that no
+//!   hit is missed: `docs/accelerators.md`.
+//! - Build: a binary BVH (`morton`, `binned` or `spatial`), collapsed to eight children a node
+//!   (`wide`). Traversal: `search`, which tests eight boxes at once and selects near and far planes
+//!   by the signs of the direction (Wald, Benthin, Boulos, *Getting rid of packets*, 2008;
+//!   Fuetterling et al., *Accelerated single ray tracing for wide vector units*, HPG 2017).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bvh.toml`.
@@ -43,25 +43,25 @@ use whitstone_core::{
 use whitstone_simd::{Level, with_lanes};
 use wide::Wide;
 
-/// A wide bounding volume hierarchy: the best for every scene that is not tiny.
+/// An 8-wide SIMD bounding volume hierarchy (BVH): the best choice for all but tiny scenes.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// How much time the build may take for the sake of the rays.
+    /// Trade-off between build time and ray tracing speed.
     #[serde(default)]
     quality: Quality,
 }
 
-/// How much time a build may take for the sake of the rays.
+/// Trade-off between build time and ray tracing speed.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
 pub enum Quality {
-    /// The quickest build, for a picture of few rays.
+    /// Fastest build, for images with few rays.
     Fast,
-    /// Good for most pictures.
+    /// Suits most images.
     #[default]
     Balanced,
-    /// The quickest rays.
+    /// Fastest ray tracing, slowest build.
     Best,
 }
 
@@ -70,12 +70,12 @@ pub struct Bvh {
     leaves: Leaves,
     nodes: Vec<Node>,
     root: Option<Child>,
-    /// Whether the stack of packets does not do.
+    /// Whether the tree is too deep for the stack of the packet traversal.
     deep: bool,
     statistics: Statistics,
 }
 
-/// No path from the root is longer: the builds see to it.
+/// Maximum depth of the tree; all builds enforce it.
 const MAX_DEPTH: usize = 64;
 
 impl Plugin<Accelerators> for Bvh {
@@ -87,7 +87,7 @@ impl Plugin<Accelerators> for Bvh {
         geometry: Arc<Geometry>,
         _: &mut dyn Context,
     ) -> Result<Box<dyn Accelerator>, SceneErrors> {
-        // Spatial splits add three tenths at most.
+        // Spatial splits add at most three tenths more references.
         let spare = if config.quality == Quality::Best { 4 } else { 0 };
         check_count(&geometry, MOST_ELEMENTS / 16 * (16 - spare))?;
         Ok(Box::new(Self::new(geometry, config.quality)))
@@ -147,7 +147,7 @@ impl Bvh {
             for (i, child) in node.children.map(Child).into_iter().enumerate() {
                 let corner = |side: usize| node.planes.map(|sides| f64::from(sides[side][i])).into();
                 let (min, max): (DVec3, DVec3) = (corner(0), corner(1));
-                // Where there is no child, the box is inside out.
+                // The box of an empty child slot is inverted (min > max).
                 if min.cmple(max).all() {
                     let [min, max] = [min, max].map(|p| self.leaves.frame.world(p));
                     self.outline(child, &Aabb { min, max }, depth + 1, deepest, found);
@@ -156,12 +156,12 @@ impl Bvh {
         }
     }
 
-    /// `ANY` for some hit, else the nearest.
+    /// Finds any hit if `ANY`, else the nearest.
     #[inline(always)]
     fn find<const ANY: bool>(&self, ray: &Ray, interval: Interval, skip: Skip) -> Option<RawHit> {
         let query = Query { ray, interval, skip };
-        // Nodes and leaves are eight wide: AVX-512 has nothing more for one ray, and is slower by
-        // 4% on some processors.
+        // Nodes and leaves are eight wide, so AVX-512 gains nothing for a single ray. It is 4%
+        // slower on some processors.
         with_lanes(Level::Avx2, Search::<ANY, _>(self, &query))
     }
 }

@@ -1,14 +1,15 @@
-//! A binary bounding volume hierarchy in `f64`.
+//! A binary bounding volume hierarchy (BVH) in `f64`.
 //!
-//! - Build: top down by the surface area heuristic, in the middle, or by halves; see `binary`.
-//! - Traversal: nearer child first, with an explicit stack. Slabs by sign bits with comparisons
-//!   that ignore NaN (Ize, *Robust BVH ray traversal*, JCGT 2(2), 2013), padded so that rounding in
-//!   a shape's own test cannot put a hit outside its box; see `elements`.
-//! - Cost model: a ray that hits a box hits a box inside it with the ratio of their areas as chance
-//!   (Goldsmith and Salmon, *Automatic creation of object hierarchies for ray tracing*, 1987,
-//!   section 3). So the cost of a node is 0.7 + (A_l C_l + A_r C_r) / A tests of an element, and
-//!   that of a leaf is the number of its elements. Memory: at most one node and one slot an
-//!   element. Build: O(n log n).
+//! - Build: top down, with SAH, midpoint or median splits; see `binary`.
+//! - Traversal: nearer child first, with an explicit stack. The slab test selects planes by the
+//!   sign bits of the direction and uses comparisons that ignore NaN (Ize, *Robust BVH ray
+//!   traversal*, JCGT 2(2), 2013). Slabs are padded, so that rounding in a shape's own test cannot
+//!   put a hit outside its box; see `elements`.
+//! - Cost model: a ray that hits a box hits a box inside it with probability equal to the ratio of
+//!   their areas (Goldsmith and Salmon, *Automatic creation of object hierarchies for ray tracing*,
+//!   1987, section 3). In units of one element test, a node costs 0.7 + (A_l C_l + A_r C_r) / A,
+//!   and a leaf costs its number of elements. Memory: at most one node and one slot per element.
+//!   Build: O(n log n).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/bvh2.toml`.
@@ -25,17 +26,18 @@ use whitstone_core::{
     Statistics,
 };
 
-/// A binary bounding volume hierarchy: good for every scene.
+/// A binary bounding volume hierarchy (BVH) in `f64`: suits every scene.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Most elements that a leaf may hold; a leaf has fewer where that is estimated to be faster.
+    /// Maximum number of elements in a leaf. With `split = "sah"`, leaves are smaller where that
+    /// lowers the estimated cost.
     #[serde(default = "four")]
     max_leaf: NonZeroU32,
-    /// Where to split.
+    /// How to choose the split position.
     #[serde(default)]
     split: Split,
-    /// Along which axes to look for a split.
+    /// Which axes to try for a split.
     #[serde(default)]
     axes: Axes,
 }
@@ -49,13 +51,13 @@ fn four() -> NonZeroU32 {
 pub struct Bvh2 {
     /// Inner nodes in depth-first order; the root is 0.
     nodes: Vec<Node>,
-    /// What the leaves hold, leaf after leaf.
+    /// Elements of all leaves, concatenated.
     slots: Vec<Slot>,
-    /// The root, unless there are no elements.
+    /// The root; `None` if there are no elements.
     root: Option<Child>,
-    /// Longest path from the root.
+    /// Depth of the tree.
     depth: usize,
-    /// Expected time of a ray that hits the whole, in tests of an element.
+    /// Expected cost of a ray that hits the root's box, in element tests.
     sah_cost: f64,
     bounds: Option<Aabb>,
 }
@@ -63,12 +65,12 @@ pub struct Bvh2 {
 /// An inner node with the boxes of both children.
 #[derive(Clone, Copy, Debug)]
 struct Node {
-    /// By axis, by side (0 smallest, 1 largest coordinate), by child.
+    /// Indexed by axis, side (0 minimum, 1 maximum) and child.
     planes: [[[f64; 2]; 2]; 3],
     children: [Child; 2],
 }
 
-/// An inner node, or a leaf by its first slot.
+/// Reference to an inner node, or to a leaf by its first slot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Child(u32);
 
@@ -83,7 +85,7 @@ impl Child {
         Self(node as u32)
     }
 
-    /// `Err` for an inner node.
+    /// The first slot of a leaf; `Err` with the index of an inner node.
     fn first_slot(self) -> Result<usize, usize> {
         let index = (self.0 & !Self::LEAF) as usize;
         if self.0 & Self::LEAF != 0 {
@@ -98,7 +100,7 @@ impl Child {
 #[derive(Clone, Copy, Debug)]
 struct Slot {
     element: Element,
-    /// Whether the leaf ends here.
+    /// Whether this is the last slot of its leaf.
     last: bool,
 }
 
@@ -143,12 +145,12 @@ impl Bvh2 {
         };
         found.slots = items.iter().map(slot).collect();
         found.root = Some(found.flatten(&tree, area, 0));
-        // Relative to the chance of hitting the whole; a flat point has none.
+        // Normalized by the root's area, which may be zero.
         found.sah_cost /= area.max(f64::MIN_POSITIVE);
         found
     }
 
-    /// Appends a subtree; children follow their parent, the first one directly.
+    /// Appends a subtree in depth-first order: the first child directly follows its parent.
     fn flatten(&mut self, tree: &Tree, half_area: f64, depth: usize) -> Child {
         self.depth = self.depth.max(depth);
         match tree {
@@ -202,7 +204,7 @@ impl Bvh2 {
         let Some(mut child) = self.root else {
             return Some(limit);
         };
-        // One entry a level: the child that is put off.
+        // One entry per level: the deferred child.
         let mut stack = [(0.0, Child::default()); DEPTH];
         let mut height = 0;
         loop {
@@ -245,7 +247,7 @@ impl Bvh2 {
                 }
                 height -= 1;
                 let (near, child) = stack[height];
-                // At equal distance an element of lower number may be in there.
+                // `<=`: at equal distance an element of lower index may follow, which wins the tie.
                 if near <= limit {
                     break child;
                 }
@@ -288,7 +290,7 @@ impl Structure for Bvh2 {
 }
 
 impl Node {
-    /// Where the ray enters each child's box, and whether it is inside somewhere from `min` to
+    /// Entry distance of each child's box, and whether the ray is inside it between `min` and
     /// `limit`.
     #[inline]
     fn enter(&self, ray: &WideRay, min: f64, limit: f64) -> ([f64; 2], [bool; 2]) {
@@ -299,7 +301,7 @@ impl Node {
             for child in 0..2 {
                 let enter = ray.arrives(axis, near_planes[child]);
                 let leave = ray.leaves(axis, far_planes[child]);
-                // A NaN changes nothing: the ray runs in that plane.
+                // NaN (the ray lies in the plane) changes nothing.
                 near[child] = if enter > near[child] { enter } else { near[child] };
                 far[child] = if leave < far[child] { leave } else { far[child] };
             }

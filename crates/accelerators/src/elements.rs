@@ -1,16 +1,16 @@
-//! What the readable structures share: which elements have a box, how wide a ray is, and both
-//! searches.
+//! Shared code of the structures in `f64`: which elements have a box, how rays are padded, and the
+//! nearest-hit and any-hit searches.
 //!
-//! **Why rays are wide.** A hit is where an element's own test says, and that test rounds: the
-//! point at `t` may lie a little outside of the element's box. The slab and plane tests of a
-//! structure round too. So a structure treats each ray as if it were `pad` wide in all directions,
-//! and visits every box, cell or half-space that such a ray touches. With that, for every hit there
-//! is a visited cell that holds the element: the point lies within `pad` of a point of the element,
-//! and that one lies in some cell.
+//! **Why rays are padded.** A hit is where an element's own test puts it, and that test rounds: the
+//! point at `t` may lie slightly outside the element's box. The slab and plane tests of a structure
+//! round too. So a structure treats each ray as if it extended by `pad` in all directions, and
+//! visits every box, cell or half-space that the padded ray touches. Then, for every hit, some
+//! visited cell holds the element: the hit point lies within `pad` of a point of the element, and
+//! that point lies in some cell.
 //!
-//! **When a search may end.** Cells come roughly nearest first. A hit that was found in one may lie
-//! beyond it, so it ends nothing; a cell is left out only if the ray enters it strictly behind the
-//! best hit.
+//! **When a search may end.** Cells come roughly front to back. A hit found in a cell may lie
+//! beyond it, so it does not end the search. A cell is skipped only if the ray enters it strictly
+//! behind the best hit.
 
 use crate::vast::vast;
 use std::sync::Arc;
@@ -21,18 +21,18 @@ use whitstone_core::{
     SceneErrors, Shape, Skip, Statistics,
 };
 
-/// Boxes that reach farther are treated as endless: their areas would overflow.
+/// Boxes that reach farther are treated as unbounded: their areas would overflow.
 const FARTHEST: f64 = 1e150;
 
-/// The width of rays, relative to the largest coordinate of ray origin and boxes.
+/// The padding of rays, relative to the largest coordinate of ray origin and boxes.
 ///
-/// The test of a box or plane itself errs by a few roundings, 2^-53 each. The test of a triangle
-/// errs by about 8 roundings times the ratio of its longest edge to its smallest height, so this
-/// pad lets hits on triangles with ratios up to a thousand stay in their boxes; [`needle_pad`] sees
-/// to the needles beyond.
+/// The test of a box or plane itself errs by a few roundings, 2^-53 each. The triangle test errs by
+/// about 8 roundings times the ratio of the triangle's longest edge to its smallest height. So this
+/// padding keeps hits on triangles with ratios up to a thousand inside their boxes; [`needle_pad`]
+/// covers thinner triangles (slivers).
 pub(crate) const PAD: f64 = 1.0 / (1u64 << 40) as f64;
 
-/// [`PAD`]; tests make rays thinner, to see that the laws then fail.
+/// [`PAD`]; tests reduce it to check that the accelerator laws then fail.
 #[cfg(not(test))]
 fn width() -> f64 {
     PAD
@@ -40,15 +40,15 @@ fn width() -> f64 {
 #[cfg(test)]
 use tests::width;
 
-/// What a structure may lose by its own rounding when it cuts elements, relative to the largest
-/// coordinate: many roundings, and far below the pad.
+/// Allowance for a structure's own rounding when it clips elements, relative to the largest
+/// coordinate: many roundings, yet far below the padding of rays.
 pub(crate) const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
 
-/// Fewer elements than this: they, what refers to them and the nodes over them are numbered in 32
-/// bits.
+/// Exclusive upper bound on the number of elements: elements, references to them and nodes have
+/// 32-bit indices.
 pub(crate) const MOST_ELEMENTS: usize = 1 << 28;
 
-/// Refuses a geometry that does not have fewer than `most` elements.
+/// Fails if a geometry does not have fewer than `most` elements.
 pub(crate) fn check_count(geometry: &Geometry, most: usize) -> Result<(), SceneError> {
     let count = |shape: &Shape| match shape {
         Shape::Triangles(mesh) => mesh.triangles.len(),
@@ -66,24 +66,25 @@ pub(crate) fn check_count(geometry: &Geometry, most: usize) -> Result<(), SceneE
 /// An element with a box.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Item {
-    /// Its bounds, with what a needle needs beyond the width of rays.
+    /// Bounds, including the extra padding of slivers (needles).
     pub(crate) aabb: Aabb,
-    /// Middle of the bounds.
+    /// Center of the bounds.
     pub(crate) center: DVec3,
     pub(crate) element: Element,
-    /// Place in the order of the geometry: what makes sorting deterministic.
+    /// Index in the order of the geometry; makes sorting deterministic.
     pub(crate) number: u32,
-    /// Whether the box was widened: such a triangle must not be cut by its corners.
+    /// Whether the box has extra padding: such a triangle (a sliver) must not be clipped by its
+    /// corners.
     pub(crate) needle: bool,
 }
 
 impl Item {
-    /// The corners of a triangle that may be cut by them.
+    /// The corners of a triangle that may be clipped; `None` for slivers and other shapes.
     pub(crate) fn corners(&self, geometry: &Geometry) -> Option<[DVec3; 3]> {
         (!self.needle).then(|| corners(geometry, self.element)).flatten()
     }
 
-    /// The points whose hull holds the element: the corners of the triangle or of the box.
+    /// Points whose convex hull holds the element: the corners of the triangle or of the box.
     pub(crate) fn hull(&self, geometry: &Geometry) -> impl Iterator<Item = DVec3> {
         let corners = self.corners(geometry);
         let count = if corners.is_some() { 3 } else { 8 };
@@ -99,15 +100,15 @@ impl Item {
     }
 }
 
-/// What a structure is built over.
+/// The elements of a geometry.
 pub(crate) struct Elements {
-    /// In the order of the geometry.
+    /// Elements with a box, in the order of the geometry.
     pub(crate) items: Vec<Item>,
     /// Largest absolute coordinate of any box.
     pub(crate) reach: f64,
-    /// Elements without a box of reasonable size, and those of vast shapes.
+    /// Elements without a box of reasonable size, and those of oversized shapes (`vast`).
     unbounded: Vec<Element>,
-    /// Triangles with two corners in one place, which nothing can hit.
+    /// Number of triangles with two coincident corners, which nothing can hit.
     degenerate: usize,
 }
 
@@ -119,7 +120,7 @@ impl Elements {
             unbounded: Vec::new(),
             degenerate: 0,
         };
-        // Beside nothing, nothing is vast.
+        // A single shape is never oversized.
         let vast = match geometry.shapes().len() {
             0 | 1 => Vec::new(),
             _ => vast(&boxes(geometry)),
@@ -154,7 +155,7 @@ impl Elements {
     }
 }
 
-/// The box of each shape, as far as it has one of reasonable size, and its number of elements.
+/// For each shape, the box around its elements of reasonable size, and its number of elements.
 fn boxes(geometry: &Geometry) -> Vec<(Aabb, usize)> {
     let mut boxes = vec![(Aabb::EMPTY, 0); geometry.shapes().len()];
     for element in geometry.elements() {
@@ -176,8 +177,8 @@ fn corners(geometry: &Geometry, element: Element) -> Option<[DVec3; 3]> {
     }
 }
 
-/// What the box of a needle needs beyond the width of rays: the error of the triangle test, up to
-/// which a hit may seem to lie outside the box. It is never more than the longest edge.
+/// Extra padding for the box of a sliver: the error of the triangle test, by which a hit may seem
+/// to lie outside the box. It is at most the longest edge, and 0 if the triangle is no sliver.
 fn needle_pad(geometry: &Geometry, element: Element, reach: f64) -> f64 {
     let Some([a, b, c]) = corners(geometry, element) else {
         return 0.0;
@@ -197,12 +198,11 @@ pub(crate) fn bounds(items: &[Item]) -> Aabb {
     items.iter().fold(Aabb::EMPTY, |aabb, item| aabb.union(item.aabb))
 }
 
-/// Whether a triangle and a box have a point in common, up to a margin: it is false only if some
-/// axis separates them.
+/// Whether a triangle and a box overlap, up to a margin; false only if some axis separates them.
 ///
 /// Akenine-Möller, *Fast 3D triangle-box overlap testing*, 2001: the axes are the normal of the
-/// triangle and the products of its edges with those of the box; the faces of the box are the
-/// caller's concern.
+/// triangle and the cross products of its edges with those of the box. The face normals of the box
+/// are left to the caller.
 pub(crate) fn overlaps(corners: &[DVec3; 3], cell: &Aabb, margin: f64) -> bool {
     let center = cell.center();
     let half = 0.5 * cell.extent() + margin;
@@ -223,18 +223,18 @@ pub(crate) fn overlaps(corners: &[DVec3; 3], cell: &Aabb, margin: f64) -> bool {
     !separates(edges[0].cross(edges[1])) && !products.into_iter().any(separates)
 }
 
-/// A ray with its width, prepared for tests against boxes and axis-parallel planes.
+/// A padded ray, prepared for tests against boxes and axis-parallel planes.
 pub(crate) struct WideRay {
     pub(crate) ray: Ray,
-    /// How far from the line a hit may seem to lie, along each axis.
+    /// Padding along each axis: how far from the line a hit may seem to lie.
     pub(crate) pad: f64,
-    /// The origin as planes see it where the ray arrives: moved forward, so that it arrives early.
+    /// Origin for entry tests: moved forward by the padding, so that the ray enters early.
     pub(crate) near_origin: DVec3,
-    /// The origin as planes see it where the ray leaves: moved back, so that it leaves late.
+    /// Origin for exit tests: moved back by the padding, so that the ray exits late.
     pub(crate) far_origin: DVec3,
-    /// Infinite, with the right sign, along axes that the ray does not move in.
+    /// 1 / direction; infinite, with the direction's sign, where a component is zero.
     pub(crate) reciprocal: DVec3,
-    /// Whether the side of smallest coordinates is the near one (0) or the far one (1).
+    /// For each axis, whether the side of smallest coordinates is the near (0) or the far one (1).
     pub(crate) near_side: [usize; 3],
 }
 
@@ -256,20 +256,22 @@ impl WideRay {
         }
     }
 
-    /// From where the ray touches what is beyond a plane. A NaN, from zero times infinity, means
-    /// that it runs in the very border: the methods `max` and `min` of numbers then ignore it.
+    /// Parameter from which the padded ray touches the far side of a plane. NaN, from zero times
+    /// infinity, means that the ray runs exactly along the border; `f64::max` and `f64::min` then
+    /// ignore it.
     #[inline]
     pub(crate) fn arrives(&self, axis: usize, plane: f64) -> f64 {
         (plane - self.near_origin[axis]) * self.reciprocal[axis]
     }
 
-    /// Up to where the ray touches what is before a plane; NaN as in [`Self::arrives`].
+    /// Parameter up to which the padded ray touches the near side of a plane; NaN as in
+    /// [`Self::arrives`].
     #[inline]
     pub(crate) fn leaves(&self, axis: usize, plane: f64) -> f64 {
         (plane - self.far_origin[axis]) * self.reciprocal[axis]
     }
 
-    /// The part from `min` to `limit` in which the ray touches a box, if there is one.
+    /// The interval within `min` to `limit` in which the padded ray touches a box, if there is one.
     #[inline]
     pub(crate) fn inside(&self, aabb: &Aabb, min: f64, limit: f64) -> Option<(f64, f64)> {
         let (mut near, mut far) = (min, limit);
@@ -282,7 +284,7 @@ impl WideRay {
     }
 }
 
-/// A wide ray as planes with one normal see it.
+/// A padded ray, projected onto the normal of planes.
 #[derive(Clone, Copy)]
 pub(crate) struct Along {
     near_origin: f64,
@@ -293,8 +295,8 @@ pub(crate) struct Along {
 }
 
 impl WideRay {
-    /// Products with the normal are rounded, those of the direction too: on the way to a point of
-    /// the geometry that is a distance far below the width.
+    /// Projects the ray onto a normal. The dot products are rounded; within the geometry, the
+    /// resulting error in distance is far below the padding.
     #[inline]
     pub(crate) fn along(&self, normal: DVec3) -> Along {
         let (origin, direction) = (normal.dot(self.ray.origin), normal.dot(self.ray.direction));
@@ -322,8 +324,8 @@ impl Along {
         (plane - self.far_origin) * self.reciprocal
     }
 
-    /// The part of an interval of the ray between two planes, the first with the smaller
-    /// coordinate; empty if its start is beyond its end.
+    /// The part of a ray interval between two planes, the first with the smaller coordinate; empty
+    /// if its start is beyond its end.
     #[inline]
     pub(crate) fn between(&self, min: f64, max: f64, (near, far): (f64, f64)) -> (f64, f64) {
         let (first, last) = if self.backwards { (max, min) } else { (min, max) };
@@ -332,10 +334,9 @@ impl Along {
     }
 }
 
-/// The elements that a ray was tested against last, so that one that lies in several cells is
+/// The elements that a ray was tested against most recently, so that an element in several cells is
 /// seldom tested twice ("inverse mailboxing": Shevtsov, Soupikov, Kapustin, *Highly parallel fast
-/// kd-tree construction*, 2007). It belongs to the ray, not to the elements, so threads share
-/// nothing.
+/// kd-tree construction*, 2007). It belongs to the ray, so threads share no state.
 pub(crate) struct Mailbox([u32; Self::SIZE]);
 
 impl Mailbox {
@@ -345,19 +346,19 @@ impl Mailbox {
         Self([u32::MAX; Self::SIZE])
     }
 
-    /// Whether the element of this number is new, as far as can be remembered.
+    /// Whether an element was not tested before, as far as the mailbox remembers.
     #[inline]
     pub(crate) fn is_new(&mut self, number: u32) -> bool {
         std::mem::replace(&mut self.0[number as usize % Self::SIZE], number) != number
     }
 }
 
-/// What is done with what a search comes upon.
+/// Callbacks for the nodes and elements that a search visits.
 pub(crate) trait Visitor {
-    /// An inner node or a cell.
+    /// Called for an inner node or a cell.
     fn step(&mut self) {}
 
-    /// An element; the new limit, or `None` to stop.
+    /// Called for an element. Returns the new limit, or `None` to stop.
     fn test(&mut self, element: Element) -> Option<f64>;
 }
 
@@ -368,7 +369,7 @@ impl<F: FnMut(Element) -> Option<f64>> Visitor for F {
     }
 }
 
-/// Counts what another visitor is shown.
+/// Counts the calls to another visitor.
 struct Counting<V> {
     effort: Effort,
     visitor: V,
@@ -385,38 +386,37 @@ impl<V: Visitor> Visitor for Counting<V> {
     }
 }
 
-/// A structure over items: what differs between the accelerators.
+/// An acceleration structure over items; [`Searched`] adds the searches.
 pub(crate) trait Structure: Send + Sync {
-    /// Hands every element to the visitor that a hit with `min` < t <= `limit` may be on, nearer
-    /// ones roughly first. The visitor returns the new limit, or `None` to stop; so does this.
+    /// Calls the visitor for every element that may be hit with `min` < t <= `limit`, roughly front
+    /// to back. The visitor returns the new limit, or `None` to stop; so does this method.
     fn visit(&self, ray: &WideRay, min: f64, limit: f64, visitor: &mut impl Visitor) -> Option<f64>;
 
-    /// What was built, with `bytes`; the rest is common to all.
+    /// Statistics of the structure, with `bytes`, but without those that all structures share.
     fn statistics(&self) -> Statistics;
 
-    /// The volumes down to a level, as in [`Accelerator::outlines`]; none where there are no
-    /// elements.
+    /// The volumes down to a level, as in [`Accelerator::outlines`]; none if there are no elements.
     fn outlines(&self, deepest: usize) -> Vec<Outline>;
 }
 
-/// A structure, and the two searches in it.
+/// A structure, with the nearest-hit and any-hit searches.
 pub(crate) struct Searched<S> {
     geometry: Arc<Geometry>,
-    /// Elements without a box of reasonable size, tried for every ray.
+    /// Unbounded elements, tested for every ray.
     unbounded: Vec<Element>,
     /// Largest absolute coordinate of any box.
     reach: f64,
-    /// Of rays, relative to the largest coordinate.
+    /// Padding of rays, relative to the largest coordinate.
     width: f64,
     structure: S,
-    /// Elements with a box.
+    /// Number of elements with a box.
     bounded: usize,
     degenerate: usize,
     build_seconds: f64,
 }
 
 impl<S: Structure> Searched<S> {
-    /// Builds over all elements that have a box.
+    /// Builds a structure over all elements that have a box. Fails if there are too many elements.
     pub(crate) fn new(
         geometry: Arc<Geometry>,
         build: impl FnOnce(&Geometry, Elements) -> S,
@@ -452,7 +452,7 @@ impl<S: Structure> Searched<S> {
         self.structure.visit(&wide, interval.min, limit, visitor)
     }
 
-    /// Keeps the nearest hit of those elements that it is shown.
+    /// A visitor that keeps the nearest hit of the elements that it is given.
     #[inline]
     fn nearest(
         &self,
@@ -468,7 +468,7 @@ impl<S: Structure> Searched<S> {
                 && best.is_none_or(|best| hit.beats(&best))
             {
                 *best = Some(hit);
-                // Hits at the same distance still count: they may be lower in number.
+                // Hits at the same distance still count: a lower index wins the tie.
                 open.max = hit.t.next_up();
             }
             Some(best.map_or(interval.max, |best| best.t))

@@ -1,26 +1,25 @@
 //! A uniform grid: space is divided into equal cells, and a ray walks from cell to cell.
 //!
-//! - Build: as many cells as `density` times the elements, as cubic as they can be (Cleary and
-//!   Wyvill, *Analysis of an algorithm for fast ray tracing using uniform space subdivision*, 1988;
-//!   Pharr, Jakob, Humphreys, *PBR*, 2nd ed., section 4.3). `levels = 2` puts a grid of its own
-//!   into every cell that holds many elements (Jevans and Wyvill, *Adaptive voxel subdivision for
-//!   ray tracing*, 1989; Kalojanov, Billeter, Slusallek, *Two-level grids for ray tracing on GPUs*,
-//!   2011); see `cells`.
+//! - Build: `density` cells per element, as cubic as possible (Cleary and Wyvill, *Analysis of an
+//!   algorithm for fast ray tracing using uniform space subdivision*, 1988; Pharr, Jakob,
+//!   Humphreys, *PBR*, 2nd ed., section 4.3). `levels = 2` gives every cell that holds many
+//!   elements its own grid (Jevans and Wyvill, *Adaptive voxel subdivision for ray tracing*, 1989;
+//!   Kalojanov, Billeter, Slusallek, *Two-level grids for ray tracing on GPUs*, 2011); see `cells`.
 //! - Traversal: Amanatides and Woo, *A fast voxel traversal algorithm for ray tracing*, 1987. The
-//!   ray is as wide as rounding may need (see `elements`), so each plane is passed twice: the ray
-//!   arrives at the cell beyond, and a little later it leaves the cell before. Between the two both
-//!   cells are visited. The distances of planes are computed from their coordinates, not summed up,
-//!   so that no error grows along the ray.
+//!   ray is widened to cover rounding errors (see `elements`), so it crosses each plane twice: it
+//!   first enters the cell beyond, and slightly later leaves the cell before. In between, both
+//!   cells are visited. Distances to planes are computed from the planes' coordinates, not
+//!   accumulated, so that errors do not grow along the ray.
 //! - An element in several cells is seldom tested twice: `Mailbox`.
-//! - Cost model: a ray that passes the whole crosses about 3 c cells where there are c³, and each
-//!   is a step of about half the time of a test. More cells mean fewer tests and more steps; both
-//!   balance at a few cells an element, if these are spread evenly. Where they are not (the teapot
-//!   in the stadium), one cell holds nearly all and nothing is gained; a second level mends one
-//!   such step of scale (18,000 tests a ray become 46). Memory: `density` cells an element, and at
-//!   most 16 references to it on average, else the cells are made larger. Build: O(n), the fastest
-//!   of all.
-//! - From so far away that the width of the ray is half a cell (10^11 cells), every element is
-//!   tried.
+//! - Cost model: a ray through a grid of c³ cells visits about 3 c of them, and each step takes
+//!   about half the time of a test. More cells mean fewer tests and more steps; the two balance at
+//!   a few cells per element if the elements are spread evenly. If they are not (the teapot in the
+//!   stadium), one cell holds nearly all of them and nothing is gained. A second level fixes one
+//!   such jump in scale (18,000 tests a ray become 46). Memory: `density` cells per element, and at
+//!   most 16 references per element on average; the cells are enlarged otherwise. Build: O(n), the
+//!   fastest of all.
+//! - If the origin is so far away that the widened ray is half a cell wide (10^11 cells), the ray
+//!   visits every cell.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/grid.toml`.
@@ -37,14 +36,14 @@ use whitstone_core::{
     Accelerator, Accelerators, Context, Element, Geometry, Outline, Plugin, SceneErrors, Statistics,
 };
 
-/// A uniform grid of one or two levels: quick to build, good for elements that are spread evenly.
+/// A uniform grid of one or two levels: fast to build, suited to evenly distributed elements.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Cells for each element.
+    /// Number of cells per element.
     #[serde(default = "four")]
     density: IntegerIn<1, 64>,
-    /// 1, or 2 for a grid in each cell that holds many elements.
+    /// Number of levels; 2 gives each cell that holds many elements its own grid.
     #[serde(default = "one")]
     levels: IntegerIn<1, 2>,
 }
@@ -57,19 +56,19 @@ fn one() -> IntegerIn<1, 2> {
     IntegerIn::new(1).expect("1 is in range")
 }
 
-/// With two levels, so many elements have one cell of the first.
+/// With two levels, the density of the first level is `density` divided by this.
 const COARSER: f64 = 32.0;
 
-/// With two levels, cells of so many elements get a grid of their own.
+/// With two levels, cells of at least this many elements get their own grid.
 const CROWD: usize = 8;
 
-/// Most references to an element, on average; with two levels a square root of it on each.
+/// Maximum number of references per element, on average; with two levels, its square root on each.
 const MOST_REFERENCES: usize = 16;
 
 /// The grid.
 pub struct Grid {
     cells: Cells,
-    /// Of each cell, the place of its own grid, or `NONE`; empty with one level.
+    /// For each cell, the index of its inner grid, or `NONE`; empty with one level.
     inner_of: Vec<u32>,
     inner: Vec<Cells>,
     elements: Vec<Element>,
@@ -122,7 +121,7 @@ impl Grid {
                 let all = boxes.reduce(|a, b| a.union(b)).unwrap_or(whole);
                 let mut part = grid.cells.cell(cell);
                 (part.min, part.max) = (part.min.max(all.min), part.max.min(all.max));
-                // Rounding may turn a flat one inside out.
+                // Rounding may invert a flat box.
                 let part = part.including(part.min.min(part.max));
                 grid.inner_of.push(grid.inner.len() as u32);
                 grid.inner
@@ -186,7 +185,7 @@ impl Structure for Grid {
         ])
     }
 
-    /// The whole, then the cells that are not empty, then those of the grids in them.
+    /// The whole grid, then its non-empty cells, then those of the inner grids.
     fn outlines(&self, deepest: usize) -> Vec<Outline> {
         if self.elements.is_empty() {
             return Vec::new();

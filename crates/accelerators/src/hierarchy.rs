@@ -1,5 +1,4 @@
-//! What the hierarchies share whose nodes have volumes other than boxes along the axes: nodes,
-//! build and statistics.
+//! Nodes, build and statistics of the hierarchies whose volumes are not axis-parallel boxes.
 
 use crate::binary::{Builder, Tree};
 use crate::elements::{Elements, Item};
@@ -7,15 +6,16 @@ use rayon::prelude::*;
 use std::ops::Range;
 use whitstone_core::{Element, Geometry, Outline, Statistics};
 
-/// A convex volume.
+/// A convex bounding volume.
 pub(crate) trait Volume: Copy + Send + Sync {
-    /// The smallest one of its kind around some elements.
+    /// The smallest volume of this kind around some elements.
     fn around(items: &[Item], geometry: &Geometry) -> Self;
 
-    /// The smallest one around what two others are around, where these say what it is.
+    /// The smallest volume around the contents of two others; `None` if it must be fitted to the
+    /// elements themselves.
     fn joined(first: &Self, second: &Self) -> Option<Self>;
 
-    /// Half the area of the surface.
+    /// Half the surface area.
     fn half_area(&self) -> f64;
 
     /// Its edges.
@@ -24,28 +24,27 @@ pub(crate) trait Volume: Copy + Send + Sync {
 
 /// A binary hierarchy of volumes.
 pub(crate) struct Hierarchy<V> {
-    /// The root is 0.
+    /// The nodes; the root is node 0.
     nodes: Vec<Node<V>>,
-    /// What the leaves hold, leaf after leaf.
+    /// Elements of all leaves, concatenated.
     elements: Vec<Element>,
     depth: usize,
-    /// Time of a step down, in units of the time of one test of an element.
+    /// Cost of a traversal step in element tests.
     step_cost: f64,
 }
 
 #[derive(Clone, Copy)]
 struct Node<V> {
     volume: V,
-    /// Of an inner node, the first of two children side by side; of a leaf, the first of its
-    /// elements.
+    /// Inner node: the first of two consecutive children. Leaf: the first of its elements.
     first: u32,
-    /// Elements of a leaf; 0 for an inner node.
+    /// Number of elements of a leaf; 0 for an inner node.
     count: u32,
 }
 
-/// What is below a node.
+/// Contents of a node.
 pub(crate) enum Below<'a> {
-    /// The first of two children side by side.
+    /// The first of two consecutive children.
     Children(u32),
     Elements(&'a [Element]),
 }
@@ -68,7 +67,7 @@ impl<V: Volume> Hierarchy<V> {
         }
     }
 
-    /// The root, unless there are no elements.
+    /// The root; `None` if there are no elements.
     #[inline]
     pub(crate) fn root(&self) -> Option<u32> {
         (!self.nodes.is_empty()).then_some(0)
@@ -104,7 +103,7 @@ impl<V: Volume> Hierarchy<V> {
             };
             tests * node.volume.half_area()
         };
-        // Relative to the chance of hitting the whole; a flat point has none.
+        // Normalized by the root's area, which may be zero.
         let whole = self.nodes.first().map_or(0.0, |root| root.volume.half_area());
         let cost = self.nodes.iter().map(cost).sum::<f64>() / whole.max(f64::MIN_POSITIVE);
         Statistics::from([
@@ -136,7 +135,7 @@ struct Place {
     /// As in [`Node`].
     first: u32,
     count: u32,
-    /// The items below.
+    /// The items of the subtree.
     range: Range<usize>,
 }
 
@@ -155,7 +154,7 @@ impl Place {
     }
 }
 
-/// Puts what is below a place behind all others.
+/// Appends the descendants of the node at `place`.
 fn lay_out(tree: &Tree, place: usize, places: &mut Vec<Place>, depth: usize, deepest: &mut usize) {
     *deepest = depth.max(*deepest);
     if let Tree::Inner(children) = tree {
@@ -173,7 +172,7 @@ fn nodes<V: Volume>(places: &[Place], items: &[Item], geometry: &Geometry) -> Ve
     let around = |place: &Place| V::around(&items[place.range.clone()], geometry);
     let leaf = |place: &Place| (place.count > 0).then(|| around(place));
     let mut volumes: Vec<Option<V>> = places.par_iter().map(leaf).collect();
-    // Children come behind their parents.
+    // Children follow their parents.
     for (number, place) in places.iter().enumerate().rev() {
         if let Some([Some(first), Some(second)]) =
             volumes.get(place.first as usize..).and_then(<[_]>::first_chunk)

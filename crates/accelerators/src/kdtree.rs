@@ -1,20 +1,21 @@
-//! A kd-tree: space is cut by axis-parallel planes, and an element is referred to from every cell
-//! it lies in.
+//! A kd-tree: axis-parallel planes divide space into cells, and each cell refers to all elements
+//! that lie in it.
 //!
 //! - Build: Wald and Havran, *On building fast kd-trees for ray tracing, and on doing that in O(N
-//!   log N)*, 2006: the surface area heuristic over the ends of the elements' boxes (section 4.2),
-//!   boxes cut at each plane ("perfect splits", section 3.3, by boxes instead of polygons), a bonus
-//!   for empty space (section 3.4). Nodes of many elements are cut at the borders of bins instead
-//!   (Shevtsov, Soupikov, Kapustin 2007); see `build`.
-//! - Traversal: in order, with an interval of the ray for each cell, in single precision; see
-//!   `search`. Leaves of triangles are tested eight at once by the filter that `bvh` has too, which
-//!   is never wrong; see `leaves`.
-//! - Cost model: a ray that passes a cell passes a part of it with the ratio of their areas as
-//!   chance. A leaf costs 1 for each eight elements, a step down 1.4. So cells are cut at the plane
-//!   of least A_l n_l + A_r n_r, a fifth less if one side is empty, and become a leaf again where
-//!   all below costs more. Cells do not overlap, so that nearest hits end the search early, but an
-//!   element is referred to several times: at most 4 times on average, after which cells stay as
-//!   they are. Memory: 8 bytes a node, 44 a reference. Build: O(n log² n).
+//!   log N)*, 2006: SAH over the ends of the elements' boxes (section 4.2), boxes clipped at each
+//!   plane ("perfect splits", section 3.3, with boxes instead of polygons), and a bonus for empty
+//!   space (section 3.4). Large nodes are binned instead (Shevtsov, Soupikov, Kapustin 2007); see
+//!   `build`.
+//! - Traversal: front to back, with a ray interval for each cell, in single precision; see
+//!   `search`. Leaves of triangles are tested eight at once by the conservative filter that `bvh`
+//!   also uses; see `leaves`.
+//! - Cost model: a ray that passes a cell passes a part of it with probability equal to the ratio
+//!   of their areas. A leaf costs 1 for every eight elements, a step down 1.4. A cell is cut at the
+//!   plane with the least A_l n_l + A_r n_r, a fifth less if one side is empty. A subtree that
+//!   costs more than a single leaf becomes a leaf again. Cells do not overlap, so a hit near the
+//!   origin ends the search early. An element is referred to from several cells: at most 4 on
+//!   average, after which cells are not divided further. Memory: 8 bytes a node, 44 a reference.
+//!   Build: O(n log² n).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/kdtree.toml`.
@@ -44,21 +45,21 @@ use whitstone_core::{
 };
 use whitstone_simd::{Level, with_lanes};
 
-/// A kd-tree: cells that do not overlap, with elements in several of them.
+/// A kd-tree: cells do not overlap, and an element may lie in several of them.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Cells of so few elements are not cut, except by the surface area heuristic, which decides by
-    /// cost.
+    /// Cells of at most this many elements are not cut; ignored with `split = "sah"`, which decides
+    /// by cost.
     #[serde(default = "eight")]
     max_leaf: NonZeroU32,
-    /// Longest path from the root; 8 + 1.3 log2 of the number of elements if left out.
+    /// Maximum depth of the tree; 8 + 1.3 log2 of the number of elements if left out.
     #[serde(default)]
     max_depth: Option<IntegerIn<1, { MAX_DEPTH as u32 }>>,
-    /// Where to cut.
+    /// How to choose the position of a cut.
     #[serde(default)]
     split: Split,
-    /// Along which axes to look for a cut.
+    /// Which axes to try for a cut.
     #[serde(default)]
     axes: Axes,
 }
@@ -70,9 +71,9 @@ fn eight() -> NonZeroU32 {
 /// The tree.
 pub struct KdTree {
     leaves: Leaves,
-    /// Around all elements that have a box, in own coordinates.
+    /// Bounds of all elements that have a box, in local coordinates.
     cell: Box4,
-    /// The root is 0.
+    /// The nodes; the root is node 0.
     nodes: Vec<Node>,
     statistics: Statistics,
 }
@@ -127,7 +128,7 @@ impl KdTree {
             ("empty_leaves", empty as f64),
             ("references", references.len() as f64),
             ("depth", tree.depth() as f64),
-            // Relative to the chance of hitting the whole; a flat point has none.
+            // Normalized by the root's area, which may be zero.
             ("sah_cost", tree.cost / tree.half_area.max(f64::MIN_POSITIVE)),
             ("bytes", (size_of_val(&*nodes) + leaves.bytes()) as f64),
             ("build_seconds", start.elapsed().as_secs_f64()),
@@ -153,7 +154,7 @@ impl KdTree {
         }
     }
 
-    /// `ANY` for some hit, else the nearest; with `COUNT` the effort is counted.
+    /// Finds any hit if `ANY`, else the nearest. With `COUNT` it counts steps and tests.
     #[inline(always)]
     fn find<const ANY: bool, const COUNT: bool>(
         &self,
@@ -168,8 +169,8 @@ impl KdTree {
     }
 }
 
-/// Puts a subtree at a place among the nodes, what is below it behind all others, and what its
-/// leaves hold behind what others hold.
+/// Writes the root of a subtree to `place`, and appends its descendants to `nodes` and the elements
+/// of its leaves to `references`.
 fn flatten(tree: &Tree<AxisCut>, place: usize, nodes: &mut Vec<Node>, references: &mut Vec<u32>) {
     match &tree.content {
         Content::Leaf(held) => {

@@ -1,10 +1,9 @@
-//! Leaves of triangles in single precision behind a test that is never wrong, and the elements in
-//! them.
+//! Leaves and their elements, with a conservative single-precision filter for triangles.
 //!
-//! A hierarchy refers to leaves of up to eight elements. Triangles are there with their corners in
-//! own coordinates (`frame`), and eight are tested at once (`filter`); what this test cannot decide
-//! for certain, and every hit that is returned, is decided by the tests in `f64` (`state`). Proof
-//! that nothing is missed: `docs/accelerators.md`.
+//! A structure refers to leaves of up to eight elements. The corners of triangles are stored in
+//! local coordinates (`frame`), and eight triangles are tested at once (`filter`). The tests in
+//! `f64` decide whatever this filter cannot, and compute every hit that is returned (`state`).
+//! Proof that no hit is missed: `docs/accelerators.md`.
 
 pub(crate) mod child;
 pub(crate) mod filter;
@@ -23,19 +22,18 @@ use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape};
 pub(crate) struct Leaves {
     pub(crate) geometry: Arc<Geometry>,
     pub(crate) frame: Frame,
-    /// Elements without a box of reasonable size, tried for every ray.
+    /// Elements without a box of reasonable size, tested for every ray.
     pub(crate) unbounded: Vec<Element>,
-    /// What the leaves hold, leaf after leaf.
+    /// Elements of all leaves, concatenated.
     pub(crate) slots: Vec<Slot>,
-    /// The corners of the triangles of `slots` in own coordinates; see `filter`.
+    /// The corners of the triangles of `slots` in local coordinates; see `filter`.
     pub(crate) numbers: Vec<f32>,
-    /// What gives back the very corners of triangles from `numbers` as a factor, or 0 if nothing
-    /// does.
+    /// Factor that turns `numbers` into the exact world coordinates of corners; 0 if there is none.
     pub(crate) exact: f64,
 }
 
 impl Leaves {
-    /// The leaves of these slots, with the corners in the order of coordinates in each.
+    /// The leaves with these slots; the numbers of each leaf are in the order of [`by_coordinate`].
     pub(crate) fn new(
         geometry: Arc<Geometry>,
         frame: Frame,
@@ -53,12 +51,12 @@ impl Leaves {
         }
     }
 
-    /// Size in memory.
+    /// Size in memory, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&*self.slots) + size_of_val(&*self.numbers) + size_of_val(&*self.unbounded)
     }
 
-    /// Around all elements that have a box.
+    /// Bounds of all elements that have a box.
     pub(crate) fn bounds(&self) -> Aabb {
         let elements = self.slots.iter().map(|slot| slot.element());
         elements.fold(Aabb::EMPTY, |whole, element| {
@@ -66,20 +64,20 @@ impl Leaves {
         })
     }
 
-    /// The corners of a triangle of a leaf where these are exact.
+    /// The corners of a triangle of a leaf, where the factor `exact` exists.
     #[inline(always)]
     fn exact_corners(&self, first: usize, count: usize, lane: usize) -> [DVec3; 3] {
         self.exact_along(&[Axis::X, Axis::Y, Axis::Z], first, count, lane)
             .map(DVec3::from_array)
     }
 
-    /// The same by coordinates along these axes.
+    /// The same, with coordinates along these axes.
     #[inline(always)]
     fn exact_along(&self, axes: &[Axis; 3], first: usize, count: usize, lane: usize) -> [[f64; 3]; 3] {
         let Some(numbers) = self.numbers[NUMBERS * first..].first_chunk::<WINDOW>() else {
             return [[0.0; 3]; 3];
         };
-        // Both are so; said, so that no index is checked.
+        // This changes neither, but lets the compiler omit bounds checks.
         let (count, lane) = (count.min(WIDTH), lane % WIDTH);
         let along = |i: usize| 3 * axes[i] as usize * count + lane;
         let [x, y, z] = [along(0), along(1), along(2)];
@@ -88,7 +86,7 @@ impl Leaves {
         [corner(0), corner(count), corner(2 * count)]
     }
 
-    /// What is in a place of a leaf of triangles, and its corners in the world.
+    /// The slot at a place of a leaf of triangles, and the triangle's corners in the world.
     #[inline(always)]
     pub(crate) fn triangle(&self, leaf: Child, lane: usize) -> (Slot, [DVec3; 3]) {
         let slot = self.slots[leaf.index() + lane];
@@ -103,8 +101,8 @@ impl Leaves {
     }
 }
 
-/// From triangle after triangle to rows of one number of every triangle: axis by axis, corner by
-/// corner.
+/// Transposes the numbers of a leaf: from triangle by triangle to rows of one number of every
+/// triangle, axis by axis, corner by corner.
 pub(crate) fn by_coordinate(numbers: &mut [f32], count: usize) {
     let mut old = [0.0; NUMBERS * WIDTH];
     let old = &mut old[..numbers.len()];

@@ -1,7 +1,8 @@
-//! Accelerators: one file is one plugin is one Cargo feature is one TOML `type`.
+//! Accelerators: each plugin is one file, one Cargo feature and one TOML `type`.
 //!
-//! None of them changes an image: all return bit for bit what trying every element in order would
-//! return.
+//! No accelerator changes an image: each returns, bit for bit, the result of testing every element
+//! in order. An element is a triangle of a mesh, or a whole shape of any other kind (also an
+//! instance).
 
 #![cfg_attr(
     not(feature = "all"),
@@ -43,7 +44,7 @@ pub mod slab_bvh;
 mod split;
 mod vast;
 
-/// Adds every accelerator whose feature is on.
+/// Registers every accelerator whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     let from = env!("CARGO_PKG_NAME");
     #[cfg(feature = "brute_force")]

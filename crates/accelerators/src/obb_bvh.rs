@@ -1,17 +1,18 @@
-//! A hierarchy of oriented boxes: each node has a frame of its own.
+//! A BVH of oriented bounding boxes (OBBs): each node has its own frame.
 //!
-//! - Fit: along the principal axes of the corners of what is inside (Gottschalk, Lin, Manocha,
+//! - Fit: along the principal axes of the corners of the contents (Gottschalk, Lin, Manocha,
 //!   *OBBTree: a hierarchical structure for rapid interference detection*, 1996, section 4), or
 //!   along the coordinate axes where that box is smaller. Each node is fitted to its own elements,
-//!   not to its children.
+//!   not to its children's boxes.
 //! - Build: top down over axis-parallel boxes; see `binary`.
-//! - Traversal: nearer child first, with an explicit stack. The ray is expressed in the frame of
-//!   each box: six products with a vector before the three intervals.
-//! - Cost model: a step takes two to three times that of an axis-parallel box, so that an oriented
-//!   one pays only where it is hit less than a third as often. Hairs that lie askew save a third of
-//!   the steps, compact meshes a sixth: neither pays (figures in `docs/accelerators.md`). Memory:
-//!   15 numbers a node, two nodes an element at most. Build: O(n log n), as every level is fitted
-//!   anew. A moving rigid part would need no new fit, only a new frame.
+//! - Traversal: nearer child first, with an explicit stack. The ray is transformed into the frame
+//!   of each box: six dot products before the three interval tests.
+//! - Cost model: a step takes two to three times that of an axis-parallel box, so an oriented box
+//!   pays off only where it is hit less than a third as often. It saves a third of the steps on
+//!   slanted hairs and a sixth on compact meshes: neither pays off (figures in
+//!   `docs/accelerators.md`). Memory: 15 numbers a node, at most two nodes per element. Build: O(n
+//!   log n), as every level is fitted anew. A rigidly moving part would need no new fit, only a new
+//!   frame.
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/obb_bvh.toml`.
@@ -29,18 +30,18 @@ use whitstone_core::{
     Aabb, Accelerator, Accelerators, Context, DVec3, Geometry, Outline, Plugin, SceneErrors, Statistics,
 };
 
-/// A hierarchy of oriented boxes: fewer steps among long thin things that lie askew, each of which
-/// takes longer.
+/// A BVH of oriented boxes: fewer but slower steps, for long, thin, slanted shapes.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Most elements that a leaf may hold; a leaf has fewer where that is estimated to be faster.
+    /// Maximum number of elements in a leaf. With `split = "sah"`, leaves are smaller where that
+    /// lowers the estimated cost.
     #[serde(default = "four")]
     max_leaf: NonZeroU32,
-    /// Where to split.
+    /// How to choose the split position.
     #[serde(default)]
     split: Split,
-    /// Along which axes to look for a split.
+    /// Which axes to try for a split.
     #[serde(default)]
     axes: Axes,
 }
@@ -49,21 +50,21 @@ fn four() -> NonZeroU32 {
     const { NonZeroU32::new(4).unwrap() }
 }
 
-/// Time of a step, in units of that of an axis-parallel box.
+/// Cost of a step, relative to that of an axis-parallel box.
 const STEPS: f64 = 3.0;
 
-/// A box in a frame of its own.
+/// A box in its own frame.
 #[derive(Clone, Copy, Debug)]
 struct Oriented {
     /// Orthogonal, of unit length up to rounding.
     axes: [DVec3; 3],
-    /// Smallest and largest product of each axis with a point inside.
+    /// Smallest and largest dot product of each axis with a point inside.
     min: [f64; 3],
     max: [f64; 3],
 }
 
 impl Oriented {
-    /// The box around some points along given axes. Each face is where the outermost point is, so
+    /// The box around points with the given axes. Each face passes through the outermost point, so
     /// rounding of the axes does not matter.
     fn along(points: &[DVec3], axes: [DVec3; 3]) -> Self {
         let end = |start: f64, choose: fn(f64, f64) -> f64| {
@@ -76,7 +77,7 @@ impl Oriented {
         }
     }
 
-    /// Where the ray enters, if it does so from `min` to `limit`.
+    /// Entry distance, if the ray is inside between `min` and `limit`.
     #[inline]
     fn enter(&self, ray: &WideRay, min: f64, limit: f64) -> Option<f64> {
         let mut inside = (min, limit);
@@ -101,7 +102,7 @@ impl Volume for Oriented {
         }
     }
 
-    /// The boxes of the children say too little: each is fitted to its own elements.
+    /// `None`: the children's boxes say too little, so each box is fitted to its own elements.
     fn joined(_: &Self, _: &Self) -> Option<Self> {
         None
     }
@@ -149,7 +150,7 @@ impl Structure for ObbBvh {
         let Some(mut node) = hierarchy.root().filter(|&root| enter(root, limit).is_some()) else {
             return Some(limit);
         };
-        // One entry a level: the child that is put off.
+        // One entry per level: the deferred child.
         let mut stack = [(0.0, 0); MAX_DEPTH];
         let mut height = 0;
         loop {
@@ -188,7 +189,7 @@ impl Structure for ObbBvh {
                 height -= 1;
                 let (near, later) = stack[height];
                 node = later;
-                // At equal distance an element of lower number may be in there.
+                // `<=`: at equal distance an element of lower index may follow, which wins the tie.
                 if near <= limit {
                     break;
                 }

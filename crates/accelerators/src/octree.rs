@@ -1,19 +1,18 @@
-//! An octree: a cube is divided into eight, and each of these again, as long as many elements are
-//! in it.
+//! An octree: a cube is divided into eight, recursively, as long as it holds many elements.
 //!
-//! - Build: Glassner, *Space subdivision for fast ray tracing*, 1984. An element that straddles is
-//!   referred to from each cell that it lies in; triangles are tested against cells exactly
+//! - Build: Glassner, *Space subdivision for fast ray tracing*, 1984. An element that straddles
+//!   cells is referred to from each of them; triangles are tested against cells exactly
 //!   (`overlaps`).
 //! - Traversal: Revelles, Ureña, Lastra, *An efficient parametric algorithm for octree traversal*,
-//!   2000: top down, the ray's interval in a child from that in its parent and the three planes
-//!   through the middle, no boxes. Their automaton names the one next child; a ray that is as wide
-//!   as rounding may need (see `elements`) can be in two at once, so here the eight are gone
-//!   through in the order of the ray.
+//!   2000: top down. A child's ray interval follows from that of its parent and the three middle
+//!   planes, without box tests. Their automaton yields the single next child. Here, a ray is
+//!   widened to cover rounding errors (see `elements`) and can be in two children at once, so all
+//!   eight are checked in ray order.
 //! - Cost model: a cell is divided if it holds more than `max_leaf` elements. No cost is estimated:
-//!   cuts are in the middle whatever lies there, which costs 1.3 to 2.3 times the time of a
-//!   kd-tree, while a step does three cuts at once. Empty space is skipped in large cells, which is
-//!   what a grid lacks. Memory: at most 8 references to an element on average, after which cells
-//!   stay as they are. Build: O(n log n).
+//!   cuts are always in the middle, which is slower than a kd-tree (figures in
+//!   `docs/accelerators.md`), while one step makes three cuts at once. Unlike in a grid, empty
+//!   space is skipped in large cells. Memory: at most 8 references per element on average, after
+//!   which cells are not divided further. Build: O(n log n).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/octree.toml`.
@@ -31,14 +30,14 @@ use whitstone_core::{
     Statistics,
 };
 
-/// Cubes in cubes: adapts to where the elements are, with cuts in the middle only.
+/// An octree: adapts to unevenly distributed elements, but cuts cells in the middle only.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Most elements that a cell may hold without being divided.
+    /// Cells of more than this many elements are divided.
     #[serde(default = "eight")]
     max_leaf: NonZeroU32,
-    /// Longest path from the root; 3 + 0.6 log2 of the number of elements if left out.
+    /// Maximum depth of the tree; 3 + 0.6 log2 of the number of elements if left out.
     #[serde(default)]
     max_depth: Option<IntegerIn<1, 24>>,
 }
@@ -47,17 +46,17 @@ fn eight() -> NonZeroU32 {
     const { NonZeroU32::new(8).unwrap() }
 }
 
-/// Most references to an element, on average.
+/// Maximum number of references per element, on average.
 const MOST_REFERENCES: usize = 8;
 
 /// The tree.
 pub struct Octree {
-    /// Around all elements, not a cube.
+    /// Bounds of all elements; not a cube.
     bounds: Aabb,
     cube: Cube,
-    /// The root is 0.
+    /// The nodes; the root is node 0.
     nodes: Vec<Node>,
-    /// What the leaves hold: indices of elements.
+    /// Element indices of all leaves.
     references: Vec<u32>,
     elements: Vec<Element>,
     depth: u32,
@@ -65,8 +64,8 @@ pub struct Octree {
 
 #[derive(Clone, Copy, Debug)]
 enum Node {
-    /// Eight children side by side, by the bits of their numbers: 1 for the larger x, 2 for y, 4
-    /// for z.
+    /// Eight consecutive children. The bits of a child's number name its half: 1 for the larger x,
+    /// 2 for y, 4 for z.
     Inner { children: u32 },
     /// A range of references.
     Leaf { first: u32, count: u32 },
@@ -75,12 +74,12 @@ enum Node {
 #[derive(Clone, Copy, Debug)]
 struct Cube {
     center: DVec3,
-    /// Half the edge.
+    /// Half the edge length.
     half: f64,
 }
 
 impl Cube {
-    /// One of the eight parts. The build and every ray compute it alike, to the last bit.
+    /// One of the eight octants, computed bit-identically by the build and by every ray.
     #[inline]
     fn part(&self, number: usize) -> Self {
         let half = 0.5 * self.half;
@@ -113,7 +112,7 @@ impl Plugin<Accelerators> for Octree {
     }
 }
 
-/// What stays the same during a build.
+/// Constants of a build.
 struct Builder<'a> {
     geometry: &'a Geometry,
     items: &'a [Item],
@@ -154,7 +153,7 @@ impl Octree {
         tree
     }
 
-    /// Fills a node, with at most so many references more than it has now.
+    /// Builds the subtree of `node` with at most `spare` additional references.
     fn divide(
         &mut self,
         builder: &Builder<'_>,
@@ -182,7 +181,7 @@ impl Octree {
             self.references.extend(held);
             return;
         };
-        // What may still be added is shared out by size.
+        // The remaining budget is divided in proportion to size.
         let total = (held.len() + more).max(1);
         drop(held);
         let children = self.nodes.len();
@@ -218,7 +217,7 @@ impl Octree {
 }
 
 impl Builder<'_> {
-    /// Which elements lie in a part of a cube.
+    /// The elements that lie in one octant of a cube.
     fn inside(&self, held: &[u32], cube: &Cube, number: usize) -> Vec<u32> {
         let part = cube.part(number).aabb();
         let inside = held.iter().filter(|&&held| {
@@ -226,7 +225,7 @@ impl Builder<'_> {
             let on_side = (0..3).all(|axis| {
                 let (plane, aabb) = (cube.center[axis], &item.aabb);
                 let above = aabb.max[axis] > plane;
-                // What lies in the plane is below it.
+                // Elements in the plane belong below it.
                 if number >> axis & 1 == 1 {
                     above
                 } else {
@@ -240,18 +239,18 @@ impl Builder<'_> {
     }
 }
 
-/// One ray's way through the tree.
+/// Traversal state of one ray.
 struct Walk<'a, V> {
     tree: &'a Octree,
     ray: &'a WideRay,
-    /// Which bits of a child's number are turned over, so that child 0 comes first.
+    /// XOR mask for the numbers of children, so that child 0 is the first along the ray.
     mirror: usize,
     mailbox: Mailbox,
     visitor: &'a mut V,
 }
 
 impl<V: Visitor> Walk<'_, V> {
-    /// Visits a node, which the ray touches from `near` to `far`. The recursion is as deep as the
+    /// Visits a node that the ray touches from `near` to `far`. The recursion is as deep as the
     /// tree.
     fn descend(&mut self, node: u32, cube: Cube, near: f64, far: f64, mut limit: f64) -> Option<f64> {
         let children = match self.tree.nodes[node as usize] {
@@ -280,7 +279,7 @@ impl<V: Visitor> Walk<'_, V> {
                     far = far.min(leaves[axis]);
                 }
             }
-            // At equal distance an element of lower number may be in there.
+            // `<=`: at equal distance an element of lower index may follow, which wins the tie.
             if near <= far && near <= limit {
                 let number = step ^ self.mirror;
                 limit = self.descend(children + number as u32, cube.part(number), near, far, limit)?;

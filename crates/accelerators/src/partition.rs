@@ -1,75 +1,75 @@
-//! The build of the trees that cut space in two, and again, by planes of whatever kind.
+//! Top-down build of trees that divide space recursively by planes of any kind: `kdtree` and `bsp`.
 //!
-//! Top down: what lies on both sides of a plane is referred to from both, at most `MOST_REFERENCES`
-//! times on average; then cells stay as they are, so that memory is linear in the number of
-//! elements. Where the estimated costs decide, a subtree becomes one leaf again if that costs less,
-//! which is known only when the subtree is there.
+//! An element on both sides of a plane is referred to from both, at most `MOST_REFERENCES` times on
+//! average. Once that budget is spent, cells are not divided further, so memory is linear in the
+//! number of elements. If costs decide, a subtree becomes one leaf again where that costs less,
+//! which is known only after it is built.
 
-/// No path from the root is longer.
+/// Maximum depth of a tree.
 pub(crate) const MAX_DEPTH: usize = 64;
 
-/// What a cut counts if one side is empty.
+/// SAH cost factor for splits that cut off empty space (pbrt: emptyBonus).
 const EMPTY_BONUS: f64 = 0.8;
 
-/// Most references of all: they are numbered in fewer bits than there are in 32.
+/// Upper bound on references; their indices must fit 28 bits.
 const MOST_IN_ALL: usize = 1 << 28;
 
-/// A plane of a certain kind.
+/// A kind of splitting plane.
 pub(crate) trait Cut: Copy + Send + Sync {
-    /// What it divides.
+    /// The cells that it divides.
     type Cell: Send;
 
-    /// Half the area of the surface of a cell.
+    /// Half the surface area of a cell.
     fn half_area(cell: &Self::Cell) -> f64;
 
-    /// The parts of a cell below and above.
+    /// The parts of a cell below and above the plane.
     fn halves(&self, cell: &Self::Cell) -> [Self::Cell; 2];
 }
 
-/// What decides how cells are cut.
+/// A strategy for cutting cells.
 pub(crate) trait Cutter: Sync {
     type Cut: Cut;
-    /// An element, or the part of it in a cell.
+    /// An element, or its part inside a cell.
     type Part: Send;
 
-    /// Time of a step down, in units of the time of one test of an element.
+    /// Cost of a traversal step, in the unit of `leaf_cost`.
     const STEP_COST: f64;
 
-    /// Most references to an element, on average.
+    /// Maximum number of references per element, on average.
     const MOST_REFERENCES: usize;
 
-    /// From this number of parts on both sides are built in parallel.
+    /// From this number of parts, both sides are built in parallel.
     const PARALLEL: usize;
 
     /// The number of the element.
     fn item(part: &Self::Part) -> u32;
 
-    /// Whether a cell of so many parts stays as it is.
+    /// Whether a cell of `count` parts is never cut.
     fn is_leaf(&self, count: usize) -> bool;
 
-    /// Whether a cell is cut only where that costs less than to leave it.
+    /// Whether a cell is cut only if that lowers the cost.
     fn asks_cost(&self) -> bool;
 
-    /// Time of a leaf of so many parts.
+    /// Cost of a leaf of `count` parts.
     fn leaf_cost(count: usize) -> f64;
 
-    /// Whether it is not worth while to try what becomes of a cell of so many parts if it is cut.
+    /// Whether this cut of a cell of `count` parts is not worth trying.
     fn is_hopeless(&self, count: usize, half_area: f64, choice: &Choice<Self::Cut>) -> bool;
 
     /// The best plane; `None` if there is none.
     fn choose(&self, parts: &[Self::Part], cell: &<Self::Cut as Cut>::Cell) -> Option<Choice<Self::Cut>>;
 
-    /// What lies on each side; `None` if the cut brings nothing.
+    /// The parts on each side; `None` if the cut makes no progress.
     fn sides(&self, parts: &[Self::Part], choice: &Choice<Self::Cut>) -> Option<[Vec<Self::Part>; 2]>;
 }
 
-/// A plane to cut by.
+/// A plane to cut by, with its cost.
 #[derive(Clone, Copy)]
 pub(crate) struct Choice<C> {
     pub(crate) cut: C,
-    /// Where elements go that lie in the plane: 0 below, 1 above.
+    /// Side of the elements that lie in the plane: 0 below, 1 above.
     pub(crate) flat_side: usize,
-    /// Area times number, both sides; see [`cost`].
+    /// Area times count, summed over both sides; see [`cost`].
     pub(crate) cost: f64,
 }
 
@@ -78,35 +78,35 @@ pub(crate) fn cheaper<C>(first: Choice<C>, second: Choice<C>) -> Choice<C> {
     if second.cost < first.cost { second } else { first }
 }
 
-/// The cost of a cut with so many parts on each side of these areas.
+/// Cost of a cut with these areas and numbers of parts on each side.
 pub(crate) fn cost(areas: [f64; 2], counts: [usize; 2]) -> f64 {
     bonus(counts) * (areas[0] * counts[0] as f64 + areas[1] * counts[1] as f64)
 }
 
-/// What the cost of a cut is multiplied by.
+/// Factor on the cost of a cut with these numbers of parts on each side.
 pub(crate) fn bonus(counts: [usize; 2]) -> f64 {
     if counts.contains(&0) { EMPTY_BONUS } else { 1.0 }
 }
 
-/// What becomes of a cell.
+/// The subtree of a cell.
 pub(crate) struct Tree<C> {
     pub(crate) half_area: f64,
-    /// Expected time in it, times the area.
+    /// Expected cost inside the cell, times the area.
     pub(crate) cost: f64,
     pub(crate) content: Content<C>,
 }
 
-/// What is in a cell.
+/// Contents of a cell.
 pub(crate) enum Content<C> {
     /// The numbers of the elements.
     Leaf(Vec<u32>),
-    /// A plane, and what is below and above it.
+    /// A plane, and the subtrees below and above it.
     Inner(C, Box<[Tree<C>; 2]>),
 }
 
 impl<C: Cut> Tree<C> {
-    /// Builds over the parts of all elements in a cell. The result depends on these only, not on
-    /// the number of threads.
+    /// Builds a tree over the parts of all elements in a cell. The result depends only on these,
+    /// not on the number of threads.
     pub(crate) fn new<K: Cutter<Cut = C>>(
         cutter: &K,
         parts: Vec<K::Part>,
@@ -119,7 +119,7 @@ impl<C: Cut> Tree<C> {
         grow(cutter, parts, cell, levels.min(MAX_DEPTH), spare)
     }
 
-    /// Longest path from here.
+    /// Length of the longest path from here.
     pub(crate) fn depth(&self) -> usize {
         match &self.content {
             Content::Leaf(_) => 0,
@@ -136,10 +136,10 @@ impl<C: Cut> Tree<C> {
     }
 }
 
-/// Cells of more elements than this do not become one leaf again.
+/// Only cells of at most this many elements can become one leaf again.
 const MOST_HELD: usize = 64;
 
-/// Builds over a cell, at most so many levels and with so many references more than it has now.
+/// Builds the subtree of a cell with at most `levels` levels and `spare` additional references.
 fn grow<K: Cutter>(
     cutter: &K,
     parts: Vec<K::Part>,
@@ -174,7 +174,7 @@ fn grow<K: Cutter>(
     };
     drop(parts);
     let cut = choice.cut;
-    // What may still be added is shared out by size.
+    // The remaining budget is divided in proportion to size.
     let spare_below = (spare - more) * n_below / (n_below + n_above).max(1);
     let spare_above = spare - more - spare_below;
     let [below_cell, above_cell] = cut.halves(&cell);

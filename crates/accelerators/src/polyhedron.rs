@@ -1,9 +1,9 @@
-//! Convex polygons and polyhedra that are cut by planes.
+//! Convex polygons and polyhedra, and their clipping by planes.
 
 use std::cmp::Ordering;
 use whitstone_core::{Aabb, DVec3};
 
-/// A plane: the points whose product with the normal is `at`.
+/// A plane: the points whose dot product with the normal is `at`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Plane {
     /// Of unit length, up to rounding.
@@ -12,7 +12,7 @@ pub(crate) struct Plane {
 }
 
 impl Plane {
-    /// How far a point is above.
+    /// Signed distance of a point above the plane.
     #[inline]
     pub(crate) fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.at
@@ -20,8 +20,8 @@ impl Plane {
 }
 
 /// The parts of a convex polygon below and above a plane (Sutherland and Hodgman, *Reentrant
-/// polygon clipping*, 1974). Corners no farther from the plane than the margin count as in it, so
-/// belong to both.
+/// polygon clipping*, 1974). Corners within the margin of the plane count as in it and belong to
+/// both parts.
 pub(crate) fn cut_polygon(corners: &[DVec3], plane: &Plane, margin: f64) -> [Vec<DVec3>; 2] {
     let mut parts = [const { Vec::new() }; 2];
     let heights = || corners.iter().map(|&corner| (corner, plane.height(corner)));
@@ -35,8 +35,8 @@ pub(crate) fn cut_polygon(corners: &[DVec3], plane: &Plane, margin: f64) -> [Vec
         let crosses =
             height_a.abs() > margin && height_b.abs() > margin && (height_a < 0.0) != (height_b < 0.0);
         if crosses {
-            // The same point to the bit whichever way round the polygon goes, so that neighbours
-            // share it.
+            // Independent of the polygon's orientation to the last bit, so that neighbours share
+            // the point.
             let [(low, low_height), (high, high_height)] = if height_a < 0.0 {
                 [(a, height_a), (b, height_b)]
             } else {
@@ -55,7 +55,8 @@ fn area(polygon: &[DVec3]) -> f64 {
     0.5 * sum.length()
 }
 
-/// A convex polyhedron by its faces; for areas and pictures, where rounding does not matter.
+/// A convex polyhedron, given by its faces. Used for areas and debug images, where rounding does
+/// not matter.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Polyhedron {
     faces: Vec<Vec<DVec3>>,
@@ -77,12 +78,12 @@ impl Polyhedron {
         }
     }
 
-    /// Half the area of the surface.
+    /// Half the surface area.
     pub(crate) fn half_area(&self) -> f64 {
         0.5 * self.faces.iter().map(|face| area(face)).sum::<f64>()
     }
 
-    /// The ends of each edge, once each.
+    /// The end points of the edges, each edge once.
     pub(crate) fn edges(&self) -> Vec<[DVec3; 2]> {
         let order = |a: &DVec3, b: &DVec3| {
             let axes = a.to_array().into_iter().zip(b.to_array());
@@ -101,7 +102,7 @@ impl Polyhedron {
         edges
     }
 
-    /// Whether a plane goes through the inside.
+    /// Whether the polyhedron reaches beyond the margin on both sides of a plane.
     pub(crate) fn is_on_both_sides(&self, plane: &Plane, margin: f64) -> bool {
         let heights = || self.faces.iter().flatten().map(|&corner| plane.height(corner));
         heights().any(|height| height < -margin) && heights().any(|height| height > margin)
@@ -115,7 +116,7 @@ impl Polyhedron {
             let halves = cut_polygon(face, plane, 0.0);
             let both = halves.iter().all(|half| half.len() > 2);
             if both {
-                // What both have in common lies in the plane.
+                // Corners that both halves share lie in the plane.
                 rim.extend(halves[0].iter().filter(|corner| halves[1].contains(corner)));
             }
             for (part, half) in parts.iter_mut().zip(halves) {
@@ -132,7 +133,7 @@ impl Polyhedron {
     }
 }
 
-/// Points of the border of a convex polygon with this normal, in their order around it.
+/// Sorts boundary points of a convex polygon with this normal by angle.
 fn around(mut points: Vec<DVec3>, normal: DVec3) -> Vec<DVec3> {
     let middle = points.iter().sum::<DVec3>() / points.len() as f64;
     let u = normal.any_orthonormal_vector();
@@ -161,8 +162,8 @@ mod tests {
         let hexagon = 0.75 * 3f64.sqrt();
         for half in &halves {
             assert!((half.half_area() - 0.5 * (3.0 + hexagon)).abs() < 1e-12);
-            // Three of the cube, six halves, six of the lid: as many as Euler says of 10 corners
-            // and 7 faces.
+            // Three edges of the cube, six halves, six of the lid, as Euler's formula gives for 10
+            // corners and 7 faces.
             assert_eq!(half.edges().len(), 15);
         }
         // Once more, through the corners of the lid too.

@@ -1,13 +1,13 @@
-//! Principal axes of a set of points: the directions in which they spread most and least.
+//! Principal axes of a set of points: the directions of largest and smallest spread.
 
 use whitstone_core::{Aabb, DVec3};
 
 /// The coordinate axes.
 pub(crate) const COORDINATE_AXES: [DVec3; 3] = [DVec3::X, DVec3::Y, DVec3::Z];
 
-/// Three orthogonal unit vectors along which points spread, the largest spread first: the
-/// eigenvectors of the covariance (Gottschalk, Lin, Manocha, *OBBTree*, 1996, section 4). The
-/// coordinate axes if that is not to be told, as for points in one place.
+/// Principal axes of points: three orthogonal unit vectors, the largest spread first. They are the
+/// eigenvectors of the covariance (Gottschalk, Lin, Manocha, *OBBTree*, 1996, section 4), or the
+/// coordinate axes where these are undefined, as for coincident points.
 pub(crate) fn principal_axes(points: &[DVec3]) -> [DVec3; 3] {
     let bounds = Aabb::around(points.iter().copied());
     let scale = bounds.extent().max_element();
@@ -29,11 +29,11 @@ pub(crate) fn principal_axes(points: &[DVec3]) -> [DVec3; 3] {
     if sound { axes } else { COORDINATE_AXES }
 }
 
-/// Unit eigenvectors of a symmetric matrix, that of the largest eigenvalue first, by rotations that
-/// make one element outside of the diagonal zero at a time (Jacobi 1846).
+/// Unit eigenvectors of a symmetric matrix, that of the largest eigenvalue first, by Jacobi
+/// rotations, each of which zeroes one off-diagonal element (Jacobi 1846).
 fn eigenvectors(mut m: [[f64; 3]; 3]) -> [DVec3; 3] {
     let mut vectors = COORDINATE_AXES;
-    // Each round squares what is left outside of the diagonal: six are more than enough.
+    // Each round squares the off-diagonal remainder: six are more than enough.
     for _ in 0..6 {
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             if m[p][q] == 0.0 {

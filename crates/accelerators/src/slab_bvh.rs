@@ -1,21 +1,20 @@
-//! A hierarchy of bounding slabs: each node is the space between pairs of parallel planes in k/2
-//! fixed directions (a discrete oriented polytope, k-DOP).
+//! A BVH of k-DOPs (discrete oriented polytopes): each node is the space between pairs of parallel
+//! planes in k/2 fixed directions.
 //!
-//! - Volumes: Kay and Kajiya, *Ray tracing complex scenes*, 1986, section 2; the directions for k =
-//!   6 (the axes), 14 (with the diagonals of a cube), 26 (with those of its faces) as in Klosowski
-//!   et al., *Efficient collision detection using bounding volume hierarchies of k-DOPs*, 1998,
-//!   section 4.1.
+//! - Volumes: Kay and Kajiya, *Ray tracing complex scenes*, 1986, section 2. Directions as in
+//!   Klosowski et al., *Efficient collision detection using bounding volume hierarchies of k-DOPs*,
+//!   1998, section 4.1: k = 6 the axes, k = 14 also the diagonals of a cube, k = 26 also those of
+//!   its faces.
 //! - Build: top down over boxes; see `binary`.
-//! - Traversal: section 3 of Kay and Kajiya: a heap hands out the nodes in the order in which the
-//!   ray enters them, from all over the tree, and the search ends when the next one is farther than
-//!   the best hit.
-//! - Cost model: a step does k/2 interval tests in place of three, and has to save as many by
-//!   hitting fewer volumes: their areas are those of tighter hulls. Against k = 6, k = 14 saves a
-//!   fifth of the steps on a compact mesh and takes as long, and saves two fifths on hairs that lie
-//!   askew, where it is faster; k = 26 saves little more (figures in `docs/accelerators.md`). The
-//!   heap visits the fewest nodes that are possible, but takes O(log n) a node, where a stack takes
-//!   O(1), and costs more than it saves; a ray that asks for any hit gains nothing from the order.
-//!   Memory: k numbers a node, two nodes an element at most. Build: O(n log n) and O(k n).
+//! - Traversal: section 3 of Kay and Kajiya: a heap yields the nodes of the whole tree in order of
+//!   entry distance. The search ends when the next node is farther than the best hit.
+//! - Cost model: a step does k/2 interval tests instead of three, which tighter volumes must offset
+//!   by fewer visits. Compared with k = 6, k = 14 saves a fifth of the steps on a compact mesh at
+//!   equal time, and two fifths on slanted hairs, where it is faster. k = 26 saves little more
+//!   (figures in `docs/accelerators.md`). The heap visits the fewest nodes possible, but takes
+//!   O(log n) a node where a stack takes O(1), and costs more than it saves. Any-hit rays gain
+//!   nothing from the order. Memory: k numbers a node, at most two nodes per element. Build: O(n
+//!   log n) and O(k n).
 //!
 //! - Twin: none needed; the image does not depend on it.
 //! - Example: `scenes/accelerators/slab_bvh.toml`.
@@ -35,21 +34,22 @@ use whitstone_core::{
     Aabb, Accelerator, Accelerators, Context, DVec3, Geometry, Outline, Plugin, SceneErrors, Statistics,
 };
 
-/// A hierarchy of slabs in 3, 7 or 13 directions, searched in the order of distance.
+/// A BVH of k-DOPs with slabs in 3, 7 or 13 directions, traversed in order of distance.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Number of planes around each node: 6, 14 or 26.
+    /// Number of bounding planes per node: 6, 14 or 26.
     #[serde(default)]
     #[schemars(extend("enum" = [6, 14, 26]))]
     k: Planes,
-    /// Most elements that a leaf may hold; a leaf has fewer where that is estimated to be faster.
+    /// Maximum number of elements in a leaf. With `split = "sah"`, leaves are smaller where that
+    /// lowers the estimated cost.
     #[serde(default = "four")]
     max_leaf: NonZeroU32,
-    /// Where to split.
+    /// How to choose the split position.
     #[serde(default)]
     split: Split,
-    /// Along which axes to look for a split.
+    /// Which axes to try for a split.
     #[serde(default)]
     axes: Axes,
 }
@@ -58,7 +58,7 @@ fn four() -> NonZeroU32 {
     const { NonZeroU32::new(4).unwrap() }
 }
 
-/// How many planes.
+/// Number of planes.
 #[derive(Clone, Copy, Debug, Default, JsonSchema)]
 #[schemars(with = "u32")]
 enum Planes {
@@ -81,7 +81,7 @@ impl<'de> Deserialize<'de> for Planes {
     }
 }
 
-/// Normals of the slabs, not of unit length: their coordinates are exact.
+/// Slab normals; not of unit length, so that their coordinates are exact.
 const NORMALS: [DVec3; 13] = [
     DVec3::X,
     DVec3::Y,
@@ -98,7 +98,7 @@ const NORMALS: [DVec3; 13] = [
     DVec3::new(0.0, 1.0, -1.0),
 ];
 
-/// The plugin; what it builds depends on `k`.
+/// The plugin; `k` selects the type that it builds.
 pub struct SlabBvh;
 
 impl Plugin<Accelerators> for SlabBvh {
@@ -146,7 +146,7 @@ impl<const N: usize> Slabs<N> {
         max: [f64::NEG_INFINITY; N],
     };
 
-    /// Where the ray enters, if it does so from `min` to `limit`.
+    /// Entry distance, if the ray is inside between `min` and `limit`.
     #[inline]
     fn enter(&self, ray: &[Along; N], min: f64, limit: f64) -> Option<f64> {
         let mut inside = (min, limit);
@@ -192,7 +192,7 @@ impl<const N: usize> Volume for Slabs<N> {
 }
 
 impl<const N: usize> Slabs<N> {
-    /// What is left of the box if all that is outside of the other slabs is cut off.
+    /// The volume as a polyhedron: the axis-parallel box, clipped by the other slabs.
     fn polyhedron(&self) -> Polyhedron {
         let corner = |of: &[f64; N]| DVec3::new(of[0], of[1], of[2]);
         let (min, max) = (corner(&self.min), corner(&self.max));
@@ -214,7 +214,7 @@ impl<const N: usize> Slabs<N> {
 /// The hierarchy.
 struct Slabbed<const N: usize>(Hierarchy<Slabs<N>>);
 
-/// A node that waits, and where the ray enters it.
+/// A pending node and its entry distance.
 #[derive(Clone, Copy, PartialEq)]
 struct Waiting {
     near: f64,
@@ -224,7 +224,7 @@ struct Waiting {
 impl Eq for Waiting {}
 
 impl Ord for Waiting {
-    /// The nearest is the greatest, which the heap hands out first.
+    /// Reversed, because the heap yields the greatest first: the nearest node is the greatest.
     fn cmp(&self, other: &Self) -> Ordering {
         other.near.total_cmp(&self.near).then(other.node.cmp(&self.node))
     }
@@ -246,7 +246,7 @@ impl<const N: usize> Structure for Slabbed<N> {
         };
         let mut heap = BinaryHeap::new();
         heap.extend(hierarchy.root().and_then(|root| enter(root, limit)));
-        // At equal distance an element of lower number may be in there.
+        // `<=`: at equal distance an element of lower index may follow, which wins the tie.
         while let Some(Waiting { near, node }) = heap.pop()
             && near <= limit
         {

@@ -1,17 +1,17 @@
-//! How a structure chooses where to split, as the configuration names it.
+//! Configuration of split positions and axes.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// Where to split.
+/// How to choose the split position.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Split {
-    /// In the middle of the space.
+    /// At the spatial midpoint.
     Midpoint,
-    /// So that both sides hold equally many.
+    /// So that both sides hold the same number of elements.
     Median,
-    /// Where rays are expected to cost least, by the surface area heuristic.
+    /// Where the expected cost is least, by the surface area heuristic.
     #[default]
     Sah,
 }
@@ -20,7 +20,7 @@ pub(crate) enum Split {
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Axes {
-    /// The one in which the space to be split is longest.
+    /// The longest axis of the space to split.
     Longest,
     /// All three; the cheapest wins.
     #[default]
@@ -28,7 +28,7 @@ pub(crate) enum Axes {
 }
 
 impl Axes {
-    /// The axes to try where the space extends so far along each.
+    /// The axes to try for a space of this extent along each axis.
     pub(crate) fn of(self, extent: [f64; 3]) -> impl Iterator<Item = usize> {
         let longest = (0..3).fold(
             0,

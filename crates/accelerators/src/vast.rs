@@ -1,20 +1,20 @@
-//! Shapes beside which all others are specks.
+//! Oversized shapes, next to which all others vanish.
 //!
 //! The precision of a structure is that of its largest coordinate: around a ground of a million
-//! kilometres, single precision boxes of a bunny are all of its size. Such shapes are few, and are
-//! tried for every ray, as endless ones are.
+//! kilometres, single-precision boxes cannot resolve the triangles of a bunny. Oversized shapes are
+//! few, and are tested for every ray, like endless ones.
 
 use whitstone_core::Aabb;
 
-/// So many times larger than all others together. Boxes in single precision still tell apart what
-/// is a thousandth of these.
+/// A shape is oversized if it is more than this many times as large as all others together.
+/// Single-precision boxes still resolve a thousandth of the others' size.
 const VAST: f64 = 16384.0;
 
-/// Most elements that are tried for every ray.
+/// Maximum number of elements of oversized shapes, which are tested for every ray.
 const MOST: usize = 64;
 
-/// The numbers of the vast shapes, ascending, by the boxes and the numbers of elements of all
-/// shapes. Empty boxes count as not there.
+/// The numbers of the oversized shapes, ascending, given the box and the number of elements of each
+/// shape. Empty boxes are ignored.
 pub(crate) fn vast(shapes: &[(Aabb, usize)]) -> Vec<u32> {
     let size = |aabb: &Aabb| (aabb.max - aabb.min).max_element();
     let mut vast: Vec<u32> = Vec::new();
@@ -54,7 +54,7 @@ mod tests {
         let scene = |half: f64| [(cube(0.0, half), 2), (cube(3.0, 1.0), 100), (cube(-2.0, 0.5), 1)];
         assert!(vast(&scene(1e4)).is_empty());
         assert_eq!(vast(&scene(1e6)), [0]);
-        // One inside another inside another.
+        // Three nested shapes.
         let nested = [
             (cube(0.0, 1e5), 1),
             (cube(0.0, 1.0), 1),
@@ -62,7 +62,7 @@ mod tests {
             (cube(0.0, 1e12), 1),
         ];
         assert_eq!(vast(&nested), [0, 3]);
-        // Not if it is a mesh of many, or alone.
+        // Neither a mesh of many elements nor a single shape is oversized.
         assert!(vast(&[(cube(0.0, 1e9), 65), (cube(0.0, 1.0), 1)]).is_empty());
         assert!(vast(&[(cube(0.0, 1e9), 1)]).is_empty());
         assert!(vast(&[]).is_empty());

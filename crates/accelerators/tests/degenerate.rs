@@ -1,5 +1,5 @@
-//! Input that is hard on a build: every accelerator takes it in bounded time and memory, and
-//! answers as trying every element does.
+//! Degenerate input: every accelerator builds in bounded time and memory, and returns the same as
+//! testing every element.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -35,10 +35,10 @@ const CONFIGURATIONS: [(&str, Make, &str); 13] = [
     ("bsp", make::<Bsp>, ""),
 ];
 
-/// Linear in the number of elements: more than any structure takes for any of these.
+/// Bytes per element: more than any structure needs for any of these inputs.
 const MOST_BYTES: f64 = 256.0;
 
-/// Far more than any needs, far less than what grows with the square of the number.
+/// Far more than any build needs, and far less than quadratic growth would take.
 const MOST_TIME: Duration = Duration::from_secs(300);
 
 fn mesh(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Shape {
@@ -56,7 +56,7 @@ fn separate(positions: Vec<DVec3>) -> Shape {
     mesh(positions, triangles)
 }
 
-/// Builds every accelerator over a geometry, and holds it to its time, its memory and its answers.
+/// Builds every accelerator over a geometry and checks its build time, memory and results.
 fn all_take(name: &str, shapes: Vec<Shape>, rays: u64) {
     let geometry = Arc::new(Geometry::new(shapes));
     let count = geometry.elements().count().max(64) as f64;
@@ -101,7 +101,7 @@ fn a_million_triangles_in_one_place() {
 
 #[test]
 fn many_points() {
-    // Each is smaller than the width of a ray, and no two are in one place.
+    // Each triangle is smaller than the padding of a ray, and no two are in the same place.
     let mut random = Random::new(1);
     let corners = (0..200_000).flat_map(|_| {
         let p = 1e-14 * random.cube();
@@ -135,7 +135,7 @@ fn sizes_of_a_millionth_within_a_million() {
     all_take("sizes", vec![separate(corners.collect())], 700);
 }
 
-/// Something that a ray hits at 1, with the bounds that it is given.
+/// A shape with the given bounds that every ray hits at t = 1.
 struct Odd(Aabb);
 
 impl Primitive for Odd {

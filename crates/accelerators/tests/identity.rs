@@ -1,9 +1,9 @@
-//! The identity: however it is configured, every accelerator returns, bit for bit, what trying
-//! every element returns.
+//! Identity test: in every configuration, each accelerator returns, bit for bit, the result of
+//! testing every element.
 //!
-//! A million rays over twenty random scenes of mixed shapes; ten million by `cargo test --release
-//! -p whitstone-accelerators --test identity -- --ignored`, and any number with the variable
-//! `WHITSTONE_RAYS`.
+//! It traces a million rays through twenty random scenes of mixed shapes. `cargo test --release -p
+//! whitstone-accelerators --test identity --
+//! --ignored` traces ten million, or any number given by the variable `WHITSTONE_RAYS`.
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -47,7 +47,7 @@ const CONFIGURATIONS: [(&str, Make, &str); 17] = [
     ("bsp", make::<Bsp>, "split = \"median\""),
 ];
 
-/// Scenes; each is different in number, size, place and mixture.
+/// Number of scenes; they differ in the number, size, position and mixture of shapes.
 const SCENES: u64 = 20;
 
 #[test]
@@ -96,8 +96,8 @@ fn every_accelerator_agrees(rays: u64) {
 
 type Named = (&'static str, &'static str, Box<dyn Accelerator>);
 
-/// Holds accelerators over a scene to trying everything; how many rays hit, or the first
-/// difference.
+/// Compares accelerators over a scene with testing every element. Returns how many rays hit, or the
+/// first difference.
 fn agree(geometry: &Arc<Geometry>, accelerators: &[Named], rays: u64, seed: u64) -> Result<u64, String> {
     let everything = make::<BruteForce>("", geometry.clone());
     let mut hits = 0;
@@ -114,7 +114,7 @@ fn agree(geometry: &Arc<Geometry>, accelerators: &[Named], rays: u64, seed: u64)
                 ));
             }
         }
-        // Now and then the next ray leaves what was hit: the primitive is then as absent for all.
+        // Sometimes the next ray starts from the primitive that was hit, which all must then skip.
         skip = expected
             .filter(|hit| hit.primitive % 2 == 1)
             .map_or(Skip::NOTHING, |hit| Skip::leaving(&hit));
@@ -130,12 +130,12 @@ fn identity(hit: RawHit) -> impl Debug + PartialEq {
 fn scene(number: u64) -> Geometry {
     let mut random = Random::new(1000 + number);
     let count = 10 << (number % 6);
-    // The larger the number, the smaller the shapes: so that not all rays end at once.
+    // The more shapes, the smaller they are, so that not all rays end at once.
     let size = [1.0, 1e-3, 1e3, 1.0][number as usize % 4];
     let center = [DVec3::ZERO, 100.0 * size * random.direction()][number as usize / 2 % 2];
     let part = size * 1.5 / f64::from(count as u32).cbrt();
     let shapes = (0..count).map(|i| {
-        // Endless planes would hide everything if there were many.
+        // Many infinite planes would hide everything.
         let kind = if i == 0 && number.is_multiple_of(4) {
             6
         } else {
@@ -162,8 +162,8 @@ fn scene(number: u64) -> Geometry {
     Geometry::new(shapes.collect())
 }
 
-/// Somewhere near the center, of any shape; every third along the axes, so that faces lie in planes
-/// of boxes.
+/// A random placement near the center; every third is axis-parallel, so that faces lie in planes of
+/// boxes.
 fn placement(random: &mut Random, center: DVec3, size: f64, part: f64, even: bool) -> Transform {
     let turned = if random.below(3) == 0 {
         DMat3::IDENTITY
@@ -181,7 +181,7 @@ fn placement(random: &mut Random, center: DVec3, size: f64, part: f64, even: boo
     Transform::new(transform).unwrap_or(Transform::IDENTITY)
 }
 
-/// Triangles near one another, some of them twice and some thin.
+/// Triangles near one another; some are duplicates, some are thin.
 fn mesh(random: &mut Random, place: &Transform) -> Shape {
     let count = 1 + random.below(40);
     let mut positions = Vec::new();
@@ -202,7 +202,7 @@ fn mesh(random: &mut Random, place: &Transform) -> Shape {
     })
 }
 
-/// Wrong once in so many hits, by one unit in the last place.
+/// An accelerator that is wrong by one unit in the last place, once in `once_in` hits.
 struct SeldomWrong {
     right: Box<dyn Accelerator>,
     hits: AtomicU64,

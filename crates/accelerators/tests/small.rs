@@ -1,5 +1,5 @@
-//! `bvh` over a world that is small enough for Miri, which looks for undefined behaviour on the
-//! portable path:
+//! `bvh` over a scene that is small enough for Miri, which checks the portable path for undefined
+//! behaviour:
 //!
 //! ```text
 //! export MIRIFLAGS="-Zmiri-tree-borrows -Zmiri-permissive-provenance -Zmiri-ignore-leaks"

@@ -1,10 +1,10 @@
-//! Intel's Embree, as it is installed.
+//! Intel's Embree, as installed on the system.
 //!
 //! - Wald, Woop, Benthin, Johnson, Ernst, *Embree: a kernel framework for efficient CPU ray
 //!   tracing*, SIGGRAPH 2014.
-//! - Version 3 or 4, loaded when a scene first names it; nothing of it is linked or shipped.
-//! - Single rays: `rtcIntersect1`, `rtcOccluded1`. All meshes are one Embree scene; their numbers
-//!   are those of ours.
+//! - Version 3 or 4, loaded when a scene first names it; it is neither linked nor shipped.
+//! - Single rays: `rtcIntersect1`, `rtcOccluded1`. All meshes are geometries of one Embree scene,
+//!   with the same numbers as in Whitstone.
 //!
 //! - Example: `--set accelerator.type=embree` with any scene.
 
@@ -20,19 +20,19 @@ use whitstone_core::{
     Accelerator, Accelerators, Context, Geometry, Plugin, SceneError, SceneErrors, Statistics,
 };
 
-/// Embree in single precision, to compare with; it must be installed.
+/// Embree in single precision, for comparison; it must be installed.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Embree's own build quality.
+    /// Embree's build quality.
     #[serde(default)]
     quality: Quality,
-    /// Whether Embree is to avoid its shortcuts at edges of triangles.
+    /// Whether Embree avoids its shortcuts at the edges of triangles (its robust flag).
     #[serde(default)]
     robust: bool,
 }
 
-/// Embree's own build quality.
+/// Embree's build quality.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Quality {
@@ -48,10 +48,10 @@ pub enum Quality {
 /// The plugin.
 pub struct Embree(Scene);
 
-/// Embree leaves out triangles with coordinates beyond 1.8e18.
+/// Embree ignores triangles with coordinates beyond 1.8e18.
 const FARTHEST: f64 = 1e18;
 
-/// The version that is installed, such as "3.13.5", or why there is none.
+/// The installed version, such as "3.13.5", or why Embree cannot be loaded.
 pub fn version() -> Result<String, String> {
     ffi::version().map_err(ToOwned::to_owned)
 }
@@ -100,15 +100,16 @@ impl Triangles for Embree {
             if skip != Some(hit.id) {
                 return Some(hit);
             }
-            // On from there: a plane is hit once only. A filter function would have its price for
-            // every ray.
+            // Continue behind this hit: a triangle is hit only once. A filter function would cost
+            // time for every ray.
             ray.min = hit.t.next_up();
         }
     }
 
     #[inline]
     fn occluded(&self, ray: &SingleRay, skip: Option<TriangleId>) -> bool {
-        // By which triangle is not said; where one must not count, that is asked for.
+        // Embree does not report the occluding triangle. If one must be skipped, find the nearest
+        // other one.
         self.0.occluded(ray) && (skip.is_none() || self.closest(ray, skip).is_some())
     }
 }

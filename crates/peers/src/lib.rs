@@ -1,10 +1,11 @@
-//! Ray tracing kernels of others as accelerators: one file is one peer is one Cargo feature is one
-//! TOML `type`.
+//! Third-party ray tracing kernels (peers) as accelerators: each is one file, one Cargo feature and
+//! one TOML `type`.
 //!
-//! They render the same scenes by the same code around them, so that their errors and times stand
-//! on the same axes as ours. Triangles are theirs alone, **in single precision**: they do not obey
-//! the law of accelerators, and say so ([`whitstone_core::Accelerator::caveat`]). All other shapes
-//! are tried one by one in double precision. `docs/peers.md` says what differs and by how much.
+//! They render the same scenes with the same surrounding code, so that their errors and times are
+//! directly comparable with ours. They find all hits on triangles, **in single precision**. So they
+//! do not obey the law of accelerators, and report that ([`whitstone_core::Accelerator::caveat`]).
+//! All other shapes are tested one by one in double precision. `docs/peers.md` says what differs
+//! and by how much.
 
 use whitstone_core::{DuplicateType, Registry};
 
@@ -15,7 +16,7 @@ pub mod obvhs;
 #[cfg(any(feature = "embree", feature = "obvhs"))]
 mod single;
 
-/// Adds every peer whose feature is on.
+/// Registers every peer whose feature is enabled.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     #[cfg(feature = "embree")]
     registry.add::<whitstone_core::Accelerators, embree::Embree>(env!("CARGO_PKG_NAME"))?;

@@ -1,9 +1,9 @@
-//! The crate obvhs: the quickest rays of all hierarchies in Rust that we measured beside ours.
+//! The crate obvhs: the fastest ray tracing of all hierarchies in Rust that we compared with ours.
 //!
 //! - Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide
 //!   BVHs*, HPG 2017.
-//! - Its boxes are widened by absolute numbers (1e-4), its triangle test is that of Möller and
-//!   Trumbore, without a guarantee at edges: on models of small units it misses more.
+//! - Its boxes are widened by absolute amounts (1e-4), and its triangle test is that of Möller and
+//!   Trumbore, without a guarantee at edges: it misses more on models of small units.
 //!
 //! - Example: `--set accelerator.type=obvhs` with any scene.
 
@@ -24,19 +24,19 @@ use whitstone_core::{
     Accelerator, Accelerators, Context, Geometry, Plugin, SceneError, SceneErrors, Statistics,
 };
 
-/// The crate obvhs in single precision, to compare with.
+/// The crate obvhs in single precision, for comparison.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Which of its structures.
+    /// Which of its structures to use.
     #[serde(default)]
     structure: Structure,
-    /// Its own build quality.
+    /// Its build quality.
     #[serde(default)]
     quality: Quality,
 }
 
-/// Which of its structures.
+/// Which of its structures to use.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Structure {
@@ -47,17 +47,17 @@ pub enum Structure {
     Bvh2,
 }
 
-/// Its own build quality.
+/// Its build quality.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Quality {
-    /// The quickest build.
+    /// Fastest build.
     Fastest,
     /// Without splits.
     Medium,
     /// With splits.
     Slow,
-    /// The quickest rays.
+    /// Fastest ray tracing.
     #[default]
     VerySlow,
 }
@@ -75,10 +75,10 @@ enum Hierarchy {
     Binary(Bvh2),
 }
 
-/// Its traversal has a stack of 32.
+/// Maximum depth: the traversal of obvhs has a stack of 32.
 const DEEPEST: usize = 31;
 
-/// Squares of lengths are multiplied with lengths.
+/// Largest coordinate: squares of lengths are multiplied by lengths.
 const FARTHEST: f64 = 1e9;
 
 impl Plugin<Accelerators> for Obvhs {
@@ -150,7 +150,7 @@ fn build(structure: Structure, quality: Quality, triangles: &[Triangle]) -> Resu
     }
 }
 
-/// Levels below the root.
+/// Number of levels below the root.
 fn depth(wide: &CwBvh) -> usize {
     let mut deepest = 0;
     let mut open = vec![(0, 0)];
@@ -180,7 +180,7 @@ impl Hierarchy {
         }
     }
 
-    /// The triangle at a place of the hierarchy.
+    /// Index of the triangle at a place of the hierarchy.
     #[inline]
     fn triangle(&self, place: usize) -> usize {
         let indices = match self {
@@ -192,7 +192,7 @@ impl Hierarchy {
 }
 
 impl Obvhs {
-    /// Infinity for a miss.
+    /// Distance of the hit; infinity for a miss.
     #[inline]
     fn test(&self, ray: &Ray, place: usize, skip: Option<TriangleId>) -> f32 {
         let triangle = self.hierarchy.triangle(place);
@@ -208,7 +208,7 @@ fn theirs(ray: &SingleRay) -> Ray {
     Ray::new(origin, direction, ray.min, ray.max)
 }
 
-/// Weights of the second and third vertex where a ray meets the plane of a triangle.
+/// Barycentric weights of the second and third vertex where a ray meets the plane of a triangle.
 fn weights(triangle: &Triangle, ray: &SingleRay) -> [f32; 2] {
     let (origin, direction) = (Vec3A::from(ray.origin), Vec3A::from(ray.direction));
     let (e1, e2) = (triangle.v1 - triangle.v0, triangle.v2 - triangle.v0);

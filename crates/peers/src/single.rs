@@ -1,5 +1,4 @@
-//! What the peers share: triangles in single precision beside all other elements in double
-//! precision.
+//! Shared code of the peers: triangles in single precision, all other elements in double precision.
 
 use std::sync::Arc;
 use whitstone_core::triangle::ShearedRay;
@@ -8,7 +7,7 @@ use whitstone_core::{
     Shape, Skip, Statistics, TriangleMesh,
 };
 
-/// Of a shape and a triangle in it.
+/// Numbers of a shape and of a triangle in it.
 pub(crate) type TriangleId = (u32, u32);
 
 /// A ray in single precision.
@@ -25,37 +24,37 @@ pub(crate) struct SingleRay {
 pub(crate) struct SingleHit {
     pub(crate) id: TriangleId,
     pub(crate) t: f32,
-    /// Weights of the second and third vertex.
+    /// Barycentric weights of the second and third vertex.
     pub(crate) uv: [f32; 2],
 }
 
-/// What a peer does: find triangles.
+/// Ray-triangle queries of a peer.
 pub(crate) trait Triangles: Send + Sync {
-    /// The nearest one but `skip`.
+    /// The nearest hit of a triangle other than `skip`.
     fn closest(&self, ray: &SingleRay, skip: Option<TriangleId>) -> Option<SingleHit>;
 
-    /// Whether there is one but `skip`.
+    /// Whether a triangle other than `skip` is hit.
     fn occluded(&self, ray: &SingleRay, skip: Option<TriangleId>) -> bool;
 }
 
-/// The triangles of a peer and all elements that are no triangles.
+/// The triangles of a peer, and all elements that are not triangles.
 pub(crate) struct Single<T> {
     pub(crate) geometry: Arc<Geometry>,
     pub(crate) triangles: T,
-    /// Tried one by one.
+    /// Elements that are not triangles, tested one by one.
     pub(crate) others: Vec<Element>,
     pub(crate) statistics: Statistics,
     pub(crate) caveat: String,
 }
 
-/// Elements that no peer is asked for.
+/// The elements that are not triangles.
 pub(crate) fn others(geometry: &Geometry) -> Vec<Element> {
     let is_other = |element: &Element| !matches!(element, Element::Triangle { .. });
     geometry.elements().filter(is_other).collect()
 }
 
-/// The meshes with their numbers. Single precision holds coordinates up to about 10^38, and peers
-/// multiply them: larger ones than `limit` are refused.
+/// The meshes with their shape numbers. Fails if a coordinate exceeds `limit`: single precision
+/// holds up to about 10^38, and peers multiply coordinates.
 pub(crate) fn meshes(geometry: &Geometry, limit: f64) -> Result<Vec<(u32, &TriangleMesh)>, SceneErrors> {
     let shapes = geometry.shapes().iter().zip(0u32..);
     let meshes: Vec<_> = shapes
@@ -75,14 +74,14 @@ pub(crate) fn meshes(geometry: &Geometry, limit: f64) -> Result<Vec<(u32, &Trian
     }
 }
 
-/// `None` where the ray is beyond single precision.
+/// Converts a ray to single precision; `None` if it is out of range.
 fn single(ray: &Ray, interval: Interval, skip: Skip) -> Option<SingleRay> {
     let (origin, direction) = (ray.origin.as_vec3(), ray.direction.as_vec3());
     if !(origin.is_finite() && direction.is_finite()) {
         return None;
     }
-    // The origin of a ray that leaves a surface was rounded to either side of it, and with it all
-    // triangles near the one that is left: hits within that rounding are none.
+    // Rounding may put the origin of a ray that leaves a surface on either side of it, and of all
+    // triangles near the one that is left: hits within that rounding do not count.
     let rounding = match skip.id() {
         Some(_) => 8.0 * f32::EPSILON * origin.abs().max_element(),
         None => 0.0,
@@ -95,7 +94,7 @@ fn single(ray: &Ray, interval: Interval, skip: Skip) -> Option<SingleRay> {
     })
 }
 
-/// The triangle that the ray leaves.
+/// The triangle that the ray starts from.
 fn left(skip: Skip) -> Option<TriangleId> {
     let (instance, shape, triangle) = skip.id()?;
     (instance == InstancePath::WORLD).then_some((shape, triangle))
@@ -114,7 +113,8 @@ impl<T: Triangles> Single<T> {
                 && best.is_none_or(|best| hit.beats(&best))
             {
                 best = Some(hit);
-                // Elements at the same distance are still found: lower numbers come first and stay.
+                // Elements at the same distance are no longer found: the first one, of the lowest
+                // number, stays.
                 interval.max = hit.t;
                 open = interval;
             }

@@ -1,4 +1,4 @@
-//! What peers find, beside ours; listed as ignored where Embree is not installed.
+//! Compares images of peers with ours; tests of Embree are ignored where it is not installed.
 
 #[cfg(any(feature = "embree", feature = "obvhs"))]
 mod peers {
@@ -7,15 +7,17 @@ mod peers {
     use whitstone::core::{FamilyName, Registry};
     use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources, all_errors};
 
-    /// Rays that run by an edge decide differently, and what is behind them is another picture.
+    /// Maximum fraction of pixels that are not close: a ray near an edge may hit another triangle,
+    /// and then the pixel shows something else.
     const MOST_OTHERS: f64 = 0.02;
 
-    /// The rest: roundings of single precision, refracted and mirrored.
+    /// Tolerance of all other pixels: single-precision rounding, carried on by refraction and
+    /// reflection.
     const CLOSE: f32 = 1e-3;
 
     fn registry() -> Registry {
         let mut registry = whitstone::registry();
-        // Features of a whole workspace are on in both.
+        // When the whole workspace is built, the features are enabled in both crates.
         if !["embree", "obvhs"]
             .iter()
             .any(|peer| registry.get(FamilyName::Accelerator, peer).is_ok())
@@ -25,8 +27,8 @@ mod peers {
         registry
     }
 
-    /// A small picture of a scene with an accelerator, and what is said of it; or the report of
-    /// what is wrong.
+    /// Renders a small image of a scene with an accelerator. Returns it with the accelerator's
+    /// caveat, or the error report.
     fn picture(scene: &str, accelerator: &str) -> Result<(Vec<[f32; 3]>, Option<String>), String> {
         let registry = registry();
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -60,8 +62,8 @@ mod peers {
         if others as f64 > MOST_OTHERS * all as f64 {
             return Err(format!("{others} of {all} pixels are not close").into());
         }
-        // If a mesh looked exactly as ours, it would not be the peer that rendered it; all else
-        // must.
+        // A mesh that looks exactly like ours was not rendered by the peer; all else must look
+        // exactly like ours.
         if (differ == 0) == has_mesh {
             return Err(format!("{differ} pixels differ").into());
         }
@@ -84,7 +86,8 @@ mod peers {
         })
     }
 
-    /// What a scene with Embree says without it: this program once more, with no library to find.
+    /// Checks the error of a scene with Embree where Embree is missing, by running this program
+    /// again with no library to find.
     #[cfg(feature = "embree")]
     fn absent() -> Result<(), Failed> {
         let output = std::process::Command::new(std::env::current_exe()?)
@@ -104,7 +107,7 @@ mod peers {
         }
     }
 
-    /// Set for the program that [`absent`] runs.
+    /// Set for the process that [`absent`] runs.
     #[cfg(feature = "embree")]
     pub(super) const ABSENT: &str = "WHITSTONE_TEST_ABSENT";
 

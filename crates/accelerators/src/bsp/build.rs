@@ -1,4 +1,4 @@
-//! The build of the tree.
+//! Build of the tree.
 
 use super::Config;
 use super::tree::Partition;
@@ -9,31 +9,30 @@ use crate::principal::{COORDINATE_AXES, principal_axes};
 use crate::split::Split;
 use whitstone_core::{Aabb, DVec3, Geometry};
 
-/// Time of a step down, in units of the time of one test of an element: measured on triangle
-/// meshes.
+/// Cost of a traversal step in element tests, measured on triangle meshes.
 const STEP_COST: f64 = 1.6;
 
-/// Axis-parallel planes that are tried along each axis between the two that bound what is in the
-/// cell.
+/// Axis-parallel candidates divide the extent of a cell's contents into this many equal parts along
+/// each axis; both ends are candidates too.
 const STRAIGHT: usize = 6;
 
-/// Up to this number of elements the planes of triangles are tried.
+/// Up to this number of elements, the planes of triangles are candidates.
 const FEW: usize = 64;
 
-/// Planes of so many triangles.
+/// Maximum number of triangle planes that are tried.
 const ASKEW: usize = 4;
 
-/// An element, or the part of it in a cell.
+/// An element, or its part inside a cell.
 struct Fragment {
-    /// Corners of the polygon, or of a box.
+    /// Corners of the polygon or of the box.
     points: Vec<DVec3>,
-    /// Whether the points are those of a polygon, which can be cut.
+    /// Whether the points are those of a polygon, which can be clipped.
     polygon: bool,
     item: u32,
 }
 
 impl Fragment {
-    /// Smallest and largest height above a plane.
+    /// Smallest and largest signed distance above a plane.
     fn heights(&self, plane: &Plane) -> (f64, f64) {
         let heights = self.points.iter().map(|&point| plane.height(point));
         heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), height| {
@@ -48,11 +47,12 @@ struct Builder {
     split: Split,
 }
 
-/// Builds over all elements.
+/// Builds the tree over all elements.
 pub(super) fn build(geometry: &Geometry, elements: &Elements, config: &Config) -> Partition {
     let items = &elements.items;
     let builder = Builder {
-        // Below the margin of a cut by a box, as what is lost here is not added there.
+        // Smaller than the margin of box overlap tests: these enlarge the box by it, whereas here
+        // each cut loses up to this much of a fragment.
         margin: 0.125 * MARGIN * elements.reach,
         max_leaf: config.max_leaf.get() as usize,
         split: config.split,
@@ -152,7 +152,7 @@ impl Cutter for Builder {
                 }
             }
         }
-        // Other than by cost, an empty side is no progress.
+        // Unless costs decide, an empty side is no progress.
         let useful = self.asks_cost() || sides.iter().all(|side| !side.is_empty());
         useful.then_some(sides)
     }
@@ -165,8 +165,8 @@ impl Builder {
         [low < -self.margin, high > self.margin]
     }
 
-    /// How many fragments are on each side of a plane, and where those are that lie in it: on the
-    /// side of fewer.
+    /// Number of fragments on each side of a plane, and the side of those in the plane: the one
+    /// with fewer fragments.
     fn counts(&self, fragments: &[Fragment], plane: &Plane) -> ([usize; 2], usize) {
         let (mut counts, mut flat) = ([0; 2], 0);
         for fragment in fragments {
@@ -179,7 +179,7 @@ impl Builder {
         (counts, flat_side)
     }
 
-    /// The plane across the principal axis, in the middle of the space or of the number.
+    /// The plane perpendicular to the principal axis, at the spatial midpoint or at the median.
     fn across(&self, fragments: &[Fragment]) -> Plane {
         let normal = principal_axes(&points(fragments).collect::<Vec<_>>())[0];
         let ground = Plane { normal, at: 0.0 };
@@ -199,8 +199,8 @@ impl Builder {
         Plane { normal, at }
     }
 
-    /// A cut with its cost; `None` if that is not below a limit for sure, or if the plane does not
-    /// go through the cell.
+    /// A cut with its cost; `None` if its cost is certainly not below `limit`, or if the plane does
+    /// not pass through the cell.
     fn judge(
         &self,
         fragments: &[Fragment],
@@ -210,8 +210,8 @@ impl Builder {
         limit: f64,
     ) -> Option<Choice<Plane>> {
         let (counts, flat_side) = self.counts(fragments, plane);
-        // The areas of the parts are together at least that of the whole: so much can be said
-        // without them.
+        // The parts' areas add up to at least that of the cell, which gives a lower bound on the
+        // cost before they are computed.
         let least = bonus(counts) * half_area * counts[0].min(counts[1]) as f64;
         if least >= limit || !cell.is_on_both_sides(plane, self.margin) {
             return None;
@@ -231,7 +231,7 @@ fn points(fragments: &[Fragment]) -> impl Iterator<Item = DVec3> {
         .flat_map(|fragment| fragment.points.iter().copied())
 }
 
-/// The plane of a triangle or a part of it.
+/// The plane of a triangle or of its part; `None` for boxes and degenerate triangles.
 fn plane_of(fragment: &Fragment) -> Option<Plane> {
     let [a, b, c] = *fragment.points.first_chunk()?;
     let normal = (b - a).cross(c - a).try_normalize()?;

@@ -1,9 +1,9 @@
-//! The tree in memory, and the way of a ray through it.
+//! The tree in memory, and its traversal.
 //!
-//! In order, with an interval of the ray for each cell (the notes' t_min, t*, t_max; Havran,
-//! *Heuristic ray shooting algorithms*, 2000, appendix C). The ray is as wide as rounding may need
-//! (see `elements`), so it arrives at a plane before it leaves the side before, and the intervals
-//! overlap a little.
+//! Front to back, with a ray interval for each cell (t_min, t*, t_max of the lecture notes; Havran,
+//! *Heuristic ray shooting algorithms*, 2000, appendix C). The ray is padded to cover rounding
+//! errors (see `elements`): it enters the far side of a plane before it leaves the near side, so
+//! the intervals overlap slightly.
 
 use crate::elements::{Item, Mailbox, Structure, Visitor, WideRay, bounds};
 use crate::partition::{Content, Cut, MAX_DEPTH, Tree};
@@ -12,11 +12,11 @@ use whitstone_core::{Aabb, Element, Outline, Statistics};
 
 /// The tree.
 pub(super) struct Partition {
-    /// Around all elements.
+    /// Bounds of all elements.
     bounds: Aabb,
-    /// The root is 0.
+    /// The nodes; the root is node 0.
     nodes: Vec<Node>,
-    /// What the leaves hold: indices of elements.
+    /// Element indices of all leaves.
     references: Vec<u32>,
     elements: Vec<Element>,
     depth: usize,
@@ -25,7 +25,7 @@ pub(super) struct Partition {
 
 #[derive(Clone, Copy, Debug)]
 enum Node {
-    /// Two children side by side, the first below the plane.
+    /// Two consecutive children, the first below the plane.
     Inner { cut: Plane, children: u32 },
     /// A range of references.
     Leaf { first: u32, count: u32 },
@@ -42,14 +42,14 @@ impl Partition {
             references: Vec::new(),
             elements: items.iter().map(|item| item.element).collect(),
             depth: tree.depth(),
-            // Relative to the chance of hitting the whole; a flat point has none.
+            // Normalized by the root's area, which may be zero.
             sah_cost: tree.cost / bounds.half_area().max(f64::MIN_POSITIVE),
         };
         built.flatten(tree, 0);
         built
     }
 
-    /// Puts a subtree at a place among the nodes, and what is below it behind all others.
+    /// Writes the root of a subtree to `place` and appends its descendants.
     fn flatten(&mut self, tree: &Tree<Plane>, place: usize) {
         self.nodes[place] = match &tree.content {
             Content::Leaf(held) => {
@@ -89,7 +89,7 @@ impl Partition {
     }
 }
 
-/// A cell that is visited later: its node and the part of the ray in it.
+/// A deferred cell: its node and the ray interval in it.
 type Later = (u32, f64, f64);
 
 impl Structure for Partition {
@@ -109,9 +109,9 @@ impl Structure for Partition {
                     let (leaves, arrives) = (along.leaves(cut.at), along.arrives(cut.at));
                     let side = u32::from(along.backwards);
                     let (before, beyond) = (children + side, children + 1 - side);
-                    // t* of the notes, which is two for a wide ray. A NaN changes nothing; the
-                    // methods `min` and `max` would say so too, in four instructions each instead
-                    // of one.
+                    // t* of the lecture notes; a padded ray has two. NaN changes nothing. The
+                    // methods `min` and `max` would do the same, but take four instructions each
+                    // instead of one.
                     let leaves = if leaves < far { leaves } else { far };
                     let arrives = if arrives > near { arrives } else { near };
                     match (near <= leaves, arrives <= far) {
@@ -146,7 +146,7 @@ impl Structure for Partition {
                 }
                 height -= 1;
                 (node, near, far) = stack[height];
-                // At equal distance an element of lower number may be in there.
+                // `<=`: at equal distance an element of lower index may follow, which wins the tie.
                 if near <= limit {
                     break;
                 }
@@ -181,7 +181,7 @@ impl Structure for Partition {
     }
 }
 
-/// Whether a plane follows no coordinate axis.
+/// Whether a plane is not axis-parallel.
 fn is_askew(plane: &Plane) -> bool {
     plane.normal.abs().max_element() < 1.0
 }

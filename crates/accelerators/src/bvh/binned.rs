@@ -1,8 +1,8 @@
-//! The build by the surface area heuristic in bins.
+//! The binned SAH build.
 //!
-//! Wald, *On fast construction of SAH-based bounding volume hierarchies*, 2007: at each node the
-//! centers of the items are put into bins along all three axes, and the best of the splits between
-//! bins is taken.
+//! Wald, *On fast construction of SAH-based bounding volume hierarchies*, 2007: at each node, the
+//! centers of the items are assigned to bins along all three axes, and the best of the splits
+//! between bins is taken.
 
 use super::MAX_DEPTH;
 use super::tree::{Binary, Parts, Tree};
@@ -10,24 +10,24 @@ use crate::leaves::items::{Box4, Item, PARALLEL};
 use glam::Vec4;
 use rayon::prelude::*;
 
-/// Most bins along an axis.
+/// Maximum number of bins per axis.
 pub(super) const MOST_BINS: usize = 32;
 
-/// From this number of items on the items of a node are looked at in parallel.
+/// From this number of items, the items of a single node are processed in parallel.
 const MANY: usize = 1 << 16;
 
-/// How a build is done.
+/// Parameters of a build.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Binned {
-    /// Nodes with no more items are not divided.
+    /// Maximum number of items in a leaf.
     pub(super) max_leaf: usize,
-    /// Most bins along an axis, at most 32.
+    /// Maximum number of bins per axis, at most 32.
     pub(super) bins: usize,
-    /// For so many items there is a bin more.
+    /// Number of items per additional bin.
     pub(super) items_a_bin: usize,
 }
 
-/// The best split that was found: items in bins below `bin` go to the first side.
+/// The best split found: items in bins below `bin` go to the first side.
 #[derive(Clone, Copy)]
 pub(super) struct Split {
     pub(super) cost: f32,
@@ -36,7 +36,7 @@ pub(super) struct Split {
 }
 
 impl Binned {
-    /// Builds over all items. The result depends on these and their order only.
+    /// Builds over all items. The result depends only on these and their order.
     pub(super) fn build(self, mut items: Vec<Item>) -> Tree {
         if items.is_empty() {
             return Tree::default();
@@ -46,7 +46,7 @@ impl Binned {
         Tree { nodes, items }
     }
 
-    /// The subtree over items; gives their order.
+    /// Builds the subtree over items and reorders them.
     fn subtree(self, items: &mut [Item], bounds: (Box4, Box4), depth: usize) -> Parts {
         let n = items.len();
         if n < PARALLEL {
@@ -64,7 +64,7 @@ impl Binned {
         Parts::inner(aabb, n, first, second)
     }
 
-    /// Appends the subtree over a few items with these bounds; gives their order.
+    /// Appends the subtree over a few items with these bounds and reorders them.
     pub(super) fn node(
         self,
         items: &mut [Item],
@@ -85,11 +85,11 @@ impl Binned {
         self.node(right, nodes, bounds[1], depth + 1);
     }
 
-    /// Brings the items of one side to the front.
+    /// Moves the items of one side to the front.
     fn split(self, items: &mut [Item], centers: &Box4, depth: usize) -> Sides {
         let n = items.len();
-        // Halving leads to single items in as many steps as there are bits in n: from where that is
-        // all that there is room for, halve.
+        // Halving n items reaches single items after at most as many levels as n has bits. Once
+        // only that many levels remain, halve.
         let must_halve = depth + (usize::BITS - n.leading_zeros()) as usize >= MAX_DEPTH;
         let bins = Bins::new(centers, self.bins.min(4 + n / self.items_a_bin));
         let best = if must_halve { None } else { bins.best(items) };
@@ -106,7 +106,7 @@ pub(super) struct Sides {
     pub(super) bounds: [(Box4, Box4); 2],
 }
 
-/// The box around the items and that around their (doubled) centers.
+/// The box around the items, and the box around their (doubled) centers.
 pub(super) fn bounds(items: &[Item]) -> (Box4, Box4) {
     let start = (Box4::EMPTY, Box4::EMPTY);
     let of_few = |items: &[Item]| {
@@ -121,12 +121,12 @@ pub(super) fn bounds(items: &[Item]) -> (Box4, Box4) {
     parts.reduce(|| start, both)
 }
 
-/// The boxes around two boxes and around two other ones.
+/// The unions of two pairs of boxes.
 fn both(a: (Box4, Box4), b: (Box4, Box4)) -> (Box4, Box4) {
     (a.0.union(b.0), a.1.union(b.1))
 }
 
-/// Brings the items whose centers come first along the longest axis to the front: half of them.
+/// Moves the half of the items whose centers come first along the longest axis to the front.
 pub(super) fn halve(items: &mut [Item], centers: &Box4) -> Sides {
     let axis = centers.longest_axis();
     let middle = items.len() / 2;
@@ -141,7 +141,8 @@ pub(super) fn halve(items: &mut [Item], centers: &Box4) -> Sides {
     }
 }
 
-/// Brings what `goes_first` to the front. The order depends on the old one only.
+/// Moves the items for which `goes_first` holds to the front. The new order depends only on the old
+/// one.
 pub(super) fn partition(items: &mut [Item], goes_first: impl Fn(&Item) -> bool + Copy + Sync) -> Sides {
     if items.len() < MANY {
         return partition_few(items, goes_first);
@@ -149,8 +150,7 @@ pub(super) fn partition(items: &mut [Item], goes_first: impl Fn(&Item) -> bool +
     let half = items.len() / 2;
     let (left, right) = items.split_at_mut(half);
     let (left, right) = rayon::join(|| partition(left, goes_first), || partition(right, goes_first));
-    // Those behind the middle of the left half change places with those before the middle of the
-    // right.
+    // Swaps the items of the left half that go last with those of the right half that go first.
     let between = &mut items[left.middle..half + right.middle];
     let moved = (half - left.middle).min(right.middle);
     let (front, back) = between.split_at_mut(between.len() - moved);
@@ -196,7 +196,7 @@ pub(super) struct Bins {
 impl Bins {
     pub(super) fn new(centers: &Box4, count: usize) -> Self {
         let extent = centers.max - centers.min;
-        // All go into bin 0 along an axis without extent.
+        // All items go into bin 0 along an axis without extent.
         let scale = Vec4::splat((count - 1) as f32) / extent;
         let scale = Vec4::select(extent.cmpgt(Vec4::splat(1e-30)), scale, Vec4::ZERO);
         Self {
@@ -207,11 +207,10 @@ impl Bins {
         }
     }
 
-    /// The bins of an item.
+    /// The bin of an item along each axis.
     #[inline(always)]
     fn of(&self, item: &Item) -> [usize; 3] {
-        // Conversions are slow; the last bits of a float that has no room for a fraction are an
-        // integer.
+        // Avoids slow conversions: after adding 2^23, the lowest bits of a float are the integer.
         let place = ((item.center() - self.start) * self.scale).clamp(Vec4::ZERO, self.last);
         let bits = (place + Vec4::splat((1u32 << 23) as f32)).to_array();
         [bits[0], bits[1], bits[2]].map(|x| (x.to_bits() & 0xff) as usize)
@@ -223,9 +222,9 @@ impl Bins {
         self.of(item)[split.axis] < split.bin
     }
 
-    /// The best split between bins; `None` if all centers fall into one.
+    /// The best split between bins; `None` if all centers fall into one bin.
     pub(super) fn best(&self, items: &[Item]) -> Option<Split> {
-        // Clearing many bins for few items would take longer than the items.
+        // Clearing many bins for few items would take longer than processing the items.
         match self.count {
             0..=4 => self.best_of::<4>(items),
             5..=8 => self.best_of::<8>(items),
@@ -266,7 +265,7 @@ impl Bins {
             for i in (1..self.count.min(N)).rev() {
                 right = right.union(bins[i]);
                 count += counts[i];
-                // Nothing at all costs nothing, but is no side.
+                // An empty side would cost nothing, but is not a valid side.
                 after[i] = if count == 0 {
                     f32::INFINITY
                 } else {
@@ -287,7 +286,7 @@ impl Bins {
     }
 }
 
-/// What is in bins: by axis, by bin.
+/// Contents of the bins, by axis and bin.
 struct Filled<const N: usize> {
     boxes: [[Box4; N]; 3],
     counts: [[u32; N]; 3],

@@ -1,8 +1,8 @@
-//! The quickest build: elements in the order of a space-filling curve, divided where its bits
-//! change.
+//! The fastest build (LBVH): elements are sorted by Morton code, and ranges are divided where its
+//! bits change.
 //!
-//! Lauterbach et al., *Fast BVH construction on GPUs*, Eurographics 2009: the highest bit in which
-//! the first and the last code of a range differ divides it in space.
+//! Lauterbach et al., *Fast BVH construction on GPUs*, Eurographics 2009: a range is divided at the
+//! highest bit in which its first and its last code differ.
 
 use super::MAX_DEPTH;
 use super::tree::{Binary, Parts};
@@ -10,17 +10,18 @@ use crate::leaves::filter::NUMBERS;
 use crate::leaves::items::{Box4, Contents, Items, PARALLEL};
 use rayon::prelude::*;
 
-/// Nodes with no more items are not divided.
+/// Maximum number of items in a leaf.
 const MAX_LEAF: usize = 4;
 
-/// Bits of a code along an axis. With the number of an element, which is below 2^28, it fills 64.
+/// Bits of a code per axis. The three axes and the number of an element, which is below 2^28, fill
+/// 64 bits.
 const BITS: u32 = 12;
 
 /// Bits of an element's number.
 const NUMBER: u32 = 64 - 3 * BITS;
 
-/// Builds over all elements; returns the nodes and what is in the leaves. The result depends on
-/// these and their order only.
+/// Builds over all elements; returns the nodes and the contents of the leaves. The result depends
+/// only on the elements and their order.
 pub(super) fn build(items: &Items) -> (Vec<Binary>, Contents) {
     let keys = sorted(keys(items));
     let contents = items.contents(&keys, |key| number(*key));
@@ -40,26 +41,26 @@ pub(super) fn build(items: &Items) -> (Vec<Binary>, Contents) {
     (nodes, contents)
 }
 
-/// The number of the element of a key.
+/// The element number in a key.
 fn number(key: u64) -> u32 {
     (key & ((1 << NUMBER) - 1)) as u32
 }
 
-/// The codes of the elements, each with its number.
+/// The keys of the elements: code and number.
 fn keys(items: &Items) -> Vec<u64> {
     let cells = f64::from((1u32 << BITS) - 1);
     let (start, extent) = (items.centers().min, items.centers().extent().max_element());
     // One scale for all axes, so that cells are cubes.
     let scale = if extent > 1e-300 { cells / extent } else { 0.0 };
     items.each(|number| {
-        // A float becomes an integer by saturation, so anything is a cell.
+        // The conversion saturates, so every value yields a cell.
         let cell = ((items.center(number) - start) * scale).to_array();
         let code = cell.map(|x| spread(x as u32));
         (code[0] << 2 | code[1] << 1 | code[2]) << NUMBER | u64::from(number)
     })
 }
 
-/// In ascending order: by the first bits in as many buckets, then each by itself.
+/// Sorts keys: into buckets by their highest bits, then each bucket by itself.
 fn sorted(keys: Vec<u64>) -> Vec<u64> {
     const BUCKETS: u32 = 12;
     let bucket = |key: u64| (key >> (u64::BITS - BUCKETS)) as usize;
@@ -88,7 +89,7 @@ fn sorted(keys: Vec<u64>) -> Vec<u64> {
     sorted
 }
 
-/// Three bits apart, each of 6 bits.
+/// For each 6-bit number, its bits placed three apart.
 const SPREAD: [u64; 64] = {
     let mut table = [0; 64];
     let mut x = 0;
@@ -103,7 +104,7 @@ const SPREAD: [u64; 64] = {
     table
 };
 
-/// Puts two zeros before each of 12 bits.
+/// Inserts two zeros before each of 12 bits.
 #[inline(always)]
 fn spread(x: u32) -> u64 {
     let part = |shift: u32| SPREAD[(x >> shift & 63) as usize];
@@ -115,7 +116,7 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    /// The box of elements, whose keys and corners these are, and the subtree over them.
+    /// The box of the elements with these keys and corners, and the subtree over them.
     fn subtree(&self, keys: &[u64], corners: &[[f32; NUMBERS]], depth: usize) -> (Box4, Parts) {
         let n = keys.len();
         if n < PARALLEL {
@@ -154,12 +155,12 @@ impl Builder<'_> {
     }
 }
 
-/// Where the second part of a range of at least two begins.
+/// Where the second part of a range of at least two keys begins.
 fn divide(keys: &[u64], depth: usize) -> usize {
     let n = keys.len();
     let different = (keys[0] ^ keys[n - 1]) >> NUMBER;
-    // Halving leads to single items in as many steps as there are bits in n: from where that is all
-    // that there is room for, halve.
+    // Halving n items reaches single items after at most as many levels as n has bits. Once only
+    // that many levels remain, halve.
     let must_halve = depth + (usize::BITS - n.leading_zeros()) as usize >= MAX_DEPTH;
     if different == 0 || must_halve {
         return n / 2;

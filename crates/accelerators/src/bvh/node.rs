@@ -1,15 +1,15 @@
-//! The nodes, and the test of a ray against the eight boxes of one.
+//! Nodes, and the test of a ray against the eight boxes of a node.
 
 use crate::leaves::child::WIDTH;
 use crate::leaves::frame::{LocalRay, Planes};
 use whitstone_simd::Lanes;
 
-/// An inner node: the boxes of its children in own coordinates, and what is in them.
+/// An inner node: its children, and their boxes in local coordinates.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(super) struct Node {
-    /// By axis, by side (0 smallest, 1 largest coordinate), by child. Where there is no child, the
-    /// box is inside out, so that no ray meets it.
+    /// Indexed by axis, side (0 minimum, 1 maximum) and child. The box of an empty child slot is
+    /// inverted, so that no ray hits it.
     pub(super) planes: [[[f32; WIDTH]; 2]; 3],
     /// [`Child`]ren.
     pub(super) children: [u32; WIDTH],
@@ -21,13 +21,13 @@ impl Node {
         children: [0; WIDTH],
     };
 
-    /// Which boxes the ray may meet between its `min` and `limit`, as bits, and where it enters
-    /// them at the earliest. Never leaves out a box that holds a hit of the double precision tests:
-    /// the pad of the ray pays for every rounding (`docs/accelerators.md`).
+    /// Which boxes the ray may hit between its `min` and `limit`, as a bit mask, and lower bounds
+    /// on their entry distances. No box that holds a hit of the double-precision tests is missed:
+    /// the padding of the ray covers every rounding (`docs/accelerators.md`).
     #[inline(always)]
     pub(super) fn enter<L: Lanes<WIDTH>>(&self, l: L, ray: &LocalRay, limit: f32) -> (u32, L::Floats) {
-        // Functions of the axis instead of a loop: the three planes are independent, and two maxima
-        // wait for one another, not three.
+        // Closures instead of a loop over the axes: the three planes are independent, and the
+        // dependency chain has two maxima instead of three.
         let enter = |axis: usize| {
             let plane = self.load(l, ray.planes[0][axis]);
             l.mul_add(plane, l.splat(ray.reciprocal[axis]), l.splat(ray.near[axis]))
@@ -41,7 +41,7 @@ impl Node {
         (l.at_most(near, far), near)
     }
 
-    /// Eight planes; they are always there.
+    /// Loads eight planes; the index is always in range.
     #[inline(always)]
     fn load<L: Lanes<WIDTH>>(&self, l: L, planes: Planes) -> L::Floats {
         let all = self.planes.as_flattened().as_flattened();

@@ -1,11 +1,11 @@
-//! Sixteen rays of one octant through the hierarchy together, as long as enough of them want the
-//! same nodes.
+//! Packet traversal: sixteen rays of one octant go through the hierarchy together, as long as
+//! enough of them visit the same nodes.
 //!
-//! Wald, Slusallek, Benthin, Wagner, *Interactive rendering with coherent ray tracing*, 2001: here
-//! boxes are tested one by one with all rays, and so are the triangles of a leaf that enough rays
-//! want; where few rays are left, each goes alone. Boxes that bounds on all rays miss are left out
-//! first, eight at once (Boulos, Wald, Shirley, *Geometric and arithmetic culling methods for
-//! entire ray packets*, 2006, section 3).
+//! Wald, Slusallek, Benthin, Wagner, *Interactive rendering with coherent ray tracing*, 2001: each
+//! box is tested with all rays, and so is each triangle of a leaf that enough rays visit. Where few
+//! rays are left, each continues alone. Boxes missed by bounds on all rays are culled first, eight
+//! at once (Boulos, Wald, Shirley, *Geometric and arithmetic culling methods for entire ray
+//! packets*, 2006, section 3).
 
 use super::Bvh;
 use super::node::Node;
@@ -18,39 +18,39 @@ use whitstone_core::stream::GROUP;
 use whitstone_core::triangle::Axis;
 use whitstone_simd::{Lanes, Machine};
 
-/// So many rays or fewer go alone.
+/// Up to this number of rays, each is traced alone.
 const FEW: u32 = 3;
 
-/// In deeper hierarchies rays go alone.
+/// Deeper hierarchies are traversed ray by ray.
 pub(super) const USUAL_DEPTH: usize = 18;
 
-/// Rays that go together.
+/// A packet of rays.
 pub(super) struct Packet<'a, 's> {
     pub(super) bvh: &'a Bvh,
     pub(super) rays: &'s LocalRays,
     pub(super) alone: &'s mut Alone,
     pub(super) states: &'s mut [State<'a, Streamed<'a>>; GROUP],
-    /// Beyond these nothing counts; minus infinity for a ray that is done.
+    /// Hits beyond these parameters do not count; minus infinity for a ray that is done.
     pub(super) limits: [f32; GROUP],
     pub(super) octant: [usize; 3],
-    /// See [`LocalRay`], if they are the same for all.
+    /// The axes of [`LocalRay`](crate::leaves::frame::LocalRay), if they are the same for all rays.
     pub(super) axes: Option<[Axis; 3]>,
 }
 
-/// Some rays that want something.
+/// A child, and the rays that enter it.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Wanted {
-    /// The least distance at which one of them enters it.
+    /// Smallest entry distance of these rays.
     near: f32,
     child: Child,
-    /// Which, as bits.
+    /// The rays, as a bit mask.
     rays: u32,
 }
 
-/// Room for what is put off: each level of nodes puts off seven children at most.
+/// Stack of deferred children: each level of nodes defers seven at most.
 pub(super) type WantedStack = [Wanted; (USUAL_DEPTH * (WIDTH - 1) + 1).next_power_of_two()];
 
-/// Bounds on the numbers of all rays; see [`LocalRay`](super::frame::LocalRay).
+/// Bounds on the values of all rays; see [`LocalRay`](crate::leaves::frame::LocalRay).
 #[derive(Default)]
 struct Bounds {
     reciprocal: [[f32; 2]; 3],
@@ -60,7 +60,7 @@ struct Bounds {
 }
 
 impl Packet<'_, '_> {
-    /// Sends rays, as bits, through what is below a child.
+    /// Traverses the subtree of `child` with some rays, given as a bit mask.
     #[inline(always)]
     pub(super) fn traverse<const ANY: bool, M: Machine>(
         &mut self,
@@ -104,7 +104,7 @@ impl Packet<'_, '_> {
                 let node = &self.bvh.nodes[node];
                 inner = true;
                 let bottom = height;
-                // All boxes before any is put off: fewer jumps depend on what is hit.
+                // Tests all boxes before any is pushed: fewer branches depend on the results.
                 let mut nears = [l.splat(0.0); WIDTH];
                 let mut wants = [0; WIDTH];
                 let mut hit = 0;
@@ -156,7 +156,7 @@ impl Packet<'_, '_> {
         }
     }
 
-    /// Tests what is in a leaf.
+    /// Tests the elements of a leaf.
     #[inline(always)]
     fn leaf<const ANY: bool, M: Machine>(&mut self, m: M, leaf: Child, rays: u32) {
         let together = match (leaf.kind(), self.axes) {
@@ -210,7 +210,7 @@ impl Packet<'_, '_> {
         }
     }
 
-    /// Calls `f` for all of these rays that are not done.
+    /// Calls `f` for each of these rays that is not done.
     #[inline(always)]
     fn each(&mut self, mut rays: u32, mut f: impl FnMut(&mut Self, usize)) {
         while rays != 0 {
@@ -236,9 +236,9 @@ impl Packet<'_, '_> {
         b
     }
 
-    /// Which boxes some ray may meet, as bits, all eight at once: others need not be tried.
-    /// Products and sums are monotonic when rounded too, so what is computed from bounds bounds
-    /// what [`Self::enter`] computes.
+    /// Which boxes any ray may hit, as a bit mask, all eight at once; the others need no test.
+    /// Rounded products and sums are monotonic too, so results computed from bounds bound those of
+    /// [`Self::enter`].
     #[inline(always)]
     fn cull<M: Machine>(&self, l: M, node: &Node, farthest: f32, b: &Bounds) -> u32 {
         let mut near = l.splat(b.min);
@@ -255,8 +255,8 @@ impl Packet<'_, '_> {
         l.at_most(near, far)
     }
 
-    /// Which of these rays may meet a box, and where the first of them enters it at the earliest;
-    /// the same numbers as in [`Node::enter`].
+    /// Lower bounds on the rays' entry distances into a box, and which rays may hit it; the same
+    /// numbers as in [`Node::enter`].
     #[inline(always)]
     fn enter<L: Lanes<GROUP>>(&self, l: L, node: &Node, i: usize, rays: u32) -> (L::Floats, u32) {
         let mut near = l.load(&self.rays.min);

@@ -1,4 +1,4 @@
-//! The way of a ray through the hierarchy.
+//! Single-ray traversal of the hierarchy.
 
 use super::Bvh;
 use crate::leaves::Leaves;
@@ -7,15 +7,14 @@ use crate::leaves::frame::LocalRay;
 use crate::leaves::state::{Asked, State, Streamed, Walk};
 use whitstone_simd::{Kernel, Lanes, Level, Machine, with_lanes};
 
-/// What a search has put off, the latest on top. A ray seldom puts off more than a few, and room
-/// that it does not use must be cleared all the same: a tenth of its time for the room that the
-/// deepest hierarchy may need. So the rest is put away.
+/// Traversal stack. Zero-initialising the worst-case depth costs about a tenth of a ray's time, and
+/// most rays need a few entries, so 32 live inline and the rest spill to the heap.
 pub(super) struct Stack {
     top: [Later; Self::ROOM],
     below: Vec<Later>,
 }
 
-/// Where a box is entered, and what is in it.
+/// Entry distance of a box, and its contents.
 type Later = (f32, Child);
 
 impl Stack {
@@ -29,7 +28,7 @@ impl Stack {
         }
     }
 
-    /// Makes room for the children of a node; returns the new height.
+    /// Makes room for the children of a node, by spilling if necessary; returns the new height.
     #[inline(always)]
     fn make_room(&mut self, height: usize) -> usize {
         if height + WIDTH > Self::ROOM {
@@ -46,13 +45,13 @@ impl Stack {
         0
     }
 
-    /// Takes back what was put away last; returns the new height, 0 if there is nothing.
+    /// Takes back the entries that were spilled last; returns the new height, 0 if there are none.
     #[inline(always)]
     fn take_back(&mut self) -> usize {
         if self.below.is_empty() { 0 } else { self.refill() }
     }
 
-    /// What is to be done next, if there is anything that is entered before the limit.
+    /// Pops the next child whose entry distance is within the limit, if there is one.
     #[inline(always)]
     fn pop(&mut self, height: &mut usize, limit: f32) -> Option<Child> {
         loop {
@@ -64,7 +63,7 @@ impl Stack {
             }
             *height -= 1;
             let (near, child) = self.top[*height % Self::ROOM];
-            // At equal distance an element of lower number may be in there.
+            // `<=`: at equal distance an element of lower index may follow, which wins the tie.
             if near <= limit {
                 return Some(child);
             }
@@ -103,8 +102,8 @@ impl Walk for Bvh {
 }
 
 impl Bvh {
-    /// Goes through what is below a child; what is pending then may be nearest up to the limit that
-    /// is returned.
+    /// Traverses the subtree of `child`. Returns the limit up to which pending hits may still be
+    /// nearest.
     #[inline(always)]
     fn traverse<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
@@ -115,14 +114,14 @@ impl Bvh {
         stack: &mut Stack,
         mut limit: f32,
     ) -> f32 {
-        // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded
-        // into them.
+        // Otherwise each value, broadcast to eight lanes, would be kept on the stack instead of
+        // being broadcast when it is loaded.
         let local = std::hint::black_box(local);
-        // A search that ended early may have left something.
+        // A search that ended early may have left entries.
         stack.below.clear();
         let mut height = 0;
         loop {
-            // A loop of its own: what it needs stays in registers.
+            // A separate loop over inner nodes, so that its state stays in registers.
             while child.is_inner()
                 && let Kind::Inner(node) = child.kind()
             {
@@ -150,9 +149,8 @@ impl Bvh {
                 let stack = &mut stack.top;
                 let (second, rest) = next();
                 if rest == 0 {
-                    // A jump (which the black boxes keep), and no choice of numbers: so the
-                    // processor can fetch the node that it takes to be nearer before the distances
-                    // are known.
+                    // A branch (which the black boxes keep) instead of a select: the processor can
+                    // fetch the node that it predicts to be nearer before the distances are known.
                     if second.0 < first.0 {
                         std::hint::black_box(());
                         stack[height % Stack::ROOM] = first;
@@ -201,8 +199,8 @@ impl Bvh {
     }
 }
 
-/// The way of one ray of many, from a child on. A kernel of its own, so that it is compiled apart:
-/// among what is done for many rays its numbers would not stay in registers.
+/// Single-ray traversal used by the stream and packet code below a given child. Kept as a separate
+/// kernel so that its state stays in registers.
 pub(super) struct One<'a, 's, const ANY: bool> {
     pub(super) bvh: &'a Bvh,
     pub(super) state: &'s mut State<'a, Streamed<'a>>,
@@ -213,7 +211,7 @@ pub(super) struct One<'a, 's, const ANY: bool> {
 }
 
 impl<const ANY: bool> One<'_, '_, ANY> {
-    /// The limit up to which what is pending may be nearest.
+    /// Traverses; returns the limit up to which pending hits may still be nearest.
     #[inline(always)]
     pub(super) fn go(self) -> f32 {
         with_lanes(Level::Avx2, self)
@@ -248,7 +246,7 @@ mod tests {
         let mut expected = Vec::new();
         let mut put_away = 0;
         for round in 0..400 {
-            // More goes in than comes out at first, and less later.
+            // At first more entries go in than come out, later fewer.
             let [more, fewer] = if round < 200 { [WIDTH, 3] } else { [1, 6] };
             height = stack.make_room(height);
             for i in 0..more - round % 2 {

@@ -1,32 +1,33 @@
-//! The build with spatial splits, for the quickest rays.
+//! The build with spatial splits (SBVH), for the fastest ray tracing.
 //!
 //! Stich, Friedrich, Dietrich, *Spatial splits in bounding volume hierarchies*, HPG 2009: where the
-//! two sides of the best object split overlap, the items may be cut at a plane instead, and an item
-//! on both sides is there twice, each time with the box of its part. Which items are worth it:
-//! section 4.4 of the paper, *reference unsplitting*. A hit on an element that is there twice is
-//! the same hit, so nothing changes.
+//! two sides of the best object split overlap, the items may be cut at a plane instead. An item on
+//! both sides is then stored twice, each time with the box of its part. Section 4.4 of the paper,
+//! *reference unsplitting*, decides which items are worth it. A hit on an element that is stored
+//! twice is the same hit, so results do not change.
 
 use super::MAX_DEPTH;
 use super::binned::{Binned, Bins, MOST_BINS, Sides, Split, bounds, halve, partition};
 use super::tree::{Binary, Tree};
 use crate::leaves::items::{Box4, Corners, Item};
 
-/// Bins of space along an axis.
+/// Spatial bins per axis.
 const BINS: usize = 16;
 
-/// From this number of items on both sides are built in parallel.
+/// From this number of items, both sides are built in parallel.
 const PARALLEL: usize = 4096;
 
-/// Spatial splits are tried where the sides of the object split share so much of the node's area.
+/// Spatial splits are tried where the sides of the object split share more than this part of the
+/// node's area.
 const OVERLAP: f32 = 0.1;
 
-/// Nodes with no more items are not cut: they become one leaf or two.
+/// Nodes of at most this many items are not cut: they become one leaf or two.
 const SMALL: usize = 12;
 
-/// As many more items than elements there may be, as a part of these.
+/// Maximum number of additional items, relative to the number of elements.
 const SPARE: f32 = 0.3;
 
-/// The build where items are not cut.
+/// The build of nodes that are not cut.
 const OBJECTS: Binned = Binned {
     max_leaf: 1,
     bins: MOST_BINS,
@@ -43,7 +44,7 @@ struct Part {
     items: Vec<Item>,
     aabb: Box4,
     centers: Box4,
-    /// As many items more there may be in the end.
+    /// Maximum number of additional items in the subtree.
     spare: usize,
     depth: usize,
 }
@@ -61,14 +62,14 @@ impl Part {
     }
 }
 
-/// A plane between bins of space.
+/// A plane between spatial bins.
 struct Cut {
     axis: usize,
     at: f32,
 }
 
 impl Spatial<'_> {
-    /// Builds over all items. The result depends on these and their order only.
+    /// Builds over all items. The result depends only on these and their order.
     pub(super) fn build(&self, items: Vec<Item>) -> Tree {
         let mut tree = Tree::default();
         if !items.is_empty() {
@@ -82,7 +83,7 @@ impl Spatial<'_> {
     /// Appends a subtree.
     fn node(&self, tree: &mut Tree, mut part: Part) {
         if part.items.len() <= SMALL {
-            // Most nodes are here, and need no lists of their own.
+            // Most nodes are this small, and need no lists of their own.
             let bounds = (part.aabb, part.centers);
             OBJECTS.node(&mut part.items, &mut tree.nodes, bounds, part.depth);
             tree.items.extend(part.items);
@@ -112,10 +113,10 @@ impl Spatial<'_> {
         tree.nodes[index] = Binary::inner(aabb, tree.items.len() - first, second - index);
     }
 
-    /// Two parts, each with an item at least.
+    /// Divides a node into two parts of at least one item each.
     fn divide(&self, mut part: Part) -> (Part, Part) {
         let n = part.items.len();
-        // As in `binned`: from where halving is all that there is room for, halve.
+        // As in `binned`: once only the levels needed for halving remain, halve.
         let must_halve = part.depth + (usize::BITS - n.leading_zeros()) as usize >= MAX_DEPTH;
         let bins = Bins::new(&part.centers, MOST_BINS.min(4 + n / 4));
         let object = if must_halve { None } else { bins.best(&part.items) };
@@ -151,7 +152,7 @@ impl Spatial<'_> {
         left.intersection(right).half_area() > OVERLAP * part.aabb.half_area()
     }
 
-    /// The best plane, if it costs less.
+    /// The best plane, if it costs less than `cost`.
     fn best_cut(&self, part: &Part, mut cost: f32) -> Option<Cut> {
         let mut best = None;
         for axis in 0..3 {
@@ -203,7 +204,7 @@ impl Spatial<'_> {
         best
     }
 
-    /// Cuts all items at a plane; `None` if that makes too many or gets nowhere.
+    /// Cuts all items at a plane; `None` if that adds too many items or makes no progress.
     fn cut(&self, part: &Part, cut: &Cut) -> Option<(Part, Part)> {
         let (mut left, mut right, mut both) = (Vec::new(), Vec::new(), Vec::new());
         let (mut left_box, mut right_box) = (Box4::EMPTY, Box4::EMPTY);
@@ -263,7 +264,7 @@ impl Spatial<'_> {
     }
 }
 
-/// Two parts within these bounds; what is spare is divided by their sizes.
+/// Two parts with these bounds; the budget of additional items is divided by their sizes.
 fn sides(
     [left, right]: [Vec<Item>; 2],
     [left_bounds, right_bounds]: [(Box4, Box4); 2],

@@ -1,6 +1,5 @@
-//! Many rays at once: what has to be done before and after the way through the hierarchy is done
-//! for many rays side by side in vector registers, and on their way rays of one octant go together
-//! (`packet`).
+//! Traversal of ray streams. The work before and after traversal is done for many rays at once in
+//! SIMD registers. During traversal, rays of one octant go together (`packet`).
 
 use super::Bvh;
 use super::packet::{Packet, Wanted, WantedStack};
@@ -14,19 +13,19 @@ use whitstone_core::triangle::{ShearedStream, TriangleHit};
 use whitstone_core::{DVec2, DVec3, InstancePath, PrimitiveHit, RawHit};
 use whitstone_simd::{Kernel, Level, Machine, with_lanes};
 
-/// The nearest hits of a stream, into hits that are clear.
+/// Finds the nearest hits of a stream; `hits` must be clear.
 pub(super) fn closest(bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
     search::<false>(bvh, rays, hits)
 }
 
-/// Whether anything is hit.
+/// Finds whether each ray of a stream hits anything.
 pub(super) fn occluded(bvh: &Bvh, rays: &RayStream, hidden: &mut RayLanes<bool>) {
     search::<true>(bvh, rays, hidden);
 }
 
-/// Where results go.
+/// Destination of the results.
 trait Answers {
-    /// The decided answer of a ray.
+    /// Stores the final result of a ray.
     fn set(&mut self, lane: usize, hit: Option<RawHit>);
     fn hits(&mut self) -> Option<&mut HitStream>;
 }
@@ -164,11 +163,11 @@ impl<const ANY: bool, A: Answers> Kernel for Stream<'_, ANY, A> {
     }
 }
 
-/// By ray: the only triangle that is left, which is certainly hit, if there is only one.
+/// For each ray, the only remaining triangle if there is just one; it is certainly hit.
 struct Candidates([Option<(Child, u8)>; LANES]);
 
 impl Candidates {
-    /// The hits in double precision, as [`State`] finds them one by one.
+    /// Computes the hits in double precision, as [`State`] does one by one.
     #[inline(always)]
     fn decide(&self, bvh: &Bvh, rays: &RayStream, hits: &mut HitStream) {
         let sheared = ShearedStream::new(rays);

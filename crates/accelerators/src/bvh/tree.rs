@@ -4,28 +4,28 @@ use crate::leaves::items::{Box4, Item};
 use glam::Vec4;
 use rayon::prelude::*;
 
-/// So many nodes are copied at a time.
+/// Number of nodes that are copied at a time.
 const BLOCK: usize = 64;
 
 /// A binary hierarchy over items.
 #[derive(Default)]
 pub(super) struct Tree {
-    /// In depth-first order, the root first; of none for no items.
+    /// In depth-first order, the root first; empty if there are no items.
     pub(super) nodes: Vec<Binary>,
-    /// In the order of the leaves. An element may be there more than once, in parts.
+    /// In leaf order. An element may occur more than once, in parts.
     pub(super) items: Vec<Item>,
 }
 
 impl Tree {
-    /// Puts another one behind this.
+    /// Appends another hierarchy.
     pub(super) fn append(&mut self, other: Self) {
         self.nodes.extend(other.nodes);
         self.items.extend(other.items);
     }
 }
 
-/// A node: its first child follows it. Where its items begin follows from those of the nodes before
-/// it, so that a subtree is the same wherever it stands.
+/// A node; its first child follows it. The position of its items follows from the nodes before it,
+/// so a subtree is the same wherever it is placed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Binary {
     /// The fourth components hold `count` and `second`, as bits.
@@ -33,11 +33,11 @@ pub(super) struct Binary {
 }
 
 impl Binary {
-    /// Above all numbers; with it, they are the bits of normal floats. Others are slow to compute
-    /// with.
+    /// Or-ed into the numbers stored in unused SIMD lanes, so that their bit patterns are normal
+    /// floats: denormals are slow to compute with.
     const NORMAL: u32 = 1 << 30;
 
-    /// In place of a node.
+    /// Placeholder for a node.
     const NONE: Self = Self { aabb: Box4::EMPTY };
 
     fn new(aabb: Box4, count: usize, second: usize) -> Self {
@@ -50,12 +50,12 @@ impl Binary {
         }
     }
 
-    /// A node that is not divided.
+    /// A leaf.
     pub(super) fn leaf(aabb: Box4, count: usize) -> Self {
         Self::new(aabb, count, 0)
     }
 
-    /// A node with a second child so many nodes behind it.
+    /// An inner node whose second child is `second` nodes behind it.
     pub(super) fn inner(aabb: Box4, count: usize, second: usize) -> Self {
         Self::new(aabb, count, second)
     }
@@ -65,13 +65,13 @@ impl Binary {
         self.aabb
     }
 
-    /// The number of items below.
+    /// Number of items in the subtree.
     #[inline(always)]
     pub(super) fn count(&self) -> usize {
         (self.aabb.min.w.to_bits() ^ Self::NORMAL) as usize
     }
 
-    /// How far behind the node its second child is, if it has children.
+    /// Offset from the node to its second child; `None` for a leaf.
     #[inline(always)]
     pub(super) fn second(&self) -> Option<usize> {
         match self.aabb.max.w.to_bits() ^ Self::NORMAL {
@@ -83,7 +83,7 @@ impl Binary {
 
 /// The nodes of a subtree that was built in parts.
 pub(super) struct Parts {
-    /// One behind the other they are the subtree.
+    /// Concatenated, they are the subtree.
     parts: Vec<Vec<Binary>>,
     length: usize,
 }
@@ -108,7 +108,7 @@ impl Parts {
         }
     }
 
-    /// All in one.
+    /// All nodes, concatenated.
     pub(super) fn concat(&self) -> Vec<Binary> {
         let mut end = 0;
         let ends: Vec<usize> = self

@@ -1,12 +1,11 @@
-//! From a binary hierarchy to one of eight children a node.
+//! Collapses a binary hierarchy into one with eight children a node.
 //!
 //! Ylitie, Karras, Laine, *Efficient incoherent ray traversal on GPUs through compressed wide
-//! BVHs*, HPG 2017, section 3.1: of all ways to take inner nodes of the binary hierarchy out, the
-//! one of least cost by the surface area heuristic, found by dynamic programming from the leaves
-//! up.
+//! BVHs*, HPG 2017, section 3.1: of all ways to remove inner nodes of the binary hierarchy, this
+//! takes the one of least SAH cost, found by dynamic programming from the leaves up.
 //!
-//! The nodes at the top are made first, then the subtrees below them, each by itself. Which these
-//! are depends on the hierarchy only, so the result does not depend on the number of threads.
+//! The nodes at the top are made first, then the subtrees below them, each by itself. This division
+//! depends on the hierarchy only, so the result does not depend on the number of threads.
 
 use super::node::Node;
 use super::tree::Binary;
@@ -16,26 +15,26 @@ use crate::leaves::items::Contents;
 use crate::leaves::{Slot, by_coordinate};
 use rayon::prelude::*;
 
-/// Subtrees of no more items are made by one thread.
+/// Subtrees of at most this many items are made by one thread.
 const PART: usize = 4096;
 
 /// The wide hierarchy.
 #[derive(Default)]
 pub(super) struct Wide {
     pub(super) nodes: Vec<Node>,
-    /// What the leaves hold, leaf after leaf.
+    /// Elements of all leaves, concatenated.
     pub(super) slots: Vec<Slot>,
-    /// The corners of the triangles of `slots` in own coordinates; see `filter`.
+    /// The corners of the triangles of `slots` in local coordinates; see `filter`.
     pub(super) numbers: Vec<f32>,
     pub(super) root: Option<Child>,
     pub(super) leaves: usize,
     pub(super) depth: usize,
-    /// Surface area heuristic: nodes and leaves that a ray through the whole meets, in the mean.
+    /// SAH cost: expected number of nodes and leaves visited by a ray that hits the root's box.
     pub(super) cost: f64,
 }
 
 impl Wide {
-    /// From the nodes of a binary hierarchy and what is in its leaves.
+    /// Builds from the nodes of a binary hierarchy and the contents of its leaves.
     pub(super) fn new(binary: &[Binary], contents: Contents) -> Self {
         if binary.is_empty() {
             return Self::default();
@@ -58,7 +57,7 @@ impl Wide {
         let mut rest = numbers.as_mut_slice();
         let mut parts = Vec::with_capacity(top.below.len());
         for (place, _) in &top.below {
-            // They have all items among them, in order.
+            // Together the parts hold all items, in order.
             let length = NUMBERS * binary[place.node].count();
             let numbers = rest.split_off_mut(..length).unwrap_or_default();
             parts.push((*place, numbers));
@@ -73,16 +72,17 @@ impl Wide {
     }
 }
 
-/// Time of a step into a node.
+/// Cost of a step into a node.
 const NODE: f32 = 1.0;
 
-/// Time of a step into a leaf, and of each triangle there.
+/// Cost of a step into a leaf, and of each triangle in it.
 const LEAF: (f32, f32) = (0.9, 0.05);
 
-/// By `i`: the least cost of all below a binary node as `i + 1` children of some wide node at most.
+/// Entry `i` is the least cost of a binary subtree that becomes at most `i + 1` children of a wide
+/// node.
 type Costs = [f32; WIDTH - 1];
 
-/// The cost of so many items as one leaf.
+/// Cost of `count` items as one leaf; infinite if there are more than `most`.
 fn leaf_cost(area: f32, count: usize, most: usize) -> f32 {
     if count <= most {
         area * (LEAF.0 + LEAF.1 * count as f32)
@@ -91,7 +91,7 @@ fn leaf_cost(area: f32, count: usize, most: usize) -> f32 {
     }
 }
 
-/// Finds the costs of the nodes of a subtree, children before parents.
+/// Computes the costs of the nodes of a subtree, children before parents.
 fn prepare(nodes: &[Binary], costs: &mut [Costs], most: usize) {
     let root = 0;
     if let Some(second) = nodes[root].second()
@@ -119,7 +119,7 @@ fn own_costs(nodes: &[Binary], costs: &[Costs], node: usize, most: usize) -> Cos
         return [leaf; WIDTH - 1];
     };
     let (first, second) = (&costs[node + 1], &costs[node + second]);
-    // By the number of places less two.
+    // Indexed by the number of children minus two.
     let mut both = [f32::INFINITY; WIDTH - 1];
     for i in 0..WIDTH - 1 {
         for j in 0..WIDTH - 1 - i {
@@ -144,18 +144,18 @@ struct Place {
     depth: usize,
 }
 
-/// The wide nodes over many items.
+/// The wide nodes at the top of the hierarchy.
 #[derive(Default)]
 struct Top {
     nodes: Vec<Node>,
     /// The sum of the areas of their boxes.
     cost: f64,
-    /// The subtrees below, in order, each with its place among the children of a node.
+    /// The subtrees below, in order, each with its parent node and its index among the children.
     below: Vec<(Place, Option<(usize, usize)>)>,
 }
 
 impl Top {
-    /// Puts what was made of the subtrees below behind the nodes.
+    /// Appends the nodes of the subtrees and links them to their parents.
     fn join(self, parts: &[Part], root: &Binary, slots: Vec<Slot>, numbers: Vec<f32>) -> Wide {
         let count = |part: &Part| part.nodes.len();
         let mut wide = Wide {
@@ -187,7 +187,7 @@ impl Top {
     }
 }
 
-/// What was made of a subtree; its nodes are counted from its first.
+/// The wide nodes of a subtree, with indices relative to its first node.
 #[derive(Default)]
 struct Part {
     nodes: Vec<Node>,
@@ -201,14 +201,15 @@ struct Maker<'a> {
     binary: &'a [Binary],
     costs: &'a [Costs],
     slots: &'a [Slot],
-    /// Whether some slot holds no triangle.
+    /// Whether some element is not a triangle.
     mixed: bool,
-    /// Most items of a leaf.
+    /// Maximum number of items in a leaf.
     most: usize,
 }
 
 impl Maker<'_> {
-    /// Makes the nodes of many items; `parent` is where the first goes.
+    /// Builds the nodes at the top; `parent` is the parent of the first one and the child index in
+    /// it.
     fn top(&self, top: &mut Top, place: Place, parent: Option<(usize, usize)>) {
         let binary = &self.binary[place.node];
         let Some(second) = binary.second().filter(|_| binary.count() > PART) else {
@@ -227,13 +228,13 @@ impl Maker<'_> {
         }
     }
 
-    /// Appends what is below a binary node; `numbers` are those of its items.
+    /// Appends the subtree of a binary node; `numbers` are those of its items.
     fn part(&self, part: &mut Part, place: Place, numbers: &mut [f32]) -> Child {
         let binary = &self.binary[place.node];
         let area = binary.aabb().half_area();
         part.depth = part.depth.max(place.depth);
         part.cost += f64::from(area);
-        // A leaf costs that much only if dividing it costs more.
+        // Divide only if that costs less than a leaf.
         let leaf = leaf_cost(area, binary.count(), self.most);
         let second = binary.second().filter(|_| self.costs[place.node][0] < leaf);
         let Some(second) = second else {
@@ -253,7 +254,8 @@ impl Maker<'_> {
         Child::new(Kind::Inner(index))
     }
 
-    /// The children of the wide node over two binary ones, and the node but for what they are.
+    /// The children of the wide node over two binary nodes, and the node with their boxes but
+    /// without references to them.
     fn node(&self, first: usize, second: usize) -> (Children, Node) {
         let mut children = Children::default();
         self.divide(first, second, WIDTH, &mut children);
@@ -269,7 +271,7 @@ impl Maker<'_> {
         (children, node)
     }
 
-    /// Adds the children that two binary nodes become in so many places at most.
+    /// Adds the children that two binary nodes become, at most `places` in total.
     fn divide(&self, first: usize, second: usize, places: usize, children: &mut Children) {
         let (a, b) = (&self.costs[first], &self.costs[second]);
         let (mut least, mut of_first) = (f32::INFINITY, 1);
@@ -283,7 +285,7 @@ impl Maker<'_> {
         self.choose(second, places - of_first, children);
     }
 
-    /// Adds the children that a binary node becomes in so many places at most.
+    /// Adds the children that a binary node becomes, at most `places`.
     fn choose(&self, node: usize, places: usize, children: &mut Children) {
         let costs = &self.costs[node];
         let fewest = (1..places)
@@ -298,7 +300,7 @@ impl Maker<'_> {
         }
     }
 
-    /// The subtrees of the children of the node over a subtree.
+    /// The subtrees of the children of the wide node over a subtree.
     fn places(&self, children: &Children, Place { first, depth, .. }: Place) -> impl Iterator<Item = Place> {
         let mut next = first;
         children.nodes.into_iter().take(children.count).map(move |node| {
@@ -312,7 +314,7 @@ impl Maker<'_> {
         })
     }
 
-    /// A leaf of so many items; brings their numbers in its order.
+    /// Makes a leaf of `count` items and reorders their numbers by coordinate.
     fn leaf(&self, first: usize, count: usize, numbers: &mut [f32]) -> Child {
         by_coordinate(numbers, count);
         let slots = &self.slots[first..][..count];

@@ -1,26 +1,26 @@
-//! One level of cells, and the walk through it.
+//! One level of grid cells, and the walk through it.
 
 use crate::elements::{Elements, WideRay, overlaps};
 use crate::elements::{MARGIN, PAD};
 use whitstone_core::{Aabb, DVec3, Geometry};
 
-/// Equal cells in a box, and what each holds.
+/// Equal cells of a box, with the elements of each.
 pub(super) struct Cells {
     bounds: Aabb,
-    /// Edges of a cell; zero where the box is flat.
+    /// Edge lengths of a cell; zero where the box is flat.
     size: DVec3,
-    /// Cells an edge length; infinite where the box is flat.
+    /// Cells per unit of length; infinite where the box is flat.
     scale: DVec3,
     /// Cells along each axis.
     resolution: [usize; 3],
-    /// Of each cell, where its references begin; one more at the end.
+    /// For each cell, the start of its references; one more entry at the end.
     starts: Vec<u32>,
     references: Vec<u32>,
 }
 
 impl Cells {
-    /// Cells for some of the elements in a box: about `density` each, and fewer if there would be
-    /// more than `most` references to an element on average.
+    /// Cells for some of the elements in a box: about `density` per element, and fewer if there
+    /// would be more than `most` references per element on average.
     pub(super) fn new(
         geometry: &Geometry,
         elements: &Elements,
@@ -29,7 +29,7 @@ impl Cells {
         density: f64,
         most: usize,
     ) -> Self {
-        // Larger than the width of the rays that start near by.
+        // Larger than the padding of rays that start nearby.
         let smallest = 16.0 * PAD * elements.reach;
         let mut cells = Self {
             bounds,
@@ -84,7 +84,7 @@ impl Cells {
                 }
             }
         }
-        // Sorted by counting, which leaves the elements of a cell in their order.
+        // Counting sort, which keeps the elements of a cell in their order.
         self.starts = vec![0; self.count() + 1];
         for (cell, _) in &pairs {
             self.starts[*cell as usize + 1] += 1;
@@ -101,7 +101,7 @@ impl Cells {
         }
     }
 
-    /// The first and the last cell that a box lies in, along each axis.
+    /// The first and last cell that a box overlaps, along each axis.
     fn range(&self, aabb: &Aabb) -> [(usize, usize); 3] {
         [0, 1, 2].map(|axis| {
             let low = self.coordinate(axis, aabb.min[axis]);
@@ -109,8 +109,8 @@ impl Cells {
         })
     }
 
-    /// The cell of a position along an axis, the nearest one if it is outside. The conversion
-    /// saturates, and makes 0 of the NaN of a flat box.
+    /// The cell of a position along an axis, clamped to the grid. The conversion saturates, and
+    /// turns the NaN of a flat box into 0.
     fn coordinate(&self, axis: usize, x: f64) -> usize {
         let cell = ((x - self.bounds.min[axis]) * self.scale[axis]) as usize;
         cell.min(self.resolution[axis] - 1)
@@ -168,8 +168,8 @@ impl Cells {
         size_of_val(&*self.starts) + size_of_val(&*self.references)
     }
 
-    /// Visits the cells that the ray touches between `min` and the limit, in the order in which it
-    /// arrives; `visit` is given the limit and returns the new one, or `None` to stop.
+    /// Visits the cells that the ray touches between `min` and the limit, in order of entry.
+    /// `visit` receives the limit and returns the new one, or `None` to stop.
     #[inline]
     pub(super) fn walk(
         &self,
@@ -182,7 +182,7 @@ impl Cells {
             return Some(limit);
         };
         if (0..3).any(|axis| self.resolution[axis] > 1 && self.size[axis] < 4.0 * ray.pad) {
-            // The ray may touch more than two cells side by side.
+            // The padded ray may touch more than two adjacent cells.
             for cell in 0..self.count() {
                 limit = visit(cell, limit)?;
             }
@@ -206,8 +206,8 @@ impl Cells {
         }
     }
 
-    /// Visits the cell that the ray has just arrived in, along `axis`, and those beside it that it
-    /// has not left along the other axes.
+    /// Visits the cell that the ray has just entered along the axis `arrived`, and the adjacent
+    /// ones that it has not left along the other axes.
     #[inline]
     fn touched(
         &self,
@@ -235,8 +235,8 @@ impl Cells {
     }
 }
 
-/// How many cells there are along each axis, if there are about so many of them, as cubic as can
-/// be, none with a shorter edge than `smallest`.
+/// Number of cells along each axis, for about `count` cells in total, as cubic as possible, none
+/// with an edge shorter than `smallest`.
 fn resolution(extent: DVec3, count: f64, smallest: f64) -> [usize; 3] {
     let extent = extent.to_array();
     let mut divided = extent.map(|e| e > 0.0);
@@ -246,10 +246,11 @@ fn resolution(extent: DVec3, count: f64, smallest: f64) -> [usize; 3] {
             return [1; 3];
         }
         let edges = (0..3).filter(|&axis| divided[axis]).map(|axis| extent[axis]);
-        // By logarithms: a product of edges may overflow.
+        // Uses logarithms, because a product of edges may overflow.
         let size = ((edges.map(f64::ln).sum::<f64>() - count.ln()) / axes as f64).exp();
         let size = size.max(smallest);
-        // What is thinner than a cell is not divided, and the others share its cells.
+        // An axis along which the box is thinner than a cell is not divided; the other axes get its
+        // cells.
         let thin = (0..3).find(|&axis| divided[axis] && extent[axis] < size);
         let Some(thin) = thin else {
             return [0, 1, 2].map(|axis| {
@@ -266,12 +267,12 @@ fn resolution(extent: DVec3, count: f64, smallest: f64) -> [usize; 3] {
 
 /// The walk along one axis.
 struct Steps {
-    /// The cell that the ray arrived in last, and the one before it.
+    /// The cell that the ray entered last, and the one before it.
     cell: usize,
     before: usize,
-    /// Where the ray arrives in the next cell; infinite if there is none.
+    /// Where the ray enters the next cell; infinity if there is none.
     arrives: f64,
-    /// Where it leaves `before`; minus infinity if there is none.
+    /// Where the ray leaves `before`; minus infinity if there is none.
     leaves: f64,
 }
 
@@ -280,7 +281,7 @@ impl Steps {
     fn new(cells: &Cells, ray: &WideRay, axis: usize, near: f64) -> Self {
         let guess = ray.ray.origin[axis] + near * ray.ray.direction[axis];
         let last = cells.resolution[axis] - 1;
-        // Counted in the direction of the ray.
+        // The number of a cell, counted in the direction of the ray.
         let mirrored = |cell: usize| {
             if ray.near_side[axis] == 0 {
                 cell
@@ -310,13 +311,13 @@ impl Steps {
         steps
     }
 
-    /// Finds out where the ray arrives in the next cell.
+    /// Computes where the ray enters the next cell.
     #[inline]
     fn aim(&mut self, cells: &Cells, ray: &WideRay, axis: usize, number: usize) {
         self.arrives = f64::INFINITY;
         if number + 1 < cells.resolution[axis] {
-            // A NaN means that the ray runs along the next cell: at the width that is no more than
-            // possible.
+            // NaN means that the ray is parallel to the next cell and touches it only with the
+            // border of its padding; `min` ignores it.
             self.arrives = self
                 .arrives
                 .min(ray.arrives(axis, cells.entry(ray, axis, number + 1)));
@@ -339,7 +340,7 @@ impl Steps {
 }
 
 impl Cells {
-    /// The plane through which a ray comes into a cell, counted in its direction.
+    /// The plane through which a ray enters a cell, counted in the ray's direction.
     #[inline]
     fn entry(&self, ray: &WideRay, axis: usize, number: usize) -> f64 {
         if ray.near_side[axis] == 0 {

@@ -1,4 +1,4 @@
-//! The build of the tree.
+//! Build of the tree.
 
 use super::Config;
 use crate::leaves::child::WIDTH;
@@ -6,21 +6,20 @@ use crate::leaves::items::{Box4, Corners, Item};
 use crate::partition::{Choice, Cut, Cutter, Tree, cheaper, cost};
 use crate::split::{Axes, Split};
 
-/// Time of a step down, in units of the time of a leaf of up to eight elements. Measured on
-/// triangle meshes: from 1 to 1.6 rays take the same time; below, the tree grows and they take
-/// more.
+/// Cost of a traversal step, in units of a leaf of up to eight elements. Measured on triangle
+/// meshes: rays take the same time for 1 to 1.6; below 1, the tree grows and they take longer.
 const STEP_COST: f64 = 1.4;
 
-/// Time for an element of a cell that will be cut further.
+/// Cost of an element of a cell that will be cut further.
 const ELEMENT_COST: f64 = 0.2;
 
-/// Up to this number of references every end of a box is tried.
+/// Up to this number of references, every end of a box is tried.
 const SWEEP: usize = 1024;
 
-/// Bins for each axis, where there are more.
+/// Bins per axis for larger cells.
 const BINS: usize = 64;
 
-/// A plane across an axis.
+/// A plane perpendicular to an axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AxisCut {
     pub(super) axis: usize,
@@ -49,7 +48,7 @@ struct Builder {
     axes: Axes,
 }
 
-/// Builds over all items in a cell.
+/// Builds the tree over all items in a cell.
 pub(super) fn build(items: Vec<Item>, corners: Corners, cell: Box4, config: &Config) -> Tree<AxisCut> {
     let builder = Builder {
         corners,
@@ -129,8 +128,8 @@ struct Costs {
 }
 
 impl Costs {
-    /// A cut with so many elements that are partly below, in the plane, and partly above; `None` if
-    /// the plane is not inside.
+    /// A cut with these numbers of elements that are partly below, in, and partly above the plane;
+    /// `None` if the plane does not pass through the cell's interior.
     fn cut(&self, plane: f32, below: usize, flat: usize, above: usize) -> Option<Choice<AxisCut>> {
         let axis = self.axis;
         if !(self.cell.min[axis] < plane && plane < self.cell.max[axis]) {
@@ -148,15 +147,15 @@ impl Costs {
     }
 }
 
-/// The cheapest of all cuts that there are.
+/// Keeps the cheaper of the best cut so far and another cut, as far as these exist.
 fn keep(best: &mut Option<Choice<AxisCut>>, cut: Option<Choice<AxisCut>>) {
     *best = best.take().into_iter().chain(cut).reduce(cheaper);
 }
 
-/// The best cut at an end of any box: the ends pass by in order, and the numbers on both sides are
-/// counted.
+/// The best cut at an end of any box. The ends are swept in order, and the elements on both sides
+/// are counted.
 fn sweep(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
-    /// In the order in which they count at the same place.
+    /// Kinds of box ends, in the order in which they count at the same coordinate.
     #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
     enum Kind {
         Ends,
@@ -187,8 +186,8 @@ fn sweep(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
     best
 }
 
-/// The best cut at a border before some of the bins, which divide the cell evenly: for each bin,
-/// how many boxes begin and how many end in it.
+/// The best cut at a lower border of the bins in `before`. The bins divide the cell evenly and
+/// count how many boxes begin and how many end in them.
 fn binned(
     items: &[Item],
     cell: &Box4,
@@ -200,7 +199,7 @@ fn binned(
     if !scale.is_finite() {
         return None;
     }
-    // The conversion saturates, so that whatever rounding does the bin is one of them.
+    // The conversion saturates, so rounding cannot yield a bin out of range.
     let bin = |x: f32| (((x - start) * scale) as usize).min(BINS - 1);
     let (mut begin, mut end) = ([0; BINS], [0; BINS]);
     for item in items {
@@ -216,7 +215,7 @@ fn binned(
         above -= end[i - 1];
         if before.contains(&i) {
             let plane = start + extent * (i as f32 / BINS as f32);
-            // What lies in the border is in the bin above it.
+            // An element in the border is in the bin above it.
             let cut = costs.cut(plane, below, 0, above);
             keep(&mut best, cut.map(|cut| Choice { flat_side: 1, ..cut }));
         }
@@ -224,7 +223,7 @@ fn binned(
     best
 }
 
-/// The cut that has as many centers below as above.
+/// The cut with as many centers below as above.
 fn median(items: &[Item], cell: &Box4, axis: usize) -> Option<Choice<AxisCut>> {
     let mut centers: Vec<f32> = items.iter().map(|r| 0.5 * r.center()[axis]).collect();
     let middle = centers.len() / 2;

@@ -1,9 +1,9 @@
-//! The nodes, and the way of a ray through them.
+//! The nodes, and their traversal.
 //!
-//! In order, with an interval of the ray for each cell (the notes' t_min, t*, t_max; Havran,
-//! *Heuristic ray shooting algorithms*, 2000, appendix C). The ray is as wide as rounding may need
-//! (see `leaves::frame`), so it arrives at a plane before it leaves the side before, and the
-//! intervals overlap a little.
+//! Front to back, with a ray interval for each cell (t_min, t*, t_max of the lecture notes; Havran,
+//! *Heuristic ray shooting algorithms*, 2000, appendix C). The ray is padded to cover rounding
+//! errors (see `leaves::frame`): it enters the far side of a plane before it leaves the near side,
+//! so the intervals overlap slightly.
 
 use super::KdTree;
 use super::build::AxisCut;
@@ -22,11 +22,11 @@ use whitstone_simd::Lanes;
 /// section 4.4.1).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
-    /// Of an inner node the plane; of a leaf the first slot, as bits.
+    /// Inner node: the plane. Leaf: the first slot, as bits.
     plane: f32,
-    /// The axis, or 3 in a leaf, and above these two bits: in an inner node the first of the two
-    /// children, which lie side by side; in a leaf whether it holds triangles only, and above that
-    /// the number of elements.
+    /// The lowest two bits hold the axis, or 3 in a leaf. Above them, an inner node holds the first
+    /// of two consecutive children. A leaf holds one bit that says whether it holds triangles only,
+    /// and then its number of elements.
     rest: u32,
 }
 
@@ -34,7 +34,7 @@ impl Node {
     const LEAF: u32 = 3;
     const TRIANGLES: u32 = 4;
 
-    /// A leaf without anything.
+    /// An empty leaf.
     pub(super) const EMPTY: Self = Self {
         plane: 0.0,
         rest: Self::TRIANGLES | Self::LEAF,
@@ -47,7 +47,7 @@ impl Node {
         }
     }
 
-    /// A leaf of so many elements.
+    /// A leaf of `count` elements.
     pub(super) fn leaf(first: usize, count: usize) -> Self {
         Self {
             plane: f32::from_bits(first as u32),
@@ -55,7 +55,7 @@ impl Node {
         }
     }
 
-    /// The same for elements not all of which are triangles.
+    /// The same leaf, marked as not holding triangles only.
     pub(super) fn mixed(self) -> Self {
         Self {
             rest: self.rest & !Self::TRIANGLES,
@@ -68,7 +68,7 @@ impl Node {
         (self.rest & 3) as usize
     }
 
-    /// The lower of the two children of an inner node, an even number; the other is the next one.
+    /// The child of an inner node below the plane, an even number; the other child is the next one.
     #[inline(always)]
     fn children(self) -> u32 {
         self.rest >> 2
@@ -80,7 +80,7 @@ impl Node {
         self.rest & Self::TRIANGLES != 0
     }
 
-    /// What a leaf holds.
+    /// The slots of a leaf.
     #[inline(always)]
     pub(super) fn slots(self) -> Range<usize> {
         let first = self.plane.to_bits() as usize;
@@ -91,12 +91,12 @@ impl Node {
         self.rest & 3 == Self::LEAF
     }
 
-    /// Whether it is a leaf without anything.
+    /// Whether it is an empty leaf.
     pub(super) fn is_empty(self) -> bool {
         self.is_leaf() && self.slots().is_empty()
     }
 
-    /// The plane and the first of the children of an inner node.
+    /// The plane and the first child of an inner node; `None` for a leaf.
     pub(super) fn cut(self) -> Option<(AxisCut, usize)> {
         let (axis, plane) = (self.axis(), self.plane);
         (!self.is_leaf()).then_some((AxisCut { axis, plane }, self.children() as usize))
@@ -105,10 +105,10 @@ impl Node {
 
 const _: () = assert!(size_of::<Node>() == 8);
 
-/// A cell that is visited later: its node and the part of the ray in it.
+/// A deferred cell: its node and the ray interval in it.
 type Later = (u32, f32, f32);
 
-/// The tree, and with `COUNT` what a search costs.
+/// The tree, and with `COUNT` the counters of steps and tests of a search.
 pub(super) struct Traversal<'a, const COUNT: bool> {
     tree: &'a KdTree,
     steps: Cell<u64>,
@@ -138,7 +138,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
         }
     }
 
-    /// The part of a ray in the whole.
+    /// The interval of a ray inside the root's cell.
     #[inline(always)]
     fn inside(&self, local: &LocalRay, limit: f32) -> (f32, f32) {
         let (mut near, mut far) = (local.min, limit);
@@ -151,7 +151,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
         (near, far)
     }
 
-    /// Tests the triangles of a leaf, eight at once; returns the new limit, or `None` if the search
+    /// Tests the triangles of a leaf, eight at once. Returns the new limit, or `None` if the search
     /// is over.
     #[inline(always)]
     fn triangles<const ANY: bool, L: Lanes<WIDTH>>(
@@ -171,7 +171,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
         Some(limit)
     }
 
-    /// Tests the elements of a leaf in double precision; the same results.
+    /// Tests the elements of a leaf in double precision, with the same result.
     #[inline(never)]
     fn anything<const ANY: bool>(
         &self,
@@ -183,7 +183,7 @@ impl<'a, const COUNT: bool> Traversal<'a, COUNT> {
     ) -> Option<f32> {
         for i in slots {
             let held = self.tree.leaves.slots[i];
-            // Shapes may be dear, and lie in several cells.
+            // Shapes may be expensive, and lie in several cells.
             if !held.is_opaque() || mailbox.is_new(held.shape) {
                 limit = state.unsure::<ANY>(local, Child::new(Kind::Mixed(i, 1)), 0, limit)?;
             }
@@ -205,8 +205,8 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
         local: &LocalRay,
         mut limit: f32,
     ) -> f32 {
-        // Each number in eight lanes would be kept on the stack otherwise, instead of being loaded
-        // into them.
+        // Otherwise each value, broadcast to eight lanes, would be kept on the stack instead of
+        // being broadcast when it is loaded.
         let local = std::hint::black_box(local);
         let nodes = &*self.tree.nodes;
         let (mut near, mut far) = self.inside(local, limit);
@@ -222,13 +222,14 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
             if axis < 3 {
                 self.count(&self.steps, 1);
                 let t = node.plane * local.reciprocal[axis];
-                // t* of the notes, which is two for a wide ray; the first is never the larger one.
+                // t* of the lecture notes; a padded ray has two, and the first is never the larger
+                // one.
                 let (arrives, leaves) = (t + local.near[axis], t + local.far[axis]);
                 let before = node.children() + local.side(axis) as u32;
                 let beyond = before ^ 1;
-                // Which way first is a jump, so that the processor need not wait for the numbers to
-                // go on where the ray often does the same; whether both ways is none, as that can
-                // be foreseen least.
+                // Whether the near child is entered is a branch: where rays often agree, the
+                // predicted path does not wait for the distances. Whether both are entered is
+                // branchless, as it is the least predictable.
                 stack[height % MAX_DEPTH] = (beyond, if arrives > near { arrives } else { near }, far);
                 if near <= leaves {
                     height += usize::from(arrives <= far);
@@ -256,7 +257,7 @@ impl<const COUNT: bool> Walk for Traversal<'_, COUNT> {
                 }
                 height -= 1;
                 (place, near, far) = stack[height % MAX_DEPTH];
-                // At equal distance an element of lower number may be in there.
+                // `<=`: at equal distance an element of lower index may follow, which wins the tie.
                 if near <= limit {
                     break;
                 }

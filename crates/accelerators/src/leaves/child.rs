@@ -1,9 +1,9 @@
-//! What a node refers to.
+//! References from nodes to nodes and leaves.
 
-/// The most triangles of a leaf, and of children of a node.
+/// Maximum number of triangles in a leaf, and of children of a node.
 pub(crate) const WIDTH: usize = 8;
 
-/// An inner node, a leaf of triangles, or a leaf of anything.
+/// An inner node, a leaf of triangles, or a leaf of any elements, packed into 32 bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Child(pub(crate) u32);
 
@@ -20,7 +20,7 @@ pub(crate) enum Kind {
 impl Child {
     const BITS: u32 = 28;
 
-    /// Slots and nodes are numbered below this.
+    /// Exclusive upper bound on the indices of slots and nodes.
     pub(crate) const LIMIT: usize = 1 << Self::BITS;
 
     pub(crate) fn new(kind: Kind) -> Self {
@@ -32,7 +32,8 @@ impl Child {
         Self((tag as u32) << Self::BITS | index as u32)
     }
 
-    /// The same where the nodes counted from 0 begin behind others; slots stay what they are.
+    /// The same reference once `nodes` other nodes precede those counted from 0; slots keep their
+    /// indices.
     pub(crate) fn behind(self, nodes: usize) -> Self {
         Self(if self.is_inner() {
             self.0 + nodes as u32

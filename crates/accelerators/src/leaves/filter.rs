@@ -1,9 +1,9 @@
-//! The test of a ray against the triangles of a leaf in single precision: it says which the test in
-//! double precision certainly hits, which it may hit, and where.
+//! The single-precision test of a ray against the triangles of a leaf. It reports which triangles
+//! the double-precision test certainly hits, which it may hit, and where.
 //!
-//! The watertight test of the core crate (Woop, Benthin, Wald, JCGT 2(1), 2013) on eight triangles
-//! at once, with a bound on the error of the edge functions; proof in `docs/accelerators.md`. The
-//! same for one triangle and the rays of a packet.
+//! It is the watertight test of the core crate (Woop, Benthin, Wald, JCGT 2(1), 2013) on eight
+//! triangles at once, with a bound on the error of the edge functions; proof in
+//! `docs/accelerators.md`. The same code tests one triangle against the rays of a packet.
 
 use super::child::WIDTH;
 use super::frame::{LocalRay, LocalRays, ROUNDING};
@@ -14,38 +14,38 @@ use whitstone_simd::Lanes;
 /// Numbers of a triangle: three corners of three coordinates.
 pub(crate) const NUMBERS: usize = 9;
 
-/// From the start of a leaf so many numbers can be read, of whatever.
+/// This many numbers can be read from the start of any leaf; those past its end are arbitrary.
 pub(crate) const WINDOW: usize = NUMBERS * WIDTH;
 
-/// Rays and triangles lane by lane: one ray and the triangles of a leaf, or one triangle and the
-/// rays of a packet. The numbers of a ray are those of [`LocalRay`].
+/// Ray-triangle pairs, one per lane: one ray and the triangles of a leaf, or one triangle and the
+/// rays of a packet. The values of a ray are those of [`LocalRay`].
 ///
-/// Methods instead of fields: a number that is the same everywhere is loaded where it is used;
-/// kept, it would be spilled.
+/// Methods instead of fields: a value that is the same in all lanes is loaded where it is used; a
+/// stored one would be spilled.
 pub(crate) trait Pairs<const N: usize, L: Lanes<N>> {
-    /// A coordinate of a corner, from the origin of the ray, along one of the axes of the ray.
+    /// A coordinate of a corner relative to the ray's origin, along the `i`-th axis of the ray.
     fn coordinate(&self, l: L, corner: usize, i: usize) -> L::Floats;
     fn shear(&self, l: L, i: usize) -> L::Floats;
     fn error(&self, l: L) -> L::Floats;
     fn conversion(&self, l: L) -> L::Floats;
     fn sign(&self, l: L) -> L::Floats;
     fn min(&self, l: L) -> L::Floats;
-    /// Beyond this hits do not count.
+    /// Hits beyond this parameter do not count.
     fn limit(&self, l: L) -> L::Floats;
 }
 
-/// What the filter says, lane by lane.
+/// Result of the filter, by lane.
 pub(crate) struct Filtered<const N: usize> {
-    /// Certainly hit; bits.
+    /// Certainly hit, as a bit mask.
     pub(crate) sure: u32,
-    /// Perhaps hit; bits.
+    /// Possibly hit, as a bit mask.
     pub(crate) unsure: u32,
     /// Bounds of the ray parameter where `sure`.
     pub(crate) low: [f32; N],
     pub(crate) high: [f32; N],
 }
 
-/// Says what is hit, of the lanes named by `valid`.
+/// Tests the lanes named by `valid`; `None` if no lane can be hit.
 #[inline(always)]
 pub(crate) fn filter<const N: usize, L: Lanes<N>>(
     l: L,
@@ -66,7 +66,7 @@ pub(crate) fn filter<const N: usize, L: Lanes<N>>(
         return None;
     }
 
-    // Few get here: once more, with the errors of these very numbers.
+    // Few pairs get here: repeat with error bounds for their actual values.
     let sizes = l.max(l.max(l.abs(a[2]), l.abs(b[2])), l.abs(c[2]));
     let shift = l.mul_add(
         l.max(largest, sizes),
@@ -108,9 +108,10 @@ pub(crate) fn filter<const N: usize, L: Lanes<N>>(
     })
 }
 
-/// A corner as the ray sees it: sheared, so that the ray is the third axis.
+/// A corner in sheared coordinates, in which the ray is the third axis.
 ///
-/// Functions instead of closures, here and below: these would not be compiled for the lanes.
+/// Functions instead of closures, here and below: closures would not be compiled for the lanes'
+/// instruction set.
 #[inline(always)]
 fn corner<const N: usize, L: Lanes<N>>(l: L, pairs: &impl Pairs<N, L>, corner: usize) -> [L::Floats; 3] {
     let x = pairs.coordinate(l, corner, 0);
@@ -123,20 +124,20 @@ fn corner<const N: usize, L: Lanes<N>>(l: L, pairs: &impl Pairs<N, L>, corner: u
     ]
 }
 
-/// Twice the area of the triangle of the ray and two corners.
+/// Edge function: twice the signed area of the triangle of the ray and two corners.
 #[inline(always)]
 fn edge<const N: usize, L: Lanes<N>>(l: L, p: [L::Floats; 3], q: [L::Floats; 3]) -> L::Floats {
     l.neg_mul_add(p[1], q[0], l.mul(p[0], q[1]))
 }
 
-/// How far a corner is from the ray at most.
+/// Distance of a corner from the ray in the maximum norm.
 #[inline(always)]
 fn size<const N: usize, L: Lanes<N>>(l: L, p: [L::Floats; 3]) -> L::Floats {
     l.max(l.abs(p[0]), l.abs(p[1]))
 }
 
-/// One ray and the triangles of a leaf: `numbers` holds, axis by axis and corner by corner, a
-/// coordinate of all `count` triangles, and then something else.
+/// One ray and the triangles of a leaf. `numbers` holds rows of one coordinate of all `count`
+/// triangles, axis by axis and corner by corner, and then unrelated data.
 pub(crate) struct Leaf<'a> {
     pub(crate) ray: &'a LocalRay,
     pub(crate) numbers: &'a [f32; WINDOW],
@@ -181,8 +182,8 @@ impl<L: Lanes<WIDTH>> Pairs<WIDTH, L> for Leaf<'_> {
     }
 }
 
-/// One triangle and rays of the same axes. `numbers` holds its coordinates, each `stride` from the
-/// one before.
+/// One triangle and rays with the same axes. `numbers` holds the triangle's coordinates, `stride`
+/// apart.
 pub(crate) struct Beam<'a> {
     pub(crate) rays: &'a LocalRays,
     pub(crate) axes: [Axis; 3],

@@ -1,28 +1,29 @@
-//! The structure's own coordinates, and rays in them.
+//! The structure's local coordinates ("own coordinates" in `docs/accelerators.md`), and rays in
+//! them.
 
 use whitstone_core::stream::{GROUP, RayStream};
 use whitstone_core::triangle::Axis;
 use whitstone_core::{Aabb, DVec3, Interval, Ray};
 use whitstone_simd::select;
 
-/// Where the structure's own coordinates are: all of it lies in the cube from -1 to 1.
+/// Transform to local coordinates, in which the whole structure lies in the cube from -1 to 1.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     center: DVec3,
-    /// A power of two, so that scaling rounds nothing.
+    /// A power of two, so that scaling is exact.
     scale: f64,
-    /// Whether what is `f32` in the world is so here.
+    /// Whether `f32` coordinates in the world are exact in `f32` here too.
     exact: bool,
 }
 
 impl Frame {
-    /// Around a box of finite size.
+    /// A frame around a box of finite size.
     pub(crate) fn around(aabb: &Aabb) -> Self {
         let center = aabb.center();
-        // Of the corners as they will be computed, so that rounding puts none outside.
+        // Uses the corners as they will be computed, so that rounding puts none outside.
         let half = (aabb.max - center).max(center - aabb.min).max_element();
         let exponent = if half > 0.0 { half.log2().ceil() } else { 0.0 };
-        // By its bits: of `exp2` it is not promised that powers of two come out exactly.
+        // Set by its bits: `exp2` does not promise exact powers of two.
         let exponent = (-exponent).clamp(-1000.0, 1000.0) as i64;
         Self {
             center,
@@ -31,9 +32,8 @@ impl Frame {
         }
     }
 
-    /// Around a box of finite size that holds points whose coordinates are `f32`: the same
-    /// coordinates but for a factor, so that these are exact in own coordinates too; `None` where
-    /// that would be too coarse.
+    /// A frame that scales but does not translate, around a finite box of points whose coordinates
+    /// are `f32`: these stay exact in local coordinates. `None` where that would be too coarse.
     pub(crate) fn unmoved(aabb: &Aabb) -> Option<Self> {
         let around_zero = aabb.union(Aabb {
             min: -aabb.max,
@@ -49,34 +49,34 @@ impl Frame {
         (near && frame.scale > 1e-12 && frame.scale < 1e12).then_some(frame)
     }
 
-    /// The factor that turns own coordinates into those of the world, exactly, if there is one.
+    /// The factor that turns local coordinates into world coordinates exactly, if there is one.
     pub(crate) fn exact(&self) -> Option<f64> {
         self.exact.then_some(1.0 / self.scale)
     }
 
-    /// A point of the world in own coordinates.
+    /// A world point in local coordinates.
     #[inline]
     pub(crate) fn point(&self, p: DVec3) -> DVec3 {
         (p - self.center) * self.scale
     }
 
-    /// A point in own coordinates in the world.
+    /// A local point in world coordinates.
     pub(crate) fn world(&self, p: DVec3) -> DVec3 {
         p / self.scale + self.center
     }
 
-    /// A length of the world in own coordinates.
+    /// A world length in local coordinates.
     pub(crate) fn length(&self, length: f64) -> f64 {
         length * self.scale
     }
 
-    /// A ray in single precision; `None` for one that does not fit or is no ray at all.
+    /// A ray in single precision; `None` for one that is out of range or not a valid ray.
     #[inline(always)]
     pub(crate) fn ray(&self, ray: &Ray, interval: &Interval) -> Option<LocalRay> {
         LocalRay::new::<false>(self, ray, interval, &mut false)
     }
 
-    /// The same for some rays of a stream, from `start` on.
+    /// The same for `GROUP` rays of a stream, from `start` on.
     #[inline(always)]
     pub(crate) fn rays(&self, rays: &RayStream, start: usize, local: &mut LocalRays) {
         for k in 0..GROUP {
@@ -93,17 +93,16 @@ impl Frame {
 /// The relative error of a product or sum rounded to `f32`.
 pub(crate) const ROUNDING: f32 = f32::EPSILON / 2.0;
 
-/// By axis: those that follow it, and it.
+/// For each axis, the two axes that follow it, and the axis itself.
 static AXES: [[Axis; 3]; 3] = {
     use Axis::*;
     [[Y, Z, X], [Z, X, Y], [X, Y, Z]]
 };
 
-/// Where the planes of eight boxes begin that are across an axis, on one side of them: by axis, by
-/// side (0 smallest, 1 largest coordinate), by box.
+/// Offset of eight boxes' planes across one axis, on one side: by axis, by side (0 minimum, 1
+/// maximum), by box.
 ///
-/// An enumeration, so that it is known to be in range where it is used: that is done six times for
-/// every node.
+/// An enumeration, so that the compiler knows it to be in range: it is used six times per node.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(u8)]
 pub(crate) enum Planes {
@@ -116,10 +115,10 @@ pub(crate) enum Planes {
     LargestZ = 40,
 }
 
-/// By axis, and by whether it is the other side of a box that is nearer.
+/// The near planes (index 0) and the far planes (index 1) of boxes, by axis.
 type Sides = [[Planes; 3]; 2];
 
-/// By the signs of a direction, x the lowest bit.
+/// Indexed by the signs of a direction, x the lowest bit.
 static SIDES: [Sides; 8] = {
     use Planes::*;
     let all = [
@@ -137,19 +136,19 @@ static SIDES: [Sides; 8] = {
     found
 };
 
-/// A ray in own coordinates, for the tests in single precision. Its parameter is scaled so that the
+/// A ray in local coordinates, for the single-precision tests. Its parameter is scaled so that the
 /// largest component of the direction is 1 or -1, and counted from `shift`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct LocalRay {
     /// 1 over the direction, finite.
     pub(crate) reciprocal: [f32; 3],
-    /// What to add to a near plane times `reciprocal` to get a lower bound of the parameter there.
+    /// Added to a near plane times `reciprocal`, this gives a lower bound on the parameter there.
     pub(crate) near: [f32; 3],
-    /// What to add to a far plane times `reciprocal` to get an upper bound.
+    /// Added to a far plane times `reciprocal`, this gives an upper bound on the parameter there.
     pub(crate) far: [f32; 3],
-    /// The near planes of boxes by axis, and the far ones.
+    /// The near and the far planes of boxes, by axis.
     pub(crate) planes: Sides,
-    /// The axes; along the last the direction is largest.
+    /// The axes; the direction is largest along the last one.
     pub(crate) axes: [Axis; 3],
     /// The origin along `axes`.
     pub(crate) origin: [f32; 3],
@@ -165,7 +164,7 @@ pub(crate) struct LocalRay {
     pub(crate) min: f32,
     /// Upper bound of the interval.
     pub(crate) max: f32,
-    /// What is between these is certainly inside the interval.
+    /// Parameters between these are certainly inside the interval.
     pub(crate) inside: [f32; 2],
     clock: Clock,
 }
@@ -177,8 +176,8 @@ impl LocalRay {
         self.planes[0][axis] as usize >> 3 & 1
     }
 
-    /// With `STRAIGHT` without jumps, for loops over many rays: always something, and `sound` says
-    /// whether it means anything.
+    /// With `STRAIGHT` it is branchless, for loops over many rays: it always returns a ray, and
+    /// `sound` says whether that is valid.
     #[inline(always)]
     fn new<const STRAIGHT: bool>(
         frame: &Frame,
@@ -197,7 +196,7 @@ impl LocalRay {
                 _ => 2,
             }
         };
-        // The axes from the one after the largest.
+        // The coordinates, rotated so that the largest component of the direction comes last.
         let turned = |v: [f64; 3]| {
             if STRAIGHT {
                 let pick = |x, y, z| select(axis == 0, x, select(axis == 1, y, z));
@@ -216,17 +215,18 @@ impl LocalRay {
         let mut origin = frame.point(ray.origin);
         let mut reach = origin.abs().max_element();
         let size = origin.x.abs() + origin.y.abs() + origin.z.abs();
-        // Written so that NaN does not pass either.
+        // Written so that NaN fails too.
         *sound = (scale > 1e-200) & (scale < 1e200) & (size < 1e18) & (interval.min < 1e100);
         if !STRAIGHT && !*sound {
             return None;
         }
-        // The rounding of the origin in double precision, with much to spare.
+        // Generous bound on the rounding of the origin in double precision.
         let far = 2f64.powi(-40) * reach;
         let mut shift = 0.0;
         let afar = reach > 4.0;
         if STRAIGHT || afar {
-            // From afar single precision would be too coarse: start where the structure is closest.
+            // For distant origins single precision would be too coarse: start at the point of the
+            // ray closest to the center of the structure.
             let e = ray.direction / largest;
             shift = select(afar, -origin.dot(e) / e.length_squared(), 0.0);
             origin += shift * e;
@@ -234,7 +234,7 @@ impl LocalRay {
         }
         // 8 roundings of numbers up to `reach + 1`.
         let pad = 8.0 * f64::from(ROUNDING) * (reach + 1.0) + far;
-        // More than 2^30, and the ray does not leave the pad within the structure.
+        // Limited to 2^30: beyond, the ray does not leave its padding within the structure.
         let sizes = d.map(|d| less((largest / d).abs(), 2f64.powi(30)));
         let inverse = [0, 1, 2].map(|i| sizes[i].copysign(d[i]));
         let per_z = 1.0 / dz;
@@ -247,7 +247,7 @@ impl LocalRay {
             f32::INFINITY
         };
         let turned_origin = turned(o);
-        // As one literal: what is written in pieces and then copied stalls the processor.
+        // One literal: a value that is written in pieces and then copied stalls the processor.
         Some(Self {
             reciprocal: inverse.map(|r| r as f32),
             near: [shifted(0, pad), shifted(1, pad), shifted(2, pad)],
@@ -271,11 +271,11 @@ impl LocalRay {
     }
 }
 
-/// What of a ray in own coordinates is needed to judge a hit; see [`LocalRay`].
+/// The values of a [`LocalRay`] that are needed to judge a hit.
 pub(crate) trait Reach {
     fn max(&self) -> f32;
     fn inside(&self) -> [f32; 2];
-    /// A number that is certainly above the own parameter of `t`.
+    /// An upper bound on the local parameter of `t`.
     fn above(&self, t: f64) -> f32;
     /// The axis along which the direction is longest.
     fn longest(&self) -> Axis;
@@ -300,7 +300,7 @@ impl Reach for LocalRay {
     }
 }
 
-/// One of [`LocalRays`], where it is.
+/// One lane of [`LocalRays`], read in place.
 pub(crate) struct LocalLane<'a>(pub(crate) &'a LocalRays, pub(crate) usize);
 
 impl Reach for LocalLane<'_> {
@@ -326,20 +326,20 @@ impl Reach for LocalLane<'_> {
     }
 }
 
-/// The smaller one, the second if it cannot be said.
+/// The smaller number; the second if they are unordered.
 #[inline(always)]
 fn less(x: f64, y: f64) -> f64 {
     select(x < y, x, y)
 }
 
-/// The axis along which a direction is largest, without jumps.
+/// The axis along which a direction is largest, branchless.
 #[inline(always)]
 fn largest(d: [f64; 3]) -> u32 {
     let a = d.map(f64::abs);
     select(a[0] > a[1], select(a[0] > a[2], 0, 2), select(a[1] > a[2], 1, 2))
 }
 
-/// Near and far planes by the sides of the near ones.
+/// Near and far planes, given the sides of the near ones.
 #[inline(always)]
 fn sides([x, y, z]: [usize; 3]) -> Sides {
     SIDES[(x | y << 1 | z << 2) & 7]
@@ -350,7 +350,7 @@ fn side(d: f64) -> usize {
     (d.to_bits() >> 63) as usize
 }
 
-/// From parameters of the ray in the world to own ones.
+/// Conversion of world ray parameters to local ones.
 #[derive(Clone, Copy, Debug, Default)]
 struct Clock {
     scale: f64,
@@ -358,14 +358,14 @@ struct Clock {
 }
 
 impl Clock {
-    /// A number that is certainly below the own parameter of `t`.
+    /// A lower bound on the local parameter of `t`.
     #[inline(always)]
     fn below(&self, t: f64) -> f32 {
         let t = t * self.scale - self.shift;
         (t - self.slack(t)) as f32
     }
 
-    /// A number that is certainly above the own parameter of `t`, which may be infinite.
+    /// An upper bound on the local parameter of `t`, which may be infinite.
     #[inline(always)]
     fn above(&self, t: f64) -> f32 {
         let t = t * self.scale - self.shift;
@@ -378,7 +378,7 @@ impl Clock {
     }
 }
 
-/// [`LocalRay`]s side by side.
+/// [`LocalRay`]s as a structure of arrays.
 #[derive(Default)]
 #[repr(align(64))]
 pub(crate) struct LocalRays {
@@ -397,7 +397,7 @@ pub(crate) struct LocalRays {
     axis: [u32; GROUP],
     scale: [f64; GROUP],
     shift: [f64; GROUP],
-    /// Whether a ray fits; else its numbers mean nothing.
+    /// Whether a ray is valid; otherwise its values mean nothing.
     pub(crate) sound: [bool; GROUP],
 }
 
@@ -427,8 +427,8 @@ impl LocalRays {
         self.sound[lane] = sound;
     }
 
-    /// Copies the ray of a lane. Not inlined: for AVX-512 the compiler makes gathers of it, which
-    /// take longer.
+    /// Copies the ray of a lane. Not inlined: for AVX-512 the compiler would turn it into gathers,
+    /// which take longer.
     #[inline(never)]
     pub(crate) fn get(&self, lane: usize, to: &mut LocalRay) {
         let lane = lane % GROUP;
@@ -455,7 +455,7 @@ impl LocalRays {
         };
     }
 
-    /// The axes of all rays, if they are the same.
+    /// The axes of all rays, if they agree.
     #[inline(always)]
     pub(crate) fn axes(&self) -> Option<[Axis; 3]> {
         let mut same = true;
@@ -465,8 +465,7 @@ impl LocalRays {
         same.then(|| AXES[self.axis[0] as usize % 3])
     }
 
-    /// For each axis the side that all rays enter boxes by, if they do so by the same ones and all
-    /// fit.
+    /// For each axis, the side by which all rays enter boxes, if they agree and are all valid.
     #[inline(always)]
     pub(crate) fn octant(&self) -> Option<[usize; 3]> {
         let mut same = true;
@@ -480,23 +479,22 @@ impl LocalRays {
     }
 }
 
-/// The rays of [`LocalRays`] one by one, for what looks at one only; each is copied when it is
-/// first asked for.
+/// The rays of [`LocalRays`] as single rays, for scalar code; each is copied on first use.
 #[derive(Default)]
 pub(crate) struct Alone {
     rays: [LocalRay; GROUP],
-    /// Which are here, as bits.
+    /// Which rays are already copied, as a bit mask.
     here: u32,
 }
 
 impl Alone {
-    /// Forgets all.
+    /// Forgets all rays.
     #[inline(always)]
     pub(crate) fn clear(&mut self) {
         self.here = 0;
     }
 
-    /// A ray.
+    /// A ray, copied on first use.
     #[inline(always)]
     pub(crate) fn get(&mut self, rays: &LocalRays, lane: usize) -> &LocalRay {
         let lane = lane % GROUP;

@@ -1,4 +1,4 @@
-//! What a hierarchy is built over: boxes in single precision, rounded outward.
+//! The input of a build: boxes in single precision, rounded outward.
 
 use super::Slot;
 use super::filter::{NUMBERS, WINDOW};
@@ -8,13 +8,13 @@ use glam::{Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape, TriangleMesh};
 
-/// So many elements are worth a task for another thread.
+/// Minimum number of elements per parallel task.
 pub(crate) const PARALLEL: usize = 4096;
 
-/// Boxes that reach farther are treated as endless: squares of their sizes would overflow.
+/// Boxes that reach farther are treated as unbounded: squares of their sizes would overflow.
 const FARTHEST: f64 = 1e150;
 
-/// A box in own coordinates; the fourth components say nothing.
+/// A box in local coordinates; the fourth components are ignored.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Box4 {
     pub(crate) min: Vec4,
@@ -85,8 +85,8 @@ pub(crate) struct Item {
 }
 
 impl Item {
-    /// Above all numbers; with it, they are the bits of normal floats. Others are slow to compute
-    /// with, even where nobody looks at the result.
+    /// Or-ed into element numbers stored in the unused SIMD lane, so that their bit patterns are
+    /// normal floats: denormals slow the instruction down even in an ignored lane.
     const NORMAL: u32 = 1 << 28;
 
     pub(crate) fn new(aabb: Box4, number: u32) -> Self {
@@ -96,7 +96,7 @@ impl Item {
         }
     }
 
-    /// What is in another box of the same element.
+    /// The part of the same element in another box.
     pub(crate) fn part(&self, aabb: Box4) -> Self {
         Self::new(aabb, self.number())
     }
@@ -106,7 +106,7 @@ impl Item {
         self.aabb
     }
 
-    /// Place of the element in the order of the geometry.
+    /// Index of the element in the order of the geometry.
     #[inline(always)]
     pub(crate) fn number(&self) -> u32 {
         self.aabb.min.w.to_bits() ^ Self::NORMAL
@@ -119,38 +119,38 @@ impl Item {
     }
 }
 
-/// The elements of a geometry.
+/// The elements of a geometry, prepared for a build.
 pub(crate) struct Items<'a> {
     geometry: &'a Geometry,
     pub(crate) frame: Frame,
-    /// Twice the centers of the boxes, in the world, lie in here.
+    /// Box around twice the centers of the elements' boxes, in the world.
     centers: Aabb,
-    /// Elements without a box of reasonable size, and those of vast shapes.
+    /// Elements without a box of reasonable size, and those of oversized shapes.
     pub(crate) unbounded: Vec<Element>,
-    /// See [`vast`](crate::vast).
+    /// Numbers of the oversized shapes; see [`vast`](crate::vast).
     vast: Vec<u32>,
-    /// The number of the first element of each shape, and behind them the number of all.
+    /// The index of the first element of each shape, then the total number of elements.
     starts: Vec<u32>,
 }
 
-/// More than the last leaf has can be read from its start.
+/// Triangles of padding after the last leaf, so that a whole window can be read from its start.
 const BEHIND: usize = WINDOW / NUMBERS;
 
-/// So many elements are fetched together.
+/// Number of elements that are fetched together.
 const BLOCK: usize = 128;
 
-/// A vertex for what has none.
+/// Placeholder vertex for elements without vertices.
 const ORIGIN: &[DVec3] = &[DVec3::ZERO];
 
-/// What the leaves hold, leaf after leaf.
+/// Contents of all leaves, concatenated.
 pub(crate) struct Contents {
     pub(crate) slots: Vec<Slot>,
-    /// The corners in own coordinates of what is a triangle, and zeros behind them.
+    /// The corners of triangles in local coordinates, followed by padding of zeros.
     pub(crate) corners: Vec<[f32; NUMBERS]>,
 }
 
 impl<'a> Items<'a> {
-    /// All elements of a geometry, of which there are fewer than 2^28.
+    /// All elements of a geometry, which must be fewer than 2^28.
     pub(crate) fn new(geometry: &'a Geometry) -> Self {
         let mut starts = vec![0];
         let mut parts = Vec::new();
@@ -200,7 +200,7 @@ impl<'a> Items<'a> {
         items
     }
 
-    /// Something of each element with a box of reasonable size, by its number, in order.
+    /// Applies `of` to the number of each element with a box of reasonable size, in order.
     pub(crate) fn each<T: Send>(&self, of: impl Fn(u32) -> T + Sync + Send) -> Vec<T> {
         let all = (0..self.starts[self.starts.len() - 1])
             .into_par_iter()
@@ -217,7 +217,7 @@ impl<'a> Items<'a> {
         self.vast.binary_search(&element.shape()).is_err() && bounded(&self.geometry.bounds(element))
     }
 
-    /// The element of a number.
+    /// The element with this number.
     fn element(&self, number: u32) -> Element {
         let shape = self.starts.partition_point(|&start| start <= number) - 1;
         match &self.geometry.shapes()[shape] {
@@ -238,12 +238,12 @@ impl<'a> Items<'a> {
         }
     }
 
-    /// The box around what `center` returns.
+    /// The box around the results of `center`.
     pub(crate) fn centers(&self) -> &Aabb {
         &self.centers
     }
 
-    /// Twice the center of the box of an element, in the world.
+    /// Twice the center of an element's box, in the world.
     #[inline(always)]
     pub(crate) fn center(&self, number: u32) -> DVec3 {
         let element = self.element(number);
@@ -272,7 +272,7 @@ impl<'a> Items<'a> {
         Item::new(self.local(&aabb), number)
     }
 
-    /// The box of an element of this number and these corners, as in [`Contents`].
+    /// The box of the element with this number and these corners, as in [`Contents`].
     #[inline(always)]
     pub(crate) fn aabb(&self, number: u32, corners: &[f32; NUMBERS]) -> Box4 {
         let four = |start: usize| Vec4::from_slice(&corners[start..start + 4]);
@@ -280,8 +280,8 @@ impl<'a> Items<'a> {
         self.quick_box(own).unwrap_or_else(|| self.item(number).aabb())
     }
 
-    /// The box of a triangle with these corners in own coordinates, if they are all that is needed
-    /// to know it. All three are 0 for what is no triangle.
+    /// The box of a triangle with these corners in local coordinates; `None` if the corners do not
+    /// suffice to compute it. The three corners coincide for an element that is not a triangle.
     #[inline(always)]
     fn quick_box(&self, own: [Vec3A; 3]) -> Option<Box4> {
         let [a, b, c] = own;
@@ -289,7 +289,7 @@ impl<'a> Items<'a> {
             min: a.min(b).min(c).extend(0.0),
             max: a.max(b).max(c).extend(0.0),
         };
-        // Half the last place of a coordinate is 2^-25 at most.
+        // Half a unit in the last place of a coordinate is at most 2^-25.
         let exact = self.frame.exact().is_some();
         let (error, aabb) = if exact {
             (0.0, aabb)
@@ -299,15 +299,15 @@ impl<'a> Items<'a> {
         is_no_needle(own, error).then_some(aabb)
     }
 
-    /// What leaves hold that have the elements of these numbers, one after the other.
+    /// The contents of leaves that hold the elements with these numbers, in this order.
     pub(crate) fn contents<T: Sync>(&self, all: &[T], number: impl Fn(&T) -> u32 + Sync + Send) -> Contents {
         let slots = all.par_iter().with_min_len(PARALLEL);
         let slots = slots.map(|one| Slot::new(self.element(number(one)))).collect();
         let length = all.len() + BEHIND;
         let block = |i: usize| {
             let block = all.chunks(BLOCK).nth(i).unwrap_or_default();
-            // Two short loops instead of a long one: then the processor has many loads under way,
-            // each of which takes longer than everything else here.
+            // Two short loops instead of one long one keep many loads in flight; each load takes
+            // longer than everything else here.
             let mut sources = [(ORIGIN, [0; 3]); BLOCK];
             for (source, one) in sources.iter_mut().zip(block) {
                 *source = self.source(self.element(number(one)));
@@ -327,7 +327,7 @@ impl<'a> Items<'a> {
         Contents { slots, corners }
     }
 
-    /// Where the corners of an element are.
+    /// The vertices, and the indices of the three corners of an element.
     #[inline(always)]
     fn source(&self, element: Element) -> (&[DVec3], [u32; 3]) {
         match (element, &self.geometry.shapes()[element.shape() as usize]) {
@@ -350,7 +350,7 @@ impl<'a> Items<'a> {
         Corners(all.collect())
     }
 
-    /// A box in own coordinates, rounded outward.
+    /// A world box in local coordinates, rounded outward.
     fn local(&self, aabb: &Aabb) -> Box4 {
         let down = |x: f64| {
             let rounded = x as f32;
@@ -369,15 +369,16 @@ impl<'a> Items<'a> {
     }
 }
 
-/// The corners of each element by its number, in own coordinates; not a number for what can be cut
-/// by its box only: what is no triangle, and needles, whose hits may lie beside them.
+/// The corners of each element in local coordinates, by its number. NaN for elements that can only
+/// be clipped by their boxes: those that are not triangles, and slivers, whose hits may lie outside
+/// of them.
 pub(crate) struct Corners(Vec<[Vec4; 3]>);
 
 impl Corners {
-    /// The bound on the rounding of a part of a triangle, in own coordinates.
+    /// Bound on the rounding error of a clipped part of a triangle, in local coordinates.
     pub(crate) const ROUNDING: f32 = 16.0 * ROUNDING;
 
-    /// The box of what of an item lies between two planes.
+    /// The box of the part of an item between two planes.
     pub(crate) fn between(&self, item: &Item, axis: usize, low: f32, high: f32) -> Box4 {
         let corners = &self.0[item.number() as usize];
         let heights = corners.map(|corner| corner[axis]);
@@ -385,8 +386,7 @@ impl Corners {
         part(item, corners, (axis, heights), [low, high], borders)
     }
 
-    /// The boxes of what of an item lies below the first of rising planes, between each and the
-    /// next, and above the last.
+    /// Clips an item by ascending split planes and passes the bounds of each slice to `take`.
     #[inline(always)]
     pub(crate) fn slices(
         &self,
@@ -413,8 +413,8 @@ impl Corners {
     }
 }
 
-/// Where the edges of a triangle go through a plane; `heights` are its corners along the axis that
-/// the plane is across.
+/// The box around the points where the edges of a triangle cross a plane; `heights` are the
+/// coordinates of its corners along the plane's axis.
 #[inline(always)]
 fn crossed(corners: &[Vec4; 3], heights: [f32; 3], plane: f32) -> Box4 {
     let mut found = Box4::EMPTY;
@@ -428,7 +428,8 @@ fn crossed(corners: &[Vec4; 3], heights: [f32; 3], plane: f32) -> Box4 {
     found
 }
 
-/// The box of what of an item lies between two planes, by that of where it goes through them.
+/// The box of the part of an item between two planes; `borders` is the box of its intersections
+/// with them.
 #[inline(always)]
 fn part(
     item: &Item,
@@ -458,13 +459,13 @@ fn part(
     found.padded(Corners::ROUNDING).intersection(slab)
 }
 
-/// Where elements are.
+/// Extent of a set of elements.
 struct Extent {
-    /// The box around those that have a box of reasonable size.
+    /// Box around the elements that have a box of reasonable size.
     whole: Aabb,
-    /// The box around twice the centers of theirs.
+    /// Box around twice the centers of their boxes.
     centers: Aabb,
-    /// Whether there are others.
+    /// Whether there are other elements.
     unbounded: bool,
 }
 
@@ -512,7 +513,7 @@ impl Extent {
     }
 }
 
-/// Whether every vertex is a point in `f32`.
+/// Whether every vertex is exact in `f32`.
 fn in_single_precision(geometry: &Geometry) -> bool {
     let exact = |x: f64| f64::from(x as f32) == x && (x == 0.0 || x.abs() > 1e-18);
     geometry.shapes().iter().all(|shape| match shape {
@@ -530,9 +531,9 @@ fn bounded(aabb: &Aabb) -> bool {
     !aabb.is_empty() && far <= FARTHEST
 }
 
-/// Whether a triangle certainly needs no [`needle_pad`] whose corners are these, with such an error
-/// in each coordinate. Asks for more height than is enough and leaves out what is so small that
-/// squares could underflow or errors count.
+/// Whether a triangle with these corners, whose coordinates err by at most `error`, certainly needs
+/// no [`needle_pad`]. It requires more height than necessary, and rejects triangles so small that
+/// squares could underflow or errors matter.
 #[inline(always)]
 fn is_no_needle([a, b, c]: [Vec3A; 3], error: f32) -> bool {
     let edges = [b - a, c - b, a - c];
@@ -542,8 +543,8 @@ fn is_no_needle([a, b, c]: [Vec3A; 3], error: f32) -> bool {
     longest > 1e-16 && enough * longest <= twice_area
 }
 
-/// What the box of a needle needs beyond the pad of every ray: the error of the triangle test, up
-/// to which a hit may seem to lie outside the box. It is never more than the longest edge.
+/// Extra padding for the box of a sliver: the error of the triangle test, by which a hit may seem
+/// to lie outside the box. It is at most the longest edge, and 0 if the triangle is no sliver.
 fn needle_pad([a, b, c]: [DVec3; 3], frame: &Frame) -> f64 {
     let longest = (b - a)
         .length_squared()

@@ -1,4 +1,4 @@
-//! What a search knows, and what it makes of the triangles of a leaf.
+//! State of a search, and its tests of leaves.
 
 use super::child::{Child, Kind, WIDTH};
 use super::filter::{self, Filtered, Leaf, NUMBERS};
@@ -9,12 +9,12 @@ use whitstone_core::triangle::{Axis, ShearedRay, TriangleHit};
 use whitstone_core::{DVec2, Element, InstancePath, Interval, PrimitiveHit, RawHit, Ray, Skip};
 use whitstone_simd::{Kernel, Lanes, Machine};
 
-/// A structure over leaves, and the way of a ray through it.
+/// A structure over leaves, with its traversal.
 pub(crate) trait Walk {
     fn leaves(&self) -> &Leaves;
 
-    /// Goes through everything that the ray may hit, nearer things roughly first; what is pending
-    /// then may be nearest up to the limit that is returned.
+    /// Visits everything that the ray may hit, roughly front to back. Returns the limit up to which
+    /// pending hits may still be nearest.
     fn walk<const ANY: bool, L: Lanes<WIDTH>>(
         &self,
         l: L,
@@ -24,8 +24,7 @@ pub(crate) trait Walk {
     ) -> f32;
 }
 
-/// A search for the nearest hit, or with `ANY` for some hit, in which case only whether there is
-/// one counts.
+/// A search for the nearest hit, or with `ANY` for any hit, of which only the existence counts.
 pub(crate) struct Search<'a, const ANY: bool, W>(pub(crate) &'a W, pub(crate) &'a Query<'a>);
 
 impl<const ANY: bool, W: Walk> Kernel for Search<'_, ANY, W> {
@@ -40,7 +39,7 @@ impl<const ANY: bool, W: Walk> Kernel for Search<'_, ANY, W> {
             return state.best;
         }
         let Some(local) = &leaves.frame.ray(query.ray, &query.interval) else {
-            // Nothing that single precision can tell about such a ray.
+            // Single precision cannot represent such a ray.
             state.resolve_all(leaves.slots.iter().map(|slot| slot.element()));
             return state.best;
         };
@@ -51,21 +50,21 @@ impl<const ANY: bool, W: Walk> Kernel for Search<'_, ANY, W> {
     }
 }
 
-/// What is searched for.
+/// A ray query.
 pub(crate) struct Query<'a> {
     pub(crate) ray: &'a Ray,
     pub(crate) interval: Interval,
     pub(crate) skip: Skip,
 }
 
-/// The same for a ray of a stream, where it stays: few of its numbers are needed on its way.
+/// A query for a ray of a stream, read in place: few of its values are needed during traversal.
 #[derive(Clone, Copy)]
 pub(crate) struct Streamed<'a> {
     pub(crate) rays: &'a RayStream,
     pub(crate) lane: usize,
 }
 
-/// Where a search looks up what is searched for.
+/// Access to the query of a search.
 pub(crate) trait Asked {
     fn ray(&self) -> Ray;
     fn interval(&self) -> Interval;
@@ -102,7 +101,7 @@ impl Asked for Streamed<'_> {
     }
 }
 
-/// What becomes of a triangle that is certainly hit.
+/// Outcome for a triangle that is certainly hit.
 pub(crate) enum Sure {
     /// The new limit.
     Nearer(f32),
@@ -112,14 +111,14 @@ pub(crate) enum Sure {
     Found,
 }
 
-/// What a search knows.
+/// State of a search.
 #[derive(Clone, Copy)]
 pub(crate) struct State<'a, Q> {
     leaves: &'a Leaves,
     query: Q,
     sheared: Option<ShearedRay>,
     pub(crate) best: Option<RawHit>,
-    /// Sure hits that are not yet known in double precision: lower bound, leaf, place in it.
+    /// Certain hits that are not yet known in double precision: lower bound, leaf, place in it.
     pending: [(f32, Child, u32); 8],
     count: usize,
     /// The smallest of the lower bounds.
@@ -140,7 +139,7 @@ impl<'a, Q: Asked> State<'a, Q> {
         }
     }
 
-    /// Whether a slot is the triangle that the ray leaves.
+    /// Whether a slot is the triangle that the ray starts from (self-intersection filter).
     #[inline(always)]
     fn skips(&self, slot: usize) -> bool {
         let skip = self.query.skip();
@@ -150,7 +149,7 @@ impl<'a, Q: Asked> State<'a, Q> {
         }
     }
 
-    /// Decides about an element in double precision.
+    /// Tests an element in double precision.
     #[inline(never)]
     fn resolve(&mut self, element: Element) {
         let (ray, interval, skip) = (self.query.ray(), self.query.interval(), self.query.skip());
@@ -158,7 +157,7 @@ impl<'a, Q: Asked> State<'a, Q> {
         let geometry = &self.leaves.geometry;
         let open = Interval {
             min: interval.min,
-            // Hits at the same distance still count: they may be lower in number.
+            // Hits at the same distance still count: a lower index wins the tie.
             max: self.best.map_or(interval.max, |best| best.t.next_up()),
         };
         if let Some(hit) = geometry.intersect(element, &ray, sheared, open, skip) {
@@ -186,7 +185,7 @@ impl<'a, Q: Asked> State<'a, Q> {
         }
     }
 
-    /// A hit that is there.
+    /// Keeps a hit if it is the nearest so far.
     #[inline(always)]
     fn offer(&mut self, hit: &RawHit) {
         if self.best.is_none_or(|best| hit.beats(&best)) {
@@ -194,7 +193,7 @@ impl<'a, Q: Asked> State<'a, Q> {
         }
     }
 
-    /// Decides about a place of a leaf; returns the new limit.
+    /// Tests the element at a place of a leaf in double precision; returns the new limit.
     #[inline(always)]
     fn resolve_in(&mut self, leaf: Child, lane: usize, local: &impl Reach, limit: f32) -> f32 {
         match leaf.kind() {
@@ -212,7 +211,8 @@ impl<'a, Q: Asked> State<'a, Q> {
         }
     }
 
-    /// Decides about what is pending and may still be nearest.
+    /// Tests the pending triangles that may still be nearest in double precision; returns the new
+    /// limit.
     #[inline(always)]
     pub(crate) fn resolve_pending(&mut self, local: &impl Reach, mut limit: f32) -> f32 {
         for i in 0..std::mem::take(&mut self.count) {
@@ -224,7 +224,7 @@ impl<'a, Q: Asked> State<'a, Q> {
         limit
     }
 
-    /// Remembers a sure hit; returns the new limit.
+    /// Remembers a certain hit; returns the new limit.
     #[inline(always)]
     fn put_off(
         &mut self,
@@ -235,7 +235,7 @@ impl<'a, Q: Asked> State<'a, Q> {
         mut limit: f32,
     ) -> f32 {
         if high < self.lowest {
-            // Nothing that was put off is as near as this.
+            // No pending hit is as near as this one.
             self.count = 0;
         }
         if self.count == self.pending.len() {
@@ -253,7 +253,7 @@ impl<'a, Q: Asked> State<'a, Q> {
 }
 
 impl State<'_, Streamed<'_>> {
-    /// Begins another search, of the ray of another lane.
+    /// Starts another search, for the ray of another lane.
     #[inline(always)]
     pub(crate) fn restart(&mut self, lane: usize) {
         self.query.lane = lane;
@@ -265,7 +265,7 @@ impl State<'_, Streamed<'_>> {
 }
 
 impl<Q: Asked> State<'_, Q> {
-    /// Tries some elements.
+    /// Tests some elements.
     #[cold]
     pub(crate) fn resolve_all(&mut self, elements: impl Iterator<Item = Element>) {
         for element in elements {
@@ -273,7 +273,7 @@ impl<Q: Asked> State<'_, Q> {
         }
     }
 
-    /// Tries what has no box; returns whether something was hit.
+    /// Tests the unbounded elements; returns whether any was hit.
     #[inline(always)]
     pub(crate) fn resolve_unbounded(&mut self) -> bool {
         if !self.leaves.unbounded.is_empty() {
@@ -282,14 +282,15 @@ impl<Q: Asked> State<'_, Q> {
         self.best.is_some()
     }
 
-    /// The only thing that may be hit, not yet known in double precision: a triangle in the leaf.
+    /// The leaf, and the place in it, of the only triangle that may be hit, if it is not yet known
+    /// in double precision.
     #[inline(always)]
     pub(crate) fn candidate(&self) -> Option<(Child, usize)> {
         let (_, leaf, lane) = self.pending[0];
         (self.count == 1 && self.best.is_none()).then_some((leaf, lane as usize))
     }
 
-    /// The limit to begin with.
+    /// The initial limit.
     #[inline(always)]
     pub(crate) fn limit(&self, local: &impl Reach) -> f32 {
         match &self.best {
@@ -298,7 +299,7 @@ impl<Q: Asked> State<'_, Q> {
         }
     }
 
-    /// Takes a triangle that is certainly hit between two distances.
+    /// Processes a triangle that is certainly hit between two distances.
     #[inline(always)]
     pub(crate) fn sure<const ANY: bool>(
         &mut self,
@@ -316,7 +317,7 @@ impl<Q: Asked> State<'_, Q> {
             return Sure::Nearer(limit);
         }
         if ANY {
-            // Any hit will do: this one is not known in double precision, but it is there.
+            // Any hit will do: this one exists, although it is not known in double precision.
             self.best = Some(RawHit {
                 t: 0.0,
                 params: Default::default(),
@@ -346,7 +347,7 @@ impl<Q: Asked> State<'_, Q> {
         (!ANY || self.best.is_none()).then_some(limit)
     }
 
-    /// Tests what is in a leaf; returns the new limit, or `None` if the search is over.
+    /// Tests the elements of a leaf; returns the new limit, or `None` if the search is over.
     #[inline(always)]
     pub(crate) fn leaf<const ANY: bool, L: Lanes<WIDTH>>(
         &mut self,

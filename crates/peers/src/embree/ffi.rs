@@ -1,5 +1,5 @@
 //! The functions of Embree 3 and 4 that are called. The layouts are those of `rtcore_ray.h` and
-//! `rtcore_common.h`; what differs between the versions is the last arguments of the two queries.
+//! `rtcore_common.h`; the versions differ in the last arguments of the two queries.
 
 #![allow(unsafe_code, reason = "Embree is a C library")]
 
@@ -24,7 +24,7 @@ const NAMES: [&str; 8] = [
     "embree3.dll",
 ];
 
-/// Where the library is, if it is not where the system looks.
+/// Environment variable that names the library, if the system does not find it.
 const VARIABLE: &str = "WHITSTONE_EMBREE";
 
 const INVALID: u32 = u32::MAX;
@@ -48,7 +48,7 @@ struct RayHit {
     v: f32,
     primitive: u32,
     geometry: u32,
-    /// Of as many levels as a library may have been compiled for.
+    /// Instance IDs, for as many levels as a library may have been compiled for.
     instance: [u32; 17],
 }
 
@@ -69,7 +69,7 @@ struct RawRay {
 /// `RTCIntersectContext` of version 3.
 #[repr(C)]
 struct Context {
-    /// 0 for rays in any order.
+    /// 0 for incoherent rays.
     flags: c_int,
     filter: *const c_void,
     /// As in [`RayHit`].
@@ -80,7 +80,7 @@ type Monitor = unsafe extern "C" fn(*mut c_void, isize, bool) -> bool;
 
 macro_rules! functions {
     ($($field:ident: $name:literal, fn($($argument:ty),*) $(-> $result:ty)?;)*) => {
-        /// Those that both versions have.
+        /// Functions that both versions have.
         struct Functions {
             $($field: unsafe extern "C" fn($($argument),*) $(-> $result)?,)*
         }
@@ -135,7 +135,7 @@ struct Embree {
     _library: Library,
 }
 
-/// Loaded once, by whoever asks first.
+/// The library, loaded on first use.
 fn embree() -> Result<&'static Embree, &'static str> {
     static EMBREE: OnceLock<Result<Embree, String>> = OnceLock::new();
     EMBREE.get_or_init(load).as_ref().map_err(String::as_str)
@@ -155,12 +155,12 @@ fn load() -> Result<Embree, String> {
             None => format!("none of {} was found", NAMES[..4].join(", ")),
         })?;
     let functions = Functions::load(&library).map_err(|error| error.to_string())?;
-    // SAFETY: no arguments are a null pointer, as the header allows.
+    // SAFETY: a null pointer stands for no arguments, as the header allows.
     let device = unsafe { (functions.new_device)(ptr::null()) };
     if device.is_null() {
         return Err("it cannot be started on this processor".to_owned());
     }
-    // SAFETY: the device is there and released once, after the last use.
+    // SAFETY: the device is valid and released once, after its last use.
     let version = unsafe {
         let version = (functions.device_property)(device, PROPERTY_VERSION);
         (functions.release_device)(device);
@@ -197,11 +197,11 @@ fn load() -> Result<Embree, String> {
 }
 
 fn open(name: &OsStr) -> Result<Library, libloading::Error> {
-    // SAFETY: what Embree does when it is loaded asks nothing of its user.
+    // SAFETY: the initialisers that Embree runs when it is loaded require nothing of the caller.
     unsafe { Library::new(name) }
 }
 
-/// Of the library.
+/// Version of the library, such as "3.13.5".
 pub(super) fn version() -> Result<String, &'static str> {
     let version = embree()?.version;
     Ok(format!(
@@ -217,12 +217,12 @@ pub(super) struct Scene {
     embree: &'static Embree,
     device: Handle,
     scene: Handle,
-    /// What Embree reads while the scene is there: vertices of each mesh, three numbers each and
-    /// one more at the end, because it loads four.
+    /// Vertex buffers that Embree reads while the scene exists: three numbers per vertex, and one
+    /// more at the end of each mesh, because Embree loads four.
     vertices: Vec<Vec<f32>>,
-    /// And the indices in here.
+    /// Owner of the index buffers.
     _geometry: Arc<Geometry>,
-    /// What it says to have allocated.
+    /// Bytes that Embree reports as allocated.
     bytes: Box<AtomicIsize>,
 }
 
@@ -233,7 +233,7 @@ unsafe impl Send for Scene {}
 unsafe impl Sync for Scene {}
 
 unsafe extern "C" fn count(bytes: *mut c_void, change: isize, _: bool) -> bool {
-    // SAFETY: the pointer is that of `Scene::bytes`, which lives longer than the device.
+    // SAFETY: the pointer is that of `Scene::bytes`, which outlives the device.
     let bytes = unsafe { &*bytes.cast::<AtomicIsize>() };
     bytes.fetch_add(change, Ordering::Relaxed);
     true
@@ -246,18 +246,18 @@ impl Scene {
         let threads = CString::new(format!("threads={}", rayon::current_num_threads()));
         let threads = threads.map_err(|error| error.to_string())?;
         let bytes = Box::new(AtomicIsize::new(0));
-        // SAFETY: the text ends with a zero and is there during the call.
+        // SAFETY: the text ends with a zero and lives during the call.
         let device = unsafe { (f.new_device)(threads.as_ptr()) };
         if device.is_null() {
             return Err("Embree gives no device".to_owned());
         }
         let monitor: *const AtomicIsize = &*bytes;
-        // SAFETY: the device is there; the counter behind the pointer lives longer, see `drop`.
+        // SAFETY: the device is valid; the counter behind the pointer outlives it, see `drop`.
         let scene = unsafe {
             (f.set_monitor)(device, Some(count), monitor.cast_mut().cast());
             (f.new_scene)(device)
         };
-        // From here on, dropping it releases both.
+        // From here on, dropping `built` releases both.
         let mut built = Self {
             embree,
             device,
@@ -266,7 +266,7 @@ impl Scene {
             _geometry: geometry.clone(),
             bytes,
         };
-        // SAFETY: the scene is there; the values are those of the header.
+        // SAFETY: the scene is valid; the values are those of the header.
         unsafe {
             (f.set_flags)(scene, if robust { FLAG_ROBUST } else { 0 });
             (f.set_scene_quality)(scene, quality as c_int);
@@ -293,10 +293,10 @@ impl Scene {
         let mut vertices: Vec<f32> = mesh.positions.iter().flat_map(single).collect();
         vertices.push(0.0);
         let triangles = &mesh.triangles;
-        // SAFETY: device and scene are there. The buffers hold as many elements as is said,
-        // vertices with one number more than that, so that the last can be loaded as four; they are
-        // neither moved on the heap nor changed, and dropped after the scene. All indices are below
-        // the number of vertices, as meshes promise.
+        // SAFETY: device and scene are valid. The buffers hold the stated numbers of elements, and
+        // the vertices one number more, so that the last one can be loaded as four. They are
+        // neither moved on the heap nor changed, and are dropped after the scene. All indices are
+        // below the number of vertices, as meshes promise.
         unsafe {
             let geometry = (f.new_geometry)(self.device, TYPE_TRIANGLE);
             (f.set_geometry_quality)(geometry, quality as c_int);
@@ -311,7 +311,7 @@ impl Scene {
         self.vertices.push(vertices);
     }
 
-    /// Of Embree and of the copies made for it.
+    /// Size in bytes of Embree's memory and of the vertex copies made for it.
     pub(super) fn bytes(&self) -> usize {
         let copies: usize = self
             .vertices
@@ -338,7 +338,7 @@ impl Scene {
             Queries::Three { intersect, .. } => unsafe {
                 intersect(self.scene, &mut Context::new(), &mut query);
             },
-            // SAFETY: as above with version 4, whose header allows that there are no further
+            // SAFETY: as above for version 4, whose header allows that there are no further
             // arguments.
             Queries::Four { intersect, .. } => unsafe {
                 intersect(self.scene, &mut query, ptr::null());
@@ -364,7 +364,7 @@ impl Scene {
                 occluded(self.scene, &mut ray, ptr::null());
             },
         }
-        // Minus infinity says so.
+        // Embree sets `far` to minus infinity if the ray is occluded.
         ray.far < 0.0
     }
 }
@@ -399,7 +399,7 @@ impl Context {
 impl Drop for Scene {
     fn drop(&mut self) {
         let f = &self.embree.functions;
-        // SAFETY: both are there and released once; vertices, geometry and counter are dropped
+        // SAFETY: both are valid and released once; vertices, geometry and counter are dropped
         // after this.
         unsafe {
             (f.release_scene)(self.scene);
