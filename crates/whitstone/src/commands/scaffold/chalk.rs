@@ -1,8 +1,8 @@
 //! A matte surface that is darker towards its rim, as dust is (Minnaert, *The Reciprocity Principle
 //! in Lunar Photometry*, 1941).
 //!
-//! f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1): the same both ways,
-//! and what it reflects of light from everywhere has the closed form in `local`.
+//! f = reflectance/pi (cos of the light · cos of the viewer)^(darkening - 1). It is reciprocal, and
+//! its reflection of uniform light from all directions has the closed form in `local`.
 //!
 //! - Twin: none; the tests hold it to energy, reciprocity, and to the matte surface that it
 //!   becomes.
@@ -23,8 +23,8 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Share of the light that is reflected where it comes from and goes straight up, from 0 to 1;
-    /// a texture or a colour.
+    /// Fraction of the light that is reflected at normal incidence and viewing, from 0 to 1; a
+    /// texture or a colour.
     #[serde(default = "half")]
     reflectance: TextureRef,
     /// At least 1: 1 is a plain matte surface, more is darker towards the rim. 1.5 if left out.
@@ -61,7 +61,7 @@ impl Plugin<Materials> for Chalk {
             Some(value) => value.get_ref().get(),
             None => 1.5,
         };
-        // All errors are told at once.
+        // All errors are reported at once.
         let reflectance = errors.take(context.texture(&config.reflectance));
         let reflectance = reflectance.unwrap_or(ColorSource::Constant(Rgb::BLACK));
         errors.into_result(Arc::new(Self {
@@ -86,13 +86,13 @@ impl Material for Chalk {
 
     fn local(&self, point: &SurfacePoint, view: DVec3, light: &Illumination<'_>) -> Rgb {
         let n = point.n_towards(view);
-        // Below the horizon there is nothing: a negative number has no power.
+        // No light below the horizon: a negative base has no real power.
         let cosine = |direction: DVec3| n.dot(direction).max(0.0);
         let mut irradiance = Rgb::BLACK;
         for incoming in light.lights {
             irradiance += incoming.irradiance * cosine(incoming.direction).powf(self.darkening);
         }
-        // The integral of f cos over the half sphere.
+        // The integral of f cos over the hemisphere.
         let from_everywhere = light.ambient * (2.0 / (self.darkening + 1.0));
         let rim = cosine(view).powf(self.darkening - 1.0);
         self.reflectance.value(point) * (from_everywhere + irradiance * FRAC_1_PI) * rim

@@ -15,12 +15,12 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Where it stands.
+    /// Position of the camera.
     origin: Vector3,
-    /// What is in the middle of the image.
+    /// Point in the middle of the image.
     #[schemars(with = "Vector3")]
     target: Spanned<Vector3>,
-    /// What is up; y if left out.
+    /// Up direction; y if left out.
     #[serde(default = "y")]
     up: Vector3,
     /// Angle across the longer side of the image, in degrees above 0 and up to 360; 180 if left
@@ -41,7 +41,7 @@ pub struct Fisheye {
     up: DVec3,
     forward: DVec3,
     middle: DVec2,
-    /// Radians a pixel.
+    /// Radians per pixel.
     angle: f64,
 }
 
@@ -81,7 +81,7 @@ impl Camera for Fisheye {
         let from_middle = raster - self.middle;
         let distance = from_middle.length();
         let (sine, cosine) = (self.angle * distance).sin_cos();
-        // In the very middle there is no way aside.
+        // At the very middle the direction is undefined.
         let aside = if distance > 0.0 {
             from_middle * (sine / distance)
         } else {

@@ -1,6 +1,7 @@
-//! Parallel light of a ball that is lit from the side: the more of its dark half is seen, the less.
+//! Parallel light of a ball that is lit from the side. The light decreases with the visible part of
+//! its dark half.
 //!
-//! The phase function of a matte ball (Lambert, *Photometria*, 1760): (sin a + (pi - a) cos a)/pi
+//! The phase function of a diffuse ball (Lambert, *Photometria*, 1760): (sin a + (pi - a) cos a)/pi
 //! at the phase angle a.
 //!
 //! - Twin: none; the tests hold it to the closed values of the formula.
@@ -20,7 +21,7 @@ use whitstone_core::{
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The way the light travels; of any length but zero.
+    /// Direction in which the light travels; of any length but zero.
     #[schemars(with = "Vector3")]
     direction: Spanned<Vector3>,
     /// Irradiance in W/m² on a surface that faces it when it is full.

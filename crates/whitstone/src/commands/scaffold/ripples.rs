@@ -1,4 +1,4 @@
-//! Two colours in turn around a point of texture space.
+//! Two alternating colours in rings around a point of texture space.
 //!
 //! - Twin: none; the tests hold it to the distances that it is made of.
 //! - Example: `scenes/ripples.toml`.
@@ -9,20 +9,20 @@ use std::sync::Arc;
 use whitstone_core::config::{Color, Positive, Vector2};
 use whitstone_core::{Context, DVec2, Needs, Plugin, Rgb, SceneErrors, SurfacePoint, Texture, Textures};
 
-/// Two colours in turn around a point of texture space.
+/// Two alternating colours in rings around a point of texture space.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour in the middle.
+    /// Colour of the innermost disk.
     #[serde(default = "light")]
     a: Color,
-    /// Colour around it.
+    /// Colour of the ring around it.
     #[serde(default = "dark")]
     b: Color,
     /// The middle, in (u, v).
     #[serde(default = "middle")]
     center: Vector2,
-    /// From one change of colour to the next, in units of u and v.
+    /// Width of a ring, in units of u and v.
     #[serde(default = "tenth")]
     width: Positive,
 }
@@ -70,7 +70,7 @@ impl Texture for Ripples {
 
     fn value(&self, point: &SurfacePoint) -> Rgb {
         let distance = (point.uv - self.center).length();
-        // Beyond all numbers the remainder is none, and the comparison says no.
+        // An infinite distance has a NaN remainder, and the comparison is false.
         let inner = distance.rem_euclid(2.0 * self.width) < self.width;
         self.colors[usize::from(!inner)]
     }
