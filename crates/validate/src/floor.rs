@@ -45,8 +45,8 @@ fn perturbed(seed: u32) -> Setting {
 }
 
 /// The variations for POV-Ray: vertices rounded differently, longer guards against
-/// self-intersection, and other roundings to half precision. If nothing is a mesh, the first ones
-/// are the images that its driver already has.
+/// self-intersection, and other roundings to half precision. Without meshes the first variation
+/// changes nothing, and the driver still has its images.
 pub(crate) fn settings_of_povray() -> [Setting; 3] {
     let base = Setting::default();
     [

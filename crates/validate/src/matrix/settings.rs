@@ -12,7 +12,7 @@ const FILTER: &str = "filter";
 
 /// This many elements fit into one leaf, so that an accelerator divides nothing.
 const ONE_LEAF: usize = 4;
-/// Width of a tile in pixels: a smaller image is a single task.
+/// Side of a tile in pixels: a smaller image is a single task.
 const TILE: u32 = 16;
 /// Number of element tests that take about ten seconds.
 const MOST_TESTS: u64 = 1 << 30;

@@ -74,7 +74,7 @@ struct Tile {
 
 /// The colours of the error pictures.
 struct ScaleView {
-    /// The strip has its largest value at the top.
+    /// Its strip is at the top.
     legend: String,
     low: String,
     middle: String,
