@@ -11,8 +11,8 @@ use toml::Value;
 
 pub(super) struct PovRay;
 
-/// Maximum limit of a scene without textures. Its images are half floats, which round by 2^-14 of
-/// the value, or 6e-5. The driver brackets that rounding and reduces it to an eighth.
+/// Maximum limit of a scene without textures. Its images are half floats. The driver brackets their
+/// rounding error, to an eighth of it: 2^-14 of the value, or 6e-5.
 const LARGEST_LIMIT: f64 = 1e-4;
 
 impl Reference for PovRay {

@@ -91,8 +91,8 @@ pub struct Arguments {
     /// Minimum SSIM, at most 1
     #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = super::finite)]
     min_ssim: Option<f64>,
-    /// Fail if the probability that noise explains the differences, over the whole image, is below
-    /// this; needs layers of variance
+    /// Significance level over the whole image: fail if a difference is larger than noise explains
+    /// at this level; needs layers of variance
     #[arg(long, value_name = "P", value_parser = probability)]
     significance: Option<f64>,
     /// Number of worst pixels to list
