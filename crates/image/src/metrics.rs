@@ -15,8 +15,8 @@
 //! | `smape` | (1/N) sum 2 \|d\|/(\|ours\| + \|reference\| + 0.01) |
 //! | `psnr` | 20 log10(peak/rmse) dB |
 //! | relative residual | r = d/(\|reference\| + mean_reference) |
-//! | `rel_rmse_interior` | sqrt of the mean of r² over the pixels that are not excluded, and RGB |
-//! | `signed_block_bias` | of the means of r over blocks of 16 x 16 pixels and one channel, that with the largest magnitude |
+//! | `rel_rmse_interior` | sqrt of the mean of r² over RGB of all pixels that are not excluded |
+//! | `signed_block_bias` | the mean of r with the largest magnitude, over all blocks of 16 x 16 pixels and channels |
 //! | over tolerance | on any channel \|d\| > rel*\|reference\| + abs*mean_reference, or a value that is not finite |
 //!
 //! In `r`, a denominator below the smallest normal `f32` (about 1.2e-38) counts as that, so that

@@ -8,7 +8,7 @@
 //! | planes | what they hold |
 //! |---|---|
 //! | 2 x 3 | the reference's R, G, B as half floats: the step from the pixel before, with its sign in the last bit |
-//! | 2 x 3 | ours alike, as steps from the reference |
+//! | 2 x 3 | our R, G, B in the same form, as steps from the reference |
 //! | 3 | the relative residual, which half floats cannot resolve: [`code`] |
 //! | 1 | FLIP from 0 to 255 |
 //! | 1 | how the pixel was judged: [`judgement`] |

@@ -60,8 +60,8 @@ pub enum Effect {
 }
 
 impl Validator<'_> {
-    /// Changes the numbers of a scene one after another, except those of `[expect]`. `told`
-    /// receives their count and the index of the current one.
+    /// Changes the numbers of a scene one after another, except those of `[expect]` and `[film]`.
+    /// `told` receives the index, the total and the path of the current number.
     ///
     /// # Errors
     /// The scene is wrong, or does not pass without changes.

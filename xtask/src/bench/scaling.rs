@@ -1,7 +1,7 @@
 //! `bench scaling`: compares building and tracing on several threads with one thread.
 //!
 //! Other processes influence the wall-clock time, so processor time is reported next to it. The
-//! extra processor time of several threads is their overhead, and bounds the speedup of an idle
+//! extra processor time of several threads is their overhead, and bounds the speedup on an idle
 //! machine.
 
 use super::accelerators::{Choice, build};

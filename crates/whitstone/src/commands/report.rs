@@ -14,7 +14,7 @@ use whitstone_validate::sensitivity::Parameter;
 use whitstone_validate::{CaseResult, Pictures, Results, counted};
 
 /// Rewrite the report of the last `validate`, with the last results of `converge`, `stress` and
-/// `sensitivity`, and open it
+/// `sensitivity`; with --open, show it
 ///
 /// The page is index.html in the folder of the results. It is one file that works from disk,
 /// without a network. With more than 150 cases it becomes an index, and each scene has its own page

@@ -1,4 +1,5 @@
-//! A camera whose distances from the middle of the image are angles: the equidistant projection.
+//! A camera with the equidistant projection: the distance of a pixel from the middle of the image
+//! is proportional to the angle of its ray with the viewing direction.
 //!
 //! - Twin: none; the tests hold it to the angles that it is made of.
 //! - Example: `scenes/fisheye.toml`.
@@ -11,7 +12,7 @@ use whitstone_core::{
     Camera, Cameras, Context, DVec2, DVec3, FilmSize, Plugin, Ray, SceneError, SceneErrors,
 };
 
-/// A camera whose distances from the middle of the image are angles.
+/// A camera for which the distance from the middle of the image is proportional to the angle.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -81,7 +82,7 @@ impl Camera for Fisheye {
         let from_middle = raster - self.middle;
         let distance = from_middle.length();
         let (sine, cosine) = (self.angle * distance).sin_cos();
-        // At the very middle the direction is undefined.
+        // At the middle of the image the sideways component is 0, and its direction is undefined.
         let aside = if distance > 0.0 {
             from_middle * (sine / distance)
         } else {
