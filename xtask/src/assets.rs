@@ -1,14 +1,14 @@
-//! The meshes and pictures of `scenes/assets`, which are generated.
+//! The generated meshes and pictures of `scenes/assets`.
 
 use std::path::Path;
 use whitstone::image::atomic;
 use whitstone::{Exit, Failure};
 use whitstone_testkit::assets::generate;
 
-/// Where they are.
+/// Their folder.
 const FOLDER: &str = "scenes/assets";
 
-/// Writes them all.
+/// Writes all of them.
 pub(crate) fn write() -> Result<Exit, Failure> {
     std::fs::create_dir_all(FOLDER).map_err(Failure::environment)?;
     for (name, bytes) in generate() {
@@ -19,7 +19,7 @@ pub(crate) fn write() -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// Those that are missing, differ from what would be generated, or that nothing generates.
+/// Files that are missing, differ from the generated ones, or are not generated.
 pub(crate) fn check() -> Vec<String> {
     let again = "run `cargo xtask assets`";
     let generated = generate();

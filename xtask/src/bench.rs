@@ -1,4 +1,4 @@
-//! `bench`: our speed beside that of others, the same rays in the same run.
+//! `bench`: benchmarks Whitstone against other renderers, with the same rays in the same run.
 
 mod accelerators;
 mod chart;
@@ -23,7 +23,7 @@ use whitstone::core::Registry;
 use whitstone::core::simd::Level;
 use whitstone::{Exit, Failure};
 
-/// Time scenes with Whitstone and with Mitsuba, interleaved, and print medians and ratios
+/// Benchmark whole scenes with Whitstone and Mitsuba, interleaved, and print medians and ratios
 #[derive(Args, Debug)]
 #[command(args_conflicts_with_subcommands = true)]
 pub(crate) struct Arguments {
@@ -44,7 +44,7 @@ enum What {
     Shapes(shapes::Arguments),
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     Level::wanted().map_err(Failure::usage)?;
     match &arguments.what {
@@ -59,7 +59,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
 }
 
-/// NaN for no values.
+/// NaN for an empty slice.
 fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     match values.len() {

@@ -1,11 +1,11 @@
-//! What the workspace depends on: every licence is one that we allow, and the table in `Cargo.toml`
-//! is what is used.
+//! Checks the dependencies of the workspace: every licence is allowed, and the table in
+//! `Cargo.toml` matches their use.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::process::Command;
 
-/// SPDX identifiers, with exceptions where they have one.
+/// Allowed SPDX identifiers, with exceptions where they have one.
 const ALLOWED: [&str; 12] = [
     "0BSD",
     "Apache-2.0",
@@ -21,9 +21,9 @@ const ALLOWED: [&str; 12] = [
     "Zlib",
 ];
 
-/// What is wrong with the dependencies, those of other platforms and of tests included.
+/// The problems of the dependencies, including those of other platforms and of tests.
 pub(crate) fn check() -> Vec<String> {
-    // The package outside has a lock file of its own, which changes of ours leave behind.
+    // The package outside the workspace has a lock file of its own, which can become outdated.
     let outside = "examples/plugin-superquadric";
     if let Err(problem) = metadata(&["--manifest-path", &format!("{outside}/Cargo.toml")]) {
         return vec![format!(
@@ -83,7 +83,7 @@ fn table(manifest: &str) -> BTreeSet<&str> {
     entries.map(|(name, _)| name).collect()
 }
 
-/// Entries that no member names, and dependencies of members that are no entries.
+/// Entries that no member uses, and dependencies of members that are not in the table.
 fn check_table(table: &BTreeSet<&str>, metadata: &Value) -> Vec<String> {
     let mut used = BTreeSet::new();
     let mut problems = Vec::new();
@@ -107,8 +107,8 @@ fn check_table(table: &BTreeSet<&str>, metadata: &Value) -> Vec<String> {
     problems
 }
 
-/// Whether an SPDX expression can be met by allowed licences; `/` is the old way to write OR, and
-/// some write it small.
+/// Whether allowed licences satisfy an SPDX expression. `/` is the old way to write OR, and some
+/// packages write operators in lower case.
 fn is_allowed(expression: &str) -> bool {
     let spaced = expression
         .replace('(', " ( ")
@@ -121,7 +121,7 @@ fn is_allowed(expression: &str) -> bool {
 
 type Words<'a> = std::iter::Peekable<std::str::SplitWhitespace<'a>>;
 
-/// Alternatives. `None` for what is no expression.
+/// Evaluates alternatives. `None` for an invalid expression.
 fn any(words: &mut Words<'_>) -> Option<bool> {
     let mut met = all(words)?;
     while words.next_if_eq(&"OR").is_some() {

@@ -6,13 +6,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use whitstone::core::Registry;
 use whitstone::{Exit, Failure};
 
-/// Checks each, several at a time: a check is mostly one crate, so one thread.
+/// Checks each feature. Several checks run in parallel, with one thread each, because most of them
+/// compile only one crate.
 pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     let plugins = registry
         .entries()
         .filter(|entry| entry.crate_name != peers::CRATE);
     let plugins = plugins.map(|entry| (entry.crate_name, entry.name.to_owned()));
-    // Which peers this program has does not matter: all are checked.
+    // All peers are checked, regardless of those in this program.
     let peers = peers::names().into_iter().map(|name| (peers::CRATE, name));
     let features: Vec<(&str, String)> = plugins.chain(peers).collect();
     let next = AtomicUsize::new(0);
@@ -38,7 +39,7 @@ pub(crate) fn run(registry: &Registry) -> Result<Exit, Failure> {
     verdict(&problems, &format!("features: {} compile alone", features.len()))
 }
 
-/// What the compiler says against one feature alone.
+/// The compiler's messages for a single feature.
 fn problem(package: &str, feature: &str, worker: usize) -> std::io::Result<Option<String>> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let output = Command::new(cargo)
@@ -46,8 +47,8 @@ fn problem(package: &str, feature: &str, worker: usize) -> std::io::Result<Optio
         .args(["--no-default-features", "--features", feature])
         .env("RUSTFLAGS", "-D warnings")
         .env("CARGO_INCREMENTAL", "0")
-        // Other flags would rebuild everything, and cargo locks a folder: each worker has one of
-        // its own.
+        // Other flags would rebuild everything, and cargo locks its folder, so each worker has its
+        // own.
         .env("CARGO_TARGET_DIR", format!("target/features/{worker}"))
         .output()?;
     let text = String::from_utf8_lossy(&output.stderr);

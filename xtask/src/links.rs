@@ -1,9 +1,10 @@
-//! Links between documents: to files that are there, and from the book to pages that are in it.
+//! Checks the links between documents: their files exist, and links of the book lead to pages of
+//! the book.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Documents beside those of `docs/`.
+/// Documents outside `docs/`.
 const OTHERS: [&str; 7] = [
     "README.md",
     "ARCHITECTURE.md",
@@ -16,7 +17,7 @@ const OTHERS: [&str; 7] = [
 /// The table of contents of the book.
 const SUMMARY: &str = "docs/SUMMARY.md";
 
-/// Links that lead nowhere, and documents that the book leaves out.
+/// Broken links, and documents that are missing in the book.
 pub(crate) fn check() -> Vec<String> {
     let mut documents: Vec<PathBuf> = OTHERS.into_iter().map(PathBuf::from).collect();
     documents.extend(below(Path::new("docs")));
@@ -38,7 +39,7 @@ pub(crate) fn check() -> Vec<String> {
     problems
 }
 
-/// The links of a document to files that are not there.
+/// The links of a document whose files do not exist.
 fn dead(document: &Path, text: &str) -> Vec<String> {
     let folder = document.parent().unwrap_or(Path::new(""));
     let inside = targets(text).filter(|target| !target.contains("://") && !target.starts_with('#'));
@@ -48,7 +49,7 @@ fn dead(document: &Path, text: &str) -> Vec<String> {
     missing.collect()
 }
 
-/// What the links and pictures of a text lead to, outside of code.
+/// The targets of the links and pictures of a text, outside code.
 fn targets(text: &str) -> impl Iterator<Item = &str> {
     let mut in_code = false;
     let lines = text.lines().filter(move |line| {
@@ -64,7 +65,7 @@ fn targets(text: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// All documents of a folder and those below.
+/// All documents in a folder and its subfolders.
 fn below(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {

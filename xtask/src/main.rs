@@ -1,4 +1,5 @@
-//! Verbs of the repository, thin over the library: `cargo xtask <verb>`.
+//! Maintenance commands of the repository: `cargo xtask <command>`. Most of the work is in the
+//! library.
 
 mod assets;
 mod bench;
@@ -20,7 +21,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use whitstone::{Exit, Failure, commands, finish};
 
-/// Verbs of the repository. Exit codes: 0 pass, 1 differs, 2 usage or scene, 3 environment.
+/// Maintenance commands of the repository. Exit codes: 0 pass, 1 differs, 2 usage or scene, 3
+/// environment.
 #[derive(Parser)]
 #[command(name = "cargo xtask", arg_required_else_help = true, max_term_width = 100)]
 struct Arguments {
@@ -45,7 +47,8 @@ enum Verb {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    // Paths on the command line are relative to the repository, wherever in it the verb is called.
+    // Paths on the command line are relative to the repository root, regardless of the working
+    // folder.
     if let Err(error) = std::env::set_current_dir(root()) {
         return finish(Err(Failure::environment(error)));
     }
@@ -65,14 +68,14 @@ fn main() -> ExitCode {
     })
 }
 
-/// The repository: above this package.
+/// The repository root, which contains this package.
 fn root() -> PathBuf {
     let package = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from);
     let package = package.unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")));
     package.parent().unwrap_or(Path::new(".")).to_owned()
 }
 
-/// Prints problems and gives the result of a check.
+/// Prints the problems and returns the result of a check.
 fn verdict(problems: &[String], good: &str) -> Result<Exit, Failure> {
     for problem in problems {
         println!("{problem}");

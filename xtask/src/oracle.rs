@@ -1,4 +1,5 @@
-//! `oracle`: of how many pixels of each scene the oracle has a certain value, and in what time.
+//! `oracle`: measures for how many pixels of each scene the oracle has a certain value, and its
+//! time.
 
 use crate::pages::between;
 use clap::Args;
@@ -16,15 +17,15 @@ use whitstone::validate::find_scenes;
 use whitstone::{Exit, Failure};
 use whitstone_oracle::tracer::{Care, Tracer, Value};
 
-/// Where the table is in the documentation.
+/// The page with the table.
 const PAGE: &str = "docs/oracle.md";
 const BEGIN: &str = "<!-- figures: written by `cargo xtask oracle --page` -->";
 const END: &str = "<!-- end of figures -->";
 
-/// Least part of the pixels that the oracle decides in a scene without a reason.
+/// Minimum fraction of the pixels that the oracle must decide, unless the scene is an exception.
 const LEAST_DECIDED: f64 = 0.95;
 
-/// Scenes in which it decides fewer, and why. That its time is up on a busy machine is no reason.
+/// Scenes in which it decides fewer pixels, and why. A timeout on a busy machine is not a reason.
 const EXCEPTIONS: [(&str, &str); 5] = [
     ("community/mitsuba_dielectrics", TOUCH),
     ("community/nasty_doubled_faces", DOUBLED),
@@ -38,26 +39,26 @@ const TOUCH: &str = "rays that touch a surface or an edge, or meet two surfaces 
 const DOUBLED: &str =
     "every face is there twice in one mesh: which of two equal faces counts changes the pixel";
 
-/// Query the oracle about evenly chosen pixels of scenes, and print how many it decides
+/// Query the oracle about evenly spaced pixels of scenes, and print how many it decides
 ///
-/// A pixel is decided where the oracle's value is certain to the tolerance of `validate`. Exit code
-/// 1 if it decides less than 95 % of the pixels of a scene that is not a known exception, or if an
-/// exception is none.
+/// A pixel is decided if the oracle's value is certain to within the tolerance of `validate`. Exit
+/// code 1 if it decides less than 95 % of the pixels of a scene that is not a known exception, or
+/// if a known exception reaches 95 %.
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
-    /// Scenes, or folders of scenes
+    /// Scene files, or folders of them
     #[arg(default_values = ["scenes", "scenes/community"], value_name = "SCENE")]
     scenes: Vec<PathBuf>,
-    /// Pixels of each scene
+    /// Number of pixels of each scene
     #[arg(long, default_value_t = 200, value_name = "COUNT")]
     pixels: usize,
-    /// Wall time for each scene
+    /// Wall time limit for each scene, in seconds
     #[arg(long, default_value_t = 60, value_name = "SECONDS")]
     budget: u64,
-    /// Threads
+    /// Number of threads
     #[arg(long, default_value_t = 2, value_name = "COUNT")]
     threads: usize,
-    /// Write the figures to this file
+    /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write the table into docs/oracle.md
@@ -69,18 +70,18 @@ pub(crate) struct Arguments {
 /// 1/g^2 with g^3 = g + 1.
 const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
 
-/// What the oracle answers about a scene.
+/// The oracle's answers about a scene.
 struct Row {
     name: String,
     asked: usize,
-    /// Its value is certain.
+    /// Pixels whose value is certain.
     decided: usize,
-    /// It takes several values under roundings.
+    /// Pixels that take several values under rounding.
     ill_posed: usize,
-    /// It has no value, by the reason.
+    /// Pixels without a value, by reason.
     unknown: BTreeMap<String, usize>,
     seconds: f64,
-    /// Of the slowest pixel.
+    /// Time of the slowest pixel in seconds.
     slowest: f64,
 }
 
@@ -117,7 +118,7 @@ impl Row {
     }
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let paths = find_scenes(&arguments.scenes).map_err(Failure::usage)?;
     let width = paths.iter().map(|path| name(path).len()).max().unwrap_or(0);
@@ -233,7 +234,7 @@ fn query(path: &Path, arguments: &Arguments, registry: &Registry) -> Result<Row,
             Value::Unknown(why) => *row.unknown.entry(why).or_default() += 1,
         }
     }
-    // The tolerance of `validate`, with the mean of these pixels for that of the image.
+    // The tolerance of `validate`, with the mean of these pixels instead of that of the image.
     let Tolerance { relative, absolute } = Tolerance::default();
     let mean = sum / known.len().max(1) as f64;
     row.decided = (known.iter())
@@ -245,7 +246,7 @@ fn query(path: &Path, arguments: &Arguments, registry: &Registry) -> Result<Row,
     Ok(row)
 }
 
-/// The scenes below the bar and the slowest of the others, between the marks of the page.
+/// Writes the scenes below the limit and the slowest of the others between the marks of the page.
 fn write_page(rows: &[Row]) -> Result<(), Failure> {
     let mut table = String::from(
         "| scene | decided | ill-posed | unknown | seconds | reason |\n|---|---:|---:|---:|---:|---|\n",

@@ -1,4 +1,4 @@
-//! A page for every plugin, from what it says of itself: its schema, the header of its file, its
+//! Generates a page for every plugin from its schema, the header comment of its file, and its
 //! example.
 
 use crate::bench::plugins::{Costs, kept};
@@ -13,7 +13,7 @@ use whitstone::image::atomic;
 use whitstone::scene::table_schema;
 use whitstone::validate::CaseResult;
 
-/// The folder of the pages; nothing else is in it.
+/// The folder of the pages, which contains nothing else.
 pub(crate) const FOLDER: &str = "docs/plugins";
 
 /// The table of contents of docs/, for mdBook.
@@ -53,7 +53,7 @@ pub(crate) fn pages<E>(
     Ok(files)
 }
 
-/// Writes a text into a page, between two lines that stay.
+/// Writes a text into a page, between two lines that are kept.
 pub(crate) fn between(page: &str, [begin, end]: [&str; 2], text: &str) -> Result<(), Failure> {
     let old = std::fs::read_to_string(page).map_err(Failure::environment)?;
     let (Some(from), Some(to)) = (old.find(begin), old.find(end)) else {
@@ -67,7 +67,7 @@ pub(crate) fn between(page: &str, [begin, end]: [&str; 2], text: &str) -> Result
     Ok(())
 }
 
-/// What stands in docs/ itself: title and file.
+/// Title and file of the documents in docs/ itself.
 fn documents() -> Vec<(String, String)> {
     let files = std::fs::read_dir("docs").into_iter().flatten().flatten();
     let mut documents: Vec<(String, String)> = files
@@ -149,7 +149,7 @@ fn page(entry: &Entry, cases: &Cases<'_>, costs: &Costs) -> String {
     text
 }
 
-/// A table of the keys; one for each form where there are several.
+/// A table of the keys, one for each form if there are several.
 fn parameters(schema: &Value, text: &mut String) {
     let forms = ["oneOf", "anyOf"].iter().find_map(|key| schema[key].as_array());
     let Some(forms) = forms else {
@@ -221,7 +221,7 @@ fn one_line(text: &str) -> String {
     text.replace('\n', " ").replace('|', "\\|")
 }
 
-/// Follows a reference into the definitions.
+/// Resolves a reference into the definitions.
 fn resolved<'a>(value: &'a Value, root: &'a Value) -> &'a Value {
     let name = value["$ref"]
         .as_str()
@@ -229,7 +229,7 @@ fn resolved<'a>(value: &'a Value, root: &'a Value) -> &'a Value {
     name.map_or(value, |name| &root["$defs"][name])
 }
 
-/// What a value may be, in words.
+/// A description of the values that a key may have.
 fn kind(value: &Value, root: &Value) -> String {
     let value = resolved(value, root);
     if let Some(word) = value["const"].as_str() {

@@ -1,6 +1,6 @@
-//! What `tidy` asks of the peers in place of what it asks of plugins: they have no example scene,
-//! no stored reference and no laws of accelerators, because they are not built by default and their
-//! images are not ours.
+//! The checks of `tidy` for third-party backends (peers), which replace those for plugins. Peers
+//! have no example scene, no stored reference and no property tests of accelerators, because they
+//! are not built by default and their images are not ours.
 
 use crate::tidy::undocumented_parameters;
 use std::fs;
@@ -25,7 +25,7 @@ fn read(path: &str) -> String {
     fs::read_to_string(path).unwrap_or_default()
 }
 
-/// Name and value of each feature but `default`.
+/// Name and value of each feature except `default`.
 fn features(manifest: &str) -> impl Iterator<Item = (&str, &str)> {
     let table = manifest.split("[features]").nth(1).unwrap_or_default();
     let table = table.split("\n[").next().unwrap_or_default();
@@ -33,8 +33,8 @@ fn features(manifest: &str) -> impl Iterator<Item = (&str, &str)> {
     entries.filter(|(name, _)| *name != "default")
 }
 
-/// Each has a file, tests and documentation, is a feature of all that pass it on and on by default
-/// in none. `built` are those that this program has.
+/// Each peer must have a file, tests and documentation. Every crate that passes it on must have it
+/// as a feature, and none may enable it by default. `built` are the peers in this program.
 pub(crate) fn check(built: &[&Entry]) -> Vec<String> {
     let mut problems = check_names(&names(), &read);
     for entry in built {
@@ -48,7 +48,7 @@ pub(crate) fn check(built: &[&Entry]) -> Vec<String> {
             ));
         }
     }
-    // Beside the crate's root and what they share, each file is a peer.
+    // Apart from the crate root and the shared files, each file is a peer.
     for file in fs::read_dir(Path::new(FOLDER).join("src"))
         .into_iter()
         .flatten()

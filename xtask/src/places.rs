@@ -1,4 +1,4 @@
-//! The places that a plugin of the repository is written in by hand: six at most.
+//! The files in which a plugin of the repository is registered by hand: six at most.
 
 use clap::Args;
 use std::fs;
@@ -8,25 +8,25 @@ use whitstone::{Exit, Failure};
 
 /// Check what the compiler cannot: that every plugin has its file, feature, example, twin and
 /// documentation, and that all licences of dependencies are allowed; with --plugin, list the places
-/// of one and what each lacks
+/// that one plugin needs and what is missing in each
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
-    /// List the places that a plugin takes, there already or not yet
+    /// List the places of a plugin, whether or not they exist yet
     #[arg(long, num_args = 2, value_names = ["FAMILY", "NAME"])]
     pub(crate) plugin: Option<Vec<String>>,
 }
 
-/// A file that a plugin has a part in.
+/// A file that contains a part of a plugin.
 pub(crate) struct Place {
-    /// Where. Of a twin that is not there yet, where it may be.
+    /// The path. For a twin that does not exist yet, the place where it belongs.
     pub(crate) path: PathBuf,
-    /// What of it is the plugin's.
+    /// The plugin's part of the file.
     pub(crate) what: String,
-    /// Whether it is there.
+    /// Whether that part exists.
     pub(crate) there: bool,
 }
 
-/// What CONTRIBUTING.md says under "Adding a plugin".
+/// The places that CONTRIBUTING.md lists under "Adding a plugin".
 pub(crate) fn places(family: FamilyName, name: &str) -> Vec<Place> {
     let plural = family.plural();
     let krate = Path::new("crates").join(plural);
@@ -39,7 +39,7 @@ pub(crate) fn places(family: FamilyName, name: &str) -> Vec<Place> {
     );
     let scene = Path::new("scenes").join(plural).join(name).with_extension("toml");
     let model = PathBuf::from("docs/whitted-model.md");
-    // Of the module, and of the line in `register`.
+    // Once for the module, once for the line in `register`.
     let registered = read(&lib).matches(&format!("feature = \"{name}\"")).count() >= 2;
     let feature = read(&manifest)
         .lines()
@@ -58,7 +58,7 @@ pub(crate) fn places(family: FamilyName, name: &str) -> Vec<Place> {
         place(manifest, format!("the feature `{name}`, also in `all`"), feature),
         place(scene.clone(), "the example".to_owned(), scene.is_file()),
     ];
-    // An image does not depend on accelerators.
+    // The image does not depend on the accelerator.
     if family != FamilyName::Accelerator {
         let modelled = read(&model).contains(&format!("**{name}**"));
         all.push(place(model, format!("what **{name}** is, exactly"), modelled));
@@ -72,7 +72,7 @@ pub(crate) fn places(family: FamilyName, name: &str) -> Vec<Place> {
     all
 }
 
-/// Where the twin is, or is to be.
+/// The path of the twin, existing or not.
 fn twin(family: FamilyName, name: &str) -> (PathBuf, bool) {
     let plural = family.plural();
     let quoted = format!("\"{name}\"");
@@ -82,7 +82,7 @@ fn twin(family: FamilyName, name: &str) -> (PathBuf, bool) {
         .map(|entry| entry.path())
         .filter(|path| path.extension().is_some_and(|e| e == "py"));
     let named = |path: &PathBuf| fs::read_to_string(path).is_ok_and(|text| text.contains(&quoted));
-    // The driver reads it with the document.
+    // The driver reads it together with the document.
     let file = if family == FamilyName::Integrator {
         "document"
     } else {
@@ -104,7 +104,7 @@ fn twin(family: FamilyName, name: &str) -> (PathBuf, bool) {
     }
 }
 
-/// Lists the places of a plugin; those that lack it are problems.
+/// Lists the places of a plugin. Places without it are problems.
 pub(crate) fn run(plugin: &[String]) -> Result<Exit, Failure> {
     let [family, name] = plugin else {
         return Err(Failure::usage("expected a family and a name"));
@@ -135,7 +135,7 @@ pub(crate) fn run(plugin: &[String]) -> Result<Exit, Failure> {
 mod tests {
     use super::*;
 
-    /// Six at most, all there for what is registered, none for what is not.
+    /// At most six places, all complete for a registered plugin, none for an unregistered one.
     #[test]
     fn every_plugin_takes_six_places_at_most() {
         std::env::set_current_dir(crate::root()).unwrap();

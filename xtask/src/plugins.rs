@@ -1,4 +1,4 @@
-//! What the files of plugins say about them in their headers: their twin, example and laws, for
+//! Collects the data in the header comments of plugin files (twin, example, laws) for
 //! `whitstone list --json`.
 
 use crate::peers;
@@ -7,13 +7,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use whitstone::core::Registry;
 
-/// Written by `cargo xtask readme`; a part of the command line.
+/// Written by `cargo xtask readme`; embedded into the command line.
 pub(crate) const FILE: &str = "crates/whitstone/src/plugins.json";
 
 /// The content of the file.
 pub(crate) fn json(registry: &Registry) -> String {
-    // Sorted here: a map of JSON keeps the order of insertion in some builds, by a feature that
-    // other packages turn on.
+    // Sorted here, because the order of JSON maps depends on a feature that other packages may
+    // enable.
     let mut families: BTreeMap<&str, BTreeMap<&str, BTreeMap<&str, Value>>> = BTreeMap::new();
     for entry in registry
         .entries()
@@ -37,7 +37,7 @@ pub(crate) fn json(registry: &Registry) -> String {
     format!("{:#}\n", json!(families))
 }
 
-/// What follows a name in the list of a header, up to the next item.
+/// The text after a name in the list of a header, up to the next item.
 pub(crate) fn note(source: &str, name: &str) -> Option<String> {
     let header = source.lines().map_while(|line| line.strip_prefix("//!"));
     let start = format!("- {name}: ");
@@ -47,7 +47,7 @@ pub(crate) fn note(source: &str, name: &str) -> Option<String> {
     Some(rest.fold(first, |text, line| format!("{text} {line}")))
 }
 
-/// What a header says between its first sentence and its list: how, and by which source.
+/// The text of a header between its first sentence and its list: the method and its source.
 pub(crate) fn method(source: &str) -> String {
     let header = source.lines().map_while(|line| line.strip_prefix("//!"));
     let lines = header.map(|line| line.strip_prefix(' ').unwrap_or(line));
@@ -58,7 +58,7 @@ pub(crate) fn method(source: &str) -> String {
     text.trim().to_owned()
 }
 
-/// The functions called from tests whose names say that they are laws.
+/// The functions called from tests whose names mark them as laws (property tests).
 pub(crate) fn laws(source: &str) -> Vec<&str> {
     let words = source.split(|c: char| !c.is_alphanumeric() && c != '_');
     let laws: BTreeSet<&str> = words.filter(|word| is_law(word)).collect();

@@ -1,4 +1,5 @@
-//! `readme`: the pictures and the table of numbers in README.md, made from the stored references.
+//! `readme`: generates the pictures and the table of numbers in README.md from the stored
+//! references.
 
 use crate::{pages, plugins, verdict};
 use clap::Args;
@@ -18,7 +19,7 @@ const README: &str = "README.md";
 const VALIDATION: &str = "docs/validation.md";
 const BEGIN: &str = "<!-- numbers: written by `cargo xtask readme` -->";
 const END: &str = "<!-- end of numbers -->";
-/// The scenes on the contact sheet, three a row.
+/// The scenes on the contact sheet, three per row.
 const SHEET: [&str; 6] = [
     "classic",
     "nested_dielectrics",
@@ -30,10 +31,10 @@ const SHEET: [&str; 6] = [
 /// Pixels of a picture on the sheet.
 const TILE: (usize, usize) = (288, 216);
 
-/// The showcase scenes that are shown beside their references.
+/// The showcase scenes that are shown next to their references.
 const TRIOS: [&str; 2] = ["classic", "room"];
 
-/// Pictures of what accelerators divide space into: name, configuration, down to which level.
+/// Pictures of the bounds of accelerators: name, configuration, deepest level.
 const BOUNDS: [(&str, &str, usize); 9] = [
     ("bvh", "type = \"bvh\"", 2),
     ("bvh2", "type = \"bvh2\"", 4),
@@ -46,16 +47,16 @@ const BOUNDS: [(&str, &str, usize); 9] = [
     ("bsp", "type = \"bsp\"", 6),
 ];
 
-/// Write what is generated: the pictures and numbers of README.md from the stored references, the
-/// pictures of docs/accelerators.md, a page for every plugin, and what `list --json` says of them
+/// Write all generated files: the pictures and numbers of README.md from the stored references, the
+/// pictures of docs/accelerators.md, a page for every plugin, and the data of `list --json`
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
-    /// Write nothing; exit 1 if something would change
+    /// Write nothing; exit with 1 if a file would change
     #[arg(long)]
     check: bool,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let cases = validate(registry, Renderer::MITSUBA)?;
     let others = validate(registry, Renderer::POVRAY)?;
@@ -101,7 +102,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     )
 }
 
-/// A page with a text between its marks.
+/// A page with a text inserted between its marks.
 fn page(path: &str, text: &str) -> Result<Vec<u8>, Failure> {
     let page = std::fs::read_to_string(path).map_err(Failure::environment)?;
     let (Some(begin), Some(end)) = (page.find(BEGIN), page.find(END)) else {
@@ -112,7 +113,7 @@ fn page(path: &str, text: &str) -> Result<Vec<u8>, Failure> {
     Ok(format!("{}{BEGIN}\n\n{text}\n{}", &page[..begin], &page[end..]).into_bytes())
 }
 
-/// Pages of plugins that are no more.
+/// Pages of plugins that no longer exist.
 fn strangers(files: &[(PathBuf, Vec<u8>)]) -> Vec<String> {
     let folders =
         whitstone::core::FamilyName::ALL.map(|family| Path::new(pages::FOLDER).join(family.plural()));
@@ -154,11 +155,11 @@ fn validate(registry: &Registry, renderer: Renderer) -> Result<Vec<CaseResult>, 
     }
     let scenes = find_scenes(&[PathBuf::from("scenes")]).map_err(Failure::environment)?;
     let cases = scenes.iter().map(|scene| validator.validate(scene));
-    // What only POV-Ray has a reference of is not in this table, which is about Mitsuba.
+    // This table is about Mitsuba, so scenes with only a POV-Ray reference are excluded.
     Ok(cases.filter(|case| case.other_reference.is_none()).collect())
 }
 
-/// One digit after the point: the second depends on the platform's mathematical functions.
+/// One digit after the point, because the second depends on the platform's mathematical functions.
 fn table(cases: &[CaseResult]) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.0e}"));
     let mut text = String::from(
@@ -180,7 +181,7 @@ fn table(cases: &[CaseResult]) -> String {
     text
 }
 
-/// What came out over all scenes.
+/// The results over all scenes.
 fn summary(cases: &[CaseResult]) -> String {
     let with = |status| cases.iter().filter(|case| case.status == Some(status)).count();
     let sum = |of: fn(&CaseResult) -> usize| cases.iter().map(of).sum::<usize>();
@@ -238,7 +239,7 @@ fn render(registry: &Registry, scene: &Path, overrides: &[String]) -> Result<(Fi
     Ok((pipeline.render(RenderOptions::default()), pipeline.scene_hash))
 }
 
-/// The small scene of the accelerators, from a little farther away, with the boxes of one of them.
+/// The small scene of the accelerators, from a larger distance, with the boxes of one of them.
 fn bounds(registry: &Registry, accelerator: &str, deepest: usize) -> Result<Vec<u8>, Failure> {
     let overrides = [
         format!("film={{ width = {}, height = {} }}", TILE.0, TILE.1),
@@ -250,7 +251,7 @@ fn bounds(registry: &Registry, accelerator: &str, deepest: usize) -> Result<Vec<
     picture.to_png().map_err(Failure::environment)
 }
 
-/// A scene as it is.
+/// A scene without changes.
 fn picture(registry: &Registry, scene: &str) -> Result<Vec<u8>, Failure> {
     let (film, hash) = render(registry, Path::new(scene), &[])?;
     let image = film.to_image(&hash).map_err(Failure::usage)?;
@@ -258,7 +259,7 @@ fn picture(registry: &Registry, scene: &str) -> Result<Vec<u8>, Failure> {
     picture.to_png().map_err(Failure::environment)
 }
 
-/// Pictures of showcase scenes with nine samples a pixel.
+/// Pictures of showcase scenes with nine samples per pixel.
 fn sheet(registry: &Registry) -> Result<Vec<u8>, Failure> {
     let columns = 3;
     let rows = SHEET.len().div_ceil(columns);
@@ -277,7 +278,7 @@ fn sheet(registry: &Registry) -> Result<Vec<u8>, Failure> {
     sheet.to_png().map_err(Failure::environment)
 }
 
-/// Ours, the stored reference, and the error.
+/// Our image, the stored reference, and the error.
 fn trio_of(registry: &Registry, name: &str) -> Result<Vec<u8>, Failure> {
     let scene = PathBuf::from(format!("scenes/showcase/{name}.toml"));
     let (film, hash) = render(registry, &scene, &[])?;

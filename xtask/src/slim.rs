@@ -1,9 +1,9 @@
-//! `slim`: a binary with nothing in it but what one scene needs.
+//! `slim`: builds a binary that contains only what one scene needs.
 //!
-//! A package is generated that depends on `whitstone` without its features and on the families with
-//! those features that the scene needs. It has a workspace of its own, as cargo joins the features
-//! of all packages of a workspace. The full binary is made the same way, so that both have one
-//! profile.
+//! Generates a package that depends on `whitstone` without its features, and on the families with
+//! the features that the scene needs. The package has its own workspace, because cargo unifies the
+//! features of all packages of a workspace. The full binary is built in the same way, so that both
+//! have the same profile.
 
 use crate::root;
 use clap::Args;
@@ -17,34 +17,34 @@ use whitstone::core::Registry;
 use whitstone::scene::{Description, Pipeline, Plan, Sources};
 use whitstone::{Exit, Failure};
 
-/// Build a binary with only what a scene needs, and compare it with the full one
+/// Build a binary with only what a scene needs, and compare it with the full binary
 ///
-/// Both are built as by `cargo build --release`, without debug information. They must write the
-/// same bytes. Start-up is the whole run with a film of one pixel; instructions are counted by
-/// valgrind where it is installed.
+/// Both are built like `cargo build --release`, without debug information. They must write the same
+/// bytes. Start-up time is the time of a whole run with a film of one pixel. Instructions are
+/// counted by valgrind if it is installed.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  cargo xtask slim scenes/shapes/sphere.toml -o sphere")]
 pub(crate) struct Arguments {
-    /// The scene
+    /// Scene file
     scene: PathBuf,
-    /// Where to put the binary [default: target/whitstone/slim/SCENE]
+    /// Path of the binary [default: target/whitstone/slim/SCENE]
     #[arg(short, long, value_name = "BINARY")]
     output: Option<PathBuf>,
     /// Only build it, and compare its picture with that of this program
     #[arg(long)]
     only: bool,
-    /// Runs of each, interleaved, of which medians are told
+    /// Number of runs of each, interleaved; medians are reported
     #[arg(long, default_value_t = 11)]
     runs: usize,
-    /// Write the figures to this file
+    /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Where packages and binaries are made.
+/// The folder of packages and binaries.
 const FOLDER: &str = "target/whitstone/slim";
 
-/// Runs the verb.
+/// Runs the command.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let scene = arguments.scene.canonicalize();
     let scene = scene.map_err(|error| Failure::usage(format!("{}: {error}", arguments.scene.display())))?;
@@ -92,15 +92,15 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     Ok(if same { Exit::Pass } else { Exit::Differs })
 }
 
-/// Package and features of each, by what a scene names and is built from.
+/// For each package, the features that the scene's plugins need.
 type Needed = BTreeMap<&'static str, Vec<String>>;
 
-/// What is known of the scene before anything is built for it.
+/// The data of the scene before anything is built for it.
 struct Scene {
     needed: Needed,
-    /// As bytes of an EXR file, by this program.
+    /// The bytes of the EXR file that this program renders.
     picture: Vec<u8>,
-    /// Rays traced for it.
+    /// Number of traced rays.
     rays: u64,
 }
 
@@ -133,7 +133,7 @@ fn needed(scene: &Path, registry: &Registry) -> Result<Scene, Failure> {
     })
 }
 
-/// A generated package: its name, the dependencies of its manifest, and its program.
+/// A generated package: its name, the dependencies of its manifest, and its main program.
 struct Package {
     name: &'static str,
     dependencies: String,
@@ -198,7 +198,7 @@ fn full_package() -> Package {
     }
 }
 
-/// A binary, and what is linked into it.
+/// A binary and its linked packages.
 struct Built {
     binary: PathBuf,
     bytes: u64,
@@ -218,7 +218,7 @@ fn build(folder: &Path, package: &Package) -> Result<Built, Failure> {
     let write = |file: &str, text: &str| {
         let path = folder.join(file);
         std::fs::create_dir_all(path.parent().unwrap_or(folder))?;
-        // Unchanged files are not written, so that nothing is built anew for them.
+        // Unchanged files are not rewritten, so that cargo does not rebuild.
         match std::fs::read_to_string(&path) {
             Ok(old) if old == text => Ok(()),
             _ => std::fs::write(path, text),
@@ -256,7 +256,7 @@ fn build(folder: &Path, package: &Package) -> Result<Built, Failure> {
     })
 }
 
-/// What cargo prints, called there.
+/// The output of cargo, called in this folder.
 fn cargo(folder: &Path, arguments: &[&str], target: &Path) -> Result<String, Failure> {
     let program = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let output = Command::new(program)
@@ -273,7 +273,7 @@ fn cargo(folder: &Path, arguments: &[&str], target: &Path) -> Result<String, Fai
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// Renders a scene by a program; the bytes of the file.
+/// Renders a scene with a program; returns the bytes of the file.
 fn picture(program: &Path, before: &[&str], scene: &Path, output: &Path) -> Result<Vec<u8>, Failure> {
     run_quietly(
         Command::new(program)
@@ -297,7 +297,7 @@ fn run_quietly(command: &mut Command) -> Result<String, Failure> {
     }
 }
 
-/// Both side by side, full before slim.
+/// Compares both; the full binary comes before the slim one.
 fn compare(
     arguments: &Arguments,
     scene: &Path,
@@ -328,7 +328,7 @@ fn compare(
             }
         }
         Ok(seconds.map(|mut all| {
-            // The first run reads files into memory.
+            // The first run is a warm-up: it reads files into memory.
             all.remove(0);
             all.sort_by(f64::total_cmp);
             1e3 * all[all.len() / 2]
@@ -377,7 +377,8 @@ fn compare(
         told(rendering[0]),
         told(rendering[1])
     );
-    // What the plan is worth: the same binary, which is told to forget what it knows of the scene.
+    // Measures the benefit of scene-specific specialisation: the same binary with specialisation
+    // disabled.
     let general = command(0, &["--threads", "1", "--one-size-fits-all"]);
     let general = instructions_of(&general).zip(starting[0]);
     let general = general.map(|(whole, starting)| whole.saturating_sub(starting));
@@ -404,7 +405,7 @@ fn compare(
     Ok(())
 }
 
-/// Instructions of a run, counted by valgrind; nothing where it is not installed.
+/// Instructions of a run, counted by valgrind; nothing if it is not installed.
 fn instructions_of(command: &Command) -> Option<u64> {
     let mut counted = Command::new("valgrind");
     counted.args([

@@ -1,4 +1,5 @@
-//! What the compiler cannot check: one name in five places for every plugin, no list that drifts.
+//! Checks that the compiler cannot make: the same name in all places of a plugin, and lists that
+//! are complete.
 
 use crate::{assets, dependencies, links, peers, places, verdict, width};
 use std::fs;
@@ -8,11 +9,11 @@ use whitstone::validate::Renderer;
 use whitstone::validate::stored::Stored;
 use whitstone::{Exit, Failure};
 
-/// What each plugin is, exactly.
+/// The exact definition of each plugin.
 const MODEL: &str = "docs/whitted-model.md";
-/// A folder for each family, a file for each plugin that has a twin in POV-Ray.
+/// Has a folder for each family, and a file for each plugin with a twin in POV-Ray.
 const POVRAY_TWINS: &str = "references/povray/whitstone_povray";
-/// Of source files with more lines than this it is said that they may be two.
+/// A source file with more lines is reported, because it could be split.
 const MANY_LINES: usize = 700;
 
 /// Runs all checks.
@@ -52,7 +53,7 @@ fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_default()
 }
 
-/// Where to go on with a plugin that lacks something.
+/// How to complete a plugin that lacks something.
 fn unfinished(entry: &Entry) -> String {
     let all = places::places(entry.family, entry.name);
     let list = all.iter().zip(1..).map(|(place, number)| {
@@ -67,7 +68,7 @@ fn unfinished(entry: &Entry) -> String {
     )
 }
 
-/// File, feature, example, twin, documentation, laws.
+/// Checks file, feature, example, twin, documentation and laws.
 fn check_plugin(entry: &Entry) -> Vec<String> {
     let (family, name) = (entry.family.plural(), entry.name);
     let krate = PathBuf::from("crates").join(family);
@@ -130,7 +131,7 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
     problems.extend(
         undocumented_parameters(entry).map(|key| format!("{}: `{key}` has no documentation", file.display())),
     );
-    // What the driver reads is the twin; accelerators have no effect on the image.
+    // The driver's reader is the twin; accelerators do not affect the image.
     if entry.family != FamilyName::Accelerator {
         if !is_modelled(&read(Path::new(MODEL)), name) {
             problems.push(format!(
@@ -149,12 +150,12 @@ fn check_plugin(entry: &Entry) -> Vec<String> {
     problems
 }
 
-/// Whether the model says what a plugin is, by its name in bold type: alone, or in a list of names.
+/// Whether the model defines a plugin: its name is in bold type, alone or in a list of names.
 fn is_modelled(model: &str, name: &str) -> bool {
     model.contains(&format!("**{name}**"))
 }
 
-/// Plugin files that no one registers. They have a line "Twin:", which helpers have not.
+/// Plugin files that are not registered. They have a line "Twin:", which helper files do not.
 fn check_orphans(registry: &Registry) -> Vec<String> {
     let mut problems = Vec::new();
     for family in FamilyName::ALL {
@@ -203,7 +204,7 @@ fn driver_sources() -> String {
     files(folder, "py").iter().map(|path| read(path)).collect()
 }
 
-/// Files of a folder and those below with an extension, sorted.
+/// Files in a folder and its subfolders with an extension, sorted.
 fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -272,7 +273,7 @@ fn check_strays(registry: &Registry) -> Vec<String> {
     problems
 }
 
-/// Stored references: at least one for every scene, none without a scene, not too much in all.
+/// Stored references: at least one for every scene, none without a scene, and a limited total size.
 fn check_stored() -> Vec<String> {
     let root = Path::new("references/images");
     let mut problems = Vec::new();
@@ -313,8 +314,8 @@ fn check_stored() -> Vec<String> {
     problems
 }
 
-/// Studies of error against run time: each is on the page with its picture, and no picture is of a
-/// study that is gone.
+/// Studies of error against run time: each is on the page with its picture, and no picture belongs
+/// to a deleted study.
 fn check_studies() -> Vec<String> {
     let (page, pictures) = (
         Path::new("docs/convergence.md"),
@@ -350,10 +351,10 @@ fn check_studies() -> Vec<String> {
     problems
 }
 
-/// Source files that nobody would find their way in, and unfinished work.
+/// Source files that are too long, and unfinished work.
 fn check_sources() -> Vec<String> {
     let mut problems = Vec::new();
-    // Spelled in parts, so that this file does not find itself.
+    // Split into parts, so that this file does not match itself.
     let words = [
         ["to", "do!("].concat(),
         ["unimple", "mented!("].concat(),
@@ -397,7 +398,7 @@ mod tests {
         assert!(!is_plugin("//! A helper.\n\n// Twin: none\n"));
     }
 
-    /// All sources of plugins of the repository, with no plugin registered.
+    /// All plugin sources of the repository, with no plugin registered.
     #[test]
     fn files_that_no_one_registers_are_found() {
         std::env::set_current_dir(crate::root()).unwrap();

@@ -1,13 +1,13 @@
-//! Lines of prose that do not fit a page: comments and Markdown of more than 100 columns.
+//! Finds lines of prose that are too wide: comments and Markdown of more than 100 columns.
 //!
-//! Code, tables, pictures and what stands in fences or is indented like code keep their own width.
+//! Code, tables, pictures, fenced blocks and blocks that are indented like code are exempt.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Most characters of a line.
+/// Maximum number of characters in a line.
 const MOST: usize = 100;
-/// Folders that are looked through.
+/// Folders that are checked.
 const FOLDERS: [&str; 10] = [
     "benches",
     "crates",
@@ -20,7 +20,7 @@ const FOLDERS: [&str; 10] = [
     "xtask",
     ".ci",
 ];
-/// What a command writes, or a test compares byte by byte.
+/// Files that a command writes, or that a test compares byte by byte.
 const GENERATED: [&str; 3] = ["docs/plugins", "tests/bad", "target"];
 
 /// Every line that is too long.
@@ -62,7 +62,7 @@ fn is_text(path: &Path) -> bool {
     matches!(extension, Some("md" | "rs" | "py" | "toml" | "sh")) || path.ends_with(".ci/run")
 }
 
-/// What prose begins with in files of a kind; nothing in Markdown, where all is prose.
+/// The markers of prose in files of a kind; none for Markdown, which is all prose.
 fn marks(extension: Option<&str>) -> &'static [&'static str] {
     match extension {
         Some("md") => &[],

@@ -1,21 +1,21 @@
-//! Connected parts of a set of pixels: a fault fills an area, noise is scattered.
+//! Connected components of a set of pixels: a fault fills an area, noise is scattered.
 
 use crate::mask::Mask;
 use serde::Serialize;
 
-/// A connected part of a set of pixels.
+/// A connected component of a set of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Area {
-    /// How many pixels it has, at least 1.
+    /// Number of its pixels, at least 1.
     pub pixels: usize,
-    /// First column and row of the smallest rectangle around it.
+    /// First column and row of its bounding rectangle.
     pub from: [usize; 2],
-    /// Last column and row of that.
+    /// Last column and row of its bounding rectangle.
     pub to: [usize; 2],
 }
 
-/// The part with the most pixels, `None` of an empty set; of equals, that with the uppermost and
-/// then leftmost pixel. Pixels that share a side or a corner are connected.
+/// The largest connected component; `None` for an empty set. Among equal ones, the one with the
+/// uppermost and then leftmost pixel. Pixels that share a side or a corner are connected.
 #[must_use]
 pub fn largest(mask: &Mask) -> Option<Area> {
     let mut rest = mask.clone();
@@ -31,7 +31,7 @@ pub fn largest(mask: &Mask) -> Option<Area> {
     largest
 }
 
-/// Takes the part with a pixel out of the set.
+/// Removes the component that contains a pixel from the set.
 fn take(rest: &mut Mask, x: usize, y: usize) -> Area {
     let mut area = Area {
         pixels: 0,

@@ -1,10 +1,10 @@
-//! Files that are either complete or as they were before.
+//! Atomic file writes: a file is either complete or unchanged.
 
 use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-/// A file could not be written. What was at the path before is still there, unless `step` is
+/// A file could not be written. The previous file is unchanged, unless `step` is
 /// [`Step::SyncFolder`].
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot {step}: {source}", path.display())]
@@ -31,17 +31,17 @@ impl WriteError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Step {
-    /// Look at what is at the path now: it must be a regular file or nothing.
+    /// Inspect the path: it must be a regular file or not exist.
     Inspect,
-    /// Create the temporary file beside it.
+    /// Create the temporary file next to it.
     Create,
     /// Write the contents.
     Fill,
-    /// Bring the contents to the disk.
+    /// Sync the contents to the disk.
     Sync,
-    /// Put the temporary file in place.
+    /// Rename the temporary file to the path.
     Rename,
-    /// Bring the folder's entry to the disk. The new file is in place by then.
+    /// Sync the folder's entry to the disk. The new file is already in place.
     SyncFolder,
 }
 
@@ -58,17 +58,17 @@ impl std::fmt::Display for Step {
     }
 }
 
-/// Writes a file as a whole: `fill` writes a temporary file in the same folder (open for reading
-/// and writing, at its start), which is then synced and renamed to `path`. Whoever looks at `path`
-/// sees the old contents or the new, never a part.
+/// Writes a file atomically. `fill` writes a temporary file in the same folder (open for reading
+/// and writing, at its start), which is then synced and renamed to `path`. Readers of `path` see
+/// the old or the new contents, never a part.
 ///
-/// The new file has the permissions that a plain creation gives (0666 less the umask, on Unix),
-/// also where it replaces a file with others. A symbolic link stays, and the file that it points to
-/// is replaced. What is neither a regular file nor absent (a folder, a device, a pipe) is refused.
+/// The new file has default permissions (0666 less the umask, on Unix), even if it replaces a file
+/// with others. A symbolic link is kept, and the file that it points to is replaced. A path that
+/// exists and is no regular file (a folder, a device, a pipe) is rejected.
 ///
 /// # Errors
-/// [`WriteError`], which names the path and the step that failed; an error of `fill` is passed on
-/// as that of [`Step::Fill`].
+/// [`WriteError`], which names the path and the step that failed. An error of `fill` is returned as
+/// one of [`Step::Fill`].
 pub fn write(
     path: impl AsRef<Path>,
     fill: impl FnOnce(&mut File) -> io::Result<()>,
@@ -84,8 +84,8 @@ pub fn write(
     sync_folder(folder_of(&target)).map_err(failed(Step::SyncFolder))
 }
 
-/// Whether [`write()`] could begin: to be asked before long work of which a file is the result.
-/// Leaves nothing behind.
+/// Checks whether [`write()`] could begin. Call it before long work whose result is a file. Leaves
+/// no files behind.
 ///
 /// # Errors
 /// As [`write()`].
@@ -93,7 +93,7 @@ pub fn check(path: impl AsRef<Path>) -> Result<(), WriteError> {
     begin(path.as_ref()).map(drop)
 }
 
-/// The place that a file goes to, and a temporary one beside it.
+/// The final path of a file, and a temporary file next to it.
 fn begin(path: &Path) -> Result<(PathBuf, tempfile::NamedTempFile), WriteError> {
     let target = resolve(path).map_err(|source| WriteError::new(path, Step::Inspect, source))?;
     let temporary = create_in(folder_of(&target));
@@ -103,7 +103,7 @@ fn begin(path: &Path) -> Result<(PathBuf, tempfile::NamedTempFile), WriteError> 
     ))
 }
 
-/// The folder that a file is in.
+/// The folder that contains a file.
 fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -111,7 +111,7 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// As [`write()`], with the contents at hand.
+/// As [`write()`], with contents in memory.
 ///
 /// # Errors
 /// As [`write()`].
@@ -119,7 +119,7 @@ pub fn write_bytes(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), WriteErro
     write(path, |file| file.write_all(bytes))
 }
 
-/// The place that the rename goes to.
+/// The target path of the rename, with links resolved.
 fn resolve(path: &Path) -> io::Result<PathBuf> {
     match fs::symlink_metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(path.to_owned()),
@@ -130,7 +130,7 @@ fn resolve(path: &Path) -> io::Result<PathBuf> {
             } else {
                 path.to_owned()
             };
-            // A rename would put a file in the place of a device such as /dev/null.
+            // A rename would replace a device such as /dev/null by a file.
             if fs::metadata(&target)?.is_file() {
                 Ok(target)
             } else {
@@ -150,7 +150,7 @@ fn create_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        // Temporary files are private by default, these are to become ordinary ones; the system
+        // Temporary files are private by default, but these become ordinary files; the system
         // applies the umask.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
@@ -160,7 +160,7 @@ fn create_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
 #[cfg(unix)]
 fn sync_folder(folder: &Path) -> io::Result<()> {
     match File::open(folder)?.sync_all() {
-        // Some file systems cannot sync a folder. The file is complete and in place all the same.
+        // Some file systems cannot sync a folder. The file is complete and in place nevertheless.
         Err(error)
             if matches!(
                 error.kind(),

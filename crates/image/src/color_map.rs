@@ -1,8 +1,8 @@
-//! The colours of error maps as tables, for whoever draws them elsewhere.
+//! The colours of error maps as tables, for example for scripts that draw them.
 
 use colorous::Gradient;
 
-/// From one end of a scale to the other.
+/// The colours from the lower to the upper end of a scale.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColorMap {
     /// Dark blue over green to dark red: magnitudes.

@@ -1,23 +1,22 @@
-//! Pixels at the edges of what a layer shows: where it differs between neighbours.
+//! Finds edge pixels: those in which a layer differs from a neighbour.
 //!
-//! Two renderers may differ there because a sample lies on the one or the other side; what is left
-//! is the interior, in which they must agree.
+//! Two renderers may differ there because a sample lies on either side of an edge. The remaining
+//! pixels are the interior, in which they must agree.
 
 use crate::mask::Mask;
 use crate::metrics::{CompareError, Side, check_geometry};
 use crate::planes::{Image, ImageError};
 
-/// A layer, and when it has an edge.
+/// A layer, and the smallest step that counts as an edge.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EdgeLayer {
     /// The channel, such as `shape_id.I` or `depth.Z`.
     pub channel: String,
-    /// Neighbours that differ by more than this are at an edge; 0 for ids, of which any other is
-    /// another.
+    /// Neighbours that differ by more than this are at an edge; 0 for ids.
     pub step: f64,
 }
 
-/// The pixels of either image that have one of their eight neighbours on the other side of an edge
+/// The pixels of either image that differ from one of their eight neighbours by more than the step
 /// of any layer. NaN differs from everything.
 ///
 /// # Errors
@@ -40,7 +39,7 @@ fn mark(found: &mut Mask, image: &Image, layer: &EdgeLayer) -> Result<(), ImageE
     let same = |a: f64, b: f64| a == b || (a - b).abs() <= layer.step;
     for y in 0..height {
         for x in 0..width {
-            // The other half of the neighbours has this pixel among its own.
+            // Each pair of neighbours is visited once, from one of its pixels.
             let right = (x + 1 < width).then_some((x + 1, y));
             let below = (x.saturating_sub(1)..(x + 2).min(width)).map(|x| (x, y + 1));
             for (to_x, to_y) in right.into_iter().chain(below.filter(|_| y + 1 < height)) {
@@ -81,7 +80,7 @@ mod tests {
             assert_eq!(found, Mask::from_fn(6, 5, |x, _| x == 2 || x == 3));
         }
         assert_eq!(edges(&flat, &flat, &layer(0.0)).unwrap().count(), 0);
-        // A single pixel has all its neighbours at the edge, those at its corners too.
+        // All neighbours of a single different pixel are at the edge, including the diagonal ones.
         let dot = image(|x, y| if (x, y) == (1, 3) { 7.0 } else { 1.0 });
         let found = edges(&dot, &flat, &layer(0.0)).unwrap();
         assert_eq!(found, Mask::from_fn(6, 5, |x, y| x <= 2 && y >= 2));

@@ -1,10 +1,10 @@
 //! Pictures of the difference between an image and its reference.
 //!
-//! A map shows one number for each pixel, made from the channel (R, G, B) whose difference has the
-//! largest magnitude: the difference itself, or the relative residual of
-//! [`metrics`](crate::metrics). What is not finite on either side is
-//! [magenta](crate::png::NOT_FINITE), which is in no colour map. The range is always stated, in the
-//! legend and by [`ErrorView::scale`]; values beyond it get the colour of its end.
+//! A map shows one number per pixel, for the channel (R, G, B) whose difference has the largest
+//! magnitude: the difference itself, or the relative residual of [`metrics`](crate::metrics).
+//! Values that are not finite on either side are [magenta](crate::png::NOT_FINITE), which is in no
+//! colour map. The legend and [`ErrorView::scale`] always state the range; values outside it get
+//! the colour of the nearer end.
 
 use serde::Serialize;
 
@@ -13,7 +13,7 @@ use crate::planes::Image;
 use crate::png::{NOT_FINITE, Raster};
 use crate::tone::ToneMap;
 
-/// What number is shown.
+/// The number that is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Quantity {
@@ -24,7 +24,7 @@ pub enum Quantity {
     Relative,
 }
 
-/// How numbers become colours.
+/// The mapping from numbers to colours.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Scale {
@@ -39,8 +39,8 @@ pub enum Scale {
         /// Upper end, finite and > 0.
         max: f64,
     },
-    /// The magnitude, logarithmic from `min` to `max`: as `Absolute`. What is below `min`, 0
-    /// included, has the colour of `min`.
+    /// The magnitude, logarithmic from `min` to `max`, in the colours of `Absolute`. Values below
+    /// `min`, including 0, have the colour of `min`.
     Log {
         /// Lower end, finite and > 0.
         min: f64,
@@ -70,7 +70,7 @@ impl Scale {
         }
     }
 
-    /// The colour of a number; that of one which is not finite is [`NOT_FINITE`].
+    /// The colour of a number; [`NOT_FINITE`] if it is not finite.
     #[must_use]
     pub fn color(self, value: f64) -> [u8; 3] {
         if !value.is_finite() {
@@ -118,10 +118,10 @@ impl Scale {
     }
 }
 
-/// What an error map shows.
+/// The contents of an error map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ErrorView {
-    /// The number.
+    /// The number to show.
     pub quantity: Quantity,
     /// Its colours.
     pub scale: Scale,
@@ -137,7 +137,7 @@ impl Default for ErrorView {
     }
 }
 
-/// The map, one pixel for each pixel of the images.
+/// The map, with one pixel per pixel of the images.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, a scale out of range.
@@ -151,7 +151,7 @@ pub fn error_map(ours: &Image, reference: &Image, view: ErrorView) -> Result<Ras
     }))
 }
 
-/// The number that a map shows at a pixel; NaN if a value is not finite.
+/// The number at a pixel; NaN if a value is not finite.
 fn shown(pair: &Pair, index: usize, quantity: Quantity, mean: f64) -> f64 {
     pair.at(index)
         .into_iter()
@@ -163,13 +163,12 @@ fn shown(pair: &Pair, index: usize, quantity: Quantity, mean: f64) -> f64 {
                 Quantity::Difference => ours - reference,
                 Quantity::Relative => relative_residual(ours, reference, mean),
             };
-            // Once NaN, always NaN.
+            // NaN is kept.
             if value.abs() > shown.abs() { value } else { shown }
         })
 }
 
-/// The differences ours - reference themselves, as channels R, G, B rounded to `f32`, to be written
-/// as an EXR file.
+/// The differences ours - reference, as channels R, G, B rounded to `f32`, for an EXR file.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ.
@@ -198,9 +197,8 @@ const GAP: usize = 8;
 const BACKGROUND: [u8; 3] = [32, 32, 32];
 const INK: [u8; 3] = [230, 230, 230];
 
-/// A strip with all colours of a scale, from its left end to its right, and the numbers at the ends
-/// and (if there is room) in the middle. `width` is at least 1; below about 60 pixels the numbers
-/// are cut off.
+/// A strip with all colours of a scale, and the numbers at its ends and (if there is room) in the
+/// middle. `width` is at least 1; below about 60 pixels the numbers are cut off.
 ///
 /// # Errors
 /// [`CompareError::Option`]: a scale out of range.
@@ -230,8 +228,8 @@ pub fn legend(scale: Scale, width: usize) -> Result<Raster, CompareError> {
     Ok(raster)
 }
 
-/// Ours, the reference and the error map side by side (in this order), previews with the same
-/// exposure, with the legend below the map.
+/// Our image, the reference and the error map side by side, with the same exposure, and with the
+/// legend below the map.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, a scale out of range.
@@ -254,7 +252,7 @@ pub fn trio(ours: &Image, reference: &Image, tone: ToneMap, view: ErrorView) -> 
     Ok(picture)
 }
 
-/// A number as short as it can be: `0`, `0.5`, `1e-6`.
+/// A number in its shortest form: `0`, `0.5`, `1e-6`.
 fn number(value: f64) -> String {
     // Three digits are enough for a legend.
     let rounded: f64 = format!("{value:.2e}").parse().unwrap_or(value);
@@ -270,8 +268,8 @@ const GLYPH_WIDTH: usize = 3;
 const GLYPH_HEIGHT: usize = 5;
 const GLYPH_SCALE: usize = 2;
 
-/// Rows of a glyph from the top, three bits each, the left pixel being the highest bit. Numbers
-/// need no more.
+/// Rows of a glyph from the top, three bits each; the left pixel is the highest bit. Only the
+/// characters of numbers exist.
 fn glyph(character: char) -> [u8; GLYPH_HEIGHT] {
     match character {
         '0' => [0b111, 0b101, 0b101, 0b101, 0b111],
@@ -450,7 +448,7 @@ mod tests {
         assert_eq!(strip.pixel(199, 0).unwrap(), scale.color(1.0));
         let ink = |raster: &Raster| raster.pixels().iter().filter(|&&pixel| pixel == INK).count();
         assert!(ink(&strip) > 100);
-        // No room for the middle one.
+        // There is no room for the middle number.
         assert!(ink(&legend(scale, 70).unwrap()) < ink(&strip));
         assert_eq!(legend(scale, 0).unwrap().width(), 1);
     }

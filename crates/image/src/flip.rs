@@ -1,4 +1,4 @@
-//! FLIP: how visible the difference of two images is when one flips between them on a screen.
+//! FLIP: how visible the difference of two images is when they alternate on a screen.
 //!
 //! Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild, *FLIP: A Difference Evaluator
 //! for Alternating Images*, PACMCGIT 3(2), 2020 (section 4: colour and feature pipelines), and
@@ -6,7 +6,8 @@
 //! Images*, Eurographics 2021 short papers, for [`flip`]: the largest value over tone-mapped
 //! exposures.
 //!
-//! Written from the papers, in double precision; the tests hold values of `flip-evaluator` 1.7.
+//! Implemented from the papers, in double precision. The tests contain values of `flip-evaluator`
+//! 1.7.
 
 use crate::metrics::{CompareError, Pair};
 use crate::planes::Image;
@@ -14,23 +15,23 @@ use crate::sum::Sum;
 use serde::Serialize;
 use std::f64::consts::PI;
 
-/// Pixels in a degree of the visual field that the values are meant for: a screen of 3840 pixels
-/// and 0.7 m seen from 0.7 m.
+/// Pixels per degree of the visual field for which the values are valid: a screen of 3840 pixels
+/// and 0.7 m, seen from 0.7 m.
 pub const PIXELS_PER_DEGREE: f64 = 0.7 * (3840.0 / 0.7) * (PI / 180.0);
 
-/// How visible a difference is.
+/// The visibility of a difference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Flip {
-    /// Mean over all pixels, 0 (nothing to see) to 1.
+    /// Mean over all pixels, 0 (invisible) to 1.
     pub mean: f64,
     /// Row by row, each 0 to 1.
     #[serde(skip)]
     pub map: Vec<f64>,
-    /// First and last exposure looked at, in stops, and how many; `None` for [`flip_ldr`].
+    /// First and last exposure in stops, and the number of exposures; `None` for [`flip_ldr`].
     pub exposures: Option<(f64, f64, usize)>,
 }
 
-/// HDR-FLIP: of linear values of any range. Negative values count as 0.
+/// HDR-FLIP, for linear values of any range. Negative values count as 0.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, values that are not finite.
@@ -60,7 +61,8 @@ pub fn flip(ours: &Image, reference: &Image) -> Result<Flip, CompareError> {
     })
 }
 
-/// LDR-FLIP: of linear values, shown as they are; what is outside [0, 1] is limited to it.
+/// LDR-FLIP, for linear values that are displayed without tone mapping. Values are clamped to [0,
+/// 1].
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, values that are not finite.
@@ -95,8 +97,7 @@ fn mean(map: &[f64]) -> f64 {
     sum.total() / map.len().max(1) as f64
 }
 
-/// The fit to the ACES curve by Narkowicz (2016), with the exposure of 0.6 that belongs to it:
-/// numerator and denominator.
+/// Narkowicz's fit to the ACES curve (2016), with its exposure of 0.6: numerator and denominator.
 const ACES: [f64; 6] = [0.36 * 2.51, 0.6 * 0.03, 0.0, 0.36 * 2.43, 0.6 * 0.59, 0.14];
 
 fn tone(x: f64) -> f64 {
@@ -113,21 +114,21 @@ fn exposures(reference: &[Vec3]) -> (f64, f64) {
     let value = half + (half * half - c / a).sqrt();
     let mut luminance: Vec<f64> = reference.iter().map(luminance_of).collect();
     luminance.sort_unstable_by(f64::total_cmp);
-    // An image has a pixel at least.
+    // An image has at least one pixel.
     let n = luminance.len();
     let brightest = luminance[n - 1];
     let median = 0.5 * (luminance[n / 2] + luminance[(n - 1) / 2]);
-    // What is black is black at every exposure.
+    // Black stays black at every exposure.
     let stops = |luminance: f64| (value / luminance.max(f64::from(f32::EPSILON))).log2();
     (stops(brightest), stops(median))
 }
 
-/// Rec. 709.
+/// Rec. 709 luminance.
 fn luminance_of([r, g, b]: &Vec3) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// CIE XYZ of linear Rec. 709 (IEC 61966-2-1), so that white has Y = 1.
+/// Linear Rec. 709 to CIE XYZ (IEC 61966-2-1), so that white has Y = 1.
 fn xyz([r, g, b]: Vec3) -> Vec3 {
     [
         (10_135_552.0 * r + 8_788_810.0 * g + 4_435_075.0 * b) / 24_577_794.0,
@@ -136,7 +137,7 @@ fn xyz([r, g, b]: Vec3) -> Vec3 {
     ]
 }
 
-/// Linear Rec. 709 of CIE XYZ: the inverse of [`xyz`].
+/// CIE XYZ to linear Rec. 709: the inverse of [`xyz`].
 fn rgb([x, y, z]: Vec3) -> Vec3 {
     [
         3.241_003_232_976_358_7 * x - 1.537_398_969_488_785_5 * y - 0.498_615_881_996_362_9 * z,
@@ -145,13 +146,13 @@ fn rgb([x, y, z]: Vec3) -> Vec3 {
     ]
 }
 
-/// XYZ over that of white.
+/// XYZ divided by that of white.
 fn relative(xyz_value: Vec3) -> Vec3 {
     let white = xyz([1.0; 3]);
     [0, 1, 2].map(|i| xyz_value[i] / white[i])
 }
 
-/// An opponent space that is linear in light: Zhang and Wandell's, with Y, Cx and Cz.
+/// An opponent space that is linear in light: YCxCz, by Zhang and Wandell.
 fn ycxcz(rgb: Vec3) -> Vec3 {
     let [x, y, z] = relative(xyz(rgb));
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
@@ -167,7 +168,7 @@ fn from_ycxcz([y, cx, cz]: Vec3) -> Vec3 {
     ])
 }
 
-/// CIELAB with Hunt's effect: colours count less where it is dark.
+/// CIELAB with the Hunt effect: chroma counts less at low luminance.
 fn hunt_lab(rgb: Vec3) -> Vec3 {
     const DELTA: f64 = 6.0 / 29.0;
     let [x, y, z] = relative(xyz(rgb)).map(|t| {
@@ -181,23 +182,22 @@ fn hunt_lab(rgb: Vec3) -> Vec3 {
     [l, 0.01 * l * 500.0 * (x - y), 0.01 * l * 200.0 * (y - z)]
 }
 
-/// The distance of Abasi, Amani Tehrani and Fairchild (2020), for large differences, to the power
-/// of 0.7.
+/// The HyAB distance of Abasi, Amani Tehrani and Fairchild (2020), for large differences, to the
+/// power of 0.7.
 fn distance(a: Vec3, b: Vec3) -> f64 {
     ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
 }
 
-/// A kernel of one dimension; its middle is the middle element.
+/// A one-dimensional kernel, centred on its middle element.
 type Kernel = Vec<f64>;
 
-/// The filters for one distance from the screen.
+/// The filters for one viewing distance.
 struct Filters {
-    /// Contrast sensitivity: for each channel, sums of products of a kernel across and the same
-    /// down.
+    /// Contrast sensitivity: for each channel, a sum of separable kernels.
     sensitivity: [Vec<(f64, Kernel)>; 3],
-    /// A Gaussian and its first two derivatives, as wide as a feature that is noticed.
+    /// A Gaussian and its first two derivatives, with the width of a visible feature.
     feature: [Kernel; 3],
-    /// The distance that counts as the largest: from green to blue.
+    /// The maximum distance: from green to blue.
     farthest: f64,
 }
 
@@ -225,7 +225,7 @@ impl Filters {
             parts.iter_mut().for_each(|(factor, _)| *factor /= total);
             parts
         });
-        // Half of the width of 0.082 degrees that edges seem to have.
+        // Half of the visible width of an edge, 0.082 degrees.
         let deviation = 0.5 * 0.082 * per_degree;
         let reach = (3.0 * deviation).ceil() as i64;
         let gaussian = |i: i64| (-((i * i) as f64) / (2.0 * deviation * deviation)).exp();
@@ -239,7 +239,7 @@ impl Filters {
         }
     }
 
-    /// The values of two images with values in [0, 1].
+    /// The FLIP values of two images with values in [0, 1].
     fn map(&self, ours: &[Vec3], reference: &[Vec3], width: usize) -> Vec<f64> {
         let (ours, reference) = (self.seen(ours, width), self.seen(reference, width));
         let value = |(ours, reference): (&Seen, &Seen)| {
@@ -252,7 +252,7 @@ impl Filters {
         ours.iter().zip(&reference).map(value).collect()
     }
 
-    /// Distances to [0, 1]: 0.4 of the largest one becomes 0.95, and the rest shares what is above.
+    /// Maps distances to [0, 1]: 0.4 of the maximum becomes 0.95, and larger ones share the rest.
     fn spread(&self, distance: f64) -> f64 {
         const KNEE: (f64, f64) = (0.4, 0.95);
         let knee = KNEE.0 * self.farthest;
@@ -298,14 +298,14 @@ impl Filters {
     }
 }
 
-/// A pixel as it is seen from the distance.
+/// A pixel as seen from the viewing distance.
 struct Seen {
     color: Vec3,
     edge: f64,
     point: f64,
 }
 
-/// Positive weights made to sum to 1, and negative ones to -1.
+/// Normalises positive weights to a sum of 1, and negative ones to -1.
 fn balanced(kernel: Kernel) -> Kernel {
     let positive: f64 = kernel.iter().filter(|&&x| x > 0.0).sum();
     let negative: f64 = kernel.iter().filter(|&&x| x < 0.0).sum();
@@ -319,7 +319,7 @@ fn balanced(kernel: Kernel) -> Kernel {
     kernel.into_iter().map(scale).collect()
 }
 
-/// A plane filtered across and down. Beyond the border it goes on as at the border.
+/// Filters a plane horizontally and vertically. The border is extended by its own values.
 fn separable(plane: &[f64], width: usize, across: &[f64], down: &[f64]) -> Vec<f64> {
     let height = plane.len() / width.max(1);
     let near = |i: usize, k: usize, radius: usize, size: usize| (i + k).saturating_sub(radius).min(size - 1);
@@ -384,8 +384,9 @@ mod tests {
         move |x, y, c| (of(x, y, c) * 8.0).powi(2) + 0.01
     }
 
-    /// The mean, three pixels and the largest value, as `flip_evaluator.evaluate(reference, test,
-    /// range, inputsRGB=False, applyMagma=False)` of version 1.7 tells them.
+    /// The mean, three pixels and the largest value, as returned by
+    /// `flip_evaluator.evaluate(reference, test, range, inputsRGB=False, applyMagma=False)` of
+    /// version 1.7.
     fn agrees(found: &Flip, expected: [f64; 5]) {
         let at = |x: usize, y: usize| found.map[y * SIZE.0 + x];
         let largest = found.map.iter().copied().fold(0.0, f64::max);

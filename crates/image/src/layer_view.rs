@@ -1,15 +1,15 @@
-//! Pictures of AOV layers, for people to look at.
+//! Pictures of AOV layers for people.
 
 use crate::planes::Image;
 use crate::png::{NOT_FINITE, Raster};
 
-/// Colour of what hits nothing: no id, an infinite depth.
+/// Colour of a miss: no id, an infinite depth.
 const NOTHING: [u8; 3] = [0; 3];
-/// The darkest grey of a depth; below is [`NOTHING`].
+/// The darkest grey of a finite depth; misses are [`NOTHING`].
 const DARKEST: f64 = 40.0;
 
-/// Names of the layers of an image, each once: what stands before the last point of its channels,
-/// those of colour left out.
+/// Names of the layers of an image, without duplicates: the part of a channel's name before the
+/// last point. Colour channels are skipped.
 #[must_use]
 pub fn layers(image: &Image) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
@@ -23,12 +23,12 @@ pub fn layers(image: &Image) -> Vec<&str> {
     names
 }
 
-/// A layer of two images in the same colours. `None` if either lacks it or it is of no known kind.
+/// A layer of two images in the same colours. `None` if either lacks it or its kind is unknown.
 ///
-/// Channel `I` is an id, each with a colour of its own, negative ones black; `Z` a distance, grey
-/// on a logarithmic scale over what the second image holds, near ones bright, infinite ones black;
-/// `X`, `Y`, `Z` a direction as `0.5 + 0.5 v`; `U`, `V` texture coordinates by their fraction. NaN
-/// is [`NOT_FINITE`].
+/// Channel `I` is an id. Each id has its own colour; negative ones are black. A single channel `Z`
+/// is a distance in grey on a logarithmic scale over the range of the second image; near ones are
+/// bright, infinite ones black. `X`, `Y`, `Z` are a direction, drawn as `0.5 + 0.5 v`. `U`, `V` are
+/// texture coordinates, drawn by their fractional part. NaN is [`NOT_FINITE`].
 #[must_use]
 pub fn layer_views(ours: &Image, reference: &Image, layer: &str) -> Option<[Raster; 2]> {
     let planes = |image: &'_ Image, channels: &[&str]| -> Option<Vec<Vec<f32>>> {
@@ -84,7 +84,7 @@ fn byte(value: f64) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
-/// Neighbouring ids get colours far apart: hues by the golden ratio.
+/// Neighbouring ids get very different colours: hues by the golden ratio.
 fn id_color(id: f64) -> [u8; 3] {
     if id < 0.0 || !id.is_finite() {
         return NOTHING;
@@ -135,7 +135,7 @@ mod tests {
         assert_ne!(ids.pixels()[1], ids.pixels()[2]);
         let [mine, theirs] = of_layer("depth").map(|raster| raster.pixels().to_vec());
         assert_eq!([mine[0], mine[1], mine[3]], [NOTHING, [255; 3], NOT_FINITE]);
-        // Half of the two decades of the reference, which both are drawn by.
+        // The middle of the reference's two decades; both images use its scale.
         assert_eq!(theirs[2], [40; 3]);
         assert_eq!(mine[2], [148; 3]);
         assert_eq!(of_layer("normal")[0].pixels()[1], [255, 128, 128]);

@@ -1,4 +1,4 @@
-//! Numbers between two AOV layers: how many ids differ, how far floats are apart.
+//! Compares AOV layers: counts differing ids, measures differences of floats.
 //!
 //! A layer is one channel, such as `shape_id.I` or `depth.Z`. Ids must be equal exactly; floats are
 //! measured.
@@ -23,7 +23,7 @@ pub struct LayerPixel {
     pub reference: f32,
 }
 
-/// What [`compare_ids`] finds.
+/// The result of [`compare_ids`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct IdDifference {
     /// Pixels that were compared.
@@ -34,24 +34,23 @@ pub struct IdDifference {
     pub first: Option<LayerPixel>,
 }
 
-/// What [`compare_floats`] finds.
+/// The result of [`compare_floats`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FloatDifference {
     /// Pixels that were compared.
     pub pixels: usize,
-    /// Pixels with a NaN or an infinity on either side. They play no part in the other numbers, and
-    /// should fail.
+    /// Pixels with a NaN or an infinity on either side. They are excluded from the other numbers,
+    /// and should fail the comparison.
     pub not_finite: NotFinite,
-    /// Root of the mean squared difference, in units of the layer; 0 if no pixel is finite on both
-    /// sides.
+    /// Root mean square difference, in units of the layer; 0 if no pixel is finite on both sides.
     pub rms: f64,
     /// Largest absolute difference, in units of the layer.
     pub max_abs: f64,
-    /// Where that is, `None` if nothing differs.
+    /// The pixel with the largest difference; `None` if nothing differs.
     pub worst: Option<LayerPixel>,
 }
 
-/// Compares a layer of ids, exactly. NaN equals nothing. Pixels of `exclude` are not looked at.
+/// Compares a layer of ids exactly. NaN equals nothing. Pixels of `exclude` are ignored.
 ///
 /// # Errors
 /// [`CompareError`]: sizes or placements that differ, the channel missing on either side, a mask of
@@ -80,8 +79,8 @@ pub fn compare_ids(
     Ok(found)
 }
 
-/// Compares a layer of floats. Pixels of `exclude` are not looked at (for depths and normals, those
-/// where ids differ).
+/// Compares a layer of floats. Pixels of `exclude` are ignored (for depths and normals, those in
+/// which ids differ).
 ///
 /// # Errors
 /// As [`compare_ids`].

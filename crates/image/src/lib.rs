@@ -1,24 +1,24 @@
-//! Images of Whitstone: planes of `f32`, their files, and what can be measured between two of them.
+//! Images of Whitstone: planes of `f32`, their files, and comparisons of two images.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! |---|---|
 //! | [`planes`] | [`Image`]: named `f32` channels, row-major, top row first |
 //! | [`exr_io`] | OpenEXR in (any flat file) and out (float32, scan lines, ZIP) |
 //! | [`texels`] | texture files (PNG, JPEG, EXR) as raw normalised values |
 //! | [`tone`] | exposure and the sRGB transfer functions |
-//! | [`png`] | 8-bit rasters for people to look at |
-//! | [`metrics`] | numbers between an image and its reference |
-//! | [`mod@flip`] | how visible a difference is |
-//! | [`mod@ssim`] | how alike two pictures are in structure |
-//! | [`mod@significance`] | whether noise explains a difference |
+//! | [`png`] | 8-bit pictures for people |
+//! | [`metrics`] | error metrics of an image and its reference |
+//! | [`mod@flip`] | FLIP: how visible a difference is |
+//! | [`mod@ssim`] | SSIM: structural similarity of two pictures |
+//! | [`mod@significance`] | test of whether noise explains a difference |
 //! | [`range`] | the range of values that a reference takes; vacuous comparisons |
-//! | [`layers`] | numbers between two AOV layers |
-//! | [`layer_view`] | pictures of them |
+//! | [`layers`] | differences of two AOV layers |
+//! | [`layer_view`] | pictures of AOV layers |
 //! | [`error_map`] | pictures of the difference, with a legend |
-//! | [`color_map`] | its colours as tables |
+//! | [`color_map`] | the colours of error maps as tables |
 //! | [`mask`] | sets of pixels |
-//! | [`areas`] | connected parts of them |
-//! | [`edges`] | pixels at the edges of what layers show |
+//! | [`areas`] | connected components of sets of pixels |
+//! | [`edges`] | pixels at the edges in layers |
 //! | [`sum`] | compensated sums |
 //! | [`atomic`] | files that are either complete or absent |
 //!
@@ -26,8 +26,8 @@
 //! Whitstone; its sample in a plane is at `y * width + x`. Colours are linear Rec. 709 RGB with D65
 //! white.
 //!
-//! Nothing here panics on the contents of a file, resamples, or changes colours except where its
-//! name says so.
+//! No function panics on the contents of a file or resamples an image. Colours change only where a
+//! function's name says so.
 
 #![forbid(unsafe_code)]
 

@@ -1,19 +1,19 @@
-//! What a file may ask of memory, and what can be wrong with a file.
+//! Memory limits for reading files, and read errors.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 /// Upper bounds that are checked against the header of a file, before its pixels are decoded.
 ///
-/// The memory that a decoder needs on the way is a small multiple of `max_bytes`.
+/// The decoder temporarily needs a small multiple of `max_bytes`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Most columns.
+    /// Maximum number of columns.
     pub max_width: usize,
-    /// Most rows.
+    /// Maximum number of rows.
     pub max_height: usize,
-    /// Most bytes of the *decoded* values: 4 bytes for each sample of an image, 12 for each texel
-    /// of a texture.
+    /// Maximum number of bytes of the *decoded* values: 4 bytes for each sample of an image, 12 for
+    /// each texel of a texture.
     pub max_bytes: u64,
 }
 
@@ -31,7 +31,7 @@ impl Limits {
         max_bytes: 512 << 20,
     };
 
-    /// Refuses sizes beyond the limits, and empty ones.
+    /// Rejects empty sizes and sizes beyond the limits.
     pub(crate) fn check(&self, width: usize, height: usize, bytes_per_pixel: usize) -> Result<(), ReadFault> {
         if width == 0 || height == 0 {
             return Err(ReadFault::Empty { width, height });
@@ -65,13 +65,13 @@ pub struct ReadError {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadFault {
-    /// The operating system refused.
+    /// An error of the operating system.
     #[error("cannot read: {0}")]
     Io(#[from] io::Error),
-    /// The first bytes are those of no format that is read here.
+    /// The first bytes match no supported format.
     #[error("not {expected}")]
     UnknownFormat {
-        /// The formats that are read.
+        /// The supported formats.
         expected: &'static str,
     },
     /// The file has no pixels.
@@ -82,7 +82,7 @@ pub enum ReadFault {
         /// Rows in the header.
         height: usize,
     },
-    /// The header asks for more than the limits allow. Nothing was decoded.
+    /// The size in the header exceeds the limits. Nothing was decoded.
     #[error(
         "{width} x {height} pixels, {bytes} bytes decoded: the limits are {} x {} pixels, {} pixels in all and {} bytes",
         limits.max_width, limits.max_height, crate::planes::MAX_PIXELS, limits.max_bytes
@@ -94,10 +94,10 @@ pub enum ReadFault {
         height: usize,
         /// Bytes that the decoded values would take.
         bytes: u128,
-        /// The limits that were in force.
+        /// The limits in force.
         limits: Limits,
     },
-    /// A valid file of a kind that is not read here.
+    /// A valid file of an unsupported kind.
     #[error("not supported: {0}")]
     Unsupported(String),
     /// The file is truncated or contradicts itself.
@@ -106,7 +106,7 @@ pub enum ReadFault {
     /// A texture has no colour channels.
     #[error("no channels R, G, B and no Y; there are: {}", available.join(", "))]
     NoColor {
-        /// The channels that there are.
+        /// The existing channels.
         available: Vec<String>,
     },
     /// A texture has no alpha channel.
@@ -117,7 +117,7 @@ pub enum ReadFault {
         "{count} values are not finite, the first is {value} in channel {channel} at column {x}, row {y}"
     )]
     NotFinite {
-        /// How many there are.
+        /// Number of such values.
         count: usize,
         /// Channel of the first: `R`, `G`, `B` or `A`.
         channel: &'static str,
@@ -131,7 +131,7 @@ pub enum ReadFault {
 }
 
 impl ReadFault {
-    /// The fault together with the file that has it.
+    /// The fault with the path of the file.
     pub(crate) fn at(self, path: &Path) -> ReadError {
         ReadError {
             path: path.to_owned(),
@@ -140,7 +140,7 @@ impl ReadFault {
     }
 }
 
-/// Runs a decoder of another crate, a panic in which is damage to the file and no more.
+/// Runs a decoder of another crate and converts a panic in it to a damaged file.
 ///
 /// The panic's message still goes through the program's panic hook (that is, to standard error),
 /// because the hook belongs to the whole program and not to this library.

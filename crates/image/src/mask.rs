@@ -51,7 +51,7 @@ impl Mask {
         x < self.width && y < self.height && self.members[y * self.width + x]
     }
 
-    /// Puts a pixel in or takes it out. Outside the image this does nothing and returns `false`.
+    /// Adds or removes a pixel. Outside the image this does nothing and returns `false`.
     pub fn set(&mut self, x: usize, y: usize, member: bool) -> bool {
         let inside = x < self.width && y < self.height;
         if inside {

@@ -15,8 +15,8 @@
 //! | `smape` | (1/N) sum 2 \|d\|/(\|ours\| + \|reference\| + 0.01) |
 //! | `psnr` | 20 log10(peak/rmse) dB |
 //! | relative residual | r = d/(\|reference\| + mean_reference) |
-//! | `rel_rmse_interior` | sqrt of the mean of r² over the pixels that are not excluded, and RGB |
-//! | `signed_block_bias` | of the means of r over blocks of 16 x 16 pixels and one channel, that with the largest magnitude |
+//! | `rel_rmse_interior` | sqrt of the mean of r² over RGB of all pixels that are not excluded |
+//! | `signed_block_bias` | the mean of r with the largest magnitude, over all blocks of 16 x 16 pixels and channels |
 //! | over tolerance | on any channel \|d\| > rel*\|reference\| + abs*mean_reference, or a value that is not finite |
 //!
 //! In `r`, a denominator below the smallest normal `f32` (about 1.2e-38) counts as that, so that
@@ -47,7 +47,7 @@ const SMALLEST_DENOMINATOR: f64 = f32::MIN_POSITIVE as f64;
 pub enum Side {
     /// The image under test.
     Ours,
-    /// What it is compared with.
+    /// The reference image.
     Reference,
 }
 
@@ -89,21 +89,21 @@ pub enum CompareError {
     Channel {
         /// The image that lacks it.
         side: Side,
-        /// Which channel, and what there is instead.
+        /// The error that names the channel and the existing ones.
         error: ImageError,
     },
-    /// Some values are NaN or infinite, so that no mean has a meaning.
+    /// Some values are NaN or infinite, so that means are undefined.
     #[error(
         "values that are not finite: {} in our image, {} in the reference; the first is in {} at column {}, row {}",
         count.ours, count.reference, first.side, first.x, first.y
     )]
     NotFinite {
-        /// How many there are.
+        /// Number of such values.
         count: NotFinite,
-        /// Where the first is: our image before the reference, row by row.
+        /// Place of the first one: our image before the reference, row by row.
         first: FirstNotFinite,
     },
-    /// The mask of excluded pixels is not of the size of the images.
+    /// The mask of excluded pixels has another size than the images.
     #[error("the mask is of {} x {} pixels, the images of {} x {}", mask.0, mask.1, images.0, images.1)]
     MaskSize {
         /// Columns and rows of the mask.
@@ -111,19 +111,19 @@ pub enum CompareError {
         /// Columns and rows of the images.
         images: (usize, usize),
     },
-    /// A number among the options is out of its range.
+    /// An option is out of its range.
     #[error("{name} must be {range}, not {value}")]
     Option {
         /// Name of the option.
         name: &'static str,
-        /// What it must be.
+        /// The valid range.
         range: &'static str,
-        /// What it is.
+        /// The given value.
         value: f64,
     },
 }
 
-/// How many values (channels of pixels) are NaN or infinite.
+/// Number of values (channels of pixels) that are NaN or infinite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct NotFinite {
     /// In our image.
@@ -132,10 +132,10 @@ pub struct NotFinite {
     pub reference: usize,
 }
 
-/// Where a value that is not finite was found.
+/// The place of a value that is not finite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FirstNotFinite {
-    /// In which image.
+    /// The image.
     pub side: Side,
     /// Column.
     pub x: usize,
@@ -143,7 +143,7 @@ pub struct FirstNotFinite {
     pub y: usize,
 }
 
-/// When a pixel counts as different: |ours - reference| > relative*|reference| +
+/// The tolerance of a pixel. It differs if |ours - reference| > relative*|reference| +
 /// absolute*mean_reference on any channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tolerance {
@@ -162,31 +162,31 @@ impl Default for Tolerance {
     }
 }
 
-/// What [`compare`] may be told.
+/// Options of [`compare`].
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CompareOptions<'a> {
-    /// For counting pixels.
+    /// Tolerance for counting pixels.
     pub tolerance: Tolerance,
-    /// Pixels left out of `rel_rmse_interior` and `signed_block_bias` (explained edges), of no
-    /// other number.
+    /// Pixels that are excluded from `rel_rmse_interior` and `signed_block_bias` (explained edges),
+    /// but from no other number.
     pub exclude: Option<&'a Mask>,
     /// The peak of `psnr`, > 0; by default the largest value of the reference.
     pub psnr_peak: Option<f64>,
 }
 
-/// What [`compare`] measures. All values are finite; those that have no meaning are `None`.
+/// The results of [`compare`]. All values are finite; undefined ones are `None`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Metrics {
     /// Columns of both images.
     pub width: usize,
     /// Rows of both images.
     pub height: usize,
-    /// Root of the mean squared difference, in units of radiance, over all pixels.
+    /// Root mean square difference, in units of radiance, over all pixels.
     pub rmse: f64,
-    /// Relative residual's root mean square over the pixels not excluded; `None` if there are none,
-    /// which is not a pass.
+    /// Root mean square of the relative residual over the pixels that are not excluded; `None` if
+    /// there are none, which is not a pass.
     pub rel_rmse_interior: Option<f64>,
-    /// Pixels that `rel_rmse_interior` is over.
+    /// Number of pixels in `rel_rmse_interior`.
     pub interior_pixels: usize,
     /// Mean of the squared difference over (reference² + 0.01).
     pub relmse: f64,
@@ -207,7 +207,7 @@ pub struct Metrics {
     pub psnr_peak: f64,
     /// Mean of |reference|.
     pub mean_reference: f64,
-    /// The most biased block of 16 x 16 pixels; `None` if all pixels are excluded.
+    /// The block of 16 x 16 pixels with the largest bias; `None` if all pixels are excluded.
     pub signed_block_bias: Option<BlockBias>,
     /// Number of pixels over the tolerance.
     pub pixels_over_tolerance: usize,
@@ -224,7 +224,7 @@ pub struct BlockBias {
     pub x: usize,
     /// Row of the block's top left pixel.
     pub y: usize,
-    /// Pixels of the block that count, 1 to 256.
+    /// Number of counted pixels of the block, 1 to 256.
     pub pixels: usize,
 }
 
@@ -239,8 +239,7 @@ struct WrittenBias {
 }
 
 impl<'de> Deserialize<'de> for BlockBias {
-    /// What is no name of a channel counts as `R`: it is read to be shown, and nothing is decided
-    /// by it.
+    /// An invalid channel name counts as `R`: the value is only displayed and decides nothing.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let written = WrittenBias::deserialize(deserializer)?;
         let known = RGB.into_iter().find(|name| *name == written.channel);
@@ -254,7 +253,7 @@ impl<'de> Deserialize<'de> for BlockBias {
     }
 }
 
-/// A pixel and how bad it is.
+/// A pixel and its relative residual.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct WorstPixel {
     /// Column.
@@ -270,7 +269,7 @@ pub struct WorstPixel {
     pub residual: f64,
 }
 
-/// Measures the difference of two images over R, G, B. Other channels play no part; see
+/// Measures the difference of two images over R, G, B. Other channels are ignored; see
 /// [`layers`](crate::layers).
 ///
 /// # Errors
@@ -338,9 +337,9 @@ pub fn compare(ours: &Image, reference: &Image, options: &CompareOptions) -> Res
     })
 }
 
-/// The pixels over a tolerance. Unlike [`compare`], this takes images with values that are not
-/// finite: pixels with such a value in either image are over, and the mean is that of the
-/// reference's finite values.
+/// The pixels over a tolerance. Unlike [`compare`], this accepts values that are not finite: pixels
+/// with such a value in either image are over tolerance, and the mean includes only finite values
+/// of the reference.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, a tolerance out of range.
@@ -350,9 +349,9 @@ pub fn over_tolerance(ours: &Image, reference: &Image, tolerance: Tolerance) -> 
     Ok(pair.over(tolerance, pair.mean_reference()))
 }
 
-/// The `count` pixels with the largest relative residuals, worst first, only pixels of `within`
-/// where that is given. Pixels with a value that is not finite come first; of equals, the upper
-/// left one. Takes images as [`over_tolerance`].
+/// The `count` pixels with the largest relative residuals, worst first, restricted to `within` if
+/// given. Pixels with a value that is not finite come first; of equals, the upper left one. Accepts
+/// the same images as [`over_tolerance`].
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, a mask of another size.
@@ -393,7 +392,7 @@ pub fn count_not_finite(ours: &Image, reference: &Image) -> Result<NotFinite, Co
     Ok(Pair::new(ours, reference)?.not_finite())
 }
 
-/// Mean of |reference| over R, G, B, values that are not finite left out; 0 if none is finite.
+/// Mean of |reference| over the finite values of R, G, B; 0 if none is finite.
 ///
 /// # Errors
 /// [`ImageError::MissingChannel`].
@@ -422,7 +421,7 @@ fn mean_absolute(planes: [&[f32]; 3]) -> f64 {
     }
 }
 
-/// Two images that fit together.
+/// Two images of the same size and placement.
 pub(crate) struct Pair<'a> {
     pub(crate) width: usize,
     pub(crate) height: usize,
@@ -563,7 +562,7 @@ impl<'a> Pair<'a> {
     }
 }
 
-/// Refuses images of different sizes or placements.
+/// Rejects images of different sizes or placements.
 pub(crate) fn check_geometry(ours: &Image, reference: &Image) -> Result<(), CompareError> {
     let size = |image: &Image| (image.width(), image.height());
     if size(ours) != size(reference) {
@@ -585,7 +584,7 @@ fn check_mask(mask: Option<&Mask>, pair: &Pair) -> Result<(), CompareError> {
     check_mask_size(mask, (pair.width, pair.height))
 }
 
-/// Refuses a mask of another size than the images.
+/// Rejects a mask of another size than the images.
 pub(crate) fn check_mask_size(mask: Option<&Mask>, images: (usize, usize)) -> Result<(), CompareError> {
     match mask.map(|mask| (mask.width(), mask.height())) {
         Some(mask) if mask != images => Err(CompareError::MaskSize { mask, images }),

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-/// Most pixels that an [`Image`] may have: 2^28.
+/// Maximum number of pixels of an [`Image`]: 2^28.
 pub const MAX_PIXELS: usize = 1 << 28;
 
-/// Most bytes in the name of a channel or attribute: what an OpenEXR file can hold.
+/// Maximum length of the name of a channel or attribute in bytes, as in an OpenEXR file.
 const MAX_NAME_BYTES: usize = 255;
 
-/// What is wrong with the parts of an [`Image`].
+/// An invalid part of an [`Image`].
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ImageError {
     /// A side is zero, or there are more than [`MAX_PIXELS`] pixels.
@@ -16,12 +16,12 @@ pub enum ImageError {
         "an image of {width} x {height} pixels: each side must be at least 1, and there may be at most {MAX_PIXELS} pixels"
     )]
     Size {
-        /// Columns asked for.
+        /// Requested number of columns.
         width: usize,
-        /// Rows asked for.
+        /// Requested number of rows.
         height: usize,
     },
-    /// A plane has another number of samples than the image has pixels.
+    /// The number of samples of a plane differs from the number of pixels.
     #[error("channel `{channel}` has {found} samples, but {width} x {height} pixels need {}", width * height)]
     SampleCount {
         /// Name of the channel.
@@ -50,22 +50,22 @@ pub enum ImageError {
     /// The image has no such channel.
     #[error("no channel `{channel}`; there are: {}", available.join(", "))]
     MissingChannel {
-        /// Name of the channel that was looked for.
+        /// Name of the requested channel.
         channel: String,
         /// Names of the channels that the image has, sorted.
         available: Vec<String>,
     },
 }
 
-/// Where the pixels of an image lie in the frame that they were cut from.
+/// The position of an image in the frame from which it was cropped.
 ///
 /// In terms of OpenEXR: the position of the data window relative to the display window, and the
 /// size of the latter. A whole frame has `x = y = 0` and the size of the image itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Placement {
-    /// Column of the frame in which column 0 of the image lies, in pixels; may be negative.
+    /// Column of the frame that contains column 0 of the image; may be negative.
     pub x: i32,
-    /// Row of the frame in which row 0 of the image lies, in pixels; may be negative.
+    /// Row of the frame that contains row 0 of the image; may be negative.
     pub y: i32,
     /// Columns of the whole frame.
     pub frame_width: usize,
@@ -75,10 +75,9 @@ pub struct Placement {
 
 /// Named planes of `f32` samples over `width * height` pixels, row-major, top row first.
 ///
-/// Colour lies in the channels `R`, `G`, `B` (linear Rec. 709); other layers are channels such as
-/// `depth.Z`. Channels and attributes are kept sorted by name, so that equal images give equal
-/// files. Samples may be anything, NaN and infinities included: the metrics count them, they are
-/// not hidden here.
+/// Colour is in the channels `R`, `G`, `B` (linear Rec. 709); other layers are channels such as
+/// `depth.Z`. Channels and attributes are sorted by name, so that equal images give equal files.
+/// Samples may have any value, including NaN and infinities, which the metrics count.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
     width: usize,
@@ -124,7 +123,7 @@ impl Image {
         Ok(image)
     }
 
-    /// An image with the channels `R`, `G`, `B`, pixel `(x, y)` being `color(x, y)`.
+    /// An image with the channels `R`, `G`, `B` whose pixel `(x, y)` is `color(x, y)`.
     ///
     /// # Errors
     /// As [`Image::new`].
@@ -166,13 +165,13 @@ impl Image {
         self.width * self.height
     }
 
-    /// Where the image lies in its frame; a whole frame unless set otherwise.
+    /// The position of the image in its frame; a whole frame unless set otherwise.
     #[must_use]
     pub fn placement(&self) -> Placement {
         self.placement
     }
 
-    /// Says where the image lies in its frame.
+    /// Sets the position of the image in its frame.
     pub fn set_placement(&mut self, placement: Placement) {
         self.placement = placement;
     }
@@ -199,7 +198,7 @@ impl Image {
         Ok(())
     }
 
-    /// Takes a plane out, or `None` if there is none of that name.
+    /// Removes and returns a plane, or `None` if there is none of that name.
     pub fn remove_channel(&mut self, name: &str) -> Option<Vec<f32>> {
         self.channels.remove(name)
     }
@@ -210,12 +209,12 @@ impl Image {
         self.channels.get(name).map(Vec::as_slice)
     }
 
-    /// As [`Image::channel`], to change.
+    /// As [`Image::channel`], but mutable.
     pub fn channel_mut(&mut self, name: &str) -> Option<&mut [f32]> {
         self.channels.get_mut(name).map(Vec::as_mut_slice)
     }
 
-    /// As [`Image::channel`], with an error that lists what there is.
+    /// As [`Image::channel`], with an error that lists the existing channels.
     ///
     /// # Errors
     /// [`ImageError::MissingChannel`].
@@ -246,8 +245,8 @@ impl Image {
         ])
     }
 
-    /// Attributes, sorted by name. In an EXR file each is a text attribute called
-    /// [`whitstone:`](crate::exr_io::ATTRIBUTE_PREFIX) and the name here.
+    /// Attributes, sorted by name. In an EXR file each is a text attribute whose name is
+    /// [`whitstone:`](crate::exr_io::ATTRIBUTE_PREFIX) followed by the name here.
     #[must_use]
     pub fn attributes(&self) -> &BTreeMap<String, String> {
         &self.attributes

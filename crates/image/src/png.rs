@@ -1,4 +1,4 @@
-//! 8-bit pictures for people to look at, as PNG files.
+//! 8-bit pictures for people, as PNG files.
 //!
 //! These are previews: nothing is measured from them.
 
@@ -36,7 +36,7 @@ impl Raster {
         }
     }
 
-    /// A picture with pixel `(x, y)` being `color(x, y)`; a side of 0 counts as 1.
+    /// A picture whose pixel `(x, y)` is `color(x, y)`; a side of 0 counts as 1.
     #[must_use]
     pub fn from_fn(width: usize, height: usize, color: impl Fn(usize, usize) -> [u8; 3]) -> Self {
         let mut raster = Self::filled(width, height, [0; 3]);
@@ -46,7 +46,7 @@ impl Raster {
         raster
     }
 
-    /// What a screen shows of an image. A pixel with a channel that is NaN or infinite is
+    /// The image as a screen displays it. A pixel with a channel that is NaN or infinite is
     /// [`NOT_FINITE`].
     ///
     /// # Errors
@@ -94,8 +94,8 @@ impl Raster {
         }
     }
 
-    /// Copies another picture into this one with its top left corner at `(x, y)`; what reaches
-    /// outside is cut off.
+    /// Copies another picture into this one, with its top left corner at `(x, y)`. Parts outside
+    /// are clipped.
     pub fn draw(&mut self, other: &Self, x: usize, y: usize) {
         for (index, &color) in other.pixels.iter().enumerate() {
             self.set(
@@ -124,7 +124,7 @@ impl Raster {
         Ok(bytes)
     }
 
-    /// Writes a PNG file, as a whole or not at all (see [`atomic`]).
+    /// Writes a PNG file atomically (see [`atomic`]).
     ///
     /// # Errors
     /// [`WriteError`], which names the path.

@@ -1,8 +1,8 @@
-//! The range of values that a reference takes under its own variations, kept with it.
+//! The range of values that a reference takes under its own variations, stored with it.
 //!
-//! A stored reference has six more layers: `min.R` to `max.B`. Where they differ, the reference
-//! itself took these values when its sample position or its rounding was varied: an edge, or an
-//! ill-conditioned pixel.
+//! A stored reference has six more layers: `min.R` to `max.B`. In a pixel in which they differ, the
+//! reference itself took these values when its sample position or its rounding was varied. Such a
+//! pixel is at an edge or ill-conditioned.
 
 use crate::metrics::{CompareError, Pair, Side};
 use crate::planes::Image;
@@ -18,10 +18,10 @@ pub struct Ranges<'a> {
 }
 
 impl<'a> Ranges<'a> {
-    /// Those of a reference; `None` if it has no such layers.
+    /// The ranges of a reference; `None` if it has no such layers.
     ///
     /// # Errors
-    /// [`CompareError`]: a reference with some of the six layers only.
+    /// [`CompareError`]: a reference with only some of the six layers.
     pub fn of(reference: &'a Image) -> Result<Option<Self>, CompareError> {
         if LAYERS.iter().all(|name| reference.channel(name).is_none()) {
             return Ok(None);
@@ -41,8 +41,8 @@ impl<'a> Ranges<'a> {
         }))
     }
 
-    /// Smallest and largest value of each channel in a pixel; `None` where the reference does not
-    /// vary.
+    /// Smallest and largest value of each channel in a pixel; `None` if the reference does not vary
+    /// there.
     pub fn at(&self, [x, y]: [usize; 2]) -> Option<[[f64; 3]; 2]> {
         let index = y * self.width + x;
         let [a, b, c, d, e, f] = self.layers.map(|layer| f64::from(layer[index]));
@@ -51,8 +51,7 @@ impl<'a> Ranges<'a> {
     }
 }
 
-/// Whether both images show the same colour in all pixels, each its own: then nothing but this
-/// colour is compared.
+/// Whether the comparison is vacuous: each image shows a single colour in all pixels.
 ///
 /// # Errors
 /// [`CompareError`]: images that cannot be compared.

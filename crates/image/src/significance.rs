@@ -1,12 +1,12 @@
-//! Whether noise explains a difference: a test for each pixel and channel, where the files say how
-//! much noise there is.
+//! Tests whether noise explains a difference, for each pixel and channel, if the files contain the
+//! noise.
 //!
-//! An image of random samples says it by layers, for each channel C of R, G, B:
+//! An image of random samples stores its noise in layers, for each channel C of R, G, B:
 //!
-//! | layer | what it holds |
+//! | layer | contents |
 //! |---|---|
 //! | `variance.C` | the variance of *one sample* of the pixel (divided by n - 1, not by n) |
-//! | `m2.C`, in its place | the mean of the squared samples |
+//! | `m2.C`, alternatively | the mean of the squared samples |
 //! | `samples.N` | the samples n of the pixel; else the text attribute `whitstone:samples` counts for all |
 //!
 //! The variance of a pixel's mean is then that of one sample over n. With layers on both sides this
@@ -16,78 +16,78 @@
 //! n - 1 degrees of freedom.
 //!
 //! A sample variance misses events that are rarer than 1 in n: a pixel that no such event hit has a
-//! mean that is too low and a variance near 0. On one side, where nothing else contains the events,
-//! the variance is therefore at least the mean of those of the [`WINDOW`] x [`WINDOW`] pixels
-//! around it. If an event hits a pixel with n samples lambda times on average, lambda < 1, and was
-//! missed in one, the difference is at most sqrt(lambda) standard errors of the pooled variance,
-//! which is never significant; the pooled variance contains no event with a probability of exp(-225
-//! lambda), so the level holds for events that hit at least one pixel in 14 (225/14 > 16 =
-//! -ln(1e-7), a usual threshold). Where pixels near by are noisier, a fault must be larger to be
-//! found.
+//! mean that is too low and a variance near 0. If only one side has noise, nothing else contains
+//! these events. The variance is therefore at least the mean of the variances of the [`WINDOW`] x
+//! [`WINDOW`] pixels around it. Suppose that an event hits a pixel with n samples lambda times on
+//! average, lambda < 1, and was missed in one. The difference is then at most sqrt(lambda) standard
+//! errors of the pooled variance, which is never significant. The pooled variance contains no event
+//! with a probability of exp(-225 lambda), so the level holds for events that hit at least one
+//! pixel in 14 (225/14 > 16 = -ln(1e-7), a usual threshold). Where nearby pixels are noisier, only
+//! a larger fault is detected.
 //!
-//! So many tests find something by chance. A value is *significant* where its p is below 1 - (1 -
-//! level)^(1/N), N being the number of tests (Šidák 1967), as in Mitsuba 3's `test_renders.py`:
-//! then any significant value at all has a probability of at most the level if the two renderers
-//! agree. What is within the pixel tolerance is not tested, since the rounding of a picture without
-//! noise is significant at any level.
+//! Many tests give some significant results by chance. A value is *significant* if its p is below
+//! 1 - (1 - level)^(1/N), N being the number of tests (Šidák 1967), as in Mitsuba 3's
+//! `test_renders.py`. If the two renderers agree, the probability of any significant value is then
+//! at most the level. Values within the pixel tolerance are not tested, because the rounding of a
+//! picture without noise is significant at any level.
 
 use crate::mask::Mask;
 use crate::metrics::{CompareError, Pair, Side, Tolerance};
 use crate::planes::{Image, ImageError, RGB};
 use serde::Serialize;
 
-/// Side of the window of pixels whose mean variance is the least one of the pixel in its middle,
-/// where only one side has noise.
+/// Side of the window around a pixel whose mean variance is the minimum variance of the pixel, if
+/// only one side has noise.
 pub const WINDOW: usize = 15;
 
-/// Which test was made.
+/// The kind of test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Test {
-    /// One side has noise: Student's, with the variance of the neighbourhood as a floor.
+    /// One side has noise: Student's test, with the variance of the neighbourhood as a lower bound.
     Student,
-    /// Both have.
+    /// Both sides have noise: Welch's test.
     Welch,
 }
 
-/// What the tests of all pixels and channels found.
+/// The results of the tests of all pixels and channels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Significance {
-    /// Which test.
+    /// The kind of test.
     pub test: Test,
-    /// The probability of a significant value by chance, over all of them together.
+    /// The probability of any significant value by chance, over all tests together.
     pub level: f64,
-    /// How many tests there were: all values of the image.
+    /// Number of tests: all values of the image.
     pub tests: usize,
-    /// Below this p a value is significant.
+    /// A value with a smaller p is significant.
     pub threshold: f64,
     /// Pixels with a significant value.
     pub pixels: usize,
-    /// The least p of all.
+    /// The smallest p.
     pub least_p: f64,
-    /// Column and row of that; `None` where nothing is over the tolerance.
+    /// Column and row of the smallest p; `None` if nothing is over the tolerance.
     pub least_at: Option<[usize; 2]>,
     /// The significant pixels.
     #[serde(skip)]
     pub mask: Mask,
 }
 
-/// Why there can be no test.
+/// Why the test is not possible.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SignificanceError {
-    /// As for every comparison.
+    /// The images cannot be compared.
     #[error(transparent)]
     Compare(#[from] CompareError),
-    /// Layers that do not belong together.
+    /// An incomplete set of layers.
     #[error("{side}: {error}")]
     Layers {
         /// The image.
         side: Side,
-        /// What is missing.
+        /// The missing layer.
         error: ImageError,
     },
-    /// The number of samples is not told.
+    /// The number of samples is unknown.
     #[error(
         "{side} has layers of variance, but neither a layer `samples.N` nor an attribute `whitstone:samples`"
     )]
@@ -112,7 +112,7 @@ pub enum SignificanceError {
 /// Tests every value at a `level` between 0 and 1; `None` if neither image has the layers.
 ///
 /// # Errors
-/// [`SignificanceError`]: what cannot be compared at all, layers that are incomplete or have
+/// [`SignificanceError`]: images that cannot be compared, layers that are incomplete or have
 /// impossible values, a level out of range.
 pub fn significance(
     ours: &Image,
@@ -143,7 +143,7 @@ pub fn significance(
         _ => None,
     };
     let tests = RGB.len() * pair.pixels();
-    // 1 - (1 - level)^(1/N), which rounds to nothing if written so.
+    // 1 - (1 - level)^(1/N), written so that it does not round to zero.
     let threshold = -((-level).ln_1p() / tests as f64).exp_m1();
     let mean = pair.mean_reference();
     let mut mask = Mask::new(pair.width, pair.pixels() / pair.width);
@@ -168,7 +168,7 @@ pub fn significance(
                     let floor = floor.as_ref().map_or(0.0, |floor| floor[channel][index]);
                     one_sided(difference, part, floor)
                 }
-                // There is noise on one side at least.
+                // At least one side has noise.
                 [None, None] => 1.0,
             };
             if p < threshold {
@@ -191,7 +191,7 @@ pub fn significance(
     }))
 }
 
-/// What an image says of its noise.
+/// The noise layers of an image.
 struct Noise<'a> {
     side: Side,
     means: [&'a [f32]; 3],
@@ -209,7 +209,7 @@ enum Samples<'a> {
 /// The noise of a value.
 #[derive(Clone, Copy)]
 struct Part {
-    /// Of one sample.
+    /// Variance of one sample.
     variance: f64,
     samples: f64,
 }
@@ -248,7 +248,7 @@ impl<'a> Noise<'a> {
         }))
     }
 
-    /// The mean of the variances of one sample in the window around each pixel, for each channel.
+    /// The mean of the variances of one sample in the window around each pixel, per channel.
     fn neighbourhood(&self, width: usize, pixels: usize) -> Result<[Vec<f64>; 3], SignificanceError> {
         let height = pixels / width;
         let mut means = [const { Vec::new() }; 3];
@@ -296,7 +296,7 @@ impl<'a> Noise<'a> {
         }
         let variance = if self.are_squares {
             let mean = f64::from(self.means[channel][index]);
-            // Rounding may leave a square of the mean that is larger.
+            // Rounding may make the squared mean larger than the moment.
             (moment - mean * mean).max(0.0) * samples / (samples - 1.0)
         } else {
             moment
@@ -313,8 +313,8 @@ fn window(position: usize, size: usize) -> (usize, usize) {
     )
 }
 
-/// The probability of at least this difference from an exact value by chance; `floor`: the least
-/// variance of one sample.
+/// The probability of at least this difference from an exact value by chance. `floor` is the
+/// minimum variance of one sample.
 fn one_sided(difference: f64, part: Part, floor: f64) -> f64 {
     let variance = part.variance.max(floor) / part.samples;
     if variance == 0.0 {
@@ -323,7 +323,7 @@ fn one_sided(difference: f64, part: Part, floor: f64) -> f64 {
     student(difference / variance.sqrt(), part.samples - 1.0)
 }
 
-/// The probability of at least this difference by chance, of a normal distribution.
+/// The probability of at least this difference by chance, for a normal distribution.
 fn z_test(difference: f64, variance_of_mean: f64) -> f64 {
     if variance_of_mean == 0.0 {
         return if difference == 0.0 { 1.0 } else { 0.0 };
@@ -331,7 +331,7 @@ fn z_test(difference: f64, variance_of_mean: f64) -> f64 {
     libm::erfc(difference / (2.0 * variance_of_mean).sqrt())
 }
 
-/// The same of the difference of two means with variances of their own, none of them known.
+/// The same for the difference of two means whose variances are both estimated.
 fn welch(difference: f64, ours: Part, reference: Part) -> f64 {
     let (a, b) = (ours.of_mean(), reference.of_mean());
     if a + b == 0.0 {
@@ -341,7 +341,7 @@ fn welch(difference: f64, ours: Part, reference: Part) -> f64 {
     student(difference / (a + b).sqrt(), degrees)
 }
 
-/// Both tails of Student's distribution: I of degrees/(degrees + t²) with degrees/2 and 1/2 (DLMF
+/// Both tails of Student's t distribution: I of degrees/(degrees + t²) with degrees/2 and 1/2 (DLMF
 /// 8.17).
 fn student(t: f64, degrees: f64) -> f64 {
     let x = degrees / (degrees + t * t);
@@ -353,7 +353,7 @@ fn incomplete_beta(x: f64, rest: f64, a: f64, b: f64) -> f64 {
     if x <= 0.0 || rest <= 0.0 {
         return if x <= 0.0 { 0.0 } else { 1.0 };
     }
-    // The fraction converges fast on this side of the mean only.
+    // The fraction converges fast only on this side of the mean.
     if x > (a + 1.0) / (a + b + 2.0) {
         return 1.0 - incomplete_beta(rest, x, b, a);
     }

@@ -1,14 +1,14 @@
-//! SSIM: how alike two pictures are in structure, as they are shown on a screen.
+//! SSIM: the structural similarity of two pictures, as they are displayed on a screen.
 //!
 //! Wang, Bovik, Sheikh, Simoncelli, *Image Quality Assessment: From Error Visibility to Structural
 //! Similarity*, IEEE Transactions on Image Processing 13(4), 2004, section III.B: a Gaussian window
 //! of 11 x 11 pixels with a deviation of 1.5, K1 = 0.01 and K2 = 0.03. Only windows that lie in the
 //! image count, so there are none at its border.
 //!
-//! The paper is about what a screen shows, so values are tone mapped as previews are (limited to
-//! [0, 1], then encoded as sRGB), but not rounded to codes. The result is the mean over the windows
-//! and over R, G, B. Written from the paper; the tests hold values of scikit-image 0.26
-//! (`gaussian_weights`, population covariance).
+//! The paper defines SSIM for displayed values. Values are therefore tone mapped like previews
+//! (clamped to [0, 1], then encoded as sRGB), but not rounded to codes. The result is the mean over
+//! the windows and over R, G, B. Implemented from the paper; the tests contain values of
+//! scikit-image 0.26 (`gaussian_weights`, population covariance).
 
 use crate::metrics::{CompareError, Pair};
 use crate::planes::Image;
@@ -18,14 +18,14 @@ use crate::tone::{ToneMap, linear_to_srgb};
 /// Side of the window in pixels.
 pub const WINDOW: usize = 11;
 
-/// Deviation of the window's Gaussian in pixels.
+/// Standard deviation of the window's Gaussian in pixels.
 const DEVIATION: f64 = 1.5;
 /// (K L)^2 of the paper, where the largest value L is 1.
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// The mean similarity, at most 1, which only equal pictures have; `None` for an image smaller than
-/// the window.
+/// The mean similarity, at most 1, which only equal pictures reach; `None` for an image smaller
+/// than the window.
 ///
 /// # Errors
 /// [`CompareError`]: sizes, placements or channels that differ, values that are not finite.
@@ -67,7 +67,7 @@ pub fn ssim(ours: &Image, reference: &Image, tone: ToneMap) -> Result<Option<f64
     Ok(Some(sum.total() / count as f64))
 }
 
-/// One side of the window, summing to 1.
+/// The one-dimensional window, normalised to 1.
 fn kernel() -> [f64; WINDOW] {
     let middle = (WINDOW / 2) as f64;
     let weights: [f64; WINDOW] =
@@ -76,7 +76,7 @@ fn kernel() -> [f64; WINDOW] {
     weights.map(|weight| weight / total)
 }
 
-/// The weighted means of all windows that lie in the plane, row by row.
+/// The weighted means of all windows that lie inside the plane, row by row.
 fn windows(plane: &[f64], width: usize, kernel: &[f64; WINDOW]) -> Vec<f64> {
     let weighted = |values: &mut dyn Iterator<Item = f64>| -> f64 {
         values.zip(kernel).map(|(value, weight)| value * weight).sum()

@@ -16,7 +16,7 @@ impl Sum {
     #[inline]
     pub fn add(&mut self, term: f64) {
         let next = self.sum + term;
-        // What was lost is the low part of the smaller of the two.
+        // The lost part is the low part of the smaller number.
         self.compensation += if self.sum.abs() >= term.abs() {
             (self.sum - next) + term
         } else {

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-/// Where the files are said to lie.
+/// The environment variable with the folder of the files.
 const VARIABLE: &str = "WHITSTONE_TEST_DATA";
 
-/// Files of a folder of the test data, sorted, or `None` after saying that the test is skipped.
+/// Files of a folder of the test data, sorted. Without the folder, prints that the test is skipped
+/// and returns `None`.
 pub(crate) fn files(folder: &str) -> Option<Vec<PathBuf>> {
     let Some(root) = std::env::var_os(VARIABLE) else {
         println!("skipped: {VARIABLE} is not set");

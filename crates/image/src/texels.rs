@@ -12,15 +12,15 @@ use crate::exr_io;
 use crate::limits::{Limits, ReadError, ReadFault, no_panic};
 use crate::planes::{Image, RGB};
 
-/// How the values of a texture file are meant.
+/// The encoding of the values of a texture file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
     /// From 8-bit codes: values are `code / 255`, to be decoded with
     /// [`srgb_to_linear`](crate::tone::srgb_to_linear) unless the scene says that they are linear.
     Srgb8,
-    /// From 16-bit codes: values are `code / 65535`, otherwise as `Srgb8`.
+    /// From 16-bit codes: values are `code / 65535`, otherwise like `Srgb8`.
     Srgb16,
-    /// From floating-point numbers: values as in the file, linear, of any sign and size.
+    /// From floating-point numbers: values as in the file, linear, of any sign and magnitude.
     Linear,
 }
 
@@ -33,19 +33,19 @@ pub struct Texels {
     pub height: usize,
     /// `width * height` texels (R, G, B), row-major, top row first. All values are finite.
     pub data: Vec<[f32; 3]>,
-    /// What kind of file the values are from.
+    /// The encoding of the file.
     pub encoding: Encoding,
 }
 
-/// Reads a PNG, JPEG or EXR file; the kind is known by the first bytes, not by the name.
+/// Reads a PNG, JPEG or EXR file. The first bytes determine the kind, not the name.
 /// [`Limits::TEXTURE`] are the usual limits.
 ///
 /// - Alpha is ignored (colours are not multiplied by it, see [`read_alpha`]), grey is repeated to
 ///   RGB, palettes and codes of fewer than 8 bits are expanded to 8.
-/// - Colour profiles, gamma chunks and EXIF orientation are ignored: the scene says what the values
-///   mean.
-/// - Of an animated PNG, the default image. Of an EXR file, the data window and the channels R, G,
-///   B, or else Y.
+/// - Colour profiles, gamma chunks and EXIF orientation are ignored: the scene defines the meaning
+///   of the values.
+/// - An animated PNG gives its default image. An EXR file gives the data window and the channels R,
+///   G, B, or else Y.
 ///
 /// # Errors
 /// [`ReadError`] with a [`ReadFault`]: no such file, an unknown format, an empty, damaged or
@@ -55,10 +55,10 @@ pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Texels, ReadError>
     read_part(path.as_ref(), limits, Part::Color)
 }
 
-/// The alpha channel of a file as [`read`] reads them, repeated to three channels; its codes are
-/// never those of sRGB.
+/// Reads the alpha channel of a file like [`read`], repeated to three channels. Its codes are
+/// always linear.
 ///
-/// Of an EXR file it is the channel A. A palette has one where a chunk says what is transparent; a
+/// In an EXR file it is the channel A. A palette has alpha if a chunk defines its transparency. A
 /// JPEG has none.
 ///
 /// # Errors
@@ -75,7 +75,7 @@ fn read_part(path: &Path, limits: Limits, part: Part) -> Result<Texels, ReadErro
     read().map_err(|fault| fault.at(path))
 }
 
-/// What of a pixel is wanted.
+/// The requested part of a pixel.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Part {
     Color,
@@ -83,7 +83,7 @@ enum Part {
 }
 
 impl Part {
-    /// Out of grey, grey and alpha, a colour, or a colour and alpha.
+    /// Extracts the part from grey, grey and alpha, a colour, or a colour and alpha.
     fn of<T: Copy>(self, pixel: &[T]) -> Option<[T; 3]> {
         match (self, pixel) {
             (Self::Color, &[grey] | &[grey, _]) => Some([grey; 3]),
@@ -128,25 +128,25 @@ fn decode_from<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> 
     }
 }
 
-/// The size is checked by [`Limits::check`]; this bounds what the decoder takes on the way.
+/// [`Limits::check`] checks the size; this bounds the temporary memory of the decoder.
 fn decoder_limits(limits: Limits) -> image::Limits {
     let mut bounds = image::Limits::no_limits();
     bounds.max_alloc = Some(limits.max_bytes);
     bounds
 }
 
-/// Bytes of a JPEG file that are read whatever the limits.
+/// Bytes of a JPEG file that are read regardless of the limits.
 const MAX_JPEG_EXTRAS: u64 = 64 << 20;
 
 fn decode_jpeg<R: BufRead + Seek>(mut source: R, limits: Limits, part: Part) -> Result<Texels, ReadFault> {
     let mut bytes = Vec::new();
-    // What is in a file besides the pixels may be more than these where the limit is small.
+    // If the limit is small, the metadata of a file may be larger than the limit.
     (&mut source)
         .take(limits.max_bytes.max(MAX_JPEG_EXTRAS))
         .read_to_end(&mut bytes)?;
     let decoder = JpegDecoder::new(Cursor::new(&bytes)).map_err(to_fault)?;
     let texels = from_integers(decoder, limits, part)?;
-    // The decoder paints what is missing at the end grey. The end marker cannot occur inside a
+    // The decoder fills missing pixels at the end with grey. The end marker cannot occur inside a
     // scan, where 0xff is followed by 0 or a restart marker.
     let scan = bytes
         .windows(2)

@@ -1,11 +1,10 @@
-//! From scene-referred linear values to what an 8-bit screen shows, and the sRGB transfer
-//! functions.
+//! Converts scene-referred linear values to 8-bit display values, and the sRGB transfer functions.
 
-/// Exposure for previews. The steps, for each channel by itself: multiply by 2^exposure, limit to
+/// Exposure for previews. The steps, for each channel separately: multiply by 2^exposure, clamp to
 /// [0, 1], encode with [`linear_to_srgb`], multiply by 255 and round half up.
 ///
-/// There is no curve: what is above 1 after the exposure is white, so that equal pixels mean equal
-/// values.
+/// There is no tone curve: values above 1 after the exposure are white, so that equal pixels mean
+/// equal values.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ToneMap {
     /// Exposure in stops: 0 leaves values as they are, 1 doubles them.
@@ -18,7 +17,7 @@ impl ToneMap {
     #[must_use]
     pub fn encode(&self, linear: f64) -> u8 {
         let shown = (linear * self.exposure.exp2()).clamp(0.0, 1.0);
-        // The cast limits and takes NaN to 0.
+        // The cast clamps, and maps NaN to 0.
         (linear_to_srgb(shown) * 255.0 + 0.5).floor() as u8
     }
 }
@@ -57,7 +56,7 @@ mod tests {
         assert_eq!(srgb_to_linear(0.0), 0.0);
         assert_eq!(srgb_to_linear(1.0), 1.0);
         assert_eq!(srgb_to_linear(0.04045), 0.04045 / 12.92);
-        // 188 is the code nearest to half the light.
+        // 188 is the code nearest to half intensity.
         assert_abs_diff_eq!(srgb_to_linear(188.0 / 255.0), 0.5028864580325687, epsilon = 1e-15);
         assert_eq!(ToneMap::default().encode(0.5), 188);
         assert_eq!(ToneMap::default().encode(0.18), 118);

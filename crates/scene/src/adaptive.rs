@@ -1,8 +1,8 @@
-//! More samples for those pixels that need them.
+//! Adaptive sampling: takes more samples in the pixels that need them.
 //!
-//! Whitted 1980 subdivides a pixel where the colours at its corners differ; here a pixel takes as
-//! many samples again as it has as long as its own, or the first ones of its neighbours, are far
-//! apart. Section 5 of `docs/whitted-model.md`.
+//! Whitted 1980 subdivides a pixel if the colours at its corners differ. Here the number of samples
+//! of a pixel doubles as long as its own samples, or the first ones of its neighbours, differ by
+//! more than a threshold. Section 5 of `docs/whitted-model.md`.
 
 use crate::film::SampleMemory;
 use crate::{Film, Pipeline, Progress};
@@ -18,7 +18,7 @@ struct Tally {
     sum: Rgb,
     least: Rgb,
     most: Rgb,
-    /// Of the first samples.
+    /// Range of the first samples.
     first_range: f64,
 }
 
@@ -38,13 +38,13 @@ impl Tally {
         self.most = Rgb::new(b.r.max(radiance.r), b.g.max(radiance.g), b.b.max(radiance.b));
     }
 
-    /// Of the channel where it is largest.
+    /// The range of the channel with the largest range.
     fn range(&self) -> f64 {
         (self.most + self.least * -1.0).max_component()
     }
 }
 
-/// The state of an image that is refined.
+/// The state of an image during refinement.
 pub(crate) struct Adaptive {
     rule: Refinement,
     size: FilmSize,
@@ -61,12 +61,12 @@ impl Adaptive {
         }
     }
 
-    /// Positions that every pixel takes.
+    /// Number of sample positions that every pixel takes.
     pub(crate) fn first(&self) -> u32 {
         self.rule.first
     }
 
-    /// The first samples of some pixels.
+    /// Takes the first samples of some pixels.
     pub(crate) fn start(&self, pipeline: &Pipeline, pixels: &[[u32; 2]], memory: &mut SampleMemory) {
         let mut found = [Tally::NOTHING; LANES];
         pipeline.sample(pixels, 0..self.rule.first, memory, |lane, radiance| {
@@ -87,7 +87,7 @@ impl Adaptive {
         }
     }
 
-    /// All further samples, and the colours of the pixels.
+    /// Takes all further samples and computes the colours of the pixels.
     pub(crate) fn refine(
         self,
         pipeline: &Pipeline,
@@ -106,7 +106,7 @@ impl Adaptive {
         let (lens, total) = (pipeline.camera.lens_points(), active.len() as u64);
         let mut taken = self.rule.first;
         let state = Mutex::new((tallies, film));
-        // Of each thread, for all rounds.
+        // One per thread, for all rounds.
         let memories: Vec<Mutex<SampleMemory>> = std::iter::repeat_with(Mutex::default)
             .take(rayon::current_num_threads())
             .collect();
@@ -161,7 +161,7 @@ impl Adaptive {
         }
     }
 
-    /// The colour of one pixel by itself.
+    /// The colour of a single pixel.
     pub(crate) fn pixel(&self, pipeline: &Pipeline, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
         let lens = pipeline.camera.lens_points();
         let tally_of = |pixel, samples: Range<u32>, mut tally: Tally, scratch: &mut Scratch| {
@@ -171,7 +171,7 @@ impl Adaptive {
             tally
         };
         let first = 0..self.rule.first * lens;
-        // Their rays are not this pixel's.
+        // Rays of the neighbours do not count as rays of this pixel.
         let mut aside = Scratch::default();
         let near = self.near(pixel, |beside| {
             tally_of(beside, first.clone(), Tally::NOTHING, &mut aside).range()

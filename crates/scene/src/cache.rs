@@ -1,16 +1,16 @@
-//! What took long to make is kept, by the hash of all that it is made from.
+//! A cache for data that takes long to compute, keyed by a hash of everything that it depends on.
 
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use whitstone_image::atomic;
 
-/// A folder of what plugins made before, for [`crate::BuildOptions`].
+/// A folder of cached plugin data, for [`crate::BuildOptions`].
 #[derive(Clone, Copy, Debug)]
 pub struct Cache<'a> {
-    /// Made when it is needed.
+    /// The folder, created on first use.
     pub folder: &'a Path,
-    /// Whether what earlier runs have left there is used.
+    /// Whether the data of earlier runs is used.
     pub reuse: bool,
 }
 
@@ -24,7 +24,8 @@ impl Cache<'_> {
             .join(format!("{}.bin", &hasher.finalize().to_hex()[..24]))
     }
 
-    /// So many bytes; a file with others, or whose hash is not that in it, is as good as none.
+    /// Reads an entry of `length` bytes. A file of another length, or with a wrong checksum, counts
+    /// as missing.
     pub(crate) fn recall(&self, parts: &[&[u8]], length: usize) -> Option<Vec<u8>> {
         if !self.reuse {
             return None;
@@ -37,7 +38,7 @@ impl Cache<'_> {
         (made.len() == length && *blake3::hash(made).as_bytes() == *hash).then(|| made.to_vec())
     }
 
-    /// Where it cannot be written nothing is lost but time.
+    /// Writes an entry. Failures are ignored, because they only cost time.
     pub(crate) fn keep(&self, parts: &[&[u8]], made: &[u8]) {
         let bytes = [blake3::hash(made).as_bytes(), made].concat();
         if fs::create_dir_all(self.folder).is_ok() {

@@ -1,16 +1,17 @@
-//! All that is wrong with a scene.
+//! Collects all errors of a scene.
 
 use crate::{BuildOptions, Description, Pipeline, Plan, Sources};
 use whitstone_core::{Registry, SceneErrors};
 
-/// Every error of every step. [`Description::parse`], [`Plan::new`] and [`Pipeline::build`] each
-/// report all their own errors, but the first of them that fails leaves those of the next ones
-/// unknown; this goes on with what is right. Empty exactly if the three succeed.
+/// All errors of all steps. [`Description::parse`], [`Plan::new`] and [`Pipeline::build`] each
+/// report all their own errors, but the first that fails hides those of the later steps. This
+/// function continues with the valid parts of the scene. The result is empty exactly if all three
+/// succeed.
 pub fn all_errors(sources: &Sources, registry: &Registry) -> SceneErrors {
     all_errors_with(sources, registry, BuildOptions::default())
 }
 
-/// As [`all_errors`], for [`Pipeline::build_with`].
+/// Like [`all_errors`], for [`Pipeline::build_with`].
 pub fn all_errors_with(sources: &Sources, registry: &Registry, options: BuildOptions<'_>) -> SceneErrors {
     let (description, mut errors) = Description::parse_partly(sources);
     let Some(description) = description else {
@@ -19,7 +20,7 @@ pub fn all_errors_with(sources: &Sources, registry: &Registry, options: BuildOpt
     let (plan, found) = Plan::new_partly(&description, registry);
     errors.0.extend(found.0);
     let (_, found) = Pipeline::build_partly(&plan, registry, options);
-    // An unknown type is found by the plan, and again by what builds it.
+    // The plan reports an unknown type, and the build reports it again.
     for error in found.0 {
         if !errors.0.contains(&error) {
             errors.0.push(error);

@@ -1,23 +1,23 @@
-//! Which accelerator is used where the scene leaves the choice.
+//! Chooses the accelerator if the scene does not.
 
 use crate::PluginTable;
 use whitstone_core::{Element, FamilyName, Geometry, Registry, Shape};
 
-/// Up to this cost, in tests of whole shapes, trying each element is faster than any structure over
-/// them. Measured with random spheres, boxes and triangles: the rates cross at about 160 whole
-/// shapes or 40 triangles.
+/// Maximum cost, in tests of whole shapes, for which testing every element is faster than any
+/// acceleration structure. Measured with random spheres, boxes and triangles: the rates cross at
+/// about 160 whole shapes or 40 triangles.
 const BRUTE_FORCE_LIMIT: usize = 128;
 
-/// What needs no structure.
+/// The accelerator without a structure.
 pub(crate) const BRUTE_FORCE: &str = "brute_force";
 
-/// Of a triangle, in tests of whole shapes.
+/// Cost of a triangle, in tests of whole shapes.
 const TRIANGLE_COST: usize = 4;
 
-/// Of a copy of a group: mostly the test of its box.
+/// Cost of an instance of a group: mostly the test of its box.
 const COPY_COST: usize = 4;
 
-/// The type to use and the reason.
+/// The type to use, and the reason.
 pub(crate) fn choose_accelerator(
     table: &PluginTable<'_>,
     geometry: &Geometry,

@@ -1,4 +1,4 @@
-//! What the parts of a pipeline take: memory, and the work to be expected of them.
+//! The costs of the parts of a pipeline: memory and expected work.
 
 use crate::Pipeline;
 use serde::{Deserialize, Serialize};
@@ -7,19 +7,19 @@ use std::mem::size_of_val;
 use std::sync::Arc;
 use whitstone_core::{Accelerator, DVec3, Geometry, Light, Lobes, Shape, TextureBytes};
 
-/// What a part that is in use takes.
+/// The cost of a part in use.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cost {
     /// The part.
     pub part: String,
-    /// Memory while it renders; absent where plugins keep what they do not tell.
+    /// Memory while it renders, in bytes; absent if plugins do not report it.
     pub bytes: Option<u64>,
-    /// How often it is asked, as far as that is known before.
+    /// How often it is queried, as far as that is known in advance.
     pub work: String,
 }
 
 impl Pipeline {
-    /// Of each part that the scene makes it run.
+    /// The costs of all parts that the scene uses.
     pub fn costs(&self) -> Vec<Cost> {
         let mut costs = vec![self.film_cost()];
         let meshes = self.mesh_bytes();
@@ -94,7 +94,7 @@ impl Pipeline {
         cost("film", Some(self.film.bytes()), work)
     }
 
-    /// Of all triangle meshes, those of groups counted once.
+    /// The memory of all triangle meshes; meshes of groups count once.
     fn mesh_bytes(&self) -> u64 {
         let groups = self.groups.iter().map(|built| &**built.group.geometry());
         let all = std::iter::once(&*self.world.geometry).chain(groups);
@@ -111,7 +111,7 @@ impl Pipeline {
             .sum::<usize>() as u64
     }
 
-    /// Of all lights, at the middle of the scene.
+    /// The number of light samples of all lights, at the middle of the scene.
     fn light_samples(&self) -> usize {
         let geometry = &self.world.geometry;
         let bounds = geometry.elements().map(|element| geometry.bounds(element));
@@ -135,7 +135,7 @@ fn cost(part: &str, bytes: Option<u64>, work: String) -> Cost {
     }
 }
 
-/// An accelerator over some geometry.
+/// The cost of an accelerator over some geometry.
 fn structure(part: &str, kind: &str, (geometry, accelerator): (&Geometry, &dyn Accelerator)) -> Cost {
     let statistics = accelerator.statistics();
     let elements = geometry.elements().count();

@@ -10,28 +10,28 @@ use whitstone_core::config::{
 };
 use whitstone_core::{FilmSize, SceneError, SceneErrors, SourceSpan, Transform, nearest};
 
-/// Most pixels that an image may have.
+/// Maximum number of pixels of an image.
 const MAX_PIXELS: u64 = 1 << 28;
-/// Width and height where they are not written.
+/// Default width and height.
 const DEFAULT_SIDE: u32 = 512;
 
-/// A scene as it is written: every table known for what it is, no plugin looked at yet.
+/// A scene as it is written: the kind of every table is known, but no plugin has been built.
 pub struct Description<'s> {
-    /// Where the text came from.
+    /// The source text.
     pub sources: &'s Sources,
     /// The image.
     pub film: FilmTable,
-    /// How to look.
+    /// The camera.
     pub camera: PluginTable<'s>,
-    /// Where in a pixel.
+    /// The sampler, which places samples in a pixel.
     pub sampler: PluginTable<'s>,
-    /// What to compute.
+    /// The integrator.
     pub integrator: PluginTable<'s>,
-    /// How to find hits; the type may be "auto".
+    /// The accelerator; the type may be "auto".
     pub accelerator: PluginTable<'s>,
-    /// In the order of the file.
+    /// Lights, in the order of the file.
     pub lights: Vec<PluginTable<'s>>,
-    /// In the order of the file, which is their number.
+    /// Shapes, in the order of the file, which defines their numbers.
     pub shapes: Vec<ShapeTable<'s>>,
     /// Shared materials by id.
     pub materials: BTreeMap<String, PluginTable<'s>>,
@@ -39,39 +39,40 @@ pub struct Description<'s> {
     pub textures: BTreeMap<String, PluginTable<'s>>,
     /// Groups of shapes by id.
     pub groups: BTreeMap<String, GroupTable<'s>>,
-    /// Plugins written inside others, by the number in the reference that stands in their place.
+    /// Plugins written inside other tables. Their index is the number in the reference that
+    /// replaces them.
     pub inline: Vec<PluginTable<'s>>,
-    /// What validation must show.
+    /// Limits of the validation.
     pub expect: Expect,
-    /// The same scene as one document.
+    /// The same scene as a single document.
     pub flattened: Flattened,
-    /// What could not be read; empty except in [`crate::all_errors`], which goes on without it.
+    /// The parts that could not be read. Empty except in [`crate::all_errors`], which continues
+    /// without them.
     pub(crate) faulty: Faulty,
 }
 
-/// Parts of a scene that are there but could not be read: that they are missing is no further
-/// fault.
+/// Parts of a scene that exist but could not be read, so that they are not reported as missing too.
 #[derive(Debug, Default)]
 pub(crate) struct Faulty {
-    /// Tables that are there once, by their name: an empty one stands in their place.
+    /// Names of top-level tables; an empty table replaces each.
     pub(crate) tables: BTreeSet<&'static str>,
     /// Shared plugins by family and id.
     pub(crate) shared: BTreeSet<(&'static str, String)>,
 }
 
-/// A plugin's type and parameters.
+/// The type and parameters of a plugin.
 #[derive(Clone, Debug)]
 pub struct PluginTable<'s> {
     /// The TOML `type`.
     pub name: String,
-    /// Place of the type, or of the table if the type was not written.
+    /// Place of the type, or of the table if the type is missing.
     pub name_span: SourceSpan,
-    /// The parameters, without `type` and the keys common to its family.
+    /// The parameters, without `type` and the keys that are common to its family.
     pub table: Table<'s>,
 }
 
 impl PluginTable<'_> {
-    /// A type without parameters that no scene has written.
+    /// A type without parameters that is not written in the scene.
     pub fn named(name: &str) -> Self {
         Self {
             name: name.to_owned(),
@@ -80,8 +81,8 @@ impl PluginTable<'_> {
         }
     }
 
-    /// A type that another plugin builds of a file, and words for other keys; what is wrong is told
-    /// at the file.
+    /// A plugin that another one builds for a file, with further keys and values. Its errors are
+    /// reported at the file's place.
     pub(crate) fn of_file(name: &str, file: &FilePath, words: &[(&'static str, &'static str)]) -> Self {
         let span = || file.span.clone();
         let mut table = DeTable::new();
@@ -98,7 +99,7 @@ impl PluginTable<'_> {
         }
     }
 
-    /// No name and no parameters.
+    /// An empty table without a name.
     fn empty() -> Self {
         Self::named("")
     }
@@ -109,38 +110,38 @@ impl PluginTable<'_> {
 pub struct ShapeTable<'s> {
     /// Type and parameters.
     pub plugin: PluginTable<'s>,
-    /// A name for people and for `--set`.
+    /// A name for messages and for `--set`.
     pub id: Option<String>,
     /// `None` for the default material.
     pub material: Option<(SourceSpan, PluginRef)>,
-    /// From object to world space.
+    /// Object-to-world transform.
     pub transform: Transform,
-    /// The group that it places, if it does: what the key `group` says.
+    /// The group that it instantiates, if any: the value of the key `group`.
     pub group: Option<GroupRef>,
 }
 
 /// A group of shapes.
 #[derive(Clone, Debug)]
 pub struct GroupTable<'s> {
-    /// How to find hits in it; the type may be "auto".
+    /// The accelerator of the group; the type may be "auto".
     pub accelerator: PluginTable<'s>,
-    /// In the order of the file; not empty.
+    /// Shapes, in the order of the file; not empty.
     pub shapes: Vec<ShapeTable<'s>>,
 }
 
 /// The `[film]` table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilmTable {
-    /// Pixels.
+    /// Size in pixels.
     pub size: FilmSize,
-    /// Layers to write beside the radiance, in the order asked for.
+    /// Layers to write besides the radiance, in the requested order.
     pub aovs: Vec<Aov>,
-    /// Where it is written, if it is.
+    /// Place of the table, if the scene has one.
     pub span: Option<SourceSpan>,
 }
 
 impl FilmTable {
-    /// What all pixels take.
+    /// Memory of all pixels in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         let pixels = u64::from(self.size.width) * u64::from(self.size.height);
         let layers: usize = self.aovs.iter().map(|aov| aov.channels().len()).sum();
@@ -161,7 +162,7 @@ impl Default for FilmTable {
     }
 }
 
-/// A layer of arbitrary output values; section 11 of the model.
+/// A layer of arbitrary output variables (AOVs); section 11 of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Aov {
@@ -171,14 +172,13 @@ pub enum Aov {
     Normal,
     /// Texture coordinates.
     Uv,
-    /// Number of the shape.
+    /// Index of the shape.
     ShapeId,
-    /// Number of the primitive in the shape.
+    /// Index of the primitive in the shape.
     PrimitiveId,
 }
 
-/// The `[expect]` table: where a scene must differ from the default limits, the number and the
-/// reason.
+/// The `[expect]` table: limits that differ from the defaults, and the reason.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Expect {
@@ -191,14 +191,14 @@ pub struct Expect {
     pub reason: Option<String>,
 }
 
-/// With a message that names the range, which serde's own for `u32` does not.
+/// With a message that names the range, unlike serde's own message for `u32`.
 fn count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u32>, D::Error> {
     Ok(Some(
         IntegerIn::<0, { u32::MAX }>::deserialize(deserializer)?.get(),
     ))
 }
 
-/// Pixels along a side of the image.
+/// Width or height of the image in pixels.
 type Side = IntegerIn<1, 65536>;
 
 #[derive(Default, Deserialize)]
@@ -211,7 +211,7 @@ struct RawFilm {
 }
 
 impl<'s> Description<'s> {
-    /// Reads the tables; all errors at once.
+    /// Reads the tables; reports all errors at once.
     pub fn parse(sources: &'s Sources) -> Result<Self, SceneErrors> {
         match Self::parse_partly(sources) {
             (Some(description), errors) => errors.into_result(description),
@@ -219,7 +219,7 @@ impl<'s> Description<'s> {
         }
     }
 
-    /// As [`Self::parse`], with what could be read in spite of the errors.
+    /// Like [`Self::parse`], with everything that could be read in spite of the errors.
     pub(crate) fn parse_partly(sources: &'s Sources) -> (Option<Self>, SceneErrors) {
         let (mut merged, mut errors) = match document::merge(sources) {
             Ok(merged) => merged,
@@ -253,7 +253,7 @@ impl<'s> Description<'s> {
         let materials = reader.shared(merged.remove("material"), "material");
         let shapes = reader.shapes(merged.remove("shape"));
         let groups = reader.groups(merged.remove("group"));
-        // A number that no document can hold is told again by whoever wanted another one there.
+        // Drop flattening errors at positions already reported by the typed reader.
         let told: BTreeSet<_> = errors
             .0
             .iter()
@@ -282,10 +282,10 @@ impl<'s> Description<'s> {
     }
 }
 
-/// Stands for an inline plugin that could not be read.
+/// Replaces an inline plugin that could not be read.
 static FAULTY_INLINE: LazyLock<String> = LazyLock::new(|| inline_reference(usize::MAX));
 
-/// Takes tables apart and collects errors and inline plugins.
+/// Splits tables, and collects errors and inline plugins.
 struct Reader<'a, 's> {
     inline: &'a mut Vec<PluginTable<'s>>,
     faulty: &'a mut Faulty,
@@ -368,7 +368,7 @@ impl<'s> Reader<'_, 's> {
         self.or_empty(plugin, what)
     }
 
-    /// The plugin, or an empty table in its place where it could not be read.
+    /// The plugin, or an empty table if it could not be read.
     fn or_empty(&mut self, plugin: Option<PluginTable<'s>>, what: &'static str) -> PluginTable<'s> {
         plugin.unwrap_or_else(|| {
             self.faulty.tables.insert(what);
@@ -414,7 +414,7 @@ impl<'s> Reader<'_, 's> {
         })
     }
 
-    /// Takes plugins written inside a table out of it: tables with a `type`.
+    /// Moves plugins written inside a table (tables with a `type`) out of it.
     fn hoist(&mut self, value: Value<'s>) -> Value<'s> {
         let span = value.span();
         let value = match value.into_inner() {
@@ -427,7 +427,7 @@ impl<'s> Reader<'_, 's> {
                 self.inline.extend(plugin);
                 DeValue::String(reference.into())
             }
-            // It would be taken for a plugin that was written inside this table.
+            // Otherwise it would look like a reference to an inline plugin.
             DeValue::String(text) if matches!(PluginRef::from(text.as_ref()), PluginRef::Inline(_)) => {
                 self.error(
                     span.clone(),
@@ -436,7 +436,7 @@ impl<'s> Reader<'_, 's> {
                 DeValue::String(FAULTY_INLINE.clone().into())
             }
             DeValue::Array(items) => DeValue::Array(items.into_iter().map(|item| self.hoist(item)).collect()),
-            // One of a plugin's own: there may be plugins in it.
+            // A table of the plugin itself, which may contain plugins.
             DeValue::Table(table) => {
                 let entries = table.into_iter();
                 DeValue::Table(entries.map(|(key, value)| (key, self.hoist(value))).collect())

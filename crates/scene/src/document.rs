@@ -1,4 +1,4 @@
-//! The merged TOML document of a scene, with places.
+//! The merged TOML document of a scene, with source positions.
 
 use crate::Sources;
 use std::borrow::Cow;
@@ -9,7 +9,7 @@ use whitstone_core::{SceneError, SceneErrors, SourceSpan, nearest};
 
 pub(crate) type Value<'s> = Spanned<DeValue<'s>>;
 
-/// Every key that the top level of a scene may have.
+/// All keys that the top level of a scene may have.
 pub(crate) const TOP_LEVEL: [&str; 12] = [
     "include",
     "film",
@@ -25,22 +25,22 @@ pub(crate) const TOP_LEVEL: [&str; 12] = [
     "expect",
 ];
 
-/// Those of them that are lists.
+/// The keys that are lists.
 const LISTS: [&str; 2] = ["shape", "light"];
 
-/// Those that are one table each.
+/// The keys that are a single table.
 const SINGLE: [&str; 6] = ["film", "camera", "sampler", "integrator", "accelerator", "expect"];
 
-/// Most keys in the path of an override: tables nest no deeper in a file either, as far as the
-/// parser goes.
+/// Maximum number of keys in the path of an override. The parser does not allow deeper tables in a
+/// file either.
 const MAX_PATH: usize = 64;
 
-/// The top-level table nearest in name, if `name` is none of them.
+/// The top-level table with the nearest name, if `name` is not a table itself.
 pub fn nearest_top_level(name: &str) -> Option<&'static str> {
     nearest(name, TOP_LEVEL)
 }
 
-/// The `include`s of a text and every syntax error in it.
+/// The `include`s of a text, and all syntax errors in it.
 pub(crate) fn includes(padded: &str) -> (Vec<(SourceSpan, String)>, SceneErrors) {
     let (table, errors) = parse(padded);
     let mut errors = errors;
@@ -75,8 +75,8 @@ fn parse(padded: &str) -> (DeTable<'_>, SceneErrors) {
     (table.into_inner(), SceneErrors(errors))
 }
 
-/// What is meant by a second `[shape]` or `[light]`, at whose name the parser finds a duplicate
-/// key.
+/// Advice for a second `[shape]` or `[light]`, which the parser reports as a duplicate key at its
+/// name.
 fn list_help(text: &str, span: &SourceSpan) -> Option<String> {
     let name = text.get(span.clone())?;
     let in_brackets = text[..span.start].ends_with('[') && text[span.end..].starts_with(']');
@@ -87,17 +87,17 @@ fn two_brackets(name: &str) -> String {
     format!("write [[{name}]], with two brackets")
 }
 
-/// All files merged, overrides applied.
+/// Merges all files and applies the overrides.
 ///
-/// A file comes after what it includes: its `[[shape]]`s and `[[light]]`s are added behind, its
-/// shared materials, textures and groups replace those of the same id, its other tables replace
-/// whole tables.
+/// A file is merged after the files that it includes. Its `[[shape]]`s and `[[light]]`s are
+/// appended, its shared materials, textures and groups replace those of the same id, and its other
+/// tables replace whole tables.
 ///
-/// With all that is wrong at the top level.
+/// Also returns all errors at the top level.
 ///
 /// # Errors
 ///
-/// If a file is not TOML, which has too many consequences to go on.
+/// If a file is not valid TOML, because too many other errors would follow.
 pub(crate) fn merge(sources: &Sources) -> Result<(DeTable<'_>, SceneErrors), SceneErrors> {
     let mut merged = DeTable::new();
     let mut errors = SceneErrors::default();
@@ -127,7 +127,8 @@ pub(crate) fn merge(sources: &Sources) -> Result<(DeTable<'_>, SceneErrors), Sce
             errors.0.push(error);
         }
     }
-    // What is in a table with a wrong name is looked at too, and the right one is not missed.
+    // A table with a misspelt name is still checked, under the right name, which then is not
+    // missing.
     for (span, name, value) in meant {
         if SINGLE.contains(&name) && !merged.contains_key(name) {
             merged.insert(Spanned::new(span, Cow::Borrowed(name)), value);
@@ -194,8 +195,8 @@ fn insert_all<'s>(
     }
 }
 
-/// Applies `path=value`: the path is keys and indices with dots; a list is entered by index or by
-/// the `id` of an element. The value is TOML; what is not is taken as a string.
+/// Applies `path=value`. The path consists of keys and indices, separated by dots; an element of a
+/// list is named by its index or its `id`. The value is TOML, or else a string.
 fn apply<'s>(
     merged: &mut DeTable<'s>,
     start: usize,
@@ -307,7 +308,7 @@ fn set_in_value<'s>(
     }
 }
 
-/// What kind of value it is, with its article.
+/// The type of a value, with its article.
 pub(crate) fn type_name(value: &DeValue<'_>) -> &'static str {
     match value {
         DeValue::String(_) => "a string",
@@ -320,23 +321,23 @@ pub(crate) fn type_name(value: &DeValue<'_>) -> &'static str {
     }
 }
 
-/// The one document that every renderer gets.
+/// The single document that every renderer receives.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Flattened {
-    /// TOML with includes resolved and overrides applied, no defaults filled in. Paths of files are
+    /// TOML with includes resolved and overrides applied, without defaults. Paths of files are
     /// relative to the base folder.
     pub text: String,
     /// Folder that the paths are relative to; absolute if the working folder is known.
     pub base: PathBuf,
-    /// Of everything that the image depends on: the document without `accelerator` and `expect`,
-    /// and the bytes of every file that it names.
+    /// Hash of everything that the image depends on: the document without `accelerator` and
+    /// `expect`, and the bytes of every file that it names.
     pub hash: String,
-    /// These files, from the working folder.
+    /// The named files, relative to the working folder.
     pub files: Vec<PathBuf>,
 }
 
 impl Flattened {
-    /// From the merged document.
+    /// Flattens the merged document.
     pub(crate) fn new(merged: &DeTable<'_>, sources: &Sources) -> (Self, SceneErrors) {
         let mut errors = SceneErrors::default();
         let mut files = Vec::new();
@@ -373,7 +374,7 @@ impl Flattened {
     }
 }
 
-/// Hash of a file's bytes; zeros for one that cannot be read: the plugin that needs it says so.
+/// Hash of a file's bytes. Zeros for an unreadable file, which the plugin that needs it reports.
 fn content_hash(path: &Path) -> [u8; 32] {
     let read = || {
         // Opening a pipe would wait for a writer.
@@ -391,7 +392,8 @@ fn to_text(table: &toml::Table) -> String {
     toml::to_string(table).expect("a table of plain values can be written")
 }
 
-/// The value without places; paths under the key `file` made relative to the base and collected.
+/// The value without positions. Paths under the key `file` are made relative to the base and
+/// collected.
 fn plain(
     value: &Value<'_>,
     key: Option<&str>,

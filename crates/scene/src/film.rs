@@ -8,11 +8,11 @@ use whitstone_core::stream::{Colors, HitStream, LANES, Lanes, Optional, RayStrea
 use whitstone_core::{Counters, DVec2, Needs, RawHit, Ray, Rgb, Scratch, Spread};
 use whitstone_image::{Image, ImageError};
 
-/// Edge length of the square tiles that threads share out, in pixels.
+/// Side of the square tiles that are distributed to threads, in pixels.
 const TILE: u32 = 16;
 const _: () = assert!((TILE * TILE) as usize <= LANES);
 
-/// Edge length of the squares within a tile.
+/// Side of the squares within a tile, in pixels.
 const SQUARE: u32 = 4;
 
 /// A rendered image.
@@ -25,21 +25,21 @@ pub struct Film {
     pub rgb: Vec<[f32; 3]>,
     /// Layers by EXR channel name, each `width * height` values in the same order.
     pub layers: Vec<(String, Vec<f32>)>,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u32,
     /// Rays traced for the radiance.
     pub counters: Counters,
-    /// Wall time of the rendering.
+    /// Wall time of the rendering in seconds.
     pub render_seconds: f64,
 }
 
-/// Told the number of pixels done and the number in all, from any thread.
+/// Called with the number of finished pixels and the total, from any thread.
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
 
-/// How to render; what is rendered does not depend on it.
+/// Options of the rendering. They do not affect the image.
 #[derive(Clone, Copy, Default)]
 pub struct RenderOptions<'a> {
-    /// Threads; 0 for one a core.
+    /// Threads; 0 means one per core.
     pub threads: usize,
     /// Called after each tile.
     pub progress: Option<Progress<'a>>,
@@ -53,8 +53,8 @@ struct Tile {
 }
 
 impl Tile {
-    /// The pixels, from the tile's corner, in small squares: rays of one register stay close
-    /// together.
+    /// The pixels relative to the tile's corner, ordered in small squares, so that the rays of one
+    /// register stay close together.
     fn order(&self, order: &mut Vec<[u32; 2]>) {
         let square = |k: u32| [k % (TILE / SQUARE) * SQUARE, k / (TILE / SQUARE) * SQUARE];
         let squares = (0..(TILE / SQUARE).pow(2)).map(square);
@@ -65,27 +65,27 @@ impl Tile {
     }
 }
 
-/// Working memory of one thread, and the tile that was rendered last.
+/// Working memory of one thread, and the tile that it rendered last.
 #[derive(Default)]
 struct TileScratch {
-    /// The pixels from the tile's corner, in the order of the lanes.
+    /// The pixels relative to the tile's corner, in the order of the lanes.
     order: Vec<[u32; 2]>,
-    /// The size of the tile that `order` is of.
+    /// The tile size for which `order` was computed.
     ordered: [u32; 2],
     /// The pixels of the image, in the same order.
     pixels: Vec<[u32; 2]>,
     rgb: Vec<[f32; 3]>,
-    /// All channels of the first pixel, then those of the next.
+    /// All channels of the first pixel, then those of the next one.
     layers: Vec<f32>,
     memory: SampleMemory,
 }
 
-/// Working memory for samples of as many pixels as a stream has lanes.
+/// Working memory for the samples of as many pixels as a stream has lanes.
 #[derive(Default)]
 pub(crate) struct SampleMemory {
     pub scratch: Scratch,
     rays: Box<RayStream>,
-    /// Neighbours of the camera rays.
+    /// The offset camera rays, for ray differentials.
     beside: Optional<[RayStream; 2]>,
     raster: Box<Raster>,
     radiance: Box<Colors>,
@@ -113,14 +113,14 @@ impl TileScratch {
             .extend(self.order.iter().map(|[x, y]| [tile.x + x, tile.y + y]));
     }
 
-    /// Hands over what was rendered and counted since the last call.
+    /// Writes the pixels and counters since the last call to the film.
     fn write(&mut self, film: &mut Film) {
         film.counters
             .add(std::mem::take(&mut self.memory.scratch.counters));
         let channels = film.layers.len();
         for (lane, [x, y]) in self.pixels.iter().enumerate() {
             let place = *y as usize * film.width as usize + *x as usize;
-            // None where the pixel is not done.
+            // None if the pixel is not finished.
             if let Some(rgb) = self.rgb.get(lane) {
                 film.rgb[place] = *rgb;
             }
@@ -157,8 +157,8 @@ impl Aov {
 }
 
 impl Pipeline {
-    /// Renders the image. The result is the same for any number of threads: a pixel depends on
-    /// nothing but the scene.
+    /// Renders the image. The result does not depend on the number of threads, because a pixel
+    /// depends only on the scene.
     pub fn render(&self, options: RenderOptions<'_>) -> Film {
         if options.threads == 0 {
             return self.render_on_current_pool(options.progress);
@@ -168,7 +168,7 @@ impl Pipeline {
             .build()
         {
             Ok(pool) => pool.install(|| self.render_on_current_pool(options.progress)),
-            // Threads are a matter of speed only: go on with those that there are.
+            // Threads only affect the speed, so the existing ones are used instead.
             Err(_) => self.render_on_current_pool(options.progress),
         }
     }
@@ -204,8 +204,8 @@ impl Pipeline {
         });
         let adaptive = self.sampler.refinement().map(|rule| Adaptive::new(rule, size));
         let first = adaptive.as_ref().map_or(self.sampler.count(), Adaptive::first);
-        // Each thread takes the next tile when it is done with one: parts of the image that are
-        // handed out beforehand take unequal times.
+        // Each thread takes the next tile when it finishes one, because a fixed division of the
+        // image would take unequal times.
         let next = AtomicUsize::new(0);
         rayon::broadcast(|_| {
             let mut scratch = TileScratch::default();
@@ -234,7 +234,7 @@ impl Pipeline {
         film
     }
 
-    /// With the first `positions` of each pixel.
+    /// Renders a tile with the first `positions` of each pixel.
     fn render_tile(
         &self,
         tile: &Tile,
@@ -290,8 +290,8 @@ impl Pipeline {
         }
     }
 
-    /// Radiance at some positions of some pixels, as many as a stream has lanes, through each point
-    /// of the lens: told lane by lane, one sample after another.
+    /// Radiance at some positions of some pixels (at most as many as a stream has lanes), through
+    /// each point of the lens. Reports the values lane by lane, one sample after another.
     #[inline]
     pub(crate) fn sample(
         &self,
@@ -330,27 +330,25 @@ impl Pipeline {
         }
     }
 
-    /// Samples a pixel, at most: each position of the sampler through each point of the camera's
-    /// lens, one position after another.
+    /// Maximum number of samples per pixel: each position of the sampler, through each point of the
+    /// camera's lens. Samples of one position are consecutive.
     pub fn samples(&self) -> u32 {
         self.sampler.count() * self.camera.lens_points()
     }
 
-    /// Where a position of the sampler lies in the image.
+    /// The raster coordinates of a sampler position.
     fn raster(&self, pixel: [u32; 2], position: u32) -> DVec2 {
         pixel_corner(pixel) + self.sampler.position(pixel, position)
     }
 
-    /// How far apart samples are, in pixels, as if they lay in a grid; `None` if no texture asks
-    /// for it.
+    /// Distance of the samples in pixels, as if they lay on a grid; `None` if no texture needs it.
     fn sample_distance(&self) -> Option<f64> {
         let refined = || self.sampler.refinement().map(|rule| rule.first);
         let count = || f64::from(refined().unwrap_or_else(|| self.sampler.count()));
         self.world.reads_footprints().then(|| 1.0 / count().sqrt())
     }
 
-    /// How far apart the camera ray of a sample of a pixel is from its neighbours, if any texture
-    /// asks for it.
+    /// Ray differential of a camera ray to its neighbouring samples, if any texture needs it.
     pub fn camera_spread(&self, pixel: [u32; 2], sample: u32) -> Option<Spread> {
         let lens = self.camera.lens_points();
         let raster = self.raster(pixel, sample / lens);
@@ -365,7 +363,7 @@ impl Pipeline {
         self.camera.lens_ray(raster, sample % lens)
     }
 
-    /// The value of one pixel, the mean over its samples, by itself: the same as in the image.
+    /// The value of a single pixel, the mean of its samples. Equal to its value in the image.
     pub fn pixel(&self, pixel: [u32; 2], scratch: &mut Scratch) -> Rgb {
         if let Some(rule) = self.sampler.refinement() {
             return Adaptive::new(rule, self.film.size).pixel(self, pixel, scratch);
@@ -377,14 +375,14 @@ impl Pipeline {
         sum * (1.0 / f64::from(count))
     }
 
-    /// The radiance of one sample of a pixel, by itself.
+    /// The radiance of a single sample of a pixel.
     pub(crate) fn radiance_of(&self, pixel: [u32; 2], sample: u32, scratch: &mut Scratch) -> Rgb {
         scratch.spread = self.camera_spread(pixel, sample);
         self.integrator
             .radiance(&self.world, &self.camera_ray(pixel, sample), scratch)
     }
 
-    /// Along a ray that starts at `near` in front of the camera.
+    /// The values of a layer for a ray that starts at `near` in front of the camera.
     fn layer_values(&self, aov: Aov, ray: &Ray, near: f64, hit: Option<&RawHit>) -> Vec<f64> {
         let Some(hit) = hit else {
             return match aov {
@@ -404,13 +402,13 @@ impl Pipeline {
 }
 
 impl Film {
-    /// Pixels whose radiance the image cannot hold: more than `f32` has room for, or not a number.
+    /// Number of pixels whose radiance the image cannot represent: it overflows `f32`, or is NaN.
     pub fn not_finite(&self) -> usize {
         let unfit = |rgb: &&[f32; 3]| !rgb.iter().all(|value| value.is_finite());
         self.rgb.iter().filter(unfit).count()
     }
 
-    /// As an image with all layers and the attributes that say where it comes from.
+    /// Converts to an image with all layers and provenance attributes.
     pub fn to_image(&self, scene_hash: &str) -> Result<Image, ImageError> {
         let mut image = Image::from_rgb(self.width as usize, self.height as usize, &self.rgb)?;
         for (name, values) in &self.layers {

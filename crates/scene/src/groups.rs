@@ -1,4 +1,4 @@
-//! Groups of shapes: which of them are placed, and building them.
+//! Groups of shapes: finds the groups that are instantiated, and builds them.
 
 use crate::Description;
 use std::collections::{BTreeMap, BTreeSet};
@@ -6,30 +6,30 @@ use std::sync::Arc;
 use whitstone_core::config::GroupRef;
 use whitstone_core::{Group, SceneError, SceneErrors, SourceSpan, nearest};
 
-/// Deepest nesting of groups: a ray passes a transformation at each level, and no scene by hand
-/// comes near.
+/// Maximum nesting of groups. A ray is transformed at each level, and hand-written scenes are much
+/// shallower.
 const MAX_NESTING: usize = 16;
 
-/// A group that some instance places.
+/// A group that at least one instance uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PlannedGroup<'d> {
-    /// As in `[group.ID]`.
+    /// The id, as in `[group.ID]`.
     pub id: &'d str,
     /// Number of its first shape.
     pub first_shape: u32,
 }
 
-/// A group that is built.
+/// A built group.
 pub struct BuiltGroup {
-    /// As in `[group.ID]`.
+    /// The id, as in `[group.ID]`.
     pub id: String,
-    /// Its shapes and what is built over them.
+    /// Its shapes and their accelerator.
     pub group: Arc<Group>,
-    /// The accelerator in use, and why if the scene left the choice.
+    /// The accelerator in use, and the reason if the scene leaves the choice.
     pub accelerator: (String, String),
 }
 
-/// The groups in use, each after those that it places itself.
+/// The groups in use, each after the groups that it instantiates itself.
 pub(crate) fn plan<'d>(description: &'d Description<'_>, errors: &mut SceneErrors) -> Vec<PlannedGroup<'d>> {
     let mut search = Search {
         description,
@@ -56,15 +56,15 @@ pub(crate) fn plan<'d>(description: &'d Description<'_>, errors: &mut SceneError
 struct Search<'a, 'd, 's> {
     description: &'d Description<'s>,
     errors: &'a mut SceneErrors,
-    /// The groups that the search is in.
+    /// The groups on the path of the search.
     open: Vec<&'d str>,
-    /// By group that is done: how deep groups are nested in it, itself counted.
+    /// The nesting depth of each finished group, including itself.
     nesting: BTreeMap<&'d str, usize>,
     order: Vec<PlannedGroup<'d>>,
 }
 
 impl<'d> Search<'_, 'd, '_> {
-    /// Returns how deep groups are nested below, this one counted.
+    /// Returns the nesting depth of a group, including itself.
     fn follow(&mut self, place: &'d GroupRef) -> usize {
         let Some((id, group)) = self.description.groups.get_key_value(&place.id) else {
             if !self
@@ -105,7 +105,7 @@ impl<'d> Search<'_, 'd, '_> {
     }
 }
 
-/// That nothing of a kind has this id, with the nearest that there is.
+/// The error that no item of a kind has this id, with the nearest existing one.
 pub(crate) fn unknown_id<'a>(
     what: &str,
     span: &SourceSpan,
@@ -128,7 +128,7 @@ mod tests {
     use crate::Sources;
     use std::path::Path;
 
-    /// The plan as (id, first shape), and the messages.
+    /// The plan as (id, first shape), and the error messages.
     fn planned(text: &str) -> (Vec<(String, u32)>, Vec<String>) {
         let text = format!("{text}\n[camera]\ntype = \"perspective\"\n");
         let sources = Sources::from_text("groups.toml", &text, Path::new(""), &[]).unwrap();
@@ -192,7 +192,7 @@ mod tests {
             planned(&(chain(17) + &place(17))).1,
             ["groups are nested more than 16 deep"]
         );
-        // What lies below is known from before.
+        // The depth of the lower groups is already known.
         let both = chain(17) + &place(9) + &place(17);
         assert_eq!(planned(&both).1, ["groups are nested more than 16 deep"]);
     }

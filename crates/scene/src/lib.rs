@@ -1,8 +1,8 @@
-//! From a scene file to a picture, in steps that each have a type: [`Sources`] (text) ->
+//! Turns a scene file into a picture, in steps with a type each: [`Sources`] (text) ->
 //! [`Description`] (tables) -> [`Plan`] (what is needed) -> [`Pipeline`] (built) -> [`Film`]
 //! (rendered).
 //!
-//! This crate knows the registry, not the plugins.
+//! This crate depends on the plugin registry, not on the plugins.
 
 mod adaptive;
 mod cache;

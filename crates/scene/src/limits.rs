@@ -1,14 +1,14 @@
-//! What the materials of all shapes together may not be.
+//! Scene-wide limits: number of prioritised dielectrics, growth of glossy ray trees.
 
 use crate::Plan;
 use std::sync::Arc;
 use whitstone_core::{Bodies, Integrator, Material, SceneError, SceneErrors, SourceSpan};
 
-/// So many rays may come of one by reflections that are spread over directions.
+/// Maximum number of rays into which one camera ray may branch by glossy reflection.
 const MOST_REFLECTIONS: f64 = (1 << 24) as f64;
 
-/// Bodies that may overlap: not too many, and none that could be copied. The materials are those of
-/// all shapes.
+/// Checks the prioritised dielectrics: their number is limited, and they must not be in groups.
+/// `materials` are those of all shapes.
 pub(crate) fn overlapping(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], errors: &mut SceneErrors) {
     let alone = plan.description.shapes.len();
     let all = plan.shapes().into_iter().zip(materials).enumerate();
@@ -33,8 +33,8 @@ pub(crate) fn overlapping(plan: &Plan<'_, '_>, materials: &[Arc<dyn Material>], 
     }
 }
 
-/// That the reflections of reflections in what is glossy have an end in sight. The materials are
-/// those of all shapes, if there are no errors.
+/// Checks that the number of glossy reflection rays stays limited. `materials` are those of all
+/// shapes, if there are no errors.
 pub(crate) fn ending(
     plan: &Plan<'_, '_>,
     materials: &[Arc<dyn Material>],
@@ -61,7 +61,7 @@ pub(crate) fn ending(
         let most = (1..bounces)
             .take_while(|bounces| rays(*bounces) <= MOST_REFLECTIONS)
             .count() as u32;
-        // The least power of ten by which one bounce more is left out.
+        // The smallest power of ten for which one more bounce is skipped.
         let power = rays(most + 1).log10().floor();
         let help = format!(
             "let `max_depth` of the integrator be at most {most}, its `min_contribution` at least 1e-{power}, or `samples` be less"

@@ -1,27 +1,27 @@
-//! How much memory a scene will take, before it does.
+//! Estimates the memory of a scene before it is allocated.
 
 use crate::FilmTable;
 use std::fs;
 use whitstone_core::{SceneError, SceneErrors};
 
-/// What a structure takes while it is built, in bytes an element: measured for `bvh`
-/// (`docs/accelerators.md`), about right for the others.
+/// Memory of a structure during its construction, in bytes per element. Measured for `bvh`
+/// (`docs/accelerators.md`), and approximately right for the others.
 const BUILD_BYTES: u64 = 200;
 
-/// What of it stays.
+/// The part of it that remains afterwards.
 const KEPT_BYTES: u64 = 64;
 
-/// What is taken so far of what there may be.
+/// The memory that is reserved so far, and its limit.
 #[derive(Debug)]
 pub(crate) struct Memory {
     limit: Option<u64>,
-    /// Whether the limit is what the machine has left.
+    /// Whether the limit is the memory that the machine has available.
     measured: bool,
     taken: u64,
 }
 
 impl Memory {
-    /// Up to `limit` bytes; without one, what the machine has left, where that can be known.
+    /// A limit of `limit` bytes; without one, the available memory, if it is known.
     pub(crate) fn new(limit: Option<u64>) -> Self {
         Self {
             limit: limit.or_else(available),
@@ -30,14 +30,14 @@ impl Memory {
         }
     }
 
-    /// Takes so many bytes for good.
+    /// Reserves bytes permanently.
     pub(crate) fn take(&mut self, bytes: u64) -> Result<(), SceneError> {
         self.fits(bytes)?;
         self.taken = self.taken.saturating_add(bytes);
         Ok(())
     }
 
-    /// Takes what the image needs.
+    /// Reserves the memory of the image.
     pub(crate) fn take_film(&mut self, film: &FilmTable) -> Result<(), SceneErrors> {
         let room = self.take(film.bytes());
         room.map_err(|error| match &film.span {
@@ -46,7 +46,7 @@ impl Memory {
         })
     }
 
-    /// Takes what an accelerator over so many elements needs.
+    /// Reserves the memory of an accelerator over this many elements.
     pub(crate) fn take_structure(&mut self, elements: usize) -> Result<(), SceneError> {
         let elements = elements as u64;
         self.fits(elements.saturating_mul(BUILD_BYTES))?;
@@ -74,7 +74,7 @@ impl Memory {
     }
 }
 
-/// Bytes that programs can still take without swapping; known on Linux.
+/// The bytes that are available without swapping; known on Linux only.
 fn available() -> Option<u64> {
     let text = fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
@@ -90,7 +90,7 @@ mod tests {
     fn what_does_not_fit_is_refused_and_what_was_built_is_counted() {
         let mut memory = Memory::new(Some(1000 << 10));
         memory.take(400 << 10).unwrap();
-        // While it is built it needs more than what stays of it.
+        // The construction needs more than what remains.
         memory.take_structure(3000).unwrap();
         assert_eq!(memory.taken, (400 << 10) + 3000 * KEPT_BYTES);
         let error = memory.take_structure(3000).unwrap_err();

@@ -1,28 +1,28 @@
-//! Shapes that are written inside a shape, as parts of it.
+//! Operands: shapes that are written inside another shape, as parts of it.
 
 use crate::{PluginTable, transform};
 use whitstone_core::config::SolidRef;
 use whitstone_core::{Primitive, SceneError, SceneErrors, Shape, Transform};
 
-/// Deepest nesting of operands: each ray walks down to the innermost ones.
+/// Maximum nesting of operands: each ray descends to the innermost ones.
 const MAX_NESTING: usize = 16;
 
-/// Keys of shapes that operands do not have, and why.
+/// Keys of shapes that operands do not have, and the reasons.
 const NOT_HERE: [(&str, &str); 3] = [
     ("material", "the whole shape has one material"),
     ("id", "only the whole shape can have a name"),
     ("group", "a copy of a group bounds no volume"),
 ];
 
-/// How deep the operand is that is being built.
+/// The nesting depth of the operand that is being built.
 #[derive(Debug, Default)]
 pub(crate) struct Operands {
     nesting: usize,
 }
 
 impl Operands {
-    /// The table of an operand without its transform, and where it stands in the world.
-    /// [`Self::leave`] must follow if this succeeds.
+    /// The table of an operand without its transform, and its object-to-world transform. If this
+    /// succeeds, [`Self::leave`] must follow.
     pub(crate) fn enter<'s>(
         &mut self,
         table: &PluginTable<'s>,
@@ -65,13 +65,13 @@ impl Operands {
     }
 }
 
-/// That an operand must be written where it stands.
+/// The error that an operand must be written inline.
 pub(crate) fn no_id(operand: &SolidRef) -> SceneError {
     let error = SceneError::at(operand.span.clone(), "expected a shape, found a text");
     error.with_help("an operand is written where it stands: { type = \"sphere\" }")
 }
 
-/// What was built if it bounds a volume.
+/// The built shape, if it bounds a volume.
 pub(crate) fn solid(shape: Shape, plugin: &PluginTable<'_>) -> Result<Box<dyn Primitive>, SceneErrors> {
     shape.into_solid().map_err(|why| {
         let why = why.map_or(String::new(), |why| format!(": {why}"));

@@ -24,64 +24,65 @@ use whitstone_core::{
     TriangleMesh, View, World,
 };
 
-/// Deepest nesting of materials: each hit asks all of them.
+/// Maximum nesting of materials: each hit evaluates all of them.
 const MAX_NESTING: usize = 16;
 
 /// A scene that is built and ready to render.
 pub struct Pipeline {
     /// Image and layers.
     pub film: FilmTable,
-    /// Rays.
+    /// The camera.
     pub camera: Box<dyn Camera>,
-    /// Where in a pixel.
+    /// The sampler, which places samples in a pixel.
     pub sampler: Box<dyn Sampler>,
-    /// What to compute.
+    /// The integrator.
     pub integrator: Box<dyn Integrator>,
-    /// What it found of all objects before it is asked for rays, if it is of that kind.
+    /// The visibility of all objects, computed before rendering, if the integrator is an
+    /// object-order method.
     pub object_order: Option<Box<dyn ObjectOrder>>,
-    /// What it sees.
+    /// The world that it renders.
     pub world: World,
     /// Hash of the flattened scene.
     pub scene_hash: String,
-    /// The accelerator in use, and why if the scene left the choice.
+    /// The accelerator in use, and the reason if the scene leaves the choice.
     pub accelerator: (String, String),
-    /// The groups that are placed, by id.
+    /// The instantiated groups, by id.
     pub groups: Vec<BuiltGroup>,
-    /// The textures that are looked up while it renders, each once, with their types.
+    /// The textures that are evaluated during rendering, each once, with their types.
     pub textures: Vec<(String, Arc<dyn Texture>)>,
     /// The plugins that it is built from.
     pub used: BTreeSet<(FamilyName, &'static str)>,
-    /// What was not built, with the reasons.
+    /// The parts that were not built, with the reasons.
     pub left_out: Vec<LeftOut>,
-    /// The pairs of shapes whose surfaces coincide, by their numbers in the scene.
+    /// The pairs of shapes with coincident surfaces, by their numbers in the scene.
     pub coincident: Vec<Coincidence>,
-    /// Why it was not examined which surfaces coincide, if it was not: of the scene, or of a group.
+    /// Why coincident surfaces were not searched, in the scene or in a group, if so.
     pub coincident_unknown: Vec<String>,
-    /// Not errors, but worth knowing.
+    /// Warnings.
     pub warnings: Vec<SceneError>,
-    /// Time that building took, reading files included.
+    /// Build time in seconds, including reading files.
     pub build_seconds: f64,
 }
 
-/// How to build; what is rendered does not depend on it.
+/// Options of the build. They do not affect the image.
 #[derive(Clone, Copy, Default)]
 pub struct BuildOptions<'a> {
-    /// Bytes that meshes and accelerators may take, also while they are built; by default what the
-    /// machine has left.
+    /// Memory limit in bytes for meshes and accelerators, including their construction; by default
+    /// the available memory.
     pub max_memory: Option<u64>,
-    /// Where what took long to make is kept; by default nowhere.
+    /// The cache for data that takes long to compute; by default none.
     pub cache: Option<Cache<'a>>,
-    /// Told what is about to be built.
+    /// Called with the part that is about to be built.
     pub progress: Option<&'a dyn Fn(&str)>,
 }
 
 impl Pipeline {
-    /// Builds what the plan says; all errors at once.
+    /// Builds the planned scene; reports all errors at once.
     pub fn build(plan: &Plan<'_, '_>, registry: &Registry) -> Result<Self, SceneErrors> {
         Self::build_with(plan, registry, BuildOptions::default())
     }
 
-    /// As [`Self::build`], in a certain way.
+    /// Like [`Self::build`], with options.
     pub fn build_with(
         plan: &Plan<'_, '_>,
         registry: &Registry,
@@ -93,7 +94,8 @@ impl Pipeline {
         }
     }
 
-    /// As [`Self::build`]; there is no pipeline only if a part of it is missing.
+    /// Like [`Self::build`], but returns errors together with the pipeline. There is no pipeline
+    /// only if a part of it is missing.
     pub(crate) fn build_partly(
         plan: &Plan<'_, '_>,
         registry: &Registry,
@@ -185,7 +187,7 @@ impl Pipeline {
         let (warnings, used) = (builder.warnings, builder.used);
         let (coincident, coincident_unknown) = (builder.coincident, builder.coincident_unknown);
         let groups = builder.groups.into_values().collect();
-        // What nobody else holds now was of use only until here.
+        // Drop textures that were only needed during the build.
         drop(builder.textures);
         let textures = builder.looked_up.kept(&mut left_out);
         let pipeline = match (camera, sampler, integrator, built) {
@@ -219,32 +221,32 @@ impl Pipeline {
     }
 }
 
-/// Shapes and what is built over them.
+/// Shapes and their accelerator.
 struct Structure {
     geometry: Arc<Geometry>,
     accelerator: Box<dyn Accelerator>,
-    /// The type, and why.
+    /// The type of the accelerator, and the reason.
     chosen: (String, String),
     /// See [`World::light_margin`].
     light_margin: f64,
 }
 
-/// Builds plugins and what they refer to.
+/// Builds plugins and the plugins that they refer to.
 struct Builder<'d, 's, 'o> {
     description: &'d Description<'s>,
     registry: &'d Registry,
-    /// Textures by id or place: `None` where the building failed and the error is reported.
+    /// Textures by id or place. `None` if the build failed and the error is already reported.
     textures: BTreeMap<Key, Option<Arc<dyn Texture>>>,
-    /// All that were built, also pictures that have no table.
+    /// All built textures, including pictures without a table.
     looked_up: LookedUp,
-    /// Materials in the same way as textures.
+    /// Materials, like textures.
     materials: BTreeMap<Key, Option<Arc<dyn Material>>>,
-    /// Textures and materials being built: one of them again is a cycle.
+    /// Textures and materials that are being built. Meeting one of them again is a cycle.
     open: Vec<(FamilyName, Key)>,
-    /// What instances place, by id, as far as it is built.
+    /// The groups that are built so far, by id.
     groups: BTreeMap<&'d str, BuiltGroup>,
     operands: Operands,
-    /// Inline shapes whose errors are told.
+    /// Inline shapes whose errors are already reported.
     faulty_operands: BTreeSet<usize>,
     used: BTreeSet<(FamilyName, &'static str)>,
     memory: Memory,
@@ -285,7 +287,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
         built.map_err(|errors| self.and_those_of_parts(errors, plugin))
     }
 
-    /// What is wrong with a plugin hides nothing of what is wrong with those inside it.
+    /// Adds the errors of the plugins inside a faulty plugin, so that they are not hidden.
     fn and_those_of_parts(&mut self, mut errors: SceneErrors, plugin: &PluginTable<'s>) -> SceneErrors {
         let description = self.description;
         for index in inline_plugins(&plugin.table) {
@@ -313,7 +315,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
         errors
     }
 
-    /// A plugin of a table that is there once; no error where the table is known to be faulty.
+    /// Builds a plugin of a single table. There is no error if the table is known to be faulty.
     fn one<F: whitstone_core::Family>(
         &mut self,
         plugin: &PluginTable<'s>,
@@ -325,10 +327,10 @@ impl<'d, 's> Builder<'d, 's, '_> {
         self.plugin::<F>(plugin, input)
     }
 
-    /// The material of each shape, those that are shared built once.
+    /// The material of each shape. Shared ones are built once.
     fn materials(&mut self, plan: &Plan<'d, 's>, errors: &mut SceneErrors) -> Vec<Arc<dyn Material>> {
         let mut default: Option<Arc<dyn Material>> = None;
-        // A copy has a place and no material.
+        // An instance has no material.
         let mut materials: Vec<Option<Arc<dyn Material>>> = Vec::new();
         for shape in plan.shapes() {
             if shape.group.is_some() {
@@ -353,7 +355,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
                 }
             }
         }
-        // Nobody asks for that of a copy: any will do.
+        // The material of an instance is never used, so any will do.
         let any = materials.iter().flatten().next().cloned();
         materials
             .into_iter()
@@ -361,7 +363,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
             .collect()
     }
 
-    /// Builds the groups that are placed; whether all of them could be.
+    /// Builds the instantiated groups. Returns whether all succeeded.
     fn groups(&mut self, plan: &Plan<'d, 's>, errors: &mut SceneErrors) -> bool {
         let mut complete = true;
         for planned in &plan.groups {
@@ -387,8 +389,8 @@ impl<'d, 's> Builder<'d, 's, '_> {
         complete
     }
 
-    /// The shapes and the accelerator over them; none where any shape is missing, as it would be
-    /// built for nothing.
+    /// Builds the shapes and their accelerator. Returns none if any shape is missing, because the
+    /// accelerator would be useless.
     fn structure(
         &mut self,
         tables: &[ShapeTable<'s>],
@@ -441,8 +443,8 @@ impl<'d, 's> Builder<'d, 's, '_> {
         })
     }
 
-    /// Puts gaps between surfaces that coincide, and says how much earlier shadow rays end before
-    /// lights.
+    /// Separates coincident surfaces by small gaps. Returns by how much shadow rays are shortened
+    /// before lights.
     fn draw_apart(
         &mut self,
         geometry: Geometry,
@@ -452,7 +454,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
     ) -> (Geometry, f64) {
         let anew = |number: usize, moved: &dyn Fn(&Transform) -> Option<Transform>| {
             let table = tables.get(number)?;
-            // What there is to say about the shape has been said.
+            // Warnings of the shape have already been reported.
             let warnings = self.warnings.len();
             let built = self.plugin::<Shapes>(&table.plugin, moved(&table.transform)?);
             self.warnings.truncate(warnings);
@@ -468,8 +470,8 @@ impl<'d, 's> Builder<'d, 's, '_> {
         (geometry, found.light_margin)
     }
 
-    /// What an object-order method makes of the scene, or why it cannot show it, at the shape or at
-    /// its own name.
+    /// The scene as an object-order method sees it. Errors are reported at the shape that it cannot
+    /// show, or at its own name.
     fn object_order(
         &mut self,
         integrator: &dyn Integrator,
@@ -520,7 +522,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
             .collect()
     }
 
-    /// The texture, built on first use. The error is empty where it was reported before.
+    /// The texture, built on first use. The error is empty if it has already been reported.
     fn shared_texture(&mut self, key: Key, span: &SourceSpan) -> Result<Arc<dyn Texture>, SceneErrors> {
         if let Some(built) = self.textures.get(&key) {
             return built.clone().ok_or_else(SceneErrors::default);
@@ -540,7 +542,7 @@ impl<'d, 's> Builder<'d, 's, '_> {
         result
     }
 
-    /// The material, likewise.
+    /// The material, built on first use. The error is empty if it has already been reported.
     fn shared_material(
         &mut self,
         reference: &PluginRef,
@@ -555,8 +557,8 @@ impl<'d, 's> Builder<'d, 's, '_> {
         result
     }
 
-    /// Builds a plugin that another one may name as a part of it. The outer error is one of naming
-    /// it, the inner one its own.
+    /// Builds a plugin that another one may name as a part. The outer error is one of the
+    /// reference, the inner one an error of the plugin.
     #[allow(clippy::type_complexity, reason = "two kinds of errors")]
     fn nested<F>(
         &mut self,
@@ -652,7 +654,7 @@ impl Context for Builder<'_, '_, '_> {
     }
 
     fn group(&self, group: &GroupRef) -> Result<Arc<Group>, SceneErrors> {
-        // Why one is missing has been told where it was planned or built.
+        // The planning or build step has already reported why one is missing.
         let found = self.groups.get(group.id.as_str());
         found
             .map(|built| built.group.clone())
@@ -665,7 +667,7 @@ impl Context for Builder<'_, '_, '_> {
             PluginRef::Inline(index) => (index, description.inline.get(*index)),
             PluginRef::Shared(_) => return Err(operands::no_id(operand).into()),
         };
-        // What could not be read has been told.
+        // Tables that could not be read have already been reported.
         let (index, Some(table)) = table else {
             return Err(SceneErrors::default());
         };

@@ -3,36 +3,36 @@ use crate::{Description, ShapeTable};
 use std::collections::BTreeSet;
 use whitstone_core::{FamilyName, Registry, SceneErrors};
 
-/// What a scene needs built, and what it can do without.
+/// The parts of a scene that need to be built, and those that do not.
 pub struct Plan<'d, 's> {
     /// The scene.
     pub description: &'d Description<'s>,
-    /// The groups that instances place, each after those that it places itself.
+    /// The instantiated groups, each after the groups that it instantiates itself.
     pub groups: Vec<PlannedGroup<'d>>,
-    /// What will not be built, loaded or run.
+    /// The parts that are not built, loaded or run.
     pub left_out: Vec<LeftOut>,
-    /// Every plugin that the scene names, whether it is built for it or not: without them it is not
-    /// accepted.
+    /// Every plugin that the scene names, whether or not it is built. A scene is rejected if one of
+    /// them is missing.
     pub named: BTreeSet<(FamilyName, &'static str)>,
 }
 
-/// A thing that a scene mentions or could have, and that is not built for it.
+/// A part that a scene mentions or could have, and that is not built for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LeftOut {
-    /// What.
+    /// The part.
     pub what: String,
-    /// Why.
+    /// The reason.
     pub why: String,
 }
 
 impl<'d, 's> Plan<'d, 's> {
-    /// Looks up every plugin by its type, and follows the references of shapes to materials.
+    /// Looks up every plugin by its type, and resolves the references from shapes to materials.
     pub fn new(description: &'d Description<'s>, registry: &Registry) -> Result<Self, SceneErrors> {
         let (plan, errors) = Self::new_partly(description, registry);
         errors.into_result(plan)
     }
 
-    /// As [`Self::new`], with the plan for what is right.
+    /// Like [`Self::new`], with the plan of the valid parts.
     pub(crate) fn new_partly(description: &'d Description<'s>, registry: &Registry) -> (Self, SceneErrors) {
         use FamilyName::{Accelerator, Camera, Integrator, Light, Material, Sampler, Shape, Texture};
         let mut errors = SceneErrors::default();
@@ -88,7 +88,7 @@ impl<'d, 's> Plan<'d, 's> {
         (plan, errors)
     }
 
-    /// All shapes that are there, by number: those of groups behind the others.
+    /// All shapes that are used, by number; those of groups come last.
     pub fn shapes(&self) -> Vec<&'d ShapeTable<'s>> {
         shapes_by_number(self.description, &self.groups)
     }

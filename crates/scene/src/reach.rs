@@ -1,11 +1,11 @@
-//! Lights that reach nothing that could show them.
+//! Finds lights that reach no surface that could reflect them.
 
 use crate::{LeftOut, PluginTable};
 use std::sync::Arc;
 use whitstone_core::{Aabb, Element, Geometry, Light, LightGives, Lobes, Material, Shape};
 
-/// Drops the lights that no surface that reflects light could receive; `lights` are beside their
-/// tables. The image is the same: what is dropped would be black.
+/// Drops the lights that cannot reach any reflecting surface. `lights` are paired with their
+/// tables. The image is unchanged, because these lights would contribute nothing.
 pub(crate) fn leave_out_lights(
     tables: &[PluginTable<'_>],
     lights: &mut Vec<Arc<dyn Light>>,
@@ -17,7 +17,7 @@ pub(crate) fn leave_out_lights(
         .iter()
         .zip(materials)
         .zip(0..)
-        // The materials of a copy are those of its group.
+        // The materials of an instance are those of its group.
         .filter(|((shape, material), _)| {
             matches!(shape, Shape::Instance(_)) || material.lobes().intersects(Lobes::LOCAL)
         })
@@ -27,7 +27,7 @@ pub(crate) fn leave_out_lights(
     let mut number = 0;
     lights.retain(|light| {
         number += 1;
-        // What is also seen, or shines from all around, is needed for that.
+        // A light that is also visible, or that illuminates from all directions, is kept.
         let kept =
             light.gives() != LightGives::SAMPLES || receivers.iter().any(|bounds| light.reaches(bounds));
         if !kept {

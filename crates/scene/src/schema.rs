@@ -1,18 +1,18 @@
-//! JSON Schema of whole scenes, put together from those of the plugins in a registry.
+//! The JSON Schema of whole scenes, composed of those of the registered plugins.
 
 use serde_json::{Map, Value, json};
 use whitstone_core::{Entry, FamilyName, Registry};
 
-/// The version of JSON Schema.
+/// The dialect of JSON Schema.
 const DIALECT: &str = "https://json-schema.org/draft/2020-12/schema";
-/// The key by which a plugin's schema marks where an inline plugin of a family may stand.
+/// The key with which a plugin's schema marks the place of an inline plugin of a family.
 const FAMILY_MARK: &str = "x-family";
-/// The definition of a step of a transform.
+/// The definition of a transform step.
 const STEP: &str = "transform_step";
 
-/// The schema of a scene file with the plugins of a registry. A file that is only included by
-/// others has no camera, so none is required here; for the rest, what the schema refuses the loader
-/// refuses as well.
+/// The schema of a scene file with the plugins of a registry. It does not require a camera, because
+/// a file that others include has none. Apart from that, the loader rejects everything that the
+/// schema rejects.
 pub fn scene_schema(registry: &Registry) -> Value {
     let mut definitions = Map::new();
     for family in FamilyName::ALL {
@@ -31,8 +31,8 @@ pub fn scene_schema(registry: &Registry) -> Value {
                 &["type"],
             ));
         }
-        // The fitting one is found by its `type`: with `anyOf`, editors would offer the keys of
-        // all.
+        // `oneOf` selects the matching choice by its `type`. With `anyOf`, editors would offer the
+        // keys of all choices.
         definitions.insert(family.singular().to_owned(), json!({ "oneOf": choices }));
     }
     definitions.insert(STEP.to_owned(), transform_step());
@@ -47,8 +47,8 @@ pub fn scene_schema(registry: &Registry) -> Value {
     })
 }
 
-/// The schema of the table of one plugin, with the keys that every plugin of its family has. Inline
-/// plugins in it are any table with a `type`: which ones there are, the schema of scenes says.
+/// The schema of one plugin's table, with the keys that every plugin of its family has. An inline
+/// plugin in it is any table with a `type`; the schema of scenes lists the types.
 pub fn table_schema(entry: &Entry) -> Value {
     let mut definitions = Map::new();
     let mut schema = plugin_schema(entry, &mut definitions);
@@ -62,7 +62,7 @@ pub fn table_schema(entry: &Entry) -> Value {
         map.insert("$schema".to_owned(), json!(DIALECT));
         let text = map.values().map(Value::to_string).collect::<String>();
         let mut used = Map::new();
-        // What a definition needs may come after it; there are no long chains.
+        // A definition may need later ones; chains are short.
         let mut open = vec![text];
         while let Some(text) = open.pop() {
             for (name, value) in &definitions {
@@ -190,7 +190,7 @@ fn transform_step() -> Value {
     ] })
 }
 
-/// Keys that every plugin of a family has besides its own.
+/// The keys that every plugin of a family has besides its own.
 fn common_keys(family: FamilyName) -> Value {
     match family {
         FamilyName::Shape => json!({
@@ -211,7 +211,8 @@ fn common_keys(family: FamilyName) -> Value {
     }
 }
 
-/// The plugin's own schema with `type` and the common keys; its definitions go to `definitions`.
+/// The plugin's own schema with `type` and the common keys. Its definitions are moved to
+/// `definitions`.
 fn plugin_schema(entry: &Entry, definitions: &mut Map<String, Value>) -> Value {
     let prefix = definition_name(entry);
     let mut schema = Value::from(entry.schema());
@@ -239,8 +240,8 @@ fn plugin_schema(entry: &Entry, definitions: &mut Map<String, Value>) -> Value {
     schema
 }
 
-/// Makes references to the plugin's own definitions point to where they are put, and puts
-/// references to families where a plugin may stand.
+/// Updates references to the plugin's own definitions to their new place, and inserts references to
+/// families at the places of inline plugins.
 fn relocate(schema: &mut Value, prefix: &str) {
     match schema {
         Value::Array(items) => items.iter_mut().for_each(|item| relocate(item, prefix)),
@@ -251,7 +252,7 @@ fn relocate(schema: &mut Value, prefix: &str) {
             }
             if let Some(Value::String(target)) = map.get_mut("$ref")
                 && let Some(name) = target.strip_prefix("#/$defs/")
-                // The step of a transform is a definition of the whole, not the plugin's own.
+                // The transform step is a definition of the whole schema, not of the plugin.
                 && name != STEP
             {
                 *target = format!("#/$defs/{prefix}.{name}");

@@ -6,26 +6,25 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 use whitstone_core::{SceneError, SceneErrors, SourceSpan};
 
-/// Largest scene file that is read, in bytes: scenes are written by hand or by small programs; data
+/// Maximum size of a scene file in bytes. Scenes are written by hand or by small programs; data
 /// belongs into the files that they name.
 const MAX_FILE_BYTES: u64 = 16 << 20;
-/// Most files that one scene may include.
+/// Maximum number of files that a scene may include.
 const MAX_FILES: usize = 256;
-/// Most bytes of all texts together, the spaces before them counted: see [`Sources`].
+/// Maximum size of all texts together in bytes, including the spaces before them: see [`Sources`].
 const MAX_PADDED_BYTES: usize = 256 << 20;
-/// Most errors that a report shows.
+/// Maximum number of errors in a report.
 const MAX_REPORTED: usize = 50;
-/// Deepest nesting of includes.
+/// Maximum nesting of includes.
 const MAX_DEPTH: usize = 32;
 
-/// The text of a scene: the file, what it includes, and the overrides of the command line.
+/// The text of a scene: the file, its includes, and the overrides of the command line.
 ///
-/// Places in the text are byte ranges over all of them, one behind the other. To get such places
-/// from the TOML parser, each text is parsed behind as many spaces as the texts before it have
-/// bytes.
+/// Positions are byte ranges in the concatenation of all texts. To get such positions from the TOML
+/// parser, each text is padded with as many spaces as the texts before it have bytes.
 #[derive(Debug, Default)]
 pub struct Sources {
-    /// In the order of merging: a file comes after what it includes, overrides last.
+    /// In merge order: a file comes after its includes, and overrides come last.
     files: Vec<Source>,
     /// Folder of the scene file; paths in the flattened document are relative to it.
     base: PathBuf,
@@ -34,15 +33,15 @@ pub struct Sources {
 
 #[derive(Debug)]
 struct Source {
-    /// As shown to people.
+    /// The name for messages.
     name: String,
-    /// Folder that paths in it are relative to, relative to the base; empty for the base itself.
+    /// Folder of its paths, relative to the base; empty for the base itself.
     folder: PathBuf,
-    /// Where its text begins.
+    /// Start of its text.
     start: usize,
-    /// The text behind `start` spaces.
+    /// The text after `start` spaces.
     padded: String,
-    /// Of an override, the same with a `v` in place of its path: a document with one value.
+    /// For an override, the same text with its path replaced by `v`: a document with one value.
     padded_value: String,
     kind: SourceKind,
 }
@@ -53,7 +52,7 @@ enum SourceKind {
     Override,
 }
 
-/// Why a scene could not be read, with what was read so far, so that places can be shown.
+/// Why a scene could not be read, with the texts that were read, so that positions can be shown.
 #[derive(Debug, Error)]
 #[error("{errors}")]
 pub struct LoadError {
@@ -63,20 +62,20 @@ pub struct LoadError {
     pub errors: SceneErrors,
 }
 
-/// A place for people.
+/// A position for messages.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Position {
     /// Path of the file, or the override.
     pub file: String,
-    /// From 1.
+    /// Line, from 1.
     pub line: usize,
-    /// From 1, in characters.
+    /// Column, from 1, in characters.
     pub column: usize,
 }
 
 impl Sources {
-    /// Reads a scene file and, recursively, what it includes. `overrides` are `path=value`, as
-    /// given to `--set`.
+    /// Reads a scene file and, recursively, its includes. `overrides` are `path=value`, as given to
+    /// `--set`.
     pub fn load(path: &Path, overrides: &[String]) -> Result<Self, Box<LoadError>> {
         let mut loader = Loader {
             sources: Self {
@@ -91,8 +90,8 @@ impl Sources {
         loader.finish(overrides)
     }
 
-    /// A scene from memory: `name` stands for the file in messages, `base` is the folder that its
-    /// paths are relative to.
+    /// A scene from memory. `name` stands for the file in messages; its paths are relative to
+    /// `base`.
     pub fn from_text(
         name: &str,
         text: &str,
@@ -138,7 +137,7 @@ impl Sources {
             .map(|source| Path::new(&source.name))
     }
 
-    /// The files, each after what it includes, as the parser wants them.
+    /// The padded files for the parser, each after its includes.
     pub(crate) fn padded_files(&self) -> impl Iterator<Item = &str> {
         self.files
             .iter()
@@ -146,7 +145,7 @@ impl Sources {
             .map(|source| source.padded.as_str())
     }
 
-    /// The overrides in the order given, each as (start, padded text, padded value).
+    /// The overrides in the given order, each as (start, padded text, padded value).
     pub(crate) fn overrides(&self) -> impl Iterator<Item = (usize, &str, &str)> {
         self.files
             .iter()
@@ -154,7 +153,7 @@ impl Sources {
             .map(|source| (source.start, source.padded.as_str(), source.padded_value.as_str()))
     }
 
-    /// A path written at a place, relative to the base.
+    /// A path that is written at a position, relative to the base.
     pub(crate) fn relative_to_base(&self, span: &SourceSpan, path: &str) -> PathBuf {
         match self.source_at(span.start) {
             Some(source) => source.folder.join(path),
@@ -169,7 +168,7 @@ impl Sources {
             .max_by_key(|source| source.start)
     }
 
-    /// File, line and column of the start of a place.
+    /// File, line and column of the start of a span.
     pub fn position(&self, span: &SourceSpan) -> Option<Position> {
         let source = self.source_at(span.start)?;
         let text = &source.padded[source.start..];
@@ -182,13 +181,13 @@ impl Sources {
         })
     }
 
-    /// The errors for people, each with its place, the line, and advice. With `color` in ANSI
-    /// colours.
+    /// A readable report of the errors, each with its position, the line, and advice; `color`
+    /// enables ANSI colours.
     pub fn report(&self, errors: &SceneErrors, color: bool) -> String {
         self.report_at(Level::ERROR, errors.0.iter(), color)
     }
 
-    /// Warnings, in the same form.
+    /// A report of warnings, in the same form.
     pub fn report_warnings(&self, warnings: &[SceneError], color: bool) -> String {
         self.report_at(Level::WARNING, warnings.iter(), color)
     }
@@ -238,7 +237,7 @@ impl Sources {
     }
 }
 
-/// Text of a scene within a message, with nothing in it that a terminal would obey.
+/// Text of a scene for use in a message, without terminal control characters.
 fn printable(text: &str) -> String {
     let shown = |c: char| {
         let plain = !c.is_control() || c == '\n';
@@ -254,9 +253,9 @@ fn printable(text: &str) -> String {
 struct Loader {
     sources: Sources,
     errors: SceneErrors,
-    /// Files that are being read: including one of them again is a cycle.
+    /// Files that are being read. Including one of them again is a cycle.
     open: Vec<PathBuf>,
-    /// Files that have been read: including one of them again adds nothing.
+    /// Files that have been read. Including one of them again has no effect.
     done: Vec<PathBuf>,
 }
 
@@ -318,13 +317,13 @@ impl Loader {
             let folder = relative.parent().unwrap_or(Path::new("")).to_owned();
             self.file(path.clone(), folder, path.display().to_string(), Some(&span));
         }
-        // Merging goes from first to last, and a file overrides what it includes.
+        // Merging goes from first to last, and a file overrides its includes.
         let file = self.sources.files.remove(index);
         self.sources.files.push(file);
     }
 
     fn push(&mut self, text: &str, name: String, folder: PathBuf, kind: SourceKind) -> usize {
-        // A byte order mark is no part of the text.
+        // A byte order mark is not part of the text.
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let start = self.sources.end;
         let so_far: usize = self.sources.files.iter().map(|source| source.padded.len()).sum();
@@ -349,7 +348,7 @@ impl Loader {
             padded_value,
             kind,
         });
-        // One byte between texts, so that the end of one is not the start of the next.
+        // One byte separates texts, so that the end of one is not the start of the next.
         self.sources.end = start + text.len() + 1;
         self.sources.files.len() - 1
     }

@@ -9,12 +9,12 @@ use whitstone_core::{DAffine3, SceneError, SceneErrors, Transform};
 
 use crate::document::Value;
 
-/// The transform that a value of the key `transform` says. Steps are applied in the order in which
-/// they are written.
+/// Parses the value of the key `transform`. Steps are applied in the order in which they are
+/// written.
 ///
 /// # Errors
 ///
-/// All that is wrong with the steps, each at its place; also a singular result.
+/// All errors of the steps, each at its position; also a singular result.
 pub fn parse(value: &Value<'_>) -> Result<Transform, SceneErrors> {
     let mut errors = SceneErrors::default();
     let one = std::slice::from_ref(value);

@@ -1,15 +1,15 @@
-//! What a scene has no use for while it renders.
+//! Finds the parts of a scene that are not used during rendering.
 
 use crate::{Description, LeftOut};
 use std::sync::Arc;
 use whitstone_core::{Integrator, Light, LightGives, Lobes, Material, Needs, Texture};
 
-/// The textures that were built, also pictures that have no table.
+/// All built textures, including pictures without a table.
 #[derive(Default)]
 pub(crate) struct LookedUp(Vec<Built>);
 
 struct Built {
-    /// Of a shared one.
+    /// The id of a shared texture.
     id: Option<String>,
     /// Its type.
     kind: String,
@@ -25,8 +25,8 @@ impl LookedUp {
         });
     }
 
-    /// Those that others hold, with their types. The rest were read while the scene was built, as
-    /// heights are, or belong to what is left out.
+    /// The textures that other objects hold, with their types. The rest were only needed during the
+    /// build, such as height maps, or belong to parts that are not built.
     pub(crate) fn kept(self, left_out: &mut Vec<LeftOut>) -> Vec<(String, Arc<dyn Texture>)> {
         let mut kept = Vec::new();
         for Built { id, kind, texture } in self.0 {

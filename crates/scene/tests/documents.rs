@@ -1,4 +1,4 @@
-//! Scene documents: merging, overrides, places of errors. No plugin is needed for these.
+//! Scene documents: merging, overrides, positions of errors. These tests need no plugin.
 
 use std::fs;
 use std::path::Path;
@@ -67,7 +67,7 @@ fn tables_are_taken_apart() {
     let ball = &description.shapes[1];
     assert_eq!(ball.id.as_deref(), Some("ball"));
     assert_eq!(ball.transform.point_to_world(DVec3::ZERO), DVec3::Y);
-    // The inner texture is taken out before the outer one.
+    // The inner texture is moved out before the outer one.
     let inline: Vec<&str> = description
         .inline
         .iter()
@@ -246,7 +246,7 @@ fn a_report_shows_the_line() {
 }
 
 proptest::proptest! {
-    /// Whatever is cut off a scene, there is an answer and no panic.
+    /// A truncated scene gives a result or an error, and never a panic.
     #[test]
     fn truncated_scenes_are_answered(length in 0..SCENE.len()) {
         let _ = errors(&SCENE[..length], &[]);

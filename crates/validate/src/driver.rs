@@ -1,4 +1,4 @@
-//! The driver of a reference as a child process: requests and answers of
+//! The driver of a reference as a child process: the requests and answers of
 //! `references/mitsuba/PROTOCOL.md`.
 
 use crate::environment::Environment;
@@ -15,14 +15,15 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 use thiserror::Error;
 
-/// Longest answer that is taken, in bytes. The longest proper ones, of `probe`, stay far below.
+/// Maximum length of an answer in bytes. The longest valid answers, those of `probe`, stay far
+/// below.
 const MAX_ANSWER: u64 = 256 << 20;
-/// Longest line of standard error that is taken as one, in bytes.
+/// Maximum length of a line of standard error in bytes; longer ones are split.
 const MAX_STDERR_LINE: u64 = 4096;
-/// How much of the end of standard error is kept for messages.
+/// Number of last lines of standard error that are kept for messages.
 const STDERR_LINES: usize = 40;
 
-/// Why the driver gave no answer, or not a good one.
+/// Why the driver gave no valid answer.
 #[derive(Debug, Error)]
 pub enum DriverError {
     /// The process could not be started or written to.
@@ -31,9 +32,9 @@ pub enum DriverError {
     /// The process ended instead of answering.
     #[error("the driver of the reference ended ({status}){stderr}")]
     Exited {
-        /// How it ended.
+        /// The exit status.
         status: String,
-        /// The end of what it wrote to standard error, on lines of its own.
+        /// The end of its standard error, on lines of its own.
         stderr: String,
     },
     /// No answer within the time limit; the process and its children were killed.
@@ -41,26 +42,26 @@ pub enum DriverError {
         "the driver of the reference gave no answer to `{op}` within {seconds} s and was stopped{stderr}"
     )]
     TimedOut {
-        /// What it was asked.
+        /// The request.
         op: String,
-        /// The limit.
+        /// The limit in seconds.
         seconds: u64,
-        /// As above.
+        /// The end of its standard error.
         stderr: String,
     },
-    /// What it wrote is no answer.
+    /// The output is not a valid answer.
     #[error("the driver of the reference gave an answer to `{op}` that cannot be understood: {problem}")]
     BadAnswer {
-        /// What it was asked.
+        /// The request.
         op: String,
-        /// What is wrong with it.
+        /// What is wrong with the answer.
         problem: String,
     },
-    /// The reference has no twin of something in the scene: a problem a line, each led by its place
-    /// in the document.
+    /// The reference has no twin of something in the scene. One problem per line, each with its
+    /// place in the document at the start.
     #[error("no twin in the reference: {0}")]
     Unsupported(String),
-    /// It answered that it cannot.
+    /// The driver answered that it cannot do this.
     #[error("the driver of the reference says: {0}")]
     Refused(String),
 }
@@ -68,8 +69,8 @@ pub enum DriverError {
 /// A running driver. It is killed, with its children, when dropped.
 pub struct Driver {
     child: Child,
-    /// Lines for standard input. They are written by a thread: a driver that does not read would
-    /// hold up whoever writes more than fits into the pipe.
+    /// Lines for standard input. A thread writes them, because writing more than fits into the pipe
+    /// would block while the driver does not read.
     requests: Sender<String>,
     answers: Receiver<std::io::Result<String>>,
     stderr: Arc<Mutex<VecDeque<String>>>,
@@ -77,7 +78,7 @@ pub struct Driver {
     limit: Duration,
 }
 
-/// How the reference is to trace: see the protocol.
+/// The settings of the reference's tracer: see the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Setting {
@@ -85,21 +86,22 @@ pub struct Setting {
     pub k: f64,
     /// Embree's robust intersections.
     pub robust: bool,
-    /// Shift of the sample positions in pixels, to the right.
+    /// Shift of the sample positions to the right, in pixels.
     pub dx: f64,
-    /// Downwards.
+    /// Shift downwards, in pixels.
     pub dy: f64,
     /// Perturbation of every ray, in units of 2^-24.
     pub ulps: f64,
-    /// Of the perturbation and of the rounding of vertices.
+    /// Seed of the perturbation and of the rounding of vertices.
     pub seed: u32,
-    /// Whether the numbers of meshes are rounded to single precision at random, not to the nearest.
+    /// Whether the numbers of meshes are rounded to single precision in a random direction instead
+    /// of to the nearest.
     pub vertices: bool,
-    /// Whether a perturbation is in units of the largest component of its vector, not of each.
-    /// Mitsuba only.
+    /// Whether a perturbation is in units of the largest component of its vector instead of each
+    /// component. Mitsuba only.
     #[serde(skip_serializing_if = "is_false")]
     pub largest: bool,
-    /// Factor on all light, divided out of the image again. POV-Ray only: its images have half
+    /// Factor on all light, divided out of the image again. POV-Ray only, whose images have half
     /// precision.
     #[serde(skip_serializing_if = "is_one")]
     pub exposure: f64,
@@ -137,41 +139,41 @@ impl Default for Setting {
     }
 }
 
-/// Who traces on the other side.
+/// Versions and machine of Mitsuba's driver.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Hello {
     /// Version of Mitsuba.
     pub mitsuba: String,
     /// Version of Dr.Jit.
     pub drjit: String,
-    /// Such as `llvm_ad_rgb`.
+    /// The variant, such as `llvm_ad_rgb`.
     pub variant: String,
     /// Version of Python.
     pub python: String,
     /// File name of the LLVM library.
     pub libllvm: String,
-    /// Its version.
+    /// Version of LLVM.
     pub llvm_version: String,
-    /// Of the machine.
+    /// Name of the processor.
     pub cpu: String,
     /// Threads that it uses by default.
     pub threads: u32,
 }
 
-/// Who renders where the reference is POV-Ray.
+/// Versions and machine of POV-Ray's driver.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PovRay {
-    /// Its version.
+    /// Version of POV-Ray.
     pub povray: String,
-    /// Version of the Python that drives it.
+    /// Version of the Python that runs the driver.
     pub python: String,
-    /// Of the machine.
+    /// Name of the processor.
     pub cpu: String,
-    /// Of the machine.
+    /// Number of processor threads.
     pub threads: u32,
 }
 
-/// Who renders on the other side.
+/// Versions of the reference renderer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Versions {
@@ -181,7 +183,7 @@ pub enum Versions {
     PovRay(PovRay),
 }
 
-/// A scene as the driver gets it.
+/// A scene as the driver receives it.
 #[derive(Clone, Copy)]
 pub struct SceneText<'a> {
     /// The flattened TOML.
@@ -190,15 +192,15 @@ pub struct SceneText<'a> {
     pub base: &'a Path,
 }
 
-/// What a rendering by the driver was.
+/// The properties of a rendering by the driver.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Rendered {
     /// Wall time.
     pub seconds: RenderedSeconds,
-    /// Rays traced, where they are counted.
+    /// Number of rays, if they are counted.
     #[serde(default)]
     pub rays: Rays,
-    /// Of stock Mitsuba, its integrator.
+    /// The integrator, for stock Mitsuba.
     #[serde(default)]
     pub integrator: String,
     /// How independent the twin is: "native", "hosted" or "formula".
@@ -206,26 +208,26 @@ pub struct Rendered {
     /// Plugins that are not native, with the reason.
     #[serde(default)]
     pub hosted: Value,
-    /// Spawned rays that hit the surface they left.
+    /// Number of spawned rays that hit the surface they left.
     #[serde(default)]
     pub rehits: u64,
-    /// Which surfaces coincide, if the driver says so.
+    /// The coincident surfaces, if the driver reports them.
     #[serde(default)]
     pub coincident: Vec<Coincident>,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u32,
-    /// Bytes that the driver grew by, at its highest, where the system tells.
+    /// Peak growth of the driver's memory in bytes, if the system reports it.
     #[serde(default)]
     pub memory: Option<u64>,
 }
 
-/// Two shapes that coincide, or why none were looked for: see `references/mitsuba/PROTOCOL.md`.
+/// Two shapes that coincide, or why none were searched: see `references/mitsuba/PROTOCOL.md`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Coincident {
-    /// Their places in the list of the scene.
+    /// Their indices in the list of the scene.
     #[serde(default)]
     pub shapes: Vec<u32>,
-    /// The width of the gap between them in metres; none if they are not drawn apart.
+    /// The gap between them in metres; none if they are not separated.
     #[serde(default)]
     pub gap: Option<f64>,
     /// Why surfaces were not compared.
@@ -234,7 +236,7 @@ pub struct Coincident {
 }
 
 impl Coincident {
-    /// A note, where rounding decides which surface the reference meets first.
+    /// A note, if rounding decides which surface the reference hits first.
     pub(crate) fn note(&self) -> Option<String> {
         match (&self.not_examined, &self.gap, &self.shapes[..]) {
             (Some(why), _, _) => Some(format!(
@@ -248,19 +250,19 @@ impl Coincident {
     }
 }
 
-/// See [`Rendered`].
+/// Times of a rendering in seconds; see [`Rendered`].
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct RenderedSeconds {
-    /// Building the Mitsuba scene.
+    /// Time to build the Mitsuba scene.
     pub load: f64,
-    /// Tracing, kernel compilation included.
+    /// Tracing time, including kernel compilation.
     pub trace: f64,
-    /// Processor time of all threads, of both; 0 where the driver does not say.
+    /// Processor time of all threads, for both; 0 if the driver does not report it.
     #[serde(default)]
     pub cpu: f64,
 }
 
-/// See [`Rendered`].
+/// Numbers of rays; see [`Rendered`].
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Rays {
     /// Nearest-hit queries.
@@ -270,7 +272,7 @@ pub struct Rays {
 }
 
 impl Driver {
-    /// Starts the driver. `limit` is the time that one answer may take.
+    /// Starts the driver. `limit` is the time limit for one answer.
     pub fn start(environment: &Environment, limit: Duration) -> Result<Self, DriverError> {
         let mut command = Command::new(&environment.python);
         command
@@ -290,13 +292,13 @@ impl Driver {
         Self::spawn(command, limit)
     }
 
-    /// Starts any program that speaks the protocol.
+    /// Starts any program that implements the protocol.
     pub fn spawn(mut command: Command, limit: Duration) -> Result<Self, DriverError> {
         command
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
-        // A group of its own, so that what it starts can be killed with it.
+        // A process group of its own, so that its child processes can be killed with it.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child = command.spawn()?;
@@ -328,10 +330,10 @@ impl Driver {
         let tail = Arc::new(Mutex::new(VecDeque::new()));
         let kept = tail.clone();
         let stderr_reader = thread::spawn(move || {
-            // Bytes, not text: whatever a library prints must not stop the reading.
+            // Bytes, not text: output that is not UTF-8 must not stop the reading.
             let mut reader = BufReader::new(stderr);
             let mut line = Vec::new();
-            // A part of a line at a time: a line may have no end.
+            // Reads a part of a line at a time, because a line may be unlimited.
             while reader
                 .by_ref()
                 .take(MAX_STDERR_LINE)
@@ -359,7 +361,7 @@ impl Driver {
         })
     }
 
-    /// Asks and waits for the answer.
+    /// Sends a request and waits for the answer.
     pub fn request(&mut self, request: &Value) -> Result<Value, DriverError> {
         let op = request["op"].as_str().unwrap_or_default().to_owned();
         let mut line = request.to_string();
@@ -408,17 +410,17 @@ impl Driver {
         })
     }
 
-    /// The number of its process.
+    /// The process id.
     pub fn process(&self) -> u32 {
         self.child.id()
     }
 
-    /// Versions, of a driver of Mitsuba.
+    /// Queries the versions, from a driver of Mitsuba.
     pub fn hello(&mut self) -> Result<Hello, DriverError> {
         self.ask(&json!({ "op": "hello" }))
     }
 
-    /// Versions, of a driver of POV-Ray.
+    /// Queries the versions, from a driver of POV-Ray.
     pub fn hello_of_povray(&mut self) -> Result<PovRay, DriverError> {
         self.ask(&json!({ "op": "hello" }))
     }
@@ -440,7 +442,7 @@ impl Driver {
         )
     }
 
-    /// Renders a scene by Mitsuba's own integrators, with so many samples of each camera ray.
+    /// Renders a scene with Mitsuba's own integrators, with this many samples per camera ray.
     pub fn stock(
         &mut self,
         scene: SceneText<'_>,
@@ -469,7 +471,7 @@ impl Driver {
         }
     }
 
-    /// Values of some pixels under several settings: `[setting][pixel]`.
+    /// The values of pixels under several settings: `[setting][pixel]`.
     pub fn probe(
         &mut self,
         scene: SceneText<'_>,
@@ -514,7 +516,7 @@ impl Driver {
     }
 
     fn exited(&mut self) -> DriverError {
-        // The pipe can close a moment before the process is gone.
+        // The pipe can close shortly before the process ends.
         let mut status: Option<ExitStatus> = None;
         for _ in 0..50 {
             status = self.child.try_wait().ok().flatten();
@@ -530,8 +532,8 @@ impl Driver {
         }
     }
 
-    /// The end of standard error. Called when the process is gone: what it wrote last may still be
-    /// on its way through the pipe.
+    /// The end of standard error. Called after the process has ended, because its last output may
+    /// still be in the pipe.
     fn stderr_tail(&self) -> String {
         for _ in 0..100 {
             if self.stderr_reader.is_finished() {
@@ -549,7 +551,7 @@ impl Driver {
             .ok()
             .and_then(rustix::process::Pid::from_raw)
         {
-            // Fails only where the group is gone already.
+            // Fails only if the group no longer exists.
             let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
         }
         let _ = self.child.kill();
@@ -563,8 +565,8 @@ impl Drop for Driver {
     }
 }
 
-/// Writes the lines until there are no more or no one reads them; that the driver then gives no
-/// answer is noticed where the answer is waited for.
+/// Writes the lines until there are no more or the reader has gone. A missing answer is detected
+/// where it is awaited.
 fn write_lines(mut stdin: ChildStdin, lines: &Receiver<String>) {
     for line in lines {
         if stdin
@@ -577,12 +579,12 @@ fn write_lines(mut stdin: ChildStdin, lines: &Receiver<String>) {
     }
 }
 
-/// A number that JSON may not be able to write.
+/// A number that JSON may not be able to represent.
 pub(crate) fn number<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Number::deserialize(deserializer).map(|number| number.0)
 }
 
-/// Three of them.
+/// Three such numbers.
 pub(crate) fn numbers<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<[f64; 3], D::Error> {
     <[Number; 3]>::deserialize(deserializer).map(|three| three.map(|number| number.0))
 }

@@ -1,5 +1,5 @@
-//! The Python that the driver of a reference runs in: a private environment for Mitsuba, the
-//! system's for POV-Ray.
+//! The Python environment of a reference's driver: a private environment for Mitsuba, the system's
+//! Python for POV-Ray.
 
 use crate::renderer::Renderer;
 use std::fs::{self, File};
@@ -12,28 +12,28 @@ use thiserror::Error;
 use whitstone_core::Registry;
 use whitstone_image::atomic;
 
-/// How long installing may take: Mitsuba is some 100 MB to download.
+/// Time limit for the installation: Mitsuba is a download of about 100 MB.
 const INSTALL_LIMIT: Duration = Duration::from_secs(900);
 
-/// The oldest Python 3 that runs Mitsuba.
+/// The oldest Python 3 that Mitsuba supports (minor version).
 const MINOR: u32 = 9;
-/// The oldest with a reader of TOML in its library.
+/// The oldest Python 3 with a TOML parser in its standard library (minor version).
 const MINOR_OF_POVRAY: u32 = 11;
 
-/// Where a driver can be run.
+/// An environment in which a driver can run.
 #[derive(Clone, Debug)]
 pub struct Environment {
-    /// Whose driver.
+    /// The renderer of the driver.
     pub renderer: Renderer,
     /// The interpreter of the environment.
     pub python: PathBuf,
-    /// Folder that holds the package of the driver.
+    /// Folder that contains the driver's Python package.
     pub package: PathBuf,
-    /// Files with the twins of plugins from outside.
+    /// Files with the twins of third-party plugins.
     pub twins: Vec<PathBuf>,
 }
 
-/// Why there is no environment, and what to do about it.
+/// Why there is no environment, and how to fix it.
 #[derive(Debug, Error)]
 pub enum EnvironmentError {
     /// No usable Python.
@@ -41,29 +41,29 @@ pub enum EnvironmentError {
         "no Python 3.{minor} or newer was found (tried {tried}); install one, or name it in WHITSTONE_PYTHON"
     )]
     NoPython {
-        /// The oldest that would do.
+        /// The oldest usable minor version.
         minor: u32,
-        /// What was tried and what came of it.
+        /// The interpreters that were tried, and the results.
         tried: String,
     },
-    /// The driver's package is not where it should be.
+    /// The driver's package is not in its place.
     #[error("the driver of the reference is not in {}; run this inside the repository or pass --references", .0.display())]
     NoPackage(PathBuf),
-    /// A step of making the environment failed.
+    /// A step of the installation failed.
     #[error("cannot {step}:\n{output}")]
     Step {
-        /// Which.
+        /// The name of the step.
         step: &'static str,
-        /// What it printed, or why it did not run.
+        /// Its output, or why it did not run.
         output: String,
     },
 }
 
 impl Environment {
-    /// The environment under `target`, made on first use: `say` is told what takes long.
+    /// The environment under `target`, created on first use. Calls `say` before slow steps.
     ///
-    /// It is keyed by the pinned requirements and the Python that made it, so a change of either
-    /// makes a new one. Two processes at once wait for each other.
+    /// Its folder is keyed by the pinned requirements and the Python that created it, so a change
+    /// of either creates a new one. Concurrent processes wait for each other.
     pub fn ensure(target: &Path, references: &Path, say: &dyn Fn(&str)) -> Result<Self, EnvironmentError> {
         let Place {
             python,
@@ -90,7 +90,7 @@ impl Environment {
         if complete.is_file() {
             return Ok(environment);
         }
-        // What is left of an attempt that was broken off.
+        // The remains of an interrupted installation.
         if folder.exists() {
             fs::remove_dir_all(&folder).map_err(io("remove a broken Python environment"))?;
         }
@@ -118,7 +118,7 @@ impl Environment {
         Ok(environment)
     }
 
-    /// The environment if it is there; nothing is made.
+    /// The environment if it exists; creates nothing.
     pub fn existing(target: &Path, references: &Path) -> Option<Self> {
         let place = Place::find(target, references).ok()?;
         place
@@ -127,7 +127,7 @@ impl Environment {
             .then_some(place.environment)
     }
 
-    /// The Python of the system with the driver of POV-Ray, which needs nothing else.
+    /// The system's Python with the driver of POV-Ray, which needs nothing else.
     pub fn of_povray(references: &Path) -> Result<Self, EnvironmentError> {
         let package = references.join("povray");
         if !package.join(Renderer::POVRAY.package()).is_dir() {
@@ -141,7 +141,7 @@ impl Environment {
         })
     }
 
-    /// With the twins of a registry's plugins from outside, which are written below `target`.
+    /// Adds the twins of the registry's third-party plugins, which are written below `target`.
     ///
     /// # Errors
     /// If they cannot be written.
@@ -157,7 +157,7 @@ impl Environment {
         Ok(self)
     }
 
-    /// The folder of the environment: above that of its programs.
+    /// The folder of the environment, which is the parent of its folder of programs.
     pub fn folder(&self) -> &Path {
         let programs = self.python.parent();
         programs.and_then(Path::parent).unwrap_or(&self.python)
@@ -168,9 +168,9 @@ impl Environment {
     }
 }
 
-/// Where the environment is or will be.
+/// The place of the environment, whether or not it exists.
 struct Place {
-    /// The interpreter that makes it, and its version.
+    /// The interpreter that creates it, and its version.
     python: PathBuf,
     version: String,
     key: String,
@@ -245,7 +245,7 @@ fn find_python(minor: u32) -> Result<(PathBuf, String), EnvironmentError> {
     })
 }
 
-/// Runs a step to its end or the time limit.
+/// Runs a step until it ends or reaches the time limit.
 fn run(command: &mut Command, step: &'static str) -> Result<(), EnvironmentError> {
     let fail = |output: String| EnvironmentError::Step { step, output };
     let mut child = command
@@ -258,7 +258,7 @@ fn run(command: &mut Command, step: &'static str) -> Result<(), EnvironmentError
     let reader = thread::spawn(move || {
         let mut text = Vec::new();
         if let Some(stderr) = stderr {
-            // What was read before an error is still worth showing.
+            // The text before a read error is still useful.
             let _ = stderr.take(1 << 20).read_to_end(&mut text);
         }
         String::from_utf8_lossy(&text).into_owned()

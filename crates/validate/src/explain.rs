@@ -1,14 +1,14 @@
-//! Why a pixel differs. A pixel over tolerance is *explained* only by the reference's own
+//! Explains why a pixel differs. A pixel over tolerance is *explained* only by the reference's own
 //! variation.
 //!
-//! The reference is traced again under tiny shifts of the sample position (an edge), under another
-//! spawn offset or the other traversal (its own guard against self-intersection), and under
+//! The reference traces the pixel again under tiny shifts of the sample position (an edge), under
+//! another spawn offset or the other traversal (its own guard against self-intersection), and under
 //! perturbations of its rays and vertices by a few units in the last place (ill-conditioned). If it
-//! takes our value under one of these, the pixel is explained. If our value only lies between
-//! values that it takes, the pixel is *ambiguous*: where one yes-or-no test is undecided, the right
-//! value is one side or the other and never a mixture, and where several are, the reference cannot
-//! tell; the oracle decides. Our own variation never counts: in a trial, a rule that let it count
-//! explained away 4,003 of 4,034 wrong pixels.
+//! takes our value under one of these, the pixel is explained. If our value only lies between its
+//! values, the pixel is *ambiguous*. Where one yes-or-no test is undecided, the right value is one
+//! of the two and never a mixture. Where several are, the reference cannot decide, but the oracle
+//! can. Our own variation never counts: in a trial, a rule that let it count explained away 4,003
+//! of 4,034 wrong pixels.
 
 use crate::driver::Setting;
 use serde::{Deserialize, Serialize};
@@ -22,36 +22,36 @@ const DIRECTIONS: u32 = 16;
 const SPAWN_OFFSETS: [f64; 4] = [2.0, 8.0, 16.0, 64.0];
 /// Sizes of the perturbations of the reference's numbers, in its units in the last place.
 const PERTURBATIONS: [f64; 2] = [2.0, 8.0];
-/// Size of those that go with vertices rounded otherwise.
+/// Size of the perturbations that are combined with differently rounded vertices.
 const WITH_VERTICES: f64 = 2.0;
-/// Size of those that are in units of the largest component.
+/// Size of the perturbations in units of the largest component.
 const OF_LARGEST: f64 = 1.0;
-/// Perturbations of each size.
+/// Number of perturbations of each size.
 const SEEDS: u32 = 6;
 
-/// What the reference was made to vary in.
+/// The quantity of the reference that was varied.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "by")]
 pub enum Reason {
     /// The sample position, by at most this many pixels.
     Shift {
-        /// In pixels.
+        /// Maximum shift in pixels.
         radius_px: f64,
     },
     /// Its spawn offset or its traversal.
     SpawnOffset,
     /// Its noise.
     Noise,
-    /// Any of these, by the values kept with a stored reference.
+    /// Any of these, by the values that are stored with the reference.
     Stored,
     /// Its numbers, by units in the last place.
     Rounding {
-        /// How many at most.
+        /// Maximum number of units.
         ulps: f64,
     },
     /// The numbers of its rays by units in the last place, and those of its vertices by one.
     Vertices {
-        /// Of the rays, at most.
+        /// Maximum number of units of the rays.
         ulps: f64,
     },
 }
@@ -61,7 +61,7 @@ pub enum Reason {
 pub struct Trial {
     /// What the group varies.
     pub reason: Reason,
-    /// In which ways.
+    /// The settings of the group.
     pub settings: Vec<Setting>,
 }
 
@@ -124,7 +124,7 @@ pub fn trials() -> Vec<Trial> {
         .collect()
 }
 
-/// The trials of these that change nothing but roundings and guards.
+/// The trials that change only roundings and self-intersection guards.
 pub(crate) fn roundings(trials: Vec<Trial>) -> Vec<Trial> {
     let is_shift = |trial: &Trial| matches!(trial.reason, Reason::Shift { .. });
     trials.into_iter().filter(|trial| !is_shift(trial)).collect()
@@ -132,8 +132,8 @@ pub(crate) fn roundings(trials: Vec<Trial>) -> Vec<Trial> {
 
 /// Perturbations of Mitsuba's rays by one unit of their largest component.
 ///
-/// A small component of a direction comes from sums of larger terms, by a rotation or a reflection,
-/// and has their rounding error.
+/// A small component of a direction results from sums of larger terms, in a rotation or a
+/// reflection, and has their rounding error.
 pub(crate) fn of_largest_component() -> Trial {
     Trial {
         reason: Reason::Rounding { ulps: OF_LARGEST },
@@ -148,7 +148,7 @@ pub(crate) fn of_largest_component() -> Trial {
     }
 }
 
-/// Those of POV-Ray, which computes in double precision, but for the vertices of meshes.
+/// The trials for POV-Ray, which computes in double precision except for the vertices of meshes.
 pub(crate) fn trials_of_povray() -> Vec<Trial> {
     let of_rays = |trial: &Trial| matches!(trial.reason, Reason::Shift { .. });
     let shifts = trials().into_iter().filter(of_rays);
@@ -185,7 +185,7 @@ pub struct Range {
 }
 
 impl Range {
-    /// Of a single value.
+    /// The range of a single value.
     pub fn of(value: [f64; 3]) -> Self {
         Self {
             min: value,
@@ -193,7 +193,8 @@ impl Range {
         }
     }
 
-    /// Grown to hold `value`. What is not finite is left out: it explains nothing.
+    /// Extends the range to include `value`. Ignores values that are not finite: they explain
+    /// nothing.
     pub fn include(&mut self, value: [f64; 3]) {
         if value.iter().all(|v| v.is_finite()) {
             for (c, v) in value.into_iter().enumerate() {
@@ -217,13 +218,12 @@ pub enum Explanation {
     /// Our value lies between values that the reference takes under this variation, but equals none
     /// of them.
     Between(Reason),
-    /// Our value lies outside everything that the reference takes.
+    /// Our value lies outside the range of all values of the reference.
     Nothing,
 }
 
-/// Compares our value with those that the reference takes. `variants` are the reference's values,
-/// one list a trial in the order of `trials`; each trial also counts the smaller ones of its kind
-/// before it.
+/// Compares our value with the reference's values. `variants` has one list per trial, in the order
+/// of `trials`. Each trial also includes the values of the smaller trials of its kind before it.
 pub fn explain(
     ours: [f64; 3],
     nominal: [f64; 3],
@@ -256,8 +256,8 @@ pub fn explain(
     between.map_or(Explanation::Nothing, Explanation::Between)
 }
 
-/// Whether two colours differ by at most `tolerance[channel]`. What is not finite agrees with
-/// nothing.
+/// Whether two colours differ by at most `tolerance[channel]`. Values that are not finite agree
+/// with nothing.
 pub fn agree(a: [f64; 3], b: [f64; 3], tolerance: [f64; 3]) -> bool {
     (0..3).all(|c| (a[c] - b[c]).abs() <= tolerance[c])
 }

@@ -1,21 +1,22 @@
-//! How exact the reference itself is in a scene.
+//! Measures the reference's own error in a scene (its floor).
 //!
-//! The reference computes in single precision and guards against self-intersection by moving ray
+//! The reference computes in single precision and avoids self-intersection by offsetting ray
 //! origins. Its own error shows when these are varied: another spawn offset, the other traversal,
-//! rays perturbed by units in the last place, and vertices of meshes rounded otherwise. A limit
-//! below that would test luck.
+//! rays perturbed by units in the last place, and mesh vertices rounded differently. A limit below
+//! this error would test luck.
 
 use crate::driver::Setting;
 use crate::renderer::Renderer;
 use whitstone_image::{CompareError, CompareOptions, Image, Tolerance, compare, metrics};
 
-/// A few roundings of single precision, which every shading formula has (2^-21): no floor is taken
-/// to be below it, even if a scene's variations happen to cancel.
+/// Lower bound of the floor (2^-21): a few roundings of single precision, which every shading
+/// formula has. It applies even if a scene's variations happen to cancel.
 pub(crate) const SMALLEST_FLOOR: f64 = 4.8e-7;
-/// Largest limit of a scene with textures, whose coordinates the reference has in single precision.
+/// Maximum limit of a scene with textures, whose coordinates the reference stores in single
+/// precision.
 const LARGEST_LIMIT_TEXTURED: f64 = 2e-4;
 
-/// The variations that the floor is measured with.
+/// The variations that measure the floor.
 pub(crate) fn settings() -> [Setting; 4] {
     let base = Setting::default();
     [
@@ -32,8 +33,8 @@ pub(crate) fn settings() -> [Setting; 4] {
     ]
 }
 
-/// Every number of the reference moved: those of rays, and those of vertices, which have an error
-/// of their own. Facets of a fine mesh turn with it by far more than a ray does.
+/// Perturbs every number of the reference, both rays and vertices. Vertices have a rounding error
+/// of their own, and it turns the facets of a fine mesh by far more than the error of a ray.
 fn perturbed(seed: u32) -> Setting {
     Setting {
         ulps: 2.0,
@@ -43,9 +44,9 @@ fn perturbed(seed: u32) -> Setting {
     }
 }
 
-/// Those of POV-Ray: vertices rounded otherwise, longer guards against self-intersection, and other
-/// roundings to half precision. The first, where nothing is a mesh, are the images that its driver
-/// still has.
+/// The variations for POV-Ray: vertices rounded differently, longer guards against
+/// self-intersection, and other roundings to half precision. Without meshes the first variation
+/// changes nothing, and the driver still has its images.
 pub(crate) fn settings_of_povray() -> [Setting; 3] {
     let base = Setting::default();
     [
@@ -65,11 +66,11 @@ pub(crate) fn settings_of_povray() -> [Setting; 3] {
     ]
 }
 
-/// What two images by the same reference differ in.
+/// The difference between two images of the same reference.
 pub(crate) struct Difference {
-    /// The relative error, without the pixels where an edge moved.
+    /// The relative error, without the pixels in which an edge moved.
     pub(crate) error: f64,
-    /// How many pixels these are.
+    /// The number of pixels in which an edge moved.
     pub(crate) moved: usize,
 }
 
@@ -87,18 +88,18 @@ pub(crate) fn between(reference: &Image, varied: &Image) -> Result<Difference, C
     })
 }
 
-/// The largest `rel_rmse_interior` that passes: twice the floor, and never above the cap.
+/// The largest `rel_rmse_interior` that passes: twice the floor, but at most `cap`.
 pub(crate) fn limit(floor: f64, cap: f64) -> f64 {
     (2.0 * floor).min(cap)
 }
 
-/// The largest bias of a block that passes: that of the whole image is at most its RMS error, and a
-/// few pixels may all err to the same side.
+/// The largest bias of a block that passes. The bias of the whole image is at most its RMS error,
+/// and a few pixels may all err in the same direction.
 pub(crate) fn bias_limit(floor: f64, cap: f64) -> f64 {
     (4.0 * floor).min(cap)
 }
 
-/// What no limit exceeds, however inexact the reference.
+/// The upper bound of all limits, however inaccurate the reference is.
 pub(crate) fn cap(renderer: Renderer, textured: bool) -> f64 {
     if textured {
         LARGEST_LIMIT_TEXTURED

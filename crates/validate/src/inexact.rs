@@ -1,20 +1,20 @@
-//! Where the reference is too inexact to be judged by.
+//! Finds scenes in which the reference is too inaccurate to decide.
 //!
 //! Mitsuba computes in single precision. Far from the origin, in tiny shapes and after many
-//! reflections at curved surfaces its own error outgrows what may differ, and pixels stay
-//! unexplained although ours is right. The verdict stays: what cannot be confirmed does not pass.
-//! But the numbers say whose fault it may be.
+//! reflections at curved surfaces, its own error exceeds the tolerance, and pixels stay unexplained
+//! although ours are right. The verdict does not change: what cannot be confirmed does not pass.
+//! But the notes show whose error it may be.
 
 use crate::driver::Setting;
 use crate::renderer::Renderer;
 use crate::result::CaseResult;
 use whitstone_core::{Aabb, Geometry};
 
-/// A spawn offset of more than this part of a shape's size is told. For a ball of a metre some
-/// metres away it is 1e-6.
+/// A spawn offset above this fraction of a shape's size is reported. For a ball of one metre some
+/// metres from the origin the fraction is 1e-6.
 const LARGE_OFFSET: f64 = 1e-4;
 
-/// What shows that the reference is inexact in this scene, a sentence each.
+/// The evidence that the reference is inaccurate in this scene, one sentence each.
 pub(crate) fn notes(case: &CaseResult, geometry: &Geometry, renderer: Renderer, cap: f64) -> Vec<String> {
     let mut notes = Vec::new();
     let k = case
@@ -55,12 +55,13 @@ pub(crate) fn notes(case: &CaseResult, geometry: &Geometry, renderer: Renderer, 
     notes
 }
 
-/// How far the reference moves the origins of rays that leave a shape, beside the shape's size.
+/// The distance by which the reference moves the origins of rays that leave a shape, with the
+/// shape's size.
 struct Offset {
     shape: u32,
-    /// Largest distance of a coordinate from 0, in metres.
+    /// Largest absolute coordinate, in metres.
     far: f64,
-    /// In metres.
+    /// The offset, in metres.
     step: f64,
     /// Diagonal of the bounds, in metres.
     size: f64,
@@ -72,7 +73,8 @@ impl Offset {
     }
 }
 
-/// The shape that is smallest for its distance from the origin. Endless shapes have no size.
+/// The shape that is smallest compared with its distance from the origin. Infinite shapes have no
+/// size.
 fn worst_offset(geometry: &Geometry, k: f64) -> Option<Offset> {
     let mut bounds = vec![Aabb::EMPTY; geometry.shapes().len()];
     for element in geometry.elements() {

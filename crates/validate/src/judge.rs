@@ -1,5 +1,6 @@
-//! Compares our image with the reference: what differs, which of it the reference's own variation
-//! explains, and the numbers that have limits. The verdict follows in [`crate::verdict`].
+//! Compares our image with the reference: finds the differences, explains them by the reference's
+//! own variation, and computes the numbers that have limits. The verdict follows in
+//! [`crate::verdict`].
 
 use crate::driver::SceneText;
 use crate::explain::{Explanation, Range, Reason, explain};
@@ -11,19 +12,19 @@ use crate::{floor, inexact, tree, vacuous};
 use whitstone_core::Needs;
 use whitstone_image::{CompareError, CompareOptions, Image, Mask, Tolerance, compare, layers, metrics};
 
-/// How many worst pixels a result lists.
+/// Number of worst pixels that a result lists.
 const WORST: usize = 20;
-/// For how many unexplained pixels the ray trees are compared.
+/// Number of unexplained pixels whose ray trees are compared.
 const TREES: usize = 3;
-/// In how many pixels a reference is traced again at most. More that differ are a fault, or a scene
-/// that the reference cannot show: then the rest counts as unexplained.
+/// Maximum number of pixels that are traced again by the reference. If more differ, there is a
+/// fault, or the reference cannot render the scene; the rest counts as unexplained.
 const MOST_TRACED_AGAIN: usize = 4096;
 
 /// A pixel over tolerance.
 pub(crate) struct Judged {
     pub(crate) pixel: [usize; 2],
     pub(crate) explanation: Explanation,
-    /// All values that a live reference took there.
+    /// The range of the values that a live reference took there.
     tried: Option<Range>,
 }
 
@@ -36,7 +37,7 @@ impl Judged {
         }
     }
 
-    /// What explains it, alone or together with the oracle.
+    /// The explanation, by the variation alone or together with the oracle.
     pub(crate) fn reason(&self) -> Option<Reason> {
         match self.explanation {
             Explanation::Value(reason) | Explanation::Between(reason) => Some(reason),
@@ -45,7 +46,7 @@ impl Judged {
     }
 }
 
-/// A colour of an image.
+/// The colour of a pixel.
 pub(crate) fn color_at(image: &Image, [x, y]: [usize; 2]) -> [f64; 3] {
     let index = y * image.width() + x;
     image.rgb().map_or([f64::NAN; 3], |planes| {
@@ -53,14 +54,14 @@ pub(crate) fn color_at(image: &Image, [x, y]: [usize; 2]) -> [f64; 3] {
     })
 }
 
-/// How far our value may be from the reference's, by channel.
+/// The tolerance of each channel around the reference's value.
 pub(crate) fn allowed(nominal: [f64; 3], mean: f64) -> [f64; 3] {
     let Tolerance { relative, absolute } = Tolerance::default();
     nominal.map(|v| relative * v.abs() + absolute * mean)
 }
 
 impl Validator<'_> {
-    /// Fills in the numbers of a case, and gives the pixels over tolerance.
+    /// Computes the numbers of a case, and returns the pixels over tolerance.
     pub(crate) fn judge(
         &mut self,
         case: &mut CaseResult,
@@ -123,7 +124,7 @@ impl Validator<'_> {
         Ok(judged)
     }
 
-    /// For each pixel over tolerance, whether the reference could have taken our value.
+    /// Determines for each pixel over tolerance whether the reference could have taken our value.
     fn explain(&mut self, ours: &Ours, against: &Against, over: &Mask, case: &mut CaseResult) -> Vec<Judged> {
         let pixels: Vec<[usize; 2]> = over.pixels().map(|(x, y)| [x, y]).collect();
         let reference = &against.stored.image;
@@ -233,8 +234,8 @@ impl Validator<'_> {
         Ok(())
     }
 
-    /// Where our ray tree and the live reference's part, in words, or why that cannot be told.
-    /// Stored references and POV-Ray have no trees.
+    /// A description of the first difference between our ray tree and the live reference's, or of
+    /// why it is not available. Stored references and POV-Ray have no trees.
     fn first_difference(&mut self, ours: &Ours, pixel: [usize; 2]) -> Option<String> {
         let live = self.live.as_mut().filter(|live| live.renderer().tells_trees())?;
         (self.stage)("comparing ray trees");
@@ -269,7 +270,7 @@ impl Validator<'_> {
             .map(|(name, _)| name.to_owned())
             .filter(|name| name.contains('.'))
             .collect();
-        // Numbers can only agree where both see the same thing.
+        // Numbers can only agree where both hit the same primitive.
         let mut apart = explained.clone();
         for name in names.iter().filter(|name| name.ends_with(".I")) {
             let ids = layers::compare_ids(ours, reference, name, None)?;
@@ -300,7 +301,7 @@ impl Validator<'_> {
     }
 }
 
-/// The pixels that the reference's variation explains, alone or together with the oracle.
+/// The pixels that the reference's variation explains, by itself or together with the oracle.
 pub(crate) fn mask(judged: &[Judged], over: &Mask) -> Mask {
     let mut mask = Mask::new(over.width(), over.height());
     for one in judged.iter().filter(|one| one.reason().is_some()) {
@@ -309,7 +310,7 @@ pub(crate) fn mask(judged: &[Judged], over: &Mask) -> Mask {
     mask
 }
 
-/// The errors of a case, those of the interior without the pixels of `exclude`.
+/// Computes the errors of a case. The interior excludes the pixels of `exclude`.
 pub(crate) fn measure(
     case: &mut CaseResult,
     ours: &Image,

@@ -1,10 +1,10 @@
-//! Scene files, and what each is called.
+//! Scene files and their names.
 
 use std::io::{Error, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 
-/// Name of a scene: its path below `root` without the extension. Other scenes have names that no
-/// scene below `root` can have: `./a/b` for one below the working folder, the whole path for one
+/// The name of a scene: its path below `root` without the extension. A scene outside `root` gets a
+/// name that none below `root` can have: `./a/b` below the working folder, the whole path
 /// elsewhere.
 pub fn scene_key(path: &Path, root: &Path) -> String {
     let absolute = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
@@ -20,7 +20,7 @@ pub fn scene_key(path: &Path, root: &Path) -> String {
     name.to_string_lossy().replace('\\', "/")
 }
 
-/// Folder, below that of all of its kind, for what belongs to a scene of this name.
+/// The relative path of the folder that belongs to a scene of this name.
 pub(crate) fn folder_of(key: &str) -> PathBuf {
     let place = if key.starts_with("./") {
         "outside"
@@ -38,10 +38,10 @@ pub(crate) fn folder_of(key: &str) -> PathBuf {
     Path::new(place).join(names.collect::<PathBuf>())
 }
 
-/// All scene files at or below the given paths, sorted, each once; folders named `assets` and
-/// `parts` hold none. What is in a folder named `scale` takes minutes and gigabytes, and what is in
-/// one named `community` has no stored references: these are found only by a path that leads into
-/// them.
+/// All scene files at or below the given paths, sorted and unique. Folders named `assets` and
+/// `parts` contain no scenes. A scene in a folder named `scale` takes minutes and gigabytes, and
+/// one in a folder named `community` has no stored reference. These are found only by a path that
+/// leads into their folder.
 pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
@@ -55,7 +55,7 @@ pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
         let is_part = path
             .file_name()
             .is_some_and(|name| name == "assets" || name == "parts");
-        // Large scenes, and those without stored references: only where they are named.
+        // Large scenes, and those without stored references, are found only if they are named.
         let is_apart = path
             .file_name()
             .is_some_and(|name| name == "scale" || name == "community")
@@ -75,7 +75,7 @@ pub fn find_scenes(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-/// A word of a command as a shell reads it.
+/// A word of a command, quoted for the shell.
 pub fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_alphanumeric() || "_./=,:@%+-".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
@@ -104,7 +104,7 @@ mod tests {
         let keys = files.each_ref().map(|path| scene_key(path, &root));
         assert_eq!(keys[..2], ["a/b", "b"]);
         assert!(Path::new(&keys[2]).is_absolute(), "{}", keys[2]);
-        // One below the working folder, which is that of this package.
+        // A scene below the working folder, which is the folder of this package.
         let own = scene_key(Path::new("Cargo.toml"), &root);
         assert_eq!(own, "./Cargo");
         let folders: BTreeSet<PathBuf> = keys.iter().chain([&own]).map(|key| folder_of(key)).collect();
@@ -122,7 +122,7 @@ mod tests {
         fs::create_dir(folder.path().join("parts")).unwrap();
         fs::write(folder.path().join("parts/p.toml"), "").unwrap();
         let both = [folder.path().to_owned(), scene.clone()];
-        // What is large is found only by its own folder.
+        // Large scenes are found only through their own folder.
         let scale = folder.path().join("scale");
         fs::create_dir(&scale).unwrap();
         fs::write(scale.join("s.toml"), "").unwrap();

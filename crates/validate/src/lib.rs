@@ -1,5 +1,5 @@
-//! The validation harness: the same scene through Whitstone and through a reference, compared,
-//! every differing pixel explained or told.
+//! The validation harness: renders each scene with Whitstone and with a reference renderer,
+//! compares the images, and explains or reports every pixel that differs.
 
 pub mod driver;
 pub mod environment;

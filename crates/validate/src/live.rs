@@ -1,4 +1,4 @@
-//! A live reference, and what it rendered before.
+//! A live reference and the cache of its answers.
 
 use crate::driver::{Coincident, Driver, DriverError, SceneText, Setting, Versions};
 use crate::environment::Environment;
@@ -14,38 +14,38 @@ use std::time::Duration;
 use thiserror::Error;
 use whitstone_image::{Image, Limits, Tolerance, atomic, exr_io, metrics};
 
-/// A driver that is started when it is needed, and a folder of what it answered.
+/// A driver that starts on demand, and a cache folder of its answers.
 pub struct Live {
     environment: Environment,
     driver: Option<Driver>,
-    /// Who answers; known once it has said so.
+    /// The versions of the renderer; known once the driver has reported them.
     versions: Option<Versions>,
-    /// Of the driver's source and of the variations that the floor is measured with: answers of
-    /// another driver, or to other questions, are not reused.
+    /// Hash of the driver's source and of the variations that measure the floor. Answers with
+    /// another hash are not reused.
     driver_hash: String,
     cache: PathBuf,
     reuse: bool,
     limit: Duration,
 }
 
-/// Why a live reference could not be had.
+/// Why a live reference is not available.
 #[derive(Debug, Error)]
 pub enum LiveError {
-    /// The driver.
+    /// An error of the driver.
     #[error(transparent)]
     Driver(#[from] DriverError),
-    /// The files of the cache.
+    /// An error in the files of the cache.
     #[error(transparent)]
     Stored(#[from] StoredError),
-    /// The driver's image.
+    /// An error in the driver's image.
     #[error("the driver's image: {0}")]
     Image(String),
-    /// The environment has another Mitsuba than the one that is pinned.
+    /// The environment has another version of Mitsuba than the pinned one.
     #[error("Mitsuba {found} is installed, {pinned} is pinned; remove {} and run again", environment.display())]
     Version {
-        /// What answered.
+        /// The version that answered.
         found: String,
-        /// What the requirements name.
+        /// The version in the requirements.
         pinned: String,
         /// Folder of the environment.
         environment: PathBuf,
@@ -54,13 +54,14 @@ pub enum LiveError {
 
 #[derive(Default, Serialize, Deserialize)]
 struct ProbeCache {
-    /// "x,y" to the values of all trials. Numbers that JSON lacks are absent values.
+    /// Maps "x,y" to the values of all trials. `None` stands for a number that JSON cannot
+    /// represent.
     pixels: BTreeMap<String, Vec<Vec<[Option<f64>; 3]>>>,
 }
 
 impl Live {
-    /// Starts the driver once, to know its versions. `cache` is a folder for its answers, which are
-    /// used again if `reuse` is set.
+    /// Starts the driver once to query its versions. `cache` is a folder for its answers, which are
+    /// reused if `reuse` is set.
     pub fn start(
         environment: Environment,
         cache: PathBuf,
@@ -69,7 +70,7 @@ impl Live {
     ) -> Result<Self, LiveError> {
         let driver_hash = hash_sources(&environment);
         let hello_path = cache.join(format!("hello-{driver_hash}.json"));
-        // What is installed on the system may be another one today.
+        // The installation on the system may have changed.
         let is_private = environment.renderer.is_private();
         let known = std::fs::read(&hello_path).ok().filter(|_| reuse && is_private);
         let mut live = Self {
@@ -94,7 +95,7 @@ impl Live {
         };
         live.check_version(&versions)?;
         if let Versions::PovRay(found) = &versions {
-            // Its images are those of the version that is installed.
+            // The cached images are those of the installed version.
             let version = blake3::hash(found.povray.as_bytes()).to_hex();
             live.driver_hash = format!("{}-{}", live.driver_hash, &version[..6]);
         }
@@ -102,10 +103,10 @@ impl Live {
         Ok(live)
     }
 
-    /// Another version has other facts: its images would be compared under wrong assumptions.
+    /// Rejects another version: its images would be compared under wrong assumptions.
     fn check_version(&self, versions: &Versions) -> Result<(), LiveError> {
         let Versions::Mitsuba(hello) = versions else {
-            // Its driver does so itself.
+            // The driver itself checks the version.
             return Ok(());
         };
         let requirements = self.environment.package.join("requirements.txt");
@@ -123,17 +124,17 @@ impl Live {
         }
     }
 
-    /// Who renders.
+    /// The renderer.
     pub fn renderer(&self) -> Renderer {
         self.environment.renderer
     }
 
-    /// Versions; `None` only before the driver has told.
+    /// The versions; `None` only before the driver has reported them.
     pub fn versions(&self) -> Option<&Versions> {
         self.versions.as_ref()
     }
 
-    /// The driver, started now if it is not running.
+    /// The driver, started if it is not running.
     pub fn driver(&mut self) -> Result<&mut Driver, DriverError> {
         let driver = match self.driver.take() {
             Some(driver) => driver,
@@ -142,8 +143,8 @@ impl Live {
         Ok(self.driver.insert(driver))
     }
 
-    /// Asks the driver; one that failed in itself is not asked again, the next question starts
-    /// another.
+    /// Sends a request to the driver. If the driver itself fails, it is dropped, and the next
+    /// request starts another one.
     fn ask<T>(
         &mut self,
         question: impl FnOnce(&mut Driver) -> Result<T, DriverError>,
@@ -162,9 +163,9 @@ impl Live {
         self.cache.join(format!("{scene_hash}-{}", self.driver_hash))
     }
 
-    /// The reference of a scene with its measured floor: rendered, or taken from an earlier run.
+    /// The reference of a scene with its measured floor, rendered or taken from an earlier run.
     ///
-    /// `progress` is told how many of how many renderings are done.
+    /// `progress` receives the number of finished renderings and their total.
     pub fn reference(
         &mut self,
         scene: SceneText<'_>,
@@ -236,9 +237,9 @@ impl Live {
         setting: Setting,
     ) -> Result<(Image, crate::driver::Rendered), LiveError> {
         std::fs::create_dir_all(&self.cache).map_err(DriverError::Io)?;
-        // Two runs at once must not share the file.
+        // Concurrent runs must not share the file.
         let folder = tempfile::tempdir_in(&self.cache).map_err(DriverError::Io)?;
-        // The driver runs in this folder's parent too, but may be started elsewhere.
+        // The driver may have another working folder.
         let out = std::path::absolute(folder.path().join("image.exr")).map_err(DriverError::Io)?;
         let renderer = self.renderer();
         let rendered = self.ask(|driver| renderer.render(driver, scene, &out, setting))?;
@@ -306,10 +307,10 @@ impl Live {
         self.ask(|driver| driver.tree(scene, pixel, sample))
     }
 
-    /// A reference to be stored: with the values that it takes in each pixel that varies, so that
-    /// edges can be told from faults without a live renderer.
+    /// A reference to be stored. It includes its values in each pixel that varies, so that edges
+    /// can be distinguished from faults without a live renderer.
     ///
-    /// `progress` gets the number of renderings that are done, and of all.
+    /// `progress` receives the number of finished renderings and their total.
     pub fn reference_with_variants(
         &mut self,
         scene: SceneText<'_>,
@@ -374,8 +375,8 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), LiveError> {
     atomic::write_bytes(path, bytes).map_err(|error| LiveError::Image(error.to_string()))
 }
 
-/// Hash of the driver's Python files and requirements, and of what it is asked for a floor: its
-/// answers are reused for the same only.
+/// A hash of the driver's Python files and requirements, and of its requests for a floor. Answers
+/// are reused only if it is unchanged.
 pub fn hash_sources(environment: &Environment) -> String {
     let Environment {
         renderer,

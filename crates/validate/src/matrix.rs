@@ -1,10 +1,10 @@
-//! The matrix: the settings that users sweep of a scene, each held to what must hold of it, without
-//! those that the scene does not need.
+//! The settings matrix: renders a scene with the settings that users sweep, checks each result, and
+//! skips settings that the scene does not need.
 //!
-//! The accelerator and the number of threads must not change a bit of the picture, so Whitstone's
-//! own picture, which a reference is compared with, is what they are held to. Depth and texture
-//! filters do change it: there the reference renders the changed scene too, which only a live one
-//! can.
+//! The accelerator and the number of threads must not change a bit of the picture, so they are
+//! compared with Whitstone's own picture, which in turn is compared with a reference. Depth and
+//! texture filters do change it. There the reference renders the changed scene too, which requires
+//! a live one.
 
 mod settings;
 
@@ -16,7 +16,7 @@ use std::path::Path;
 use whitstone_core::{FamilyName, Lobes};
 use whitstone_scene::{Description, Film, Pipeline, Plan, PluginTable, RenderOptions, Sources};
 
-/// What settings that must not change the picture are held to.
+/// The comparison for settings that must not change the picture.
 pub const OWN: &str = "own picture";
 
 /// One setting of a scene, or a sweep that the scene does not need.
@@ -24,43 +24,43 @@ pub const OWN: &str = "own picture";
 pub struct Cell {
     /// Path of the scene below `scenes/`, without `.toml`.
     pub scene: String,
-    /// What is swept: "accelerator", "threads", "max_depth" or "filter".
+    /// The swept parameter: "accelerator", "threads", "max_depth" or "filter".
     pub axis: String,
-    /// The setting; "all" where the whole sweep is left out.
+    /// The setting; "all" if the whole sweep is skipped.
     pub setting: String,
-    /// How it went.
+    /// The outcome.
     pub outcome: Outcome,
-    /// What it was held to: [`OWN`], or the reference; empty where it was left out.
+    /// The picture that it was compared with: [`OWN`], or the reference; empty if it was skipped.
     pub against: String,
-    /// What was found, or why it was left out.
+    /// The findings, or why it was skipped.
     pub told: String,
 }
 
-/// How a cell went.
+/// The outcome of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Outcome {
-    /// What must hold does.
+    /// The check passed.
     Pass,
-    /// It does not, or the setting cannot be rendered.
+    /// The check failed, or the setting cannot be rendered.
     Fail,
-    /// Left out.
+    /// The setting was skipped.
     Skipped,
 }
 
-/// How many cells there are of each outcome.
+/// The number of cells of each outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Tally {
-    /// That hold.
+    /// Number of cells that passed.
     pub passed: usize,
-    /// That do not.
+    /// Number of cells that failed.
     pub failed: usize,
-    /// Left out, a whole sweep counted once.
+    /// Number of skipped cells; a whole sweep counts once.
     pub skipped: usize,
 }
 
 impl Tally {
-    /// Of some cells.
+    /// Counts some cells.
     pub fn of(cells: &[Cell]) -> Self {
         let count = |outcome| cells.iter().filter(|cell| cell.outcome == outcome).count();
         Self {
@@ -71,24 +71,24 @@ impl Tally {
     }
 }
 
-/// The cells of one sweep of one scene, for people.
+/// The cells of one sweep of one scene, for printing.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Row<'a> {
     /// The scene.
     pub scene: &'a str,
-    /// What is swept.
+    /// The swept parameter.
     pub axis: &'a str,
-    /// What the cells were held to.
+    /// The picture that the cells were compared with.
     pub against: &'a str,
-    /// Settings that hold.
+    /// Settings that passed.
     pub passed: Vec<&'a str>,
-    /// Settings that do not, and what was found.
+    /// Settings that failed, and the findings.
     pub failed: Vec<(&'a str, &'a str)>,
-    /// Settings that were left out by reason.
+    /// Skipped settings, grouped by reason.
     pub skipped: Vec<(String, &'a str)>,
 }
 
-/// The cells by scene and sweep, in their order.
+/// Groups the cells by scene and sweep, in order.
 pub fn rows(cells: &[Cell]) -> Vec<Row<'_>> {
     let same = |a: &Cell, b: &Cell| a.scene == b.scene && a.axis == b.axis;
     let groups = cells.chunk_by(same);
@@ -116,7 +116,7 @@ fn row(cells: &[Cell]) -> Row<'_> {
     }
 }
 
-/// Our side of a scene, to be rendered in several ways.
+/// Our side of a scene, to be rendered with several settings.
 struct Own {
     sources: Sources,
     overrides: Vec<String>,
@@ -125,8 +125,8 @@ struct Own {
 }
 
 impl Validator<'_> {
-    /// All cells of a scene, and those that a reference was asked about as cases too. There are
-    /// none of a scene that cannot be built: its own case tells that.
+    /// All cells of a scene. The cells that were compared with a reference are also returned as
+    /// cases. A scene that cannot be built has no cells, because its own case reports the error.
     pub fn matrix(&mut self, path: &Path) -> (Vec<Cell>, Vec<CaseResult>) {
         let (mut cells, mut cases) = (Vec::new(), Vec::new());
         let Ok(own) = self.own(path) else {
@@ -165,7 +165,7 @@ impl Validator<'_> {
                     cells.push(skipped(axis, name, "the picture is that of the scene as it is"));
                 } else {
                     let mut case = self.validate_changed(path, &setting.overrides);
-                    // A setting that the reference has not is no fault of ours.
+                    // A setting that the reference does not support is no fault of ours.
                     if !case.no_twin.is_empty() {
                         let lacks = case.no_twin.join("; ");
                         cells.push(skipped(
@@ -185,7 +185,7 @@ impl Validator<'_> {
         (cells, cases)
     }
 
-    /// The scene as it is.
+    /// The scene without changes.
     fn own(&self, path: &Path) -> Result<Own, String> {
         let overrides = self.overrides(path, &mut Vec::new())?;
         let sources = Sources::load(path, &overrides).map_err(|error| error.to_string())?;
@@ -231,7 +231,8 @@ impl Validator<'_> {
         })
     }
 
-    /// The scene by another accelerator or number of threads, beside its own picture.
+    /// Renders the scene with another accelerator or number of threads and compares it with its own
+    /// picture.
     fn same_picture(&self, own: &Own, axis: &str, setting: &str) -> (Outcome, String) {
         (self.stage)(&format!("{axis} {setting}"));
         let (accelerator, threads) = match setting.parse() {
@@ -242,7 +243,8 @@ impl Validator<'_> {
             Ok(pipeline) => pipeline,
             Err(errors) => return (Outcome::Fail, errors),
         };
-        // It promises no equal bytes: its own validation says how far it is off.
+        // This accelerator does not promise identical images: its own validation measures the
+        // difference.
         if let Some(caveat) = pipeline.world.accelerator.caveat() {
             return (Outcome::Skipped, format!("{caveat}: the image depends on it"));
         }
@@ -258,19 +260,19 @@ impl Validator<'_> {
         }
     }
 
-    /// Whether changes of the scene do not show: a reference of it would be one of the scene as it
-    /// is.
+    /// Whether changes of the scene do not affect the picture, so that a reference of it would only
+    /// repeat the unchanged scene.
     fn is_unchanged(&self, own: &Own, path: &Path, changes: &[String]) -> bool {
         let overrides = [&own.overrides, changes].concat();
         let picture = Sources::load(path, &overrides)
             .map_err(|error| error.to_string())
             .and_then(|sources| self.build(&sources, None))
             .map(|pipeline| self.picture(&pipeline, self.options.threads));
-        // What is wrong with it is told by the case.
+        // Its case reports any error.
         picture.is_ok_and(|film| differing(&own.film, &film) == 0)
     }
 
-    /// As [`Self::validate`], for a scene that is changed on both sides.
+    /// Like [`Self::validate`], for a scene that is changed on both sides.
     fn validate_changed(&mut self, path: &Path, overrides: &[String]) -> CaseResult {
         let kept = self.options.clone();
         for change in overrides {
@@ -283,7 +285,7 @@ impl Validator<'_> {
     }
 }
 
-/// The types in use of a family.
+/// The plugin types of a family that are in use.
 fn used(pipeline: &Pipeline, family: FamilyName) -> Vec<&'static str> {
     let used = pipeline.used.iter();
     used.filter(|(found, _)| *found == family)
@@ -295,7 +297,7 @@ fn live_name(renderer: Renderer) -> String {
     format!("{renderer}, live")
 }
 
-/// Pixels of which a channel or a layer has another bit.
+/// Number of pixels with a different bit in a channel or a layer.
 fn differing(a: &Film, b: &Film) -> usize {
     let differs = |pixel: usize| {
         let bits = |film: &Film| film.rgb[pixel].map(f32::to_bits);
@@ -305,7 +307,7 @@ fn differing(a: &Film, b: &Film) -> usize {
     (0..a.rgb.len()).filter(|&pixel| differs(pixel)).count()
 }
 
-/// The verdict of a case, in a line.
+/// The verdict of a case, in one line.
 fn judged(case: &CaseResult) -> (Outcome, String) {
     if case.status.is_some_and(Status::is_right) {
         let error = case.rel_rmse_interior.unwrap_or_default();

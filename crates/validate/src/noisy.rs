@@ -1,10 +1,10 @@
-//! The comparison with a reference that has noise: Mitsuba's own integrators.
+//! Compares with a reference that has noise: Mitsuba's own integrators.
 //!
 //! A pixel agrees if it is within the pixel tolerance, or if noise explains the difference
 //! ([`whitstone_image::significance`]). As in Mitsuba's own `test_renders.py`, 99.75 % of the
-//! pixels must agree: single precision moves edges, and Mitsuba's own spawn offsets are larger than
-//! the driver's. The mean of all values must be unbiased too, which finds what is too faint for the
-//! single pixel.
+//! pixels must agree, because single precision moves edges, and Mitsuba's own spawn offsets are
+//! larger than the driver's. The mean of all values must be unbiased too, which detects errors that
+//! are too faint in a single pixel.
 
 use crate::explain::Reason;
 use crate::opinion::{Ask, MOST_ASKED, Verdict, choose};
@@ -19,39 +19,39 @@ use whitstone_image::{Image, Mask, Tolerance, metrics, significance};
 
 /// The probability that noise alone makes any pixel of an image significant.
 const LEVEL: f64 = 0.01;
-/// The part of the pixels that must agree.
+/// Fraction of the pixels that must agree.
 const AGREEING: f64 = 0.9975;
-/// The bias of the mean that rounding may cause: the relative tolerance of a pixel.
+/// Bias of the mean that rounding may cause: the relative tolerance of a pixel.
 const BIAS: f64 = 1e-3;
-/// Standard errors on each side of an interval of 95 %.
+/// Standard errors on each side of a 95 % confidence interval.
 const OF_95_PERCENT: f64 = 1.96;
-/// How many worst pixels a result lists.
+/// Number of worst pixels that a result lists.
 const WORST: usize = 20;
 
-/// How an image compares with one that has noise.
+/// The result of a comparison with a noisy image.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Noisy {
-    /// Of the reference: "direct" or "path".
+    /// Integrator of the reference: "direct" or "path".
     pub integrator: String,
-    /// The part of the pixels that agree.
+    /// Fraction of the pixels that agree.
     pub agreeing: f64,
     /// Pixels whose difference noise does not explain.
     pub significant: usize,
-    /// The smallest probability of a difference by chance.
+    /// Smallest probability that a difference is due to chance.
     pub least_p: f64,
     /// Relative difference of the means of all values.
     pub bias: f64,
-    /// Half the width of its interval of 95 %.
+    /// Half the width of the bias's 95 % confidence interval.
     pub bias_interval: f64,
 }
 
 impl Noisy {
-    /// How many of so many pixels may differ.
+    /// Maximum number of pixels that may differ.
     pub fn limit(pixels: usize) -> usize {
         ((1.0 - AGREEING) * pixels as f64) as usize
     }
 
-    /// Whether the two agree by the rule.
+    /// Whether the images agree by this rule.
     pub fn agrees(&self) -> bool {
         self.agreeing >= AGREEING && self.bias.abs() <= BIAS + self.bias_interval
     }
@@ -62,7 +62,7 @@ impl std::fmt::Display for Noisy {
         write!(
             f,
             "{:.2} % of the pixels agree with Mitsuba's `{}` (at least {} % must), bias {:+.1e}",
-            // Rounded down: what is not all must not look like it.
+            // Rounded down, so that only all pixels read as 100 %.
             (1e4 * self.agreeing).floor() / 100.0,
             self.integrator,
             100.0 * AGREEING,
@@ -75,13 +75,13 @@ impl std::fmt::Display for Noisy {
     }
 }
 
-/// Whether an image has layers of noise.
+/// Whether an image has layers of variance.
 pub(crate) fn is_noisy(image: &Image) -> bool {
     image.channel("variance.R").is_some()
 }
 
 impl Validator<'_> {
-    /// Compares with a reference that has noise, and decides.
+    /// Compares our image with a noisy reference, and decides the case.
     pub(crate) fn judge_noisy(
         &mut self,
         path: &Path,
@@ -118,7 +118,7 @@ impl Validator<'_> {
             bias_interval,
         };
         crate::judge::measure(case, ours, reference, &significant)?;
-        // They have no limits here: noise is not an error of ours.
+        // They have no limits here, because noise is not our error.
         (case.rel_rmse_interior, case.signed_block_bias) = (None, None);
         case.compared = true;
         case.pixels_over_tolerance = over.count();
@@ -201,7 +201,8 @@ impl Validator<'_> {
     }
 }
 
-/// The relative difference of the means of all values, and half the width of its interval of 95 %.
+/// The relative difference of the means of all values, and half the width of its 95 % confidence
+/// interval.
 fn bias(ours: &Image, reference: &Image) -> (f64, f64) {
     let (Ok(mine), Ok(theirs)) = (ours.rgb(), reference.rgb()) else {
         return (f64::NAN, 0.0);

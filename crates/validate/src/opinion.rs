@@ -1,5 +1,4 @@
-//! The third opinion: in pixels where the two renderers differ, which of them the oracle agrees
-//! with.
+//! The third opinion: queries the oracle about pixels in which the two renderers differ.
 
 use crate::explain::agree;
 use crate::judge::{allowed, color_at};
@@ -13,15 +12,15 @@ use std::thread;
 use std::time::{Duration, Instant};
 use whitstone_image::{Image, metrics};
 
-/// The oracle is asked about at most this many pixels of a scene; of more, about an even choice.
+/// Maximum number of pixels of a scene that are queried; of more, an even selection.
 pub const MOST_ASKED: usize = 200;
 
-/// When the oracle is asked, and for how long.
+/// When the oracle is queried, and for how long.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OraclePolicy {
-    /// About which pixels.
+    /// Which pixels are queried.
     pub when: Ask,
-    /// Wall time that one scene may take.
+    /// Wall time limit for one scene.
     pub budget: Duration,
 }
 
@@ -34,32 +33,32 @@ impl Default for OraclePolicy {
     }
 }
 
-/// Which pixels the oracle is asked about.
+/// Which pixels the oracle is queried about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Ask {
-    /// None: then nobody can tell whether the reference is wrong.
+    /// None. Then it stays undecided whether the reference is wrong.
     Never,
     /// Those on which the verdict depends.
     #[default]
     Needed,
-    /// All over tolerance, also those that are explained.
+    /// All pixels over tolerance, including the explained ones.
     Always,
 }
 
-/// Who is right about a pixel.
+/// The oracle's verdict on a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Only ours is within tolerance of the oracle's value.
     Ours,
-    /// Only the reference is.
+    /// Only the reference is within tolerance.
     Reference,
-    /// Both are: they lie on different sides of it.
+    /// Both are within tolerance: they lie on different sides of the oracle's value.
     Both,
-    /// None is.
+    /// Neither is within tolerance.
     Neither,
-    /// Tiny changes of the numbers change the pixel by more than the tolerance, and ours is one of
-    /// the values that it takes.
+    /// The pixel is ill-posed: tiny changes of the inputs change it by more than the tolerance, and
+    /// ours is one of the values that it takes.
     IllPosed,
     /// The oracle has no value, or an uncertain one that does not decide.
     Unknown,
@@ -78,13 +77,13 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// What the oracle says of a case.
+/// The oracle's answers about a case.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Opinion {
     /// Pixels in question.
     pub in_question: usize,
-    /// Pixels that it gave an answer for within its time.
+    /// Pixels that were answered within the time limit.
     pub asked: usize,
     /// Number of pixels with each verdict: see [`Verdict`].
     pub ours: usize,
@@ -98,11 +97,11 @@ pub struct Opinion {
     pub ill_posed: usize,
     /// See [`Verdict`].
     pub unknown: usize,
-    /// Whether its time was up before it had answered for all that it was to be asked about.
+    /// Whether the time limit was reached before all pixels were answered.
     pub out_of_time: bool,
     /// Wall time in seconds.
     pub seconds: f64,
-    /// Why it says nothing about this scene, if so.
+    /// Why the oracle cannot handle this scene, if so.
     pub silent: Option<String>,
 }
 
@@ -149,12 +148,12 @@ impl fmt::Display for Opinion {
     }
 }
 
-/// The oracle's value of a pixel, its uncertainty by channel and all values that it saw; `None`
-/// where it is not known.
+/// The oracle's value of a pixel, its uncertainty per channel, and all values that it found; `None`
+/// if it is not known.
 pub(crate) type Value = Option<([[f64; 3]; 2], Vec<[f64; 3]>)>;
 
-/// Who is right, with the tolerance of each channel. Where the oracle's value is uncertain, ours
-/// must equal one of those that it saw.
+/// The verdict, given the tolerance of each channel. If the oracle's value is uncertain, ours must
+/// equal one of the values that it found.
 pub(crate) fn verdict(value: &Value, ours: [f64; 3], reference: [f64; 3], tolerance: [f64; 3]) -> Verdict {
     let Some(([rgb, uncertainty], seen)) = value else {
         return Verdict::Unknown;
@@ -180,10 +179,10 @@ pub(crate) fn verdict(value: &Value, ours: [f64; 3], reference: [f64; 3], tolera
     }
 }
 
-/// What the oracle was asked and what it answered.
+/// The queries and the oracle's answers.
 #[derive(Debug, Default)]
 pub(crate) struct Hearing {
-    /// A pixel and the oracle's value of it, for each that it was asked about in time.
+    /// A pixel and the oracle's value, for each pixel that was answered in time.
     pub(crate) values: Vec<([usize; 2], Value)>,
     pub(crate) out_of_time: bool,
     pub(crate) seconds: f64,
@@ -191,7 +190,7 @@ pub(crate) struct Hearing {
 }
 
 impl Hearing {
-    /// Who is right about each pixel.
+    /// The verdict on each pixel.
     pub(crate) fn verdicts<'a>(
         &'a self,
         ours: &'a Image,
@@ -208,7 +207,7 @@ impl Hearing {
         })
     }
 
-    /// The counts of these, where `in_question` pixels were in question.
+    /// Summarises the verdicts, given the number `in_question` of pixels in question.
     pub(crate) fn opinion(&self, verdicts: &[([usize; 2], Verdict)], in_question: usize) -> Opinion {
         let mut opinion = Opinion {
             in_question,
@@ -222,7 +221,8 @@ impl Hearing {
     }
 }
 
-/// The oracle's values of pixels of the scene that both sides were given, each within a deadline.
+/// A function that returns the oracle's value of a pixel within a deadline, for the scene that both
+/// sides rendered.
 #[cfg(feature = "oracle")]
 fn tracer(
     validator: &Validator<'_>,
@@ -258,7 +258,7 @@ fn tracer(_: &Validator<'_>, _: &Path, _: &[String]) -> Result<fn([u32; 2], bool
     Err("this program was built without the oracle, which comes with the feature `stress`".to_owned())
 }
 
-/// An even choice of `most` of some pixels, in their order.
+/// An evenly spaced selection of `most` pixels, in order.
 pub(crate) fn choose(pixels: &[[usize; 2]], most: usize) -> Vec<[usize; 2]> {
     if pixels.len() <= most {
         return pixels.to_vec();
@@ -267,13 +267,13 @@ pub(crate) fn choose(pixels: &[[usize; 2]], most: usize) -> Vec<[usize; 2]> {
 }
 
 impl Validator<'_> {
-    /// When the oracle is asked from now on.
+    /// Sets when the oracle is queried.
     pub fn set_oracle(&mut self, policy: OraclePolicy) {
         self.oracle = policy;
     }
 
-    /// Asks the oracle for the values of pixels, on all threads, until its time is up. What
-    /// contradicts ours it looks at again with more care: the pixel may touch an edge.
+    /// Queries the oracle about pixels, on all threads, until the time limit. Values that
+    /// contradict ours are computed again with more care, because the pixel may touch an edge.
     pub(crate) fn hear(
         &self,
         path: &Path,
@@ -363,7 +363,7 @@ mod tests {
         assert_eq!(judge(certain, 1.009, 0.992), Verdict::Both);
         assert_eq!(judge(certain, 1.5, 0.5), Verdict::Neither);
         assert_eq!(judge(certain, f64::NAN, 1.0), Verdict::Reference);
-        // Of an edge between 1 and 0.5, ours may be on either side, but not in between.
+        // At an edge between 1 and 0.5, our value may be on either side, but not in between.
         let edge = &known(1.0, 2.0);
         assert_eq!(judge(edge, 1.0, 0.5), Verdict::IllPosed);
         assert_eq!(judge(edge, 0.5, 1.0), Verdict::IllPosed);

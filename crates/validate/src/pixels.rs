@@ -1,15 +1,15 @@
-//! What the report shows of two images: pictures, and the pixels themselves in few bytes.
+//! The images of a case in the report: pictures, and compressed pixel values.
 //!
-//! The pixels are for the script of the page, which shows them at any exposure and tells the values
-//! of each. They are packed by zlib; inside are the mean of |reference| as a double and then
-//! *planes*, each with a byte for each pixel, row by row, low bytes before high ones where two
-//! belong together:
+//! The page's script displays the pixel values at any exposure and prints single ones. They are
+//! compressed by zlib. The data is the mean of |reference| as a double and then *planes*, each with
+//! a byte per pixel, row by row. Where two planes belong together, the low bytes come before the
+//! high ones:
 //!
 //! | planes | what they hold |
 //! |---|---|
 //! | 2 x 3 | the reference's R, G, B as half floats: the step from the pixel before, with its sign in the last bit |
-//! | 2 x 3 | ours alike, as steps from the reference |
-//! | 3 | the relative residual, of which half floats see nothing: [`code`] |
+//! | 2 x 3 | our R, G, B in the same form, as steps from the reference |
+//! | 3 | the relative residual, which half floats cannot resolve: [`code`] |
 //! | 1 | FLIP from 0 to 255 |
 //! | 1 | how the pixel was judged: [`judgement`] |
 
@@ -27,9 +27,9 @@ use whitstone_image::{Image, Raster, ToneMap};
 /// Best compression: a page is written once and kept.
 const LEVEL: u8 = 9;
 
-/// Residuals below count as none.
+/// Smaller residuals count as zero.
 pub(crate) const LEAST_RESIDUAL: f64 = 1e-9;
-/// Codes of a decade: a step of a fifth.
+/// Codes per decade: the step is a factor of about 1.2.
 pub(crate) const CODES_A_DECADE: f64 = 12.5;
 /// The code of a residual that is not finite.
 const NOT_FINITE: u8 = 127;
@@ -68,7 +68,8 @@ pub struct LayerPictures {
 }
 
 impl Pictures {
-    /// Of two images of one size; `judged` are the pixels over tolerance and what explains them.
+    /// The pictures of two images of the same size. `judged` holds the pixels over tolerance and
+    /// their explanations.
     pub fn new(
         ours: &Image,
         reference: &Image,
@@ -138,7 +139,7 @@ fn pack(
     }
     match flip_ldr(ours, reference) {
         Ok(flip) => bytes.extend(flip.map.iter().map(|value| (value * 255.0).round() as u8)),
-        // Values that are not finite have none.
+        // FLIP is undefined for values that are not finite.
         Err(_) => bytes.resize(bytes.len() + count, 0),
     }
     let start = bytes.len();
@@ -149,7 +150,7 @@ fn pack(
     Some(compress_to_vec_zlib(&bytes, LEVEL))
 }
 
-/// The bits of the nearest half float; what is finite stays so.
+/// The bits of the nearest half float. Finite values stay finite.
 fn half(value: f32) -> u16 {
     let limited = match value.is_finite() {
         true => value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()),
@@ -158,7 +159,7 @@ fn half(value: f32) -> u16 {
     f16::from_f32(limited).to_bits()
 }
 
-/// Low bytes, then high bytes; small steps of either sign are small numbers.
+/// Appends the low bytes, then the high bytes. Small steps of either sign become small numbers.
 fn push_steps(bytes: &mut Vec<u8>, steps: impl Iterator<Item = u16>) {
     let folded: Vec<u16> = steps
         .map(|step| (step << 1) ^ ((step as i16) >> 15) as u16)
@@ -181,7 +182,7 @@ fn code(residual: f64) -> u8 {
     }
 }
 
-/// What the page says of a pixel: the place in the list of its script, 0 being within tolerance.
+/// The judgement of a pixel: an index into the list of the page's script; 0 is within tolerance.
 pub(crate) fn judgement(reason: Option<Reason>) -> u8 {
     match reason {
         None => 1,
@@ -193,7 +194,7 @@ pub(crate) fn judgement(reason: Option<Reason>) -> u8 {
     }
 }
 
-/// Bytes as text in JSON.
+/// Bytes as base64 strings in JSON.
 mod base64 {
     use base64::Engine;
     use base64::engine::general_purpose::STANDARD;

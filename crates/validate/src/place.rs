@@ -1,11 +1,11 @@
-//! Where in a scene's files a problem is that the driver of a reference tells.
+//! Maps problems that a driver reports to their places in the scene's files.
 
 use std::path::Path;
 use whitstone_core::{SceneError, SceneErrors, SourceSpan};
 use whitstone_scene::{Description, Sources};
 
-/// The problems that a driver tells, one a line, each led by its place in the document
-/// (`shape[3].material: ...`), as errors with file and line.
+/// Converts the problems that a driver reports to errors with file and line. Each line of
+/// `problems` begins with a place in the document (`shape[3].material: ...`).
 pub(crate) fn report(path: &Path, overrides: &[String], problems: &str) -> String {
     let Ok(sources) = Sources::load(path, overrides) else {
         return problems.to_owned();
@@ -23,12 +23,12 @@ pub(crate) fn report(path: &Path, overrides: &[String], problems: &str) -> Strin
     sources.report(&SceneErrors(errors.collect()), false)
 }
 
-/// The place and the problem in a line of a driver.
+/// Splits a driver's line into the place and the problem.
 pub(crate) fn told(line: &str) -> (&str, &str) {
     line.split_once(": ").unwrap_or(("", line))
 }
 
-/// The place of the type of the plugin that a place in the document names, or is in.
+/// The span of the `type` key of the plugin that contains a place in the document.
 fn span(description: &Description<'_>, place: &str) -> Option<SourceSpan> {
     let (first, rest) = place.split_once('.').unwrap_or((place, ""));
     let (name, index) = match first.split_once('[') {

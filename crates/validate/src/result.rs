@@ -1,4 +1,4 @@
-//! What a validation found, as `results.json` has it.
+//! The results of a validation, in the form of `results.json`.
 
 use crate::driver::{Hello, PovRay};
 use crate::explain::Reason;
@@ -15,13 +15,13 @@ use whitstone_scene::Cost;
 pub struct Results {
     /// Counts and medians.
     pub summary: Summary,
-    /// Where and with what it was run.
+    /// Machine and versions of the run.
     pub provenance: Provenance,
-    /// One a (scene, configuration, reference).
+    /// One entry per scene, configuration and reference.
     pub results: Vec<CaseResult>,
-    /// Scenes that were not compared, and why.
+    /// Scenes that were skipped, and why.
     pub left_out: Vec<LeftOut>,
-    /// Settings of the scenes, where these were asked for.
+    /// The settings matrix, if it was requested.
     pub matrix: Vec<Cell>,
 }
 
@@ -30,42 +30,43 @@ pub struct Results {
 pub struct Summary {
     /// Number of cases.
     pub cases: usize,
-    /// Of these, how many passed.
+    /// Number of cases that passed.
     pub passed: usize,
-    /// In how many the oracle confirms ours against a weak reference.
+    /// Number of cases in which the oracle confirms our image against an inaccurate reference.
     #[serde(default)]
     pub confirmed: usize,
-    /// How many failed.
+    /// Number of cases that failed.
     pub failed: usize,
-    /// In how many nobody can tell.
+    /// Number of cases in which neither reference nor oracle can decide.
     #[serde(default)]
     pub undecided: usize,
-    /// Pixels that nothing explains, in all.
+    /// Total number of unexplained pixels.
     pub unexplained: usize,
-    /// Pixels over tolerance that the reference's own variation explains, in all.
+    /// Total number of pixels over tolerance that the reference's own variation explains.
     pub explained: usize,
-    /// Values that are not finite, in all.
+    /// Total number of values that are not finite.
     pub nonfinite: usize,
-    /// Scenes that were not compared, because this reference has no twin of them: another has.
+    /// Number of scenes that were skipped because this reference has no twin of them and another
+    /// has.
     pub left_out: usize,
-    /// The cells of the matrix, if one was asked for.
+    /// Counts of the matrix, if it was requested.
     pub matrix: Tally,
     /// Median of `rel_rmse_interior` over the cases that have one.
     pub median_rel_rmse_interior: Option<f64>,
-    /// "live" or "stored": where the references came from; with the reason if not live.
+    /// "live" or "stored": the source of the references, with the reason if it is not live.
     pub references: String,
     /// Wall time in seconds.
     pub seconds: f64,
 }
 
-/// A scene that this reference has no twin of.
+/// A scene that was skipped because this reference has no twin of it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LeftOut {
     /// Its name.
     pub scene: String,
-    /// What has no twin.
+    /// The plugins without a twin.
     pub reason: String,
-    /// Who has a stored reference of it.
+    /// The renderer that has a stored reference of it.
     pub other_reference: String,
 }
 
@@ -82,23 +83,23 @@ pub struct Provenance {
     pub povray: Option<PovRay>,
 }
 
-/// Whether a case is as it must be.
+/// The verdict on a case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
     /// The images agree within all limits.
     Pass,
-    /// They do not, but the reference is too weak in this scene, and the oracle confirms ours.
+    /// The images differ, but the reference is too inaccurate in this scene, and the oracle
+    /// confirms ours.
     Confirmed,
-    /// Ours is wrong.
+    /// Our image is wrong.
     Fail,
-    /// Nobody can tell: the images differ and the oracle has no answer, or there was nothing to
-    /// compare with.
+    /// The images differ and the oracle has no answer, or there was nothing to compare with.
     Undecided,
 }
 
 impl Status {
-    /// In words, for tables.
+    /// The verdict as a word for tables.
     pub fn word(self) -> &'static str {
         match self {
             Self::Pass => "pass",
@@ -108,7 +109,7 @@ impl Status {
         }
     }
 
-    /// Whether our image is held to be right.
+    /// Whether our image counts as right.
     pub fn is_right(self) -> bool {
         matches!(self, Self::Pass | Self::Confirmed)
     }
@@ -130,15 +131,15 @@ pub struct Reference {
     pub k: f64,
 }
 
-/// A scene against a reference. Numbers are absent where no comparison was possible.
+/// A scene compared with a reference. Numbers are absent if no comparison was possible.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct CaseResult {
     /// Path of the scene below `scenes/`, without `.toml`.
     pub scene: String,
-    /// "default".
+    /// The name of the configuration: "default".
     pub config: String,
-    /// The other side.
+    /// The reference of the comparison.
     pub reference: Option<Reference>,
     /// "native", "hosted" or "formula": how independent the reference is.
     pub twin: String,
@@ -146,28 +147,27 @@ pub struct CaseResult {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// A pixel.
+    /// Samples per pixel.
     pub samples: u32,
-    /// Whether it came to the comparison: otherwise its counts are 0 and mean nothing.
+    /// Whether the images were compared. If not, the counts are 0 and meaningless.
     pub compared: bool,
-    /// Over all pixels and RGB.
+    /// Root mean square difference over all pixels and RGB.
     pub rmse: Option<f64>,
-    /// Over the pixels that are not explained edges, relative.
+    /// Relative RMS difference over the pixels that are not explained edges.
     pub rel_rmse_interior: Option<f64>,
     /// Largest `rel_rmse_interior` that passes.
     pub limit: f64,
-    /// The reference's own error in this scene.
+    /// The reference's own error in this scene (see [`crate::floor`]).
     pub floor: f64,
-    /// Pixels over tolerance between the reference and the variation of it that has most of them;
-    /// not known of stored references of old.
+    /// Pixels over tolerance between the reference and its worst variation. Not known for old
+    /// stored references.
     pub moved: Option<usize>,
-    /// For a case that fails: what shows that the reference is too inexact in this scene to be
-    /// judged by.
+    /// For a failing case: evidence that the reference is too inaccurate in this scene to decide.
     pub inexact: Vec<String>,
-    /// Remarks that change no verdict: a comparison that shows nothing, a mesh that refracts and is
-    /// not closed.
+    /// Remarks that do not affect the verdict, for example a vacuous comparison, or a refracting
+    /// mesh that is not closed.
     pub notes: Vec<String>,
-    /// Pairs of coincident surfaces, and what was not examined for them.
+    /// Pairs of coincident surfaces, and the surfaces that were not examined for them.
     pub coincident: Vec<String>,
     /// Why the limit differs from the default, if it does.
     pub limit_reason: Option<String>,
@@ -179,7 +179,7 @@ pub struct CaseResult {
     pub max_abs: Option<f64>,
     /// Mean of |reference|.
     pub mean_reference: Option<f64>,
-    /// Most biased block of 16 x 16 pixels.
+    /// The block of 16 x 16 pixels with the largest bias.
     pub signed_block_bias: Option<BlockBias>,
     /// Largest |signed_block_bias| that passes.
     pub bias_limit: f64,
@@ -187,66 +187,66 @@ pub struct CaseResult {
     pub nonfinite: usize,
     /// Pixels over tolerance.
     pub pixels_over_tolerance: usize,
-    /// Of these, explained by the reference's own variation.
+    /// Pixels over tolerance that the reference's own variation explains.
     pub explained: usize,
-    /// Largest number of explained pixels that passes.
+    /// Maximum number of explained pixels that passes.
     pub explained_limit: usize,
     /// Largest shift that an explanation needed, in pixels; 0 if none needed one.
     pub explained_radius_px: f64,
-    /// Pixels over tolerance that lie between values that the reference takes, and equal none of
+    /// Pixels over tolerance whose value lies between values of the reference and equals none of
     /// them.
     pub ambiguous: usize,
     /// Pixels that nothing explains.
     pub unexplained: usize,
     /// The worst pixels over tolerance, worst first.
     pub worst: Vec<WorstPixel>,
-    /// Layers beside the radiance.
+    /// Layers other than the radiance.
     pub layers: Vec<LayerResult>,
-    /// RMS relative difference of a live reference from the stored one, if both are there.
+    /// Relative RMS difference between the live and the stored reference, if both exist.
     pub drift: Option<f64>,
-    /// Time to build our pipeline.
+    /// Time to build our pipeline, in seconds.
     pub build_s: f64,
-    /// Time to render ours.
+    /// Time to render our image, in seconds.
     pub render_s: f64,
-    /// Time that the reference took to trace.
+    /// Tracing time of the reference, in seconds.
     pub reference_s: Option<f64>,
-    /// Rays that ours traced, shadow rays included.
+    /// Number of rays that we traced, including shadow rays.
     pub rays: u64,
-    /// Our rays a second, in millions.
+    /// Our rays per second, in millions.
     pub mrays_per_s: f64,
     /// The verdict.
     pub status: Option<Status>,
     /// The verdict in words, with its reason.
     pub verdict: String,
-    /// The limits that the comparison does not keep, and what else is wrong; empty for a pass.
+    /// The limits that the comparison exceeds, and other problems; empty for a pass.
     pub problems: Vec<String>,
-    /// Whether the scene itself is wrong, so that nothing was rendered.
+    /// Whether the scene itself is invalid, so that nothing was rendered.
     pub scene_error: bool,
-    /// What its parts take.
+    /// Time and memory of the parts of our pipeline.
     pub costs: Vec<Cost>,
     /// The plugins that our pipeline uses, such as `shape/sphere`.
     pub plugins: Vec<String>,
-    /// What our pipeline did without.
+    /// The optimisations that skip work which this scene does not need.
     pub left_out: Vec<String>,
-    /// What of the scene was changed on both sides, because the reference could not show it, and
-    /// why.
+    /// Changes that were made to the scene on both sides because the reference cannot render it
+    /// otherwise, with the reasons.
     pub adapted: Vec<String>,
-    /// What of the scene the reference has no twin of; empty where it has all.
+    /// Parts of the scene without a twin in the reference; empty if there are none.
     pub no_twin: Vec<String>,
-    /// For a scene without a twin: who else has a stored reference of it. It then counts as left
-    /// out, not as failed.
+    /// For a scene without a twin: the renderer that has a stored reference of it. The scene then
+    /// counts as skipped, not as failed.
     pub other_reference: Option<String>,
-    /// Of an accelerator that the image depends on: which, and how the image differs from the exact
-    /// one.
+    /// For an accelerator that affects the image: its name, and how the image differs from the
+    /// exact one.
     pub caveat: Option<String>,
     /// The command that runs this case alone.
     pub command: String,
-    /// How it compares with a reference that has noise.
+    /// The result of the comparison with a noisy reference.
     pub noisy: Option<Noisy>,
     /// Pictures for the report.
     #[serde(skip)]
     pub pictures: Option<Pictures>,
-    /// What the oracle says, if it was asked.
+    /// The oracle's answers, if it was queried.
     pub opinion: Option<Opinion>,
 }
 
@@ -260,26 +260,26 @@ pub struct WorstPixel {
     /// Our value.
     #[serde(deserialize_with = "nullable")]
     pub ours: [f32; 3],
-    /// The reference's.
+    /// The value of the reference.
     #[serde(deserialize_with = "nullable")]
     pub reference: [f32; 3],
-    /// What explains it; none for an unexplained pixel.
+    /// The explanation; none for an unexplained pixel.
     pub reason: Option<Reason>,
-    /// The variation of the reference between whose values ours lies, without equalling one.
+    /// For an ambiguous pixel: the variation of the reference between whose values ours lies.
     #[serde(default)]
     pub between: Option<Reason>,
     /// For unexplained and ambiguous pixels of a live reference: the smallest and largest value of
-    /// each channel that it took under all that was tried.
+    /// each channel under all variations.
     #[serde(deserialize_with = "nullable_range")]
     pub tried: Option<[[f64; 3]; 2]>,
-    /// For unexplained pixels: where the two ray trees part.
+    /// For unexplained pixels: the first difference between the two ray trees.
     pub first_difference: Option<String>,
-    /// Who is right, if the oracle was asked.
+    /// The verdict of the oracle, if it was queried.
     #[serde(default)]
     pub oracle: Option<Verdict>,
 }
 
-/// JSON has no other numbers than finite ones: what is not is written as null, and read as NaN.
+/// JSON numbers are finite: other values are written as null, and read as NaN.
 fn nullable<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f32; 3], D::Error> {
     Ok(<[Option<f32>; 3]>::deserialize(deserializer)?.map(|value| value.unwrap_or(f32::NAN)))
 }
@@ -296,27 +296,27 @@ pub struct LayerResult {
     pub name: String,
     /// Pixels whose ids differ, for layers of ids.
     pub differing: Option<usize>,
-    /// Of these, the number of those whose colour agrees.
+    /// Those of them whose colours agree.
     #[serde(default)]
     pub differing_alone: Option<usize>,
-    /// RMS difference, for layers of numbers, over the pixels where both see the same primitive.
+    /// RMS difference, for layers of numbers, over the pixels in which both hit the same primitive.
     pub rms: Option<f64>,
-    /// Largest difference over the same.
+    /// Largest difference over the same pixels.
     pub max_abs: Option<f64>,
 }
 
-/// A number of a case beside the largest one that passes.
+/// A measured number and the largest value that passes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Check<T> {
-    /// Absent where there was no comparison or it gave none.
+    /// Absent if there was no comparison, or the comparison does not give it.
     pub value: Option<T>,
-    /// Absent where it was not known yet.
+    /// Absent if it is not known yet.
     pub limit: Option<T>,
 }
 
 impl<T: PartialOrd> Check<T> {
-    /// Whether the case fails by it. NaN does; an absent value does not: why it is absent is a
-    /// problem of its own.
+    /// Whether the number exceeds its limit. NaN does. An absent value does not, because the reason
+    /// why it is absent is a problem of its own.
     pub fn is_over(&self) -> bool {
         let (Some(value), Some(limit)) = (&self.value, &self.limit) else {
             return false;
@@ -326,7 +326,7 @@ impl<T: PartialOrd> Check<T> {
     }
 }
 
-/// Every number that has a limit.
+/// All numbers that have limits.
 impl CaseResult {
     /// Sets the verdict.
     pub(crate) fn settle(&mut self, status: Status, verdict: String) {
@@ -339,7 +339,7 @@ impl CaseResult {
         self.measured(self.rel_rmse_interior, self.limit)
     }
 
-    /// Size of the bias of the most biased block.
+    /// Absolute bias of the block with the largest bias.
     pub fn bias(&self) -> Check<f64> {
         self.measured(
             self.signed_block_bias.map(|block| block.bias.abs()),
@@ -347,28 +347,28 @@ impl CaseResult {
         )
     }
 
-    /// Pixels that differ explainably.
+    /// Number of explained pixels.
     pub fn explained(&self) -> Check<usize> {
         self.counted(self.explained, self.explained_limit)
     }
 
-    /// Pixels between values of the reference that the oracle has not decided.
+    /// Number of ambiguous pixels that the oracle has not decided.
     pub fn ambiguous(&self) -> Check<usize> {
         let decided = self.status.is_some_and(Status::is_right);
         self.counted(self.ambiguous, if decided { self.ambiguous } else { 0 })
     }
 
-    /// Pixels that nothing explains.
+    /// Number of unexplained pixels.
     pub fn unexplained(&self) -> Check<usize> {
         self.counted(self.unexplained, 0)
     }
 
-    /// Values that are not finite.
+    /// Number of values that are not finite.
     pub fn nonfinite(&self) -> Check<usize> {
         self.counted(self.nonfinite, 0)
     }
 
-    /// Pixels of a layer of ids that differ: as many as there may be explained ones.
+    /// Number of differing pixels in a layer of ids. The limit is that of the explained pixels.
     pub fn ids(&self, layer: &LayerResult) -> Check<usize> {
         Check {
             value: layer.differing,
@@ -376,7 +376,7 @@ impl CaseResult {
         }
     }
 
-    /// Those of the worst layer.
+    /// The check of the layer of ids with most differing pixels.
     pub fn worst_ids(&self) -> Check<usize> {
         let checks = self.layers.iter().map(|layer| self.ids(layer));
         let worst = checks.max_by_key(|check| check.value);
@@ -386,7 +386,7 @@ impl CaseResult {
         })
     }
 
-    /// Pixels that differ from stock Mitsuba.
+    /// Number of pixels that differ from stock Mitsuba.
     pub fn stock(&self) -> Check<usize> {
         Check {
             value: self.noisy.as_ref().map(|noisy| noisy.significant),
@@ -394,7 +394,7 @@ impl CaseResult {
         }
     }
 
-    /// A limit of 0 stands for none before the comparison.
+    /// A limit of 0 means that there was no comparison yet.
     fn measured(&self, value: Option<f64>, limit: f64) -> Check<f64> {
         Check {
             value,
@@ -409,7 +409,7 @@ impl CaseResult {
         }
     }
 
-    /// The limits that it does not keep, in words.
+    /// The exceeded limits, as text.
     pub fn broken_limits(&self) -> Vec<String> {
         let mut problems = Vec::new();
         if self.nonfinite().is_over() {
@@ -463,7 +463,7 @@ pub fn counted(count: usize, what: &str) -> String {
 }
 
 impl Summary {
-    /// Counts over some cases.
+    /// Summarises some cases.
     pub fn of(cases: &[CaseResult], references: String, seconds: f64) -> Self {
         let with = |status: Status| cases.iter().filter(|case| case.status == Some(status)).count();
         let mut errors: Vec<f64> = cases.iter().filter_map(|case| case.rel_rmse_interior).collect();
@@ -495,7 +495,7 @@ impl Summary {
 mod tests {
     use super::*;
 
-    /// On all its limits.
+    /// A case with every number at its limit.
     fn case() -> CaseResult {
         CaseResult {
             compared: true,

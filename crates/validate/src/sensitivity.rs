@@ -1,5 +1,5 @@
-//! How small a fault is seen: every number of a scene is changed on our side only, by growing
-//! amounts, until the comparison fails.
+//! Measures the smallest detectable change of each parameter: changes every number of a scene on
+//! our side only, by growing amounts, until the comparison fails.
 
 use crate::opinion::Ask;
 use crate::{CaseResult, Status, Validator, flatten};
@@ -10,68 +10,68 @@ use std::path::Path;
 use toml::Value;
 use whitstone_image::Image;
 
-/// The smallest change that is tried, as a part of the number.
+/// The smallest change that is tried, as a fraction of the number.
 const FIRST: f64 = 1e-7;
-/// How many decades are tried: up to ten times the number.
+/// Number of decades that are tried: up to ten times the number.
 const DECADES: i32 = 8;
-/// How often the decade in which a change is first seen is halved, on a logarithmic scale: to a
-/// factor of 1.8.
+/// Number of bisections of the decade in which a change is first detected, on a logarithmic scale.
+/// Two give a factor of 1.8.
 const HALVINGS: usize = 2;
 
-/// A number of a scene, and how small a change of it is seen.
+/// A number of a scene, and its smallest detectable change.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Parameter {
-    /// As `--set` has it.
+    /// Its path, as for `--set`.
     pub path: String,
-    /// What it is.
+    /// Its value.
     pub value: f64,
-    /// What a change of it does.
+    /// The effect of a change.
     pub effect: Effect,
 }
 
-/// What a change does.
+/// The effect of a change.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "effect")]
 pub enum Effect {
-    /// It makes the comparison fail.
+    /// The comparison fails.
     Seen {
-        /// The smallest change that was found to do so, in the unit of the number.
+        /// The smallest change for which it fails, in the unit of the number.
         change: f64,
-        /// The first limit that it broke.
+        /// The first limit that was exceeded.
         problem: String,
     },
-    /// It changes the picture, and all limits hold up to this change.
+    /// The picture changes, and all limits hold.
     Unseen {
-        /// The largest one that was tried.
+        /// The largest change that was tried.
         change: f64,
     },
-    /// It changes no pixel up to this change.
+    /// No pixel changes.
     NoPixel {
-        /// The largest one that was tried.
+        /// The largest change that was tried.
         change: f64,
     },
-    /// The scene cannot be had with a change, and nothing was seen before.
+    /// The scene rejects a change, and no smaller one was detected.
     Refused {
         /// The change.
         change: f64,
-        /// Why.
+        /// The reason.
         problem: String,
     },
 }
 
 impl Validator<'_> {
-    /// Changes one number of a scene after the other, those of `[expect]` left out. `told` hears
-    /// how many there are and which one it is.
+    /// Changes the numbers of a scene one after another, except those of `[expect]` and `[film]`.
+    /// `told` receives the index, the total and the path of the current number.
     ///
     /// # Errors
-    /// The scene is wrong, or does not pass as it is.
+    /// The scene is wrong, or does not pass without changes.
     pub fn sensitivity(
         &mut self,
         path: &Path,
         told: &dyn Fn(usize, usize, &str),
     ) -> Result<Vec<Parameter>, String> {
         self.without_pictures();
-        // Only the comparison itself is in question here.
+        // Only the comparison itself is tested here.
         self.oracle.when = Ask::Never;
         let text = flatten(path, &[])?.text;
         let table: Value = toml::from_str(&text).map_err(|error| error.to_string())?;
@@ -100,8 +100,8 @@ impl Validator<'_> {
         Ok(found)
     }
 
-    /// What is written as a whole number is mostly a real one: only a scene that refuses a fraction
-    /// there tells.
+    /// Whether a number is an integer or a real. Most whole numbers in scenes are reals; only a
+    /// scene that rejects a fraction there shows an integer.
     fn kind(&mut self, path: &Path, name: &str, number: Number) -> Number {
         let real = Number::Real(number.value());
         let refused = |case: &CaseResult| case.scene_error;
@@ -143,7 +143,7 @@ impl Validator<'_> {
         }
     }
 
-    /// Between a change that is not seen, or none, and one that is.
+    /// Narrows the interval between a change that is not detected, or zero, and one that is.
     fn refined(
         &mut self,
         path: &Path,
@@ -215,8 +215,8 @@ impl Number {
         }
     }
 
-    /// Growing changes, in its own unit. Whole numbers grow by one, and by as much as they are;
-    /// nothing has a size of one.
+    /// Growing changes in the unit of the number. Whole numbers grow by one, and by their own
+    /// value; the scale of zero is one.
     fn steps(self) -> Vec<f64> {
         match self {
             Self::Whole(value) => {
@@ -233,17 +233,17 @@ impl Number {
         }
     }
 
-    /// As TOML has it after a change.
+    /// The TOML text of the number after a change.
     fn after(self, step: f64) -> String {
         match self {
             Self::Whole(value) => value.saturating_add(step as i64).to_string(),
-            // With a point or an exponent, so that it stays a float.
+            // With a point or an exponent, so that it remains a float.
             Self::Real(value) => format!("{:?}", value + step),
         }
     }
 }
 
-/// All numbers of a table but those that say what is expected of it.
+/// All numbers of a table except the film and the expected results.
 fn collect(value: &Value, path: &str, numbers: &mut Vec<(String, Number)>) {
     let below = |key: &str| match path {
         "" => key.to_owned(),
@@ -258,7 +258,7 @@ fn collect(value: &Value, path: &str, numbers: &mut Vec<(String, Number)>) {
             }
         }
         Value::Table(table) => {
-            // Another size of the picture is no fault that could be small.
+            // Another image size is not a fault that could be small.
             let skipped = |key: &str| path.is_empty() && ["expect", "film"].contains(&key);
             for (key, value) in table.iter().filter(|(key, _)| !skipped(key)) {
                 collect(value, &below(key), numbers);

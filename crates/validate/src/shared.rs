@@ -1,17 +1,17 @@
-//! What of a scene the oracle computes by code that it shares with our tracer. A fault there looks
-//! right to both, so in such scenes the oracle's word alone acquits no pixel that the reference's
-//! own variation does not explain.
+//! Finds the parts of a scene for which the oracle shares code with our tracer. A fault there looks
+//! right to both. In such scenes the oracle alone does not accept a pixel that the reference's own
+//! variation does not explain.
 
 use toml::{Table, Value};
 use whitstone_core::DVec3;
 use whitstone_core::config::Steps;
 
-/// How far the images of unit vectors may be from those by the other method, as a part of the
+/// Maximum difference between the images of unit vectors under both methods, relative to the
 /// largest coordinate.
 const SAME: f64 = 1e-12;
 
-/// What a fault is possible in, if the scene uses it: the decoding of images, or a transform that
-/// another method composes otherwise.
+/// The shared code that may contain a fault, if the scene uses it: the decoding of images, or a
+/// transform for which another method gives another result.
 pub(crate) fn possible_fault(flattened: &str) -> Option<&'static str> {
     let table: Table = flattened.parse().ok()?;
     find(&Value::Table(table))
@@ -36,10 +36,11 @@ fn is_image(path: &str) -> bool {
         .any(|ending| path.ends_with(ending))
 }
 
-/// Whether the steps map the origin and the unit vectors as quaternions do, step by step.
+/// Whether the steps map the origin and the unit vectors to the same points as quaternions do,
+/// applied step by step.
 fn agrees(steps: &Value) -> bool {
     let Ok(known) = steps.clone().try_into::<Steps>() else {
-        // Refused on both sides.
+        // Both sides reject it.
         return true;
     };
     let map = *known.get().world_from_object();
@@ -66,7 +67,7 @@ fn vector(value: &Value) -> Option<DVec3> {
     Some(DVec3::from_array(numbers.try_into().ok()?))
 }
 
-/// A point after one step.
+/// Applies one step to a point.
 fn follow(step: &Value, p: DVec3) -> Option<DVec3> {
     let (key, value) = step.as_table()?.iter().next()?;
     match key.as_str() {

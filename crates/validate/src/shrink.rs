@@ -1,8 +1,8 @@
-//! From a scene that fails to a small one that still does.
+//! Reduces a failing scene to a minimal reproducer.
 //!
 //! Zeller and Hildebrandt, *Simplifying and isolating failure-inducing input*, IEEE TSE 28(2),
-//! 2002: elements of lists are taken out in halves, quarters and so on, then keys one by one, until
-//! nothing more can go.
+//! 2002: removes elements of lists in halves, quarters and so on, then keys one by one, until
+//! nothing more can be removed.
 
 use crate::opinion::Ask;
 use crate::validator::flatten;
@@ -10,11 +10,11 @@ use crate::{CaseResult, Validator};
 use std::path::Path;
 use toml::{Table, Value};
 
-/// No film becomes smaller, in pixels along a side.
+/// The film is not reduced below this width or height in pixels.
 const SMALLEST_FILM: i64 = 4;
 
-/// A small scene that fails where this one does, as TOML; files in it have absolute paths. `tell`
-/// gets each scene that still fails, by the number of its values.
+/// A reduced scene that fails like the given one, as TOML with absolute file paths. `tell` receives
+/// the number of values of each smaller scene that still fails.
 ///
 /// # Errors
 ///
@@ -26,7 +26,7 @@ pub fn shrink(
     tell: &dyn Fn(usize),
 ) -> Result<String, String> {
     validator.without_pictures();
-    // Thousands of candidates: whether the two differ is enough.
+    // There are thousands of candidates, and only a difference matters.
     validator.oracle.when = Ask::Never;
     let flattened = flatten(scene, overrides)?;
     let mut document: Table = toml::from_str(&flattened.text).map_err(|error| error.to_string())?;
@@ -45,7 +45,7 @@ pub fn shrink(
             format!("the scene cannot be compared: {}", first.problems.join("; "))
         });
     }
-    // A candidate that cannot be written or compared is none.
+    // A candidate that cannot be written or compared is rejected.
     reduce(&mut document, &mut |candidate| {
         let still = ask(candidate).is_ok_and(|case| fails(&case));
         if still {
@@ -56,12 +56,12 @@ pub fn shrink(
     Ok(document.to_string())
 }
 
-/// Whether both sides could show it and do not agree.
+/// Whether both sides render the scene and disagree.
 fn fails(case: &CaseResult) -> bool {
     case.compared && !case.scene_error && !case.problems.is_empty()
 }
 
-/// Makes paths independent of where the scene lies.
+/// Makes paths independent of the scene's location.
 fn absolute(table: &mut Table, base: &Path) {
     for (key, value) in table.iter_mut() {
         match value {
@@ -76,7 +76,7 @@ fn absolute(table: &mut Table, base: &Path) {
     }
 }
 
-/// Values of all kinds.
+/// The number of values of all kinds.
 fn size(value: &Value) -> usize {
     match value {
         Value::Table(table) => table.values().map(size).sum(),
@@ -85,7 +85,7 @@ fn size(value: &Value) -> usize {
     }
 }
 
-/// Takes out what can go while `fails` holds.
+/// Removes everything that can be removed while `fails` holds.
 fn reduce(document: &mut Table, fails: &mut dyn FnMut(&Table) -> bool) {
     smaller_film(document, fails);
     loop {
@@ -105,7 +105,7 @@ fn reduce(document: &mut Table, fails: &mut dyn FnMut(&Table) -> bool) {
     }
 }
 
-/// First, since it makes all that follows faster.
+/// Reduces the film first, because that makes all further steps faster.
 fn smaller_film(document: &mut Table, fails: &mut dyn FnMut(&Table) -> bool) {
     for key in ["width", "height"] {
         while let Some(length) = film(document, key)
@@ -127,10 +127,10 @@ fn film(document: &Table, key: &str) -> Option<i64> {
     document.get("film")?.get(key)?.as_integer()
 }
 
-/// A way into a document.
+/// A path into a document.
 type Way = Vec<Step>;
 
-/// A key, or a place in a list.
+/// A key, or an index into a list.
 #[derive(Clone, Debug, PartialEq)]
 enum Step {
     Key(String),
@@ -151,7 +151,7 @@ fn lists(document: &Table) -> Vec<Way> {
     found
 }
 
-/// All keys, outer ones first, but for those of the film: without them it would be large.
+/// All keys, outer ones first. Skips those of the film, which would become large without them.
 fn keys(document: &Table) -> Vec<Way> {
     let mut found = Vec::new();
     walk_table(document, &mut Vec::new(), &mut |path, _| {
@@ -195,7 +195,7 @@ fn enter<'a>(document: &'a mut Table, path: &[Step]) -> Option<&'a mut Value> {
         })
 }
 
-/// Takes a key out, if it is still there.
+/// Removes a key, if it still exists.
 fn remove(document: &mut Table, path: &[Step]) -> bool {
     let Some((Step::Key(key), parent)) = path.split_last() else {
         return false;
@@ -208,7 +208,7 @@ fn remove(document: &mut Table, path: &[Step]) -> bool {
     table.is_some_and(|table| table.remove(key).is_some())
 }
 
-/// Takes elements out of a list, the last first: others may name those before them.
+/// Removes elements of a list, the last first, because later elements may refer to earlier ones.
 fn shorten(document: &mut Table, path: &[Step], fails: &mut dyn FnMut(&Table) -> bool) {
     let length = |document: &mut Table| enter(document, path).and_then(|list| list.as_array().map(Vec::len));
     let Some(mut part) = length(document) else { return };
@@ -290,7 +290,7 @@ mod tests {
                 && shapes(candidate, |shape| shape.get("transform").is_some()) == 1
         });
         assert_eq!(shapes(&document, |_| true), 2);
-        // The film, a file, and a transform that is there and empty.
+        // The film, a file, and an empty transform.
         assert_eq!(size(&Value::Table(document)), 3);
     }
 

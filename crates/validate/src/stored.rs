@@ -1,10 +1,10 @@
 //! Stored references: `references/images/<scene>/{mitsuba.exr,mitsuba.variants.exr,meta.toml}`, and
-//! the same of POV-Ray.
+//! the corresponding files of POV-Ray.
 //!
-//! For each pixel that varies by more than a part of the tolerance under
-//! [`crate::explain::trials`], the second file holds the values that the reference takes
-//! ([`Variants`]) and the image their range: so edges can be told from faults without a live
-//! renderer.
+//! A pixel is stored with its variation if it varies by more than a fraction of the tolerance under
+//! [`crate::explain::trials`]. The second file holds the values that the reference takes
+//! ([`Variants`]), and the image holds their range. So edges can be distinguished from faults
+//! without a live renderer.
 
 use crate::explain::{Explanation, Range, Reason, Trial, explain};
 use crate::judge::color_at;
@@ -16,47 +16,47 @@ use thiserror::Error;
 use whitstone_image::range::{LAYERS, Ranges};
 use whitstone_image::{Image, Limits, Tolerance, atomic, exr_io};
 
-/// What made a stored reference.
+/// The metadata of a stored reference.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Meta {
     /// "mitsuba", "mitsuba-stock" or "povray".
     pub renderer: String,
-    /// Of the renderer.
+    /// Version of the renderer.
     pub version: String,
-    /// Such as `llvm_ad_rgb`; none of POV-Ray.
+    /// The variant, such as `llvm_ad_rgb`; none for POV-Ray.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub variant: String,
-    /// Of stock Mitsuba, its integrator.
+    /// The integrator, for stock Mitsuba.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub integrator: String,
     /// Spawn offset.
     pub k: f64,
-    /// LLVM library and version; none of POV-Ray.
+    /// LLVM library and version; none for POV-Ray.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub libllvm: String,
-    /// Of the machine.
+    /// Name of the processor.
     pub cpu: String,
     /// Hash of the flattened scene.
     pub scene_hash: String,
-    /// How independent it is: "native", "hosted" or "formula".
+    /// How independent the twin is: "native", "hosted" or "formula".
     pub twin: String,
     /// Its own error: see [`crate::floor`].
     pub floor: f64,
-    /// Pixels over tolerance between it and the variation of it that has most of them.
+    /// Number of pixels over tolerance between the reference and its worst variation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<usize>,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u32,
-    /// Time of the rendering, for the record.
+    /// Rendering time in seconds, for the record.
     pub seconds: f64,
-    /// Rays traced: nearest hit and shadow.
+    /// Rays traced: nearest-hit and shadow rays.
     pub rays: [u64; 2],
-    /// Of these, the number that met again the surface that they had just left: such an image alone
-    /// shows nothing.
+    /// Number of re-hits: spawned rays that hit again the surface that they had just left. Such an
+    /// image alone proves nothing.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub rehits: u64,
-    /// What its driver says of surfaces that coincide and are not drawn apart.
+    /// The driver's notes on coincident surfaces that are not separated.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
 }
@@ -73,30 +73,29 @@ fn is_zero(number: &u64) -> bool {
 pub struct Stored {
     /// Radiance, layers and ranges.
     pub image: Image,
-    /// The values of pixels that vary; of references that were stored without them there are only
-    /// ranges.
+    /// The values of the pixels that vary; empty for references that were stored with ranges only.
     pub variants: Variants,
-    /// What made it.
+    /// Its metadata.
     pub meta: Meta,
 }
 
 /// Why a stored reference cannot be used.
 #[derive(Debug, Error)]
 pub enum StoredError {
-    /// It is not there.
+    /// It does not exist.
     #[error("no stored reference of {renderer} in {}", folder.display())]
     Missing {
-        /// Whose.
+        /// The renderer.
         renderer: Renderer,
-        /// Where it would be.
+        /// The expected folder.
         folder: PathBuf,
     },
-    /// It is of another scene.
+    /// It belongs to another version of the scene.
     #[error("the stored reference is of another version of this scene (hash {stored}, now {current})")]
     Stale {
-        /// In the metadata.
+        /// The hash in the metadata.
         stored: String,
-        /// Of the scene.
+        /// The hash of the scene.
         current: String,
     },
     /// It cannot be read or written.
@@ -116,10 +115,10 @@ fn broken(path: &Path, problem: impl ToString) -> StoredError {
     }
 }
 
-/// The values in a file of variants; none if there is no such file.
+/// Reads the values in a file of variants; none if the file does not exist.
 ///
 /// # Errors
-/// If it cannot be read, or is another image.
+/// If it cannot be read, or is not an image of variants.
 pub fn read_variants(path: &Path) -> Result<Variants, StoredError> {
     if !path.is_file() {
         return Ok(Variants::default());
@@ -142,12 +141,12 @@ impl Stored {
         }
     }
 
-    /// Whether there is one, of whatever version of the scene.
+    /// Whether there is a reference in the folder, for any version of the scene.
     pub fn is_in(folder: &Path, renderer: Renderer) -> bool {
         folder.join(renderer.image_file()).is_file() && folder.join(renderer.meta_file()).is_file()
     }
 
-    /// Reads the reference in a folder, of whatever version of the scene.
+    /// Reads the reference in a folder, for any version of the scene.
     pub fn read_any(folder: &Path, renderer: Renderer) -> Result<Self, StoredError> {
         if !Self::is_in(folder, renderer) {
             return Err(StoredError::Missing {
@@ -170,7 +169,7 @@ impl Stored {
         })
     }
 
-    /// Writes it to a folder.
+    /// Writes the reference to a folder.
     pub fn write(&self, folder: &Path, renderer: Renderer) -> Result<(), StoredError> {
         std::fs::create_dir_all(folder).map_err(|error| broken(folder, error))?;
         let exr = folder.join(renderer.image_file());
@@ -178,7 +177,7 @@ impl Stored {
         let path = folder.join(renderer.variants_file());
         match self.variants.to_image() {
             Some(image) => exr_io::write(&path, &image).map_err(|error| broken(&path, error))?,
-            // Those of an earlier version must not serve for this one.
+            // Variants of an earlier version must not be used for this one.
             None if path.exists() => std::fs::remove_file(&path).map_err(|error| broken(&path, error))?,
             None => {}
         }
@@ -203,18 +202,18 @@ impl Stored {
         Ok(())
     }
 
-    /// What explains our values.
+    /// The variation that explains our values.
     pub fn variation(&self) -> Variation<'_> {
         Variation {
             reference: &self.image,
-            // Some of the layers only are none.
+            // An incomplete set of range layers counts as none.
             ranges: Ranges::of(&self.image).unwrap_or_default(),
             variants: &self.variants,
         }
     }
 }
 
-/// How a stored reference varies, by its files.
+/// The variation of a stored reference, from its files.
 #[derive(Clone, Copy, Debug)]
 pub struct Variation<'a> {
     /// The reference itself.
@@ -226,8 +225,8 @@ pub struct Variation<'a> {
 }
 
 impl Variation<'_> {
-    /// The values that the reference takes in a pixel. Where only the range was stored, they are
-    /// its ends: what lies between is ambiguous.
+    /// The values that the reference takes in a pixel. If only the range was stored, they are its
+    /// ends, and everything between them is ambiguous.
     fn values(&self, pixel: [usize; 2]) -> Vec<[f64; 3]> {
         if let Some(values) = self.variants.of(pixel) {
             return values.to_vec();
@@ -236,8 +235,7 @@ impl Variation<'_> {
         range.map_or_else(Vec::new, |ends| ends.to_vec())
     }
 
-    /// What the variation says about our value of a pixel over tolerance; `mean` is that of the
-    /// reference.
+    /// The explanation of our value in a pixel over tolerance; `mean` is the mean of the reference.
     pub fn explain(&self, ours: &Image, pixel: [usize; 2], tolerance: Tolerance, mean: f64) -> Explanation {
         let trial = [Trial {
             reason: Reason::Stored,

@@ -1,4 +1,4 @@
-//! Ray trees of one sample, ours and the reference's, and where they part.
+//! Ray trees of one sample, ours and the reference's, and their first difference.
 
 use crate::driver::{number, numbers};
 use serde::{Deserialize, Serialize};
@@ -6,33 +6,33 @@ use std::collections::BTreeMap;
 use whitstone_core::{Scratch, TreeNode};
 use whitstone_scene::Pipeline;
 
-/// Below this a throughput may be 0 in single precision, and what lies behind it cannot be
-/// compared.
+/// A smaller throughput may be 0 in single precision, so that nodes below it cannot be compared.
 const LEAST_THROUGHPUT: f64 = f32::MIN_POSITIVE as f64;
 
-/// Distances that differ by so many units in the last place of single precision are the same.
+/// Distances that differ by at most this many units in the last place of single precision are
+/// equal.
 const COINCIDENT_ULPS: f64 = 4.0;
 
-/// A node of the reference's tree, as the driver tells it.
+/// A node of the reference's tree, as the driver reports it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Node {
-    /// "" for the camera ray, then a letter for each branch, R or T; two digits behind an R say
-    /// which of several reflections.
+    /// "" for the camera ray, then a letter for each branch, R or T. Two digits after an R number
+    /// one of several reflections.
     pub path: String,
     /// Number of the shape; -1 for a miss.
     pub shape: i64,
     /// Number of the primitive; -1 for a miss.
     pub primitive: i64,
-    /// Distance; infinite for a miss, which JSON has as null.
+    /// Distance; infinite for a miss, which JSON represents as null.
     #[serde(deserialize_with = "number")]
     pub t: f64,
     /// Shading normal.
     #[serde(deserialize_with = "numbers")]
     pub n_s: [f64; 3],
-    /// Factor on the node's radiance in the pixel.
+    /// Factor of the node's radiance in the pixel.
     #[serde(deserialize_with = "numbers")]
     pub throughput: [f64; 3],
-    /// Radiance that the node adds by itself.
+    /// Radiance that the node itself adds.
     #[serde(deserialize_with = "numbers")]
     pub local: [f64; 3],
     /// Whether it stands for a branch beyond the depth limit.
@@ -53,18 +53,19 @@ pub fn ours(pipeline: &Pipeline, pixel: [usize; 2], sample: u32) -> Vec<TreeNode
 /// A ray that at least one of the two trees has.
 #[derive(Clone, Debug)]
 pub struct Pair<'a> {
-    /// As in the trees.
+    /// The path, as in the trees.
     pub path: &'a str,
     /// Ours.
     pub ours: Option<&'a TreeNode>,
     /// The reference's.
     pub theirs: Option<&'a Node>,
-    /// What differs by more than single precision accounts for: hit, distance, normal or weights.
+    /// The quantity that differs by more than single precision explains: hit, distance, normal or
+    /// weights.
     pub difference: Option<String>,
 }
 
 impl Pair<'_> {
-    /// For people.
+    /// A readable name of the ray.
     pub fn name(&self) -> String {
         match self.path {
             "" => "camera ray".to_owned(),
@@ -73,7 +74,7 @@ impl Pair<'_> {
     }
 }
 
-/// How many branches lead to a ray.
+/// The number of branches that lead to a ray.
 pub fn depth(path: &str) -> usize {
     path.bytes().filter(u8::is_ascii_alphabetic).count()
 }
@@ -110,7 +111,7 @@ pub fn pairs<'a>(ours: &'a [TreeNode], theirs: &'a [Node]) -> Vec<Pair<'a>> {
     pairs
 }
 
-/// The first ray, by depth, that differs, and how.
+/// A description of the first ray, by depth, that differs.
 pub fn first_difference(ours: &[TreeNode], theirs: &[Node]) -> Option<String> {
     pairs(ours, theirs).iter().find_map(|pair| {
         let what = pair.difference.as_ref()?;
@@ -118,13 +119,12 @@ pub fn first_difference(ours: &[TreeNode], theirs: &[Node]) -> Option<String> {
     })
 }
 
-/// Whether a node can add anything; one that is not a number does.
+/// Whether a node can contribute. One with a NaN throughput can.
 fn matters(throughput: [f64; 3]) -> bool {
     !throughput.iter().all(|v| v.abs() <= LEAST_THROUGHPUT)
 }
 
-/// What it means that two surfaces are hit at the same distance, as far as single precision can
-/// tell.
+/// A note that both hit different surfaces at the same distance, within single precision.
 fn coincident(ours: &TreeNode, theirs: &Node) -> Option<String> {
     let same = (ours.t - theirs.t).abs() <= COINCIDENT_ULPS * f64::from(f32::EPSILON) * theirs.t.abs();
     let what = if ours.shape == theirs.shape {
@@ -159,7 +159,7 @@ fn difference(ours: &TreeNode, theirs: &Node) -> Option<String> {
             coincident(ours, theirs).unwrap_or_default(),
         ));
     }
-    // Not `>`: what is not a number differs.
+    // Not `>`, so that NaN counts as a difference.
     let far = |a: f64, b: f64, scale: f64| {
         let near = (a - b).abs() <= 1e-4 * scale.max(1e-6);
         !near

@@ -1,14 +1,14 @@
-//! What a verdict does not say: that nothing was seen, that a body has holes, that surfaces
-//! coincide.
+//! Remarks that a verdict does not include: a vacuous comparison, a refracting mesh with holes,
+//! coincident surfaces.
 
 use whitstone_image::Image;
 use whitstone_image::range::is_vacuous;
 use whitstone_scene::Pipeline;
 
-/// Most pairs of coincident surfaces that are listed.
+/// Maximum number of pairs of coincident surfaces that are listed.
 const MOST_COINCIDENT: usize = 8;
 
-/// Remarks about a comparison that change no verdict.
+/// Remarks about a comparison that do not affect the verdict.
 pub(crate) fn notes(ours: &Image, reference: &Image, pipeline: &Pipeline) -> Vec<String> {
     let mut notes = Vec::new();
     if is_vacuous(ours, reference).unwrap_or(false) {
@@ -22,7 +22,7 @@ pub(crate) fn notes(ours: &Image, reference: &Image, pipeline: &Pipeline) -> Vec
     notes
 }
 
-/// The pairs of coincident surfaces of a scene, and what was not examined for them.
+/// The pairs of coincident surfaces of a scene, and the surfaces that were not examined for them.
 pub(crate) fn coincident(pipeline: &Pipeline) -> Vec<String> {
     let pairs = &pipeline.coincident;
     let mut told: Vec<String> = pairs

@@ -14,15 +14,15 @@ use whitstone_scene::{
     Description, Flattened, Pipeline, Plan, PluginTable, RenderOptions, Sources, all_errors,
 };
 
-/// Of an image, at least so many pixels may be explained edges.
+/// In any image, at least this many pixels may be explained edges.
 pub(crate) const EXPLAINED_PIXELS: usize = 8;
-/// And this fraction of a large one.
+/// In a large image, this fraction of the pixels may be.
 const EXPLAINED_FRACTION: f64 = 5e-4;
 
 /// Where references come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
-    /// Live if possible, else stored, and say so.
+    /// Live if possible, else stored, and reports which.
     #[default]
     Auto,
     /// Live or an error.
@@ -31,35 +31,36 @@ pub enum Mode {
     Stored,
 }
 
-/// How to validate.
+/// Options of a validation.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Folder that scene names are relative to.
     pub scenes: PathBuf,
     /// Folder with `mitsuba/`, `povray/` and `images/`.
     pub references: PathBuf,
-    /// Who renders the references.
+    /// The renderer of the references.
     pub renderer: Renderer,
     /// Folder for the environment, caches and the report.
     pub target: PathBuf,
     /// Where references come from.
     pub mode: Mode,
-    /// Whether live references of earlier runs may be used if scene and driver are unchanged.
+    /// Whether live references of earlier runs are reused if scene and driver are unchanged.
     pub reuse: bool,
-    /// For our renderer; 0 for all cores.
+    /// Threads of our renderer; 0 for all cores.
     pub threads: usize,
     /// `path=value`, applied to every scene.
     pub overrides: Vec<String>,
-    /// `path=value`, applied to our side only: to see whether a fault is found.
+    /// `path=value`, applied to our side only, to test whether a fault is detected.
     pub ours_overrides: Vec<String>,
-    /// `path=value`, applied to our side and to the oracle: a fault in code that both share, as it
-    /// would look.
+    /// `path=value`, applied to our side and to the oracle. Simulates a fault in code that both
+    /// share.
     pub shared_overrides: Vec<String>,
-    /// How long one answer of the driver may take.
+    /// Time limit of one answer of the driver.
     pub time_limit: Duration,
-    /// How the user calls this program, for commands in messages.
+    /// The name of this program in commands that messages suggest.
     pub program: String,
-    /// What else a command in a message must say to do the same again: ` --set a=b`, or nothing.
+    /// Further arguments that a suggested command needs to repeat the run: ` --set a=b`, or
+    /// nothing.
     pub flags: String,
 }
 
@@ -68,29 +69,29 @@ pub struct Validator<'a> {
     pub(crate) registry: &'a Registry,
     pub(crate) options: Options,
     pub(crate) live: Option<Live>,
-    /// Why there is no live reference, if there is none.
+    /// Why there is no live reference, if so.
     not_live: Option<String>,
-    /// The first failure of a live reference that was there.
+    /// The first failure of a live reference that had started.
     broken: Option<String>,
     /// Whether results have pictures.
     pub(crate) pictures: bool,
-    /// When the oracle is asked.
+    /// When the oracle is queried.
     pub(crate) oracle: OraclePolicy,
-    /// Is told what is being done.
+    /// Called with the name of each stage.
     pub(crate) stage: Box<dyn Fn(&str) + Send + Sync + 'a>,
 }
 
-/// A live reference was asked for and cannot be had: exit code 3.
+/// A live reference was requested but is not available: exit code 3.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct NoLive(pub String);
 
-/// Why there is nothing to compare with.
+/// Why there is no reference to compare with.
 enum NoReference {
     /// Something is missing or broken.
     Problem(String),
-    /// This renderer has no twin of something in the scene, or none is stored: the report, and what
-    /// is lacking.
+    /// This renderer has no twin of a plugin in the scene, or no stored reference: the report, and
+    /// the missing plugins.
     NoTwin(String, Vec<String>),
 }
 
@@ -108,7 +109,7 @@ pub(crate) struct Ours {
 }
 
 impl<'a> Validator<'a> {
-    /// Makes the Python environment of Mitsuba if needed; `say` is told what takes long.
+    /// Creates the Python environment of Mitsuba if needed. Calls `say` before slow steps.
     pub fn new(registry: &'a Registry, options: Options, say: &dyn Fn(&str)) -> Result<Self, NoLive> {
         let (live, not_live) = match options.mode {
             Mode::Stored => (None, Some("stored references were asked for".to_owned())),
@@ -130,19 +131,19 @@ impl<'a> Validator<'a> {
         })
     }
 
-    /// Has `stage` told, from now on, what is being done: a scene can take minutes.
+    /// Sets a callback that receives the name of each stage, because a scene can take minutes.
     pub fn tell(&mut self, stage: impl Fn(&str) + Send + Sync + 'a) {
         self.stage = Box::new(stage);
     }
 
-    /// From now on cases have no pictures: where only the verdict counts, they take most of the
-    /// time.
+    /// Disables the pictures of all further cases. Use this if only the verdict counts, because
+    /// pictures take most of the time.
     pub fn without_pictures(&mut self) {
         self.pictures = false;
     }
 
-    /// The first failure of the live reference while it was used: a crash, no answer, half an
-    /// image. In [`Mode::Live`] the run is then no verdict on the scenes.
+    /// The first failure of the live reference in use: a crash, no answer, or an incomplete image.
+    /// In [`Mode::Live`] the run then gives no verdict on the scenes.
     pub fn broken(&self) -> Option<&str> {
         self.broken.as_deref()
     }
@@ -157,12 +158,13 @@ impl<'a> Validator<'a> {
         self.live.as_mut()
     }
 
-    /// Renders a scene, compares it with its reference, and explains what differs.
+    /// Renders a scene, compares it with its reference, and explains the differences.
     pub fn validate(&mut self, path: &Path) -> CaseResult {
         self.validate_tampered(path, &|_| {})
     }
 
-    /// The same with our image changed before the comparison: to see whether a fault is found.
+    /// Like [`Self::validate`], but changes our image before the comparison, to test whether a
+    /// fault is detected.
     pub fn validate_tampered(&mut self, path: &Path, tamper: &dyn Fn(&mut Image)) -> CaseResult {
         let scene = scene_key(path, &self.options.scenes);
         let mut case = CaseResult {
@@ -217,7 +219,8 @@ impl<'a> Validator<'a> {
         case
     }
 
-    /// One of many: with a change of our side, and our image shown to `look`.
+    /// One of many validations of a scene: applies changes to our side, and passes our image to
+    /// `look`.
     pub(crate) fn trial(
         &mut self,
         path: &Path,
@@ -230,7 +233,7 @@ impl<'a> Validator<'a> {
         case
     }
 
-    /// The command that does something with this scene alone as this run does.
+    /// The command that does this with this scene alone, with the options of this run.
     fn command(&self, verb: &str, path: &Path) -> String {
         let Options { program, flags, .. } = &self.options;
         format!("{program} {verb} {}{flags}", quoted(&path.display().to_string()))
@@ -295,7 +298,7 @@ impl<'a> Validator<'a> {
             },
             |count| count as usize,
         );
-        // Taken as it is; without it the floor decides, once it is known.
+        // An explicit limit is used unchanged. Otherwise the floor decides, once it is known.
         case.limit = description
             .expect
             .rel_rmse_interior
@@ -307,8 +310,8 @@ impl<'a> Validator<'a> {
         })
     }
 
-    /// The changes of a scene on both sides: those asked for, and those without which the reference
-    /// could not show it, which are also told.
+    /// The changes of a scene on both sides: those of the options, and those without which the
+    /// reference cannot render it. The latter are also appended to `told`.
     pub(crate) fn overrides(&self, path: &Path, told: &mut Vec<String>) -> Result<Vec<String>, String> {
         let mut overrides = self.options.overrides.clone();
         let flattened = flatten(path, &overrides)?;
@@ -319,7 +322,7 @@ impl<'a> Validator<'a> {
         Ok(overrides)
     }
 
-    /// The scene as the reference gets it, and the changes that make it so.
+    /// The scene as the reference receives it, and the changes that were made for it.
     pub fn adapted(&self, path: &Path) -> Result<(Flattened, Vec<String>), String> {
         let overrides = self.overrides(path, &mut Vec::new())?;
         Ok((flatten(path, &overrides)?, overrides))
@@ -385,7 +388,7 @@ impl<'a> Validator<'a> {
         }
         match stored {
             Ok(stored) => Ok(Against { stored, live: false }),
-            // One of the changed scene would take the place of the scene's own.
+            // A stored reference of the changed scene would replace that of the original scene.
             Err(error @ (StoredError::Missing { .. } | StoredError::Stale { .. }))
                 if !self.options.overrides.is_empty() =>
             {
@@ -408,7 +411,7 @@ impl<'a> Validator<'a> {
     }
 }
 
-/// The scene as the reference gets it.
+/// The flattened scene, as the reference receives it.
 pub fn flatten(path: &Path, overrides: &[String]) -> Result<Flattened, String> {
     let sources =
         Sources::load(path, overrides).map_err(|error| error.sources.report(&error.errors, false))?;
@@ -416,7 +419,7 @@ pub fn flatten(path: &Path, overrides: &[String]) -> Result<Flattened, String> {
     Ok(description.flattened)
 }
 
-/// How a picture differs from the exact one, in words.
+/// A description of how a picture differs from the exact one.
 fn departure(ours: &[[f32; 3]], exact: &[[f32; 3]]) -> String {
     let far = |a: &[f32; 3], b: &[f32; 3]| {
         let channels = a.iter().zip(b);

@@ -1,17 +1,18 @@
-//! The values that a reference takes in pixels that vary, as they are kept with a stored reference.
+//! The values of a reference in the pixels that vary, as stored with the reference.
 //!
-//! They stand in an EXR file of their own, which any tool can read: each row is a pixel of the
-//! reference, its channels `X` and `Y` say which one, and R, G, B hold its distinct values, the
-//! nominal one first. Rows are as long as the longest needs; shorter ones repeat the nominal value.
+//! They are in an EXR file of their own, which any tool can read. Each row is a pixel of the
+//! reference: its channels `X` and `Y` identify it, and R, G, B hold its distinct values, the
+//! nominal one first. All rows have the length of the longest; shorter ones are padded with the
+//! nominal value.
 
 use crate::explain::agree;
 use std::collections::BTreeMap;
 use whitstone_image::Image;
 
-/// Most values that are kept of a pixel. One with more varies continuously, and its range says as
-/// much.
+/// Maximum number of values that are stored for a pixel. A pixel with more varies continuously, so
+/// that its range describes it as well.
 const MOST_VALUES: usize = 64;
-/// Values that differ by less than this part of the tolerance count as one.
+/// Values that differ by less than this fraction of the tolerance count as equal.
 const SAME: f64 = 0.25;
 
 /// Column and row of a pixel, and the values there.
@@ -19,12 +20,12 @@ const SAME: f64 = 0.25;
 pub struct Variants(BTreeMap<[usize; 2], Vec<[f64; 3]>>);
 
 impl Variants {
-    /// The values of a pixel, the nominal one first; `None` where the reference does not vary.
+    /// The values of a pixel, the nominal one first; `None` if the reference does not vary there.
     pub fn of(&self, pixel: [usize; 2]) -> Option<&[[f64; 3]]> {
         self.0.get(&pixel).map(Vec::as_slice)
     }
 
-    /// How many pixels vary.
+    /// The number of pixels that vary.
     pub fn len(&self) -> usize {
         self.0.len()
     }
@@ -34,8 +35,8 @@ impl Variants {
         self.0.is_empty()
     }
 
-    /// Adds a value that the reference takes in a pixel, unless it is not finite or nearly one that
-    /// is there.
+    /// Adds a value that the reference takes in a pixel, unless it is not finite or almost equal to
+    /// an existing one.
     pub fn add(&mut self, pixel: [usize; 2], nominal: [f64; 3], value: [f64; 3], tolerance: [f64; 3]) {
         if !value.iter().all(|v| v.is_finite()) {
             return;
@@ -48,7 +49,7 @@ impl Variants {
         }
     }
 
-    /// As an image; `None` if no pixel varies, since an image has at least one row.
+    /// Converts to an image; `None` if no pixel varies, because an image has at least one row.
     pub fn to_image(&self) -> Option<Image> {
         let width = self.0.values().map(Vec::len).max()?;
         let rows: Vec<(&[usize; 2], &Vec<[f64; 3]>)> = self.0.iter().collect();
@@ -67,7 +68,7 @@ impl Variants {
         Some(image)
     }
 
-    /// From an image that [`Self::to_image`] made; `None` where it has other channels.
+    /// Converts from an image that [`Self::to_image`] made; `None` if it has other channels.
     pub fn from_image(image: &Image) -> Option<Self> {
         let [red, green, blue] = image.rgb().ok()?;
         let (columns, rows) = (image.channel("X")?, image.channel("Y")?);

@@ -1,16 +1,16 @@
-//! The verdict on a case: who is right, and how sure that is.
+//! The verdict on a case: which renderer is right, and how certain that is.
 //!
-//! - *pass*: the two agree, or the reference itself takes our values where its own numbers are
+//! - *pass*: the two agree, or the reference itself takes our values where its own result is
 //!   undecided;
-//! - *confirmed*: the reference is too weak in this scene, and the oracle confirms ours in every
-//!   pixel that it was asked about;
-//! - *fail*: the oracle contradicts ours in at least one pixel;
-//! - *undecided*: the two differ and nobody can tell who is right; the reason is given.
+//! - *confirmed*: the reference is too inaccurate in this scene, and the oracle confirms our value
+//!   in every pixel that was queried;
+//! - *fail*: the oracle contradicts our value in at least one pixel;
+//! - *undecided*: the two differ and neither reference nor oracle can decide; the reason is given.
 //!
 //! The oracle shares some code with our tracer ([`crate::shared`]), and a fault there would look
-//! right to both. So its word alone acquits no pixel in which the reference shows no sign of
-//! weakness. The surest sign is that the reference varies in the pixel itself; one of the scene
-//! ([`crate::inexact`]) counts only where no shared code is in use.
+//! right to both. So the oracle alone is not enough to accept a pixel in which the reference shows
+//! no sign of inaccuracy. The strongest sign is that the reference varies in the pixel itself. A
+//! sign for the whole scene ([`crate::inexact`]) counts only if no shared code is in use.
 
 use crate::driver::SceneText;
 use crate::explain::Explanation;
@@ -23,17 +23,17 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use whitstone_image::{Image, Mask, metrics};
 
-/// Pixels of the interior that the oracle is asked about where only their mean error is above its
-/// limit: the worst.
+/// Number of the worst interior pixels that the oracle is queried about if only their mean error is
+/// above its limit.
 const WORST_OF_INTERIOR: usize = 32;
-/// And an even choice of all.
+/// Number of evenly spaced interior pixels that are queried in addition.
 const OTHERS_OF_INTERIOR: usize = 32;
 
-/// An error may be so many times the largest deviation that a few other roundings show.
+/// Maximum ratio of an error to the largest deviation under a few other roundings.
 const ROUNDINGS: f64 = 4.0;
 
-/// How sure a sample makes that all is right, in words: with `asked` right of as many asked, at
-/// most this part of the others can be wrong with a confidence of 95 % (0.05 = (1 - p)^n).
+/// The confidence that a sample gives, as text. If all of `asked` queried pixels are right, at most
+/// this fraction of the others is wrong, with a confidence of 95 % (0.05 = (1 - p)^n).
 fn confidence(asked: usize, of: usize) -> String {
     if asked >= of {
         return format!("all {of}");
@@ -43,7 +43,7 @@ fn confidence(asked: usize, of: usize) -> String {
 }
 
 impl Validator<'_> {
-    /// Decides a case that was compared, with the oracle where the comparison alone cannot.
+    /// Decides a case that was compared, with the oracle if the comparison alone cannot.
     pub(crate) fn decide(
         &mut self,
         path: &Path,
@@ -105,7 +105,7 @@ impl Validator<'_> {
             .map(|one| one.pixel)
             .collect();
         if against.stored.meta.rehits > 0 {
-            // Where such a reference agrees with ours, that alone shows nothing.
+            // Agreement with such a reference alone proves nothing.
             in_question = (0..ours.height())
                 .flat_map(|y| (0..ours.width()).map(move |x| [x, y]))
                 .collect();
@@ -120,7 +120,7 @@ impl Validator<'_> {
         let wrong: Vec<&([usize; 2], Verdict)> = (verdicts.iter())
             .filter(|(_, verdict)| matches!(verdict, Verdict::Reference | Verdict::Neither))
             .collect();
-        // Where ours says that surfaces that coincide are not drawn apart, rounding may decide.
+        // Rounding may decide where our tracer reports coincident surfaces that are not separated.
         let pipeline = &our_side.pipeline;
         let not_drawn_apart = !pipeline.coincident_unknown.is_empty()
             || pipeline.coincident.iter().any(|pair| pair.gap.is_none());
@@ -159,7 +159,7 @@ impl Validator<'_> {
                 .count()
         };
         let weak = case.inexact.clone();
-        // Where the reference varies too, an ill-posed pixel is what it looks like.
+        // Where the reference varies too, the pixel is ill-posed.
         let unknown = count(&|explanation, verdict| match verdict {
             Verdict::Unknown => !matches!(explanation, Explanation::Value(_)),
             Verdict::IllPosed => explanation == Explanation::Nothing && weak.is_empty(),
@@ -210,7 +210,7 @@ impl Validator<'_> {
                 ),
             );
         }
-        // What is left are pixels within tolerance.
+        // Only pixels within tolerance remain.
         let before = (case.rel_rmse_interior, case.signed_block_bias);
         let mut all = Mask::new(ours.width(), ours.height());
         for one in judged {
@@ -225,7 +225,7 @@ impl Validator<'_> {
         }
         let rehits = against.stored.meta.rehits > 0;
         if !rehits && case.unexplained == 0 && case.explained + case.ambiguous <= case.explained_limit {
-            // The reference was undecided, and the oracle chose.
+            // The reference was undecided, and the oracle decided.
             case.explained += std::mem::take(&mut case.ambiguous);
             case.problems.clear();
             return (
@@ -243,7 +243,7 @@ impl Validator<'_> {
         )
     }
 
-    /// Decides whose error is above the limit where no pixel is over tolerance.
+    /// Decides whose error exceeds the limit if no pixel is over tolerance.
     fn decide_interior(
         &mut self,
         path: &Path,
@@ -316,10 +316,9 @@ impl Validator<'_> {
         )
     }
 
-    /// In how many of some pixels a live reference varies by at least a quarter of what ours
-    /// differs by, where only its roundings change: a few perturbations underestimate an error.
-    /// Shifts of the sample position do not count: where a texture is steep they explain any small
-    /// error.
+    /// The number of these pixels in which a live reference varies by at least a quarter of our
+    /// difference if only its roundings change: a few perturbations underestimate an error. Shifts
+    /// of the sample position do not count: where a texture is steep they explain any small error.
     fn varying(&mut self, ours: &Ours, against: &Against, pixels: &[[usize; 2]]) -> usize {
         let Some(live) = self.live.as_mut().filter(|_| against.live) else {
             return 0;
@@ -347,8 +346,8 @@ impl Validator<'_> {
     }
 }
 
-/// In how many pixels the oracle has a certain value, and the RMS relative errors of ours and of
-/// the reference there.
+/// The number of pixels in which the oracle's value is certain, and the relative RMS errors of ours
+/// and of the reference there.
 fn errors(hearing: &Hearing, ours: &Image, reference: &Image) -> (usize, [f64; 2]) {
     let mean = metrics::mean_reference(reference).unwrap_or(0.0);
     let mut sums = [0.0_f64; 2];
@@ -361,7 +360,7 @@ fn errors(hearing: &Hearing, ours: &Image, reference: &Image) -> (usize, [f64; 2
         for channel in 0..3 {
             for (sum, image) in sums.iter_mut().zip([ours, reference]) {
                 let distance = (color_at(image, *pixel)[channel] - rgb[channel]).abs();
-                // Files hold single precision, whose rounding is no error.
+                // Files store single precision, whose rounding is no error.
                 let known = uncertainty[channel] + rgb[channel].abs() * f64::from(f32::EPSILON) / 2.0;
                 let scale = (rgb[channel].abs() + mean).max(f64::MIN_POSITIVE);
                 *sum += ((distance - known).max(0.0) / scale).powi(2);
@@ -371,7 +370,7 @@ fn errors(hearing: &Hearing, ours: &Image, reference: &Image) -> (usize, [f64; 2
     (count, sums.map(|sum| (sum / (3 * count).max(1) as f64).sqrt()))
 }
 
-/// Notes what the oracle says of the worst pixels, and gives all of it.
+/// Stores the oracle's verdicts on the worst pixels, and returns all verdicts.
 fn note(
     case: &mut CaseResult,
     hearing: &Hearing,

@@ -1,10 +1,10 @@
 //! Whitstone: a modular Whitted ray tracer, and the harness that validates it against Mitsuba 3.
 //!
-//! This crate ties the plugin families to the scene loader and holds the command line, which a
-//! third party can extend by its own plugins (`Cli`). Without its features it is what slim binaries
-//! need ([`slim`]).
+//! This crate connects the plugin families to the scene loader and holds the command line, which a
+//! third party can extend with its own plugins (`Cli`). Without its features it contains only what
+//! slim binaries need ([`slim`]).
 
-// First, because its macros take the place of those that panic.
+// First, because its macros replace the standard ones, which panic.
 #[macro_use]
 mod terminal;
 #[cfg(feature = "cli")]
@@ -28,7 +28,7 @@ pub use whitstone_validate as validate;
 use whitstone_core::{DuplicateType, Registry};
 
 #[cfg(feature = "plugins")]
-/// All plugins that are built in: those of the families, and the peers whose features are on.
+/// Registers all built-in plugins: those of the families, and the peers whose features are on.
 pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
     whitstone_cameras::register(registry)?;
     whitstone_shapes::register(registry)?;
@@ -43,7 +43,7 @@ pub fn register(registry: &mut Registry) -> Result<(), DuplicateType> {
 }
 
 #[cfg(feature = "plugins")]
-/// A registry with all plugins that are built in.
+/// A registry with all built-in plugins.
 pub fn registry() -> Registry {
     let mut registry = Registry::default();
     register(&mut registry).expect("the families of the workspace have distinct types");

@@ -1,8 +1,8 @@
-//! The command line of a slim binary: one scene in, one EXR out.
+//! The command line of a slim binary, which renders one scene to one EXR file.
 //!
-//! `cargo xtask slim SCENE` generates a package that links this crate without its features, and of
-//! the plugins those that the scene names. What reads arguments, draws progress, compares and
-//! reports stays out with the features.
+//! `cargo xtask slim SCENE` generates a package that links this crate without its features, and
+//! only the plugins that the scene names. Argument parsing, progress bars, comparisons and reports
+//! belong to the features, so they are not linked.
 
 use crate::terminal::{self, Exit, Failure};
 use std::ffi::OsString;
@@ -16,7 +16,7 @@ use whitstone_scene::{
 
 const USAGE: &str = "SCENE [-o FILE.exr] [--set PATH=VALUE]... [--threads N]";
 
-/// What can be said on the command line.
+/// The arguments of the command line.
 #[derive(Debug, Default, PartialEq)]
 struct Arguments {
     scene: PathBuf,
@@ -105,7 +105,7 @@ fn render(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// Prints what was rendered and how fast, in a line, and a warning if the image is not sound.
+/// Prints one line with the image and the speed, and a warning if the image is not sound.
 pub(crate) fn tell(output: &Path, pipeline: &Pipeline, film: &Film) {
     println!("{}", summary(output, pipeline, film));
     let (unfit, all) = (film.not_finite(), film.rgb.len());

@@ -1,4 +1,4 @@
-//! What all commands share in talking to people: output, progress, messages, exit codes.
+//! Output, progress, messages and exit codes, shared by all commands.
 
 #[cfg(feature = "cli")]
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -11,24 +11,23 @@ use std::sync::atomic::{AtomicBool, Ordering};
 #[cfg(feature = "cli")]
 use whitstone_image::atomic;
 
-/// As the standard macro, which panics if the reader of a pipe has gone; this one does not. The
-/// crate has no other `println!`.
+/// Like the standard macro, but does not panic if the reader of a pipe has gone. The crate uses no
+/// other `println!`.
 macro_rules! println {
     () => { $crate::terminal::out(format_args!("\n")) };
     ($($arguments:tt)*) => { $crate::terminal::out(format_args!("{}\n", format_args!($($arguments)*))) };
 }
 
-/// As [`println!`], to standard error.
+/// Like [`println!`], to standard error.
 macro_rules! eprintln {
     ($($arguments:tt)*) => { $crate::terminal::err(format_args!("{}\n", format_args!($($arguments)*))) };
 }
 
-/// Whether something could not be written to standard output for another reason than that no one
-/// reads it.
+/// Whether writing to standard output failed for a reason other than a closed pipe.
 static OUTPUT_LOST: AtomicBool = AtomicBool::new(false);
 
-/// Writes to standard output. That the reader has gone (`whitstone list | head -1`) is no error:
-/// the rest of the work still has to be done, and its text is of no interest.
+/// Writes to standard output. A reader that has gone (`whitstone list | head -1`) is no error: the
+/// command still has to finish its work, and the rest of its text is discarded.
 pub(crate) fn out(text: Arguments<'_>) {
     if let Err(error) = std::io::stdout().lock().write_fmt(text)
         && error.kind() != ErrorKind::BrokenPipe
@@ -37,17 +36,17 @@ pub(crate) fn out(text: Arguments<'_>) {
     }
 }
 
-/// Writes to standard error; if that fails, there is nowhere to say so.
+/// Writes to standard error. Ignores failures, because there is nowhere to report them.
 pub(crate) fn err(text: Arguments<'_>) {
     let _ = std::io::stderr().lock().write_fmt(text);
 }
 
-/// How a command ended; the numbers are a contract with scripts.
+/// How a command ended. Scripts rely on these numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
-    /// 0: done, and what was compared agrees.
+    /// 0: done, and all comparisons agree.
     Pass,
-    /// 1: what was compared differs.
+    /// 1: a comparison differs.
     Differs,
 }
 
@@ -56,23 +55,23 @@ pub enum Exit {
 pub enum Failure {
     /// 2: the command line or the scene is wrong.
     Usage(String),
-    /// 3: something that it needs is missing or broken, such as a live Mitsuba that was asked for.
+    /// 3: something that the command needs is missing or broken, such as a requested live Mitsuba.
     Environment(String),
 }
 
 impl Failure {
-    /// The command line, a scene or a file is wrong.
+    /// A failure of the command line, a scene or a file.
     pub fn usage(problem: impl Display) -> Self {
         Self::Usage(problem.to_string())
     }
 
-    /// Something outside is missing.
+    /// A failure of the environment.
     pub fn environment(problem: impl Display) -> Self {
         Self::Environment(problem.to_string())
     }
 }
 
-/// Makes a folder for results, if it is not there.
+/// Creates a folder for results if it does not exist.
 #[cfg(feature = "cli")]
 pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(folder).map_err(|error| {
@@ -80,13 +79,13 @@ pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
     })
 }
 
-/// Prints a failure and gives the exit code.
+/// Prints a failure and returns the exit code.
 pub fn finish(result: Result<Exit, Failure>) -> ExitCode {
     let flushed = std::io::stdout().lock().flush();
     let lost = OUTPUT_LOST.load(Ordering::Relaxed)
         || flushed.is_err_and(|error| error.kind() != ErrorKind::BrokenPipe);
     let result = match result {
-        // A result that no one could get is none, a verdict or a failure comes before.
+        // Lost output is a failure of its own only if there is no other verdict or failure.
         Ok(Exit::Pass) if lost => Err(Failure::environment("cannot write to standard output")),
         result => result,
     };
@@ -105,7 +104,7 @@ pub fn finish(result: Result<Exit, Failure>) -> ExitCode {
 }
 
 fn with_prefix(problem: &str) -> String {
-    // Reports about scenes bring their own, perhaps in colour.
+    // Scene reports bring their own heading and may be coloured.
     let mut plain = problem;
     while let Some((_, rest)) = plain
         .strip_prefix("\u{1b}[")
@@ -121,7 +120,7 @@ fn with_prefix(problem: &str) -> String {
 }
 
 #[cfg(feature = "cli")]
-/// Writes a value for machines to the file of `--json`, as a whole or not at all.
+/// Writes machine-readable results to the file of `--json`, atomically.
 pub(crate) fn write_json(path: &Path, value: &serde_json::Value) -> Result<(), Failure> {
     atomic::write_bytes(path, format!("{value:#}\n").as_bytes()).map_err(Failure::environment)
 }
@@ -132,7 +131,7 @@ pub(crate) fn color() -> bool {
 }
 
 #[cfg(feature = "cli")]
-/// A progress bar on standard error; none where that is no terminal.
+/// A progress bar on standard error; hidden if standard error is not a terminal.
 pub fn progress(total: u64, what: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent}% {elapsed} (eta {eta})");
@@ -142,14 +141,13 @@ pub fn progress(total: u64, what: &str) -> ProgressBar {
 }
 
 #[cfg(feature = "cli")]
-/// A sign that something goes on, for what has no known end; none where standard error is no
-/// terminal.
+/// A spinner for work of unknown length; hidden if standard error is not a terminal.
 pub(crate) fn spinner(what: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{spinner} {msg} {elapsed}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
     bar.set_message(what.to_owned());
-    // Not at once: most scenes are built before anyone could read it.
+    // The spinner appears after a delay, because most scenes are built before anyone could read it.
     bar.enable_steady_tick(std::time::Duration::from_millis(250));
     bar
 }

@@ -1,12 +1,11 @@
-//! Wireframe pictures of what an accelerator divides space into, over the dimmed picture of the
-//! scene.
+//! Wireframe pictures of the bounds of an accelerator, drawn over the dimmed picture of the scene.
 
 use crate::terminal::Failure;
 use whitstone_core::{DMat4, DVec2, DVec3, DVec4, Outline};
 use whitstone_image::{Raster, ToneMap};
 use whitstone_scene::{Pipeline, RenderOptions};
 
-/// By level, from the whole down, again and again: told apart by hue and by brightness (Okabe and
+/// Colours by level, from the root down, repeated. They differ in hue and in brightness (Okabe and
 /// Ito's palette, which people with any colour vision can tell apart).
 const COLORS: [[u8; 3]; 7] = [
     [255, 255, 255],
@@ -18,13 +17,13 @@ const COLORS: [[u8; 3]; 7] = [
     [204, 121, 167],
 ];
 
-/// What is left of the brightness of the picture below.
+/// Factor by which the picture below is dimmed.
 const DIM: f64 = 0.4;
 
 /// The picture of a scene with the outlines of its accelerator down to a level.
 ///
 /// # Errors
-/// If the accelerator has none, or the camera does not say where points are in its image.
+/// If the accelerator has no outlines, or the camera cannot project points into its image.
 pub fn picture(pipeline: &Pipeline, deepest: usize) -> Result<Raster, Failure> {
     let kind = &pipeline.accelerator.0;
     let outlines = pipeline.world.accelerator.outlines(deepest).ok_or_else(|| {
@@ -47,8 +46,8 @@ fn color(depth: usize) -> [u8; 3] {
     COLORS[depth % COLORS.len()]
 }
 
-/// The picture, dimmed, with lines over it: deeper levels first, so that none hides the larger
-/// volumes around it.
+/// Draws lines over the dimmed picture. Deeper levels are drawn first, so that they do not hide the
+/// larger volumes around them.
 fn draw(picture: &Raster, projection: &DMat4, outlines: &[Outline]) -> Raster {
     let mut drawn = Raster::from_fn(picture.width(), picture.height(), |x, y| {
         let pixel = picture.pixel(x, y).unwrap_or_default();
@@ -67,9 +66,9 @@ fn draw(picture: &Raster, projection: &DMat4, outlines: &[Outline]) -> Raster {
     drawn
 }
 
-/// The ends in the image of the part of a segment that is in front of the camera and in the picture
-/// (Blinn and Newell, *Clipping using homogeneous coordinates*, 1978: before the division, so that
-/// lines past the camera keep their direction).
+/// The end points in the image of the part of a segment that lies in front of the camera and in the
+/// picture. Clips before the division (Blinn and Newell, *Clipping using homogeneous coordinates*,
+/// 1978), so that lines that pass the camera keep their direction.
 fn project(segment: [DVec3; 2], projection: &DMat4, size: DVec2) -> Option<[DVec2; 2]> {
     let [a, b] = segment.map(|end| *projection * end.extend(1.0));
     let (low, high) = window(size);
@@ -98,13 +97,13 @@ fn project(segment: [DVec3; 2], projection: &DMat4, size: DVec2) -> Option<[DVec
     (from <= to && ends.iter().all(|end| end.is_finite())).then_some(ends)
 }
 
-/// The picture and a pixel around it.
+/// The rectangle of the picture, extended by one pixel.
 fn window(size: DVec2) -> (DVec2, DVec2) {
     (DVec2::NEG_ONE, size + DVec2::ONE)
 }
 
-/// Draws an anti-aliased line one pixel wide: across its steeper direction, each pixel by how much
-/// of its height the line covers (Gupta and Sproull 1981, with a box for the filter).
+/// Draws an anti-aliased line one pixel wide. Each pixel across its steeper direction is weighted
+/// by the part of its height that the line covers (Gupta and Sproull 1981, with a box filter).
 fn line(picture: &mut Raster, ends: [DVec2; 2], color: [u8; 3]) {
     let size = DVec2::new(picture.width() as f64, picture.height() as f64);
     let Some([a, b]) = clip(ends, size) else {
@@ -119,9 +118,10 @@ fn line(picture: &mut Raster, ends: [DVec2; 2], color: [u8; 3]) {
     }
     let slope = if b.x > a.x { (b.y - a.y) / (b.x - a.x) } else { 0.0 };
     for column in a.x.floor() as i64..=b.x.floor() as i64 {
-        // How much of this column the line passes.
+        // The part of this column that the line crosses.
         let length = (b.x.min(column as f64 + 1.0) - a.x.max(column as f64)).max(0.0);
-        // Where it is at the middle of the column, from the middles of the rows.
+        // The position of the line at the middle of the column, measured from the middles of the
+        // rows.
         let y = a.y + slope * (column as f64 + 0.5 - a.x) - 0.5;
         for row in [y.floor(), y.floor() + 1.0] {
             let cover = length * (1.0 - (row - y).abs());
@@ -145,7 +145,7 @@ fn blend(picture: &mut Raster, x: i64, y: i64, color: [u8; 3], cover: f64) {
     }
 }
 
-/// The part of a line inside of the picture and a pixel around it (Liang and Barsky 1984).
+/// The part of a line inside the picture extended by one pixel (Liang and Barsky 1984).
 fn clip([a, b]: [DVec2; 2], size: DVec2) -> Option<[DVec2; 2]> {
     let (low, high) = window(size);
     let along = b - a;
@@ -174,8 +174,8 @@ mod tests {
             .collect()
     }
 
-    /// A camera in the origin that looks along z, at ten pixels a unit of slope, with the middle of
-    /// the image at (8, 6).
+    /// A camera at the origin that looks along z, with ten pixels per unit of slope and the middle
+    /// of the image at (8, 6).
     fn projection() -> DMat4 {
         let rows = [
             DVec4::new(10.0, 0.0, 8.0, 0.0),
@@ -196,19 +196,19 @@ mod tests {
 
     #[test]
     fn a_line_is_where_its_ends_project_to() {
-        // From (3, 4.5) to (13, 4.5), two units away: the row of pixels whose middles it passes.
+        // From (3, 4.5) to (13, 4.5), two units away: the row of pixels whose middles it crosses.
         let ends = [DVec3::new(-1.0, -0.3, 2.0), DVec3::new(1.0, -0.3, 2.0)];
         let picture = drawn(&[ends]);
         assert_eq!(lit(&picture), (3..13).map(|x| (x, 4)).collect::<Vec<_>>());
         assert_eq!(picture.pixel(3, 4), Some([255; 3]));
-        // Between two rows it is half in each, and nowhere else.
+        // Between two rows it covers half of each, and nothing else.
         let picture = drawn(&[ends.map(|end| end - 0.1 * DVec3::Y)]);
         assert_eq!(lit(&picture).len(), 20);
         assert_eq!(
             (picture.pixel(5, 3), picture.pixel(5, 4)),
             (Some([128; 3]), Some([128; 3]))
         );
-        // Turned by a quarter.
+        // Rotated by a quarter turn.
         let turned = ends.map(|end| DVec3::new(end.y, end.x, end.z));
         assert!(lit(&drawn(&[turned])).iter().all(|&(x, _)| x == 6));
     }
@@ -217,7 +217,8 @@ mod tests {
     fn what_is_behind_the_camera_is_not_drawn() {
         let behind = [DVec3::new(-1.0, 0.1, -2.0), DVec3::new(1.0, 0.1, -2.0)];
         assert_eq!(lit(&drawn(&[behind])), []);
-        // A line past the camera: from the middle it runs to the right, and out of the picture.
+        // A line that passes the camera: from the middle it runs to the right and out of the
+        // picture.
         let past = [DVec3::new(0.5, 0.05, 1e9), DVec3::new(0.5, 0.05, -1e9)];
         let found = lit(&drawn(&[past]));
         assert!(
@@ -236,7 +237,7 @@ mod tests {
         assert!(!lit(&drawn(&[far])).is_empty());
         let beside = [DVec3::new(-1e30, 5.0, 1.0), DVec3::new(1e30, 5.0, 1.0)];
         assert_eq!(lit(&drawn(&[beside])), []);
-        // Too far for numbers to say where it is: whatever is drawn, it ends.
+        // Too far away for any number to locate it: whatever is drawn, drawing terminates.
         drawn(&[far.map(|end| 1e288 * end)]);
     }
 

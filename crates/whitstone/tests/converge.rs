@@ -1,5 +1,5 @@
-//! Error against run time: what the studies claim holds, a fault in what they are about is found,
-//! and what is wrong is told at its place.
+//! Tests of error-against-time studies: the claims of the stored studies hold, an injected fault in
+//! their subject is detected, and errors in studies are reported at their place.
 
 use serde_json::Value;
 use std::fs;
@@ -27,7 +27,7 @@ fn measure(study: &Study, registry: &Registry, folder: &Path) -> Result<StudyRep
     lab.measure(study, &|_| ())
 }
 
-/// A stored study in its quick form, with another text in some places.
+/// The quick form of a stored study, with text replacements.
 fn stored(name: &str, changes: &[[&str; 2]]) -> Study {
     let path = root().join("studies").join(name).with_extension("toml");
     let mut text = fs::read_to_string(&path).unwrap();
@@ -70,7 +70,7 @@ fn the_quick_studies_hold() {
     assert!(quick >= 4, "{quick} studies have a quick form");
 }
 
-/// A sampler that takes no notice of which sample it is asked for.
+/// A sampler that ignores the sample index.
 struct Stuck(u32);
 
 impl Plugin<Samplers> for Stuck {
@@ -98,7 +98,7 @@ impl Sampler for Stuck {
     }
 }
 
-/// Samples at random anywhere in the pixel: right, but slower than strata.
+/// Random samples anywhere in the pixel: unbiased, but slower to converge than stratified ones.
 struct Anywhere(u32);
 
 impl Plugin<Samplers> for Anywhere {
@@ -127,7 +127,7 @@ impl Sampler for Anywhere {
     }
 }
 
-/// An accelerator that loses one hit in some hundred.
+/// An accelerator that misses one in some hundred hits.
 struct Leaky(Box<dyn Accelerator>);
 
 impl Plugin<Accelerators> for Leaky {
@@ -351,7 +351,7 @@ fn a_study_is_measured_written_and_resumed() {
     let page = fs::read_to_string(place.0.path().join("page.md")).unwrap();
     assert!(page.starts_with("a\n") && page.contains("| grid | whitstone | 4 |") && page.ends_with("b\n"));
 
-    // What is finished is not measured again, unless that is asked for.
+    // Finished measurements are not repeated, unless requested.
     assert_eq!(place.run(&[]).status.code(), Some(0));
     assert_eq!(place.json()["studies"], first["studies"]);
     assert_eq!(place.run(&["--fresh"]).status.code(), Some(0));
@@ -390,7 +390,7 @@ fn a_scene_that_fails_half_way_leaves_what_it_has_and_goes_on_later() {
     let second = place.json();
     let now = &second["studies"][0]["series"][0]["points"];
     assert!(now[1]["seconds"].is_f64() && now[1].get("problem").is_none());
-    // The others are those of the first run.
+    // The other points are those of the first run.
     assert_eq!(now[0]["seconds"], points[0]["seconds"]);
 }
 

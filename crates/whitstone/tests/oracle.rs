@@ -1,7 +1,7 @@
-//! Every shape, held to the oracle: class of the hit and ray parameter.
+//! Compares every shape with the oracle: hit or miss, and the ray parameter.
 //!
-//! `WHITSTONE_RAYS` is how many rays each case gets at each place; release mode takes some
-//! microseconds to milliseconds for each.
+//! `WHITSTONE_RAYS` is the number of rays for each case and placement. In release mode a ray takes
+//! some microseconds to milliseconds.
 
 use std::path::Path;
 use whitstone::core::{Aabb, DVec3, Interval, Needs, Ray, Skip};
@@ -19,7 +19,7 @@ fn scenes() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes"))
 }
 
-/// Holds all cases of a shape to the oracle at all places where it may stand.
+/// Compares all cases of a shape with the oracle at all placements.
 fn agrees(shape: &str) {
     let registry = whitstone::registry();
     let (mut broken, mut hits, mut unknown) = (Vec::new(), 0, 0);
@@ -60,7 +60,7 @@ fn agrees(shape: &str) {
         }
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
-    // Otherwise nothing is told.
+    // Otherwise the test would be vacuous.
     assert!(
         hits > 100 && unknown < hits / 50,
         "{hits} hits, {unknown} unknown"
@@ -110,8 +110,8 @@ shapes!(
     fractal "fractal",
 );
 
-/// Beside a rim, what leaves a cap for the inside meets the side as near as that is: the law of
-/// leaving rays lets it, and here is that it is true.
+/// A ray that leaves a cap inwards close to the rim hits the side at that small distance. The
+/// property test of leaving rays permits this hit; this test shows that it is correct.
 #[test]
 fn what_leaves_a_cap_beside_its_rim_meets_the_side_where_it_is() {
     let registry = whitstone::registry();
@@ -120,7 +120,7 @@ fn what_leaves_a_cap_beside_its_rim_meets_the_side_where_it_is() {
         .iter()
         .find(|(name, _)| *name == "far away")
         .expect("it is one");
-    // With the radius and the height of a cap.
+    // With the radius of the shape and the height of its cap.
     for (shape, radius, height) in [("cone", 0.7, 0.0), ("cylinder", 0.7, 1.0)] {
         let case = CASES.iter().find(|case| case.shape == shape).expect("it is one");
         let scene = case.scene(far.world_from_object());
@@ -145,7 +145,7 @@ fn what_leaves_a_cap_beside_its_rim_meets_the_side_where_it_is() {
             let error = Error::of(&truth, again.map(|again| again.t));
             let small = error.is_some_and(|error| error.by_condition <= MOST_ULPS);
             assert!(small, "{shape}, {gap}: {again:?} instead of {truth:?}");
-            // What the law would not let be the same part.
+            // At this distance the property test would not permit a hit of the same part.
             let slack = point.error + 8.0 * f64::EPSILON * point.position.abs().max_element();
             near += usize::from(again.is_some_and(|again| again.t <= 1e3 * slack));
         }

@@ -1,5 +1,5 @@
-//! The families of stress cases, without Mitsuba: Whitstone keeps every promise, and the naive
-//! variants break.
+//! The stress families without Mitsuba: Whitstone keeps every promised error bound, and the naive
+//! variants fail.
 
 use whitstone_stress::{FAMILIES, FamilyReport, Lab, Verdict};
 

@@ -1,4 +1,5 @@
-//! `bench accelerators`: rays a second of every accelerator, beside Embree in the same run.
+//! `bench accelerators`: rays per second of every accelerator, compared with Embree in the same
+//! run.
 
 use super::chart;
 use super::data;
@@ -16,15 +17,16 @@ use whitstone::core::{Accelerator, Accelerators, Element, FamilyName, Geometry, 
 use whitstone::{Exit, Failure};
 use whitstone_testkit::TestContext;
 
-/// Time accelerators on three meshes with three sets of rays each, beside Embree, interleaved
+/// Benchmark accelerators on three meshes with three sets of rays each, interleaved with Embree
 ///
-/// Everything runs on one thread, in processor time; pin it to one core (`taskset -c 0`) for steady
-/// figures.
+/// Everything runs on one thread and is measured in processor time. Pin it to one core
+/// (`taskset -c 0`) for stable results.
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]
     folder: fetch::Folder,
-    /// Which: a type, or TYPE:QUALITY; peers are known if this was built with their features
+    /// Accelerators to run: TYPE or TYPE:QUALITY; third-party ones are available if they are built
+    /// in
     #[arg(long = "accelerator", value_name = "NAME")]
     accelerators: Vec<String>,
     /// Meshes: names in the folder, or PLY and OBJ files
@@ -33,21 +35,21 @@ pub(crate) struct Arguments {
     /// Sets of rays
     #[arg(long = "set", value_name = "SET", default_values = ["primary", "shadow", "bounce"])]
     sets: Vec<String>,
-    /// Rounds; each times every accelerator once
+    /// Number of rounds; each times every accelerator once
     #[arg(long, default_value_t = 5)]
     rounds: usize,
-    /// One in eight rays, three rounds: below a minute
+    /// Use one in eight rays and three rounds; takes less than a minute
     #[arg(long)]
     quick: bool,
-    /// Write the figures to this file
+    /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Draw the ratios to Embree, or the rates without it, into this file
+    /// Plot the ratios to Embree, or the rates without it, into this file
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
 }
 
-/// What is timed if nothing is named, as far as it is built in.
+/// The default accelerators, as far as they are built in.
 const ALL: [&str; 6] = [
     "bvh:fast",
     "bvh:balanced",
@@ -57,27 +59,27 @@ const ALL: [&str; 6] = [
     "obvhs:very_slow",
 ];
 
-/// Builds that take longer, in seconds, are done once for `--quick`. Others are done three times at
-/// least, and until they have taken as long as this together: a process and its memory are slow at
-/// first. The peer does the same.
+/// Builds that take longer than this, in seconds, run only once with `--quick`. Others run at least
+/// three times, and until their total time reaches this, because a process and its memory are slow
+/// at first. The Embree program does the same.
 const LONG_BUILD: f64 = 0.25;
 
-/// Bytes: just below the largest piece that teaches the GNU C library to keep twice as much
-/// (`M_TRIM_THRESHOLD` of mallopt(3)).
+/// A size in bytes just below the largest block whose release makes the GNU C library keep twice as
+/// much memory (`M_TRIM_THRESHOLD` of mallopt(3)).
 const KEPT_MEMORY: usize = 31 << 20;
 
-/// The quality of the peer that rays are compared with.
+/// The quality of the Embree build against which rays are compared.
 const PEER_QUALITY: &str = "HIGH";
 
 /// An accelerator and its quality.
 pub(super) struct Choice {
     kind: String,
-    /// Empty for none.
+    /// Empty for the default.
     quality: String,
 }
 
 impl Choice {
-    /// From TYPE or TYPE:QUALITY.
+    /// Parses TYPE or TYPE:QUALITY.
     pub(super) fn parse(text: &str) -> Self {
         let (kind, quality) = text.split_once(':').unwrap_or((text, ""));
         Self {
@@ -99,16 +101,16 @@ struct Built<'a> {
     bytes_per_triangle: f64,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
-    // Builds as well: what is compared with was built on one.
+    // Builds use one thread too, like those of the compared renderer.
     rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build_global()
         .map_err(Failure::environment)?;
-    // Until a large piece was freed, the C library gives memory back to the system after each build
-    // and pays for fresh pages in the next one. The peer's memory stays with it from one build to
-    // the next, and builds are compared, not pages.
+    // Until a large block has been freed, the C library returns memory to the system after each
+    // build, and the next one pays for fresh pages. Embree keeps its memory between builds, and the
+    // benchmark compares builds, not page faults.
     drop(std::hint::black_box(vec![1u8; KEPT_MEMORY]));
     let bench = Bench::new(arguments, registry)?;
     let mut rows = Vec::new();
@@ -127,7 +129,7 @@ pub(crate) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         let text = format!("{:#}\n", json!({ "rows": rows, "summary": summary }));
         whitstone::image::atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)?;
     }
-    // Peers in single precision differ; that is shown, not judged.
+    // Accelerators in single precision differ; their differences are shown but do not fail.
     let judged = rows.iter().filter(|row| row["exact"] == true);
     let mismatches: u64 = judged.filter_map(|row| row["mismatches"].as_u64()).sum();
     Ok(if mismatches == 0 {
@@ -178,7 +180,7 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// All sets of one mesh.
+    /// Benchmarks all sets of one mesh.
     fn mesh(&self, name: &str, version: &mut Value) -> Result<Vec<Value>, String> {
         let mesh = data::mesh(&self.folder.join(format!("{name}.tri")))?;
         let triangles = mesh.triangles.len();
@@ -282,8 +284,8 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// One set of rays: rounds in which each accelerator, in each mode, and the peer is timed once.
-    /// The figures of one accelerator's modes are neighbours.
+    /// Benchmarks one set of rays. Each round times each accelerator, in each mode, and Embree
+    /// once. The modes of one accelerator are adjacent in the result.
     fn set(
         &self,
         set: &str,
@@ -307,7 +309,7 @@ impl<'a> Bench<'a> {
                 let start = processor_time();
                 std::hint::black_box(rays.pass(&*one.accelerator, *mode));
                 let ours = processor_time() - start;
-                // The first round touches pages.
+                // The first round is a warm-up: it touches pages.
                 if round > 0 {
                     seconds[i].push(ours);
                     ratios[i].extend(theirs.map(|theirs| theirs / ours));
@@ -330,7 +332,7 @@ struct Figures {
     difference: Difference,
 }
 
-/// Geometric means over all cells, by accelerator and quality, of the ratios to Embree.
+/// Geometric means over all cells of the ratios to Embree, by accelerator and quality.
 fn summarise(rows: &[Value], version: Value) -> Value {
     let mut sums: Vec<(String, f64, usize)> = Vec::new();
     for row in rows {
@@ -361,7 +363,7 @@ fn summarise(rows: &[Value], version: Value) -> Value {
     })
 }
 
-/// Builds an accelerator by its name.
+/// Builds the accelerator of this name.
 pub(super) fn build(
     registry: &Registry,
     choice: &Choice,

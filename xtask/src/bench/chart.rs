@@ -1,4 +1,4 @@
-//! Figures of accelerators as a table and as bars.
+//! The results of accelerators as a table and as a bar chart.
 
 use serde_json::Value;
 use std::fmt::Write;
@@ -19,7 +19,7 @@ impl Line {
     }
 }
 
-/// Ratios to Embree, or millions of rays a second where there is none, and which of them.
+/// Ratios to Embree, or millions of rays per second without Embree, and which of the two they are.
 fn lines(rows: &[Value]) -> (Vec<Line>, &'static str) {
     let with_embree = rows.iter().all(|row| row["ratio_to_embree"].is_number());
     let (key, what) = match with_embree {
@@ -53,7 +53,7 @@ fn lines(rows: &[Value]) -> (Vec<Line>, &'static str) {
     (lines, what)
 }
 
-/// A line for each accelerator and mode, a column for each cell; build time and bytes are those of
+/// A line for each accelerator and mode, a column for each cell. Build time and bytes are those of
 /// the first mesh.
 pub(super) fn table(rows: &[Value]) -> String {
     let (lines, what) = lines(rows);
@@ -83,7 +83,7 @@ pub(super) fn table(rows: &[Value]) -> String {
     text + "\n"
 }
 
-/// A bar for each accelerator and mode, as long as its mean, with a tick for each cell.
+/// A bar for each accelerator and mode, with the mean as its length and a tick for each cell.
 pub(super) fn bars(rows: &[Value]) -> String {
     const LEFT: f64 = 190.0;
     const WIDE: f64 = 560.0;
@@ -155,7 +155,7 @@ mod tests {
             svg.contains("a&lt;b single") && svg.contains("m bounce: 2.00"),
             "{svg}"
         );
-        // Without Embree they are rates.
+        // Without Embree the values are rates.
         assert!(table(&[row("primary", Value::Null)]).contains("million rays a second"));
         assert_eq!(table(&[]), "");
     }

@@ -1,13 +1,14 @@
-// scenes/showcase/classic.toml in the language of POV-Ray 3.7, for `bench --povray`: the same shapes, camera, light,
-// background and depth. Two things are different there: shadow rays pass through glass, and a light fades as
-// 2 / (1 + (d / fade_distance)^2), which is the inverse square law at these distances.
+// scenes/showcase/classic.toml in the language of POV-Ray 3.7, for `bench --povray`: the same shapes,
+// camera, light, background and depth. POV-Ray differs in two ways: shadow rays pass through glass,
+// and a light fades as 2 / (1 + (d / fade_distance)^2), which is the inverse square law at these
+// distances.
 #version 3.7;
 
 global_settings {
   assumed_gamma 1.0
-  // Counts the camera's rays as the first.
+  // Camera rays count as the first level.
   max_trace_level 7
-  // No branch is dropped for being weak: ours are not.
+  // No branch is dropped for a low weight, as in Whitstone.
   adc_bailout 0
 }
 
@@ -34,7 +35,7 @@ default { finish { ambient 0 diffuse 1 } }
 // The floor.
 polygon {
   5, <-10, 0, -10>, <10, 0, -10>, <10, 0, 10>, <-10, 0, 10>, <-10, 0, -10>
-  // The pattern has cells in all directions, and the floor is not to lie between two.
+  // The pattern has cells in all three dimensions; the floor must not lie on a boundary of cells.
   pigment { checker rgb 0.4, rgb 0.2 translate 0.5 * y }
 }
 

@@ -1,4 +1,4 @@
-//! Meshes and rays on disk, as the peer reads them too.
+//! Files of meshes and rays, which the Embree program reads too.
 //!
 //! `NAME.tri` = "TRI1", vertices and triangles (u32), coordinates (f32), indices (u32).
 //! `NAME_SET.rays` = "RAY1", number (u32), origin, smallest parameter, direction, largest parameter
@@ -70,10 +70,10 @@ pub(super) fn write_mesh(path: &Path, mesh: &TriangleMesh) -> Result<(), String>
     fs::write(path, bytes).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// A ray and where it counts.
+/// A ray and its parameter interval.
 pub(super) type Query = (Ray, Interval);
 
-/// Reads rays: of every `stride`th block of 256.
+/// Reads the rays of every `stride`th block of 256.
 pub(super) fn rays(path: &Path, stride: usize) -> Result<Vec<Query>, String> {
     let words = words(path, b"RAY1")?;
     let (rays, _) = words.get(1..).unwrap_or_default().as_chunks::<8>();

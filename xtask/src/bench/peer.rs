@@ -1,4 +1,5 @@
-//! The peer program on Embree: compiled where a C++ compiler and Embree are, asked line by line.
+//! The Embree program, compiled if a C++ compiler and Embree are installed, and controlled line by
+//! line.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -6,7 +7,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 const SOURCE: &str = include_str!("embree_peer.cpp");
 
-/// Compiles the peer into a folder; the message says what is missing.
+/// Compiles the program into a folder. The error names the missing parts.
 pub(super) fn compile(folder: &Path) -> Result<PathBuf, String> {
     let (source, program) = (folder.join("embree_peer.cpp"), folder.join("embree_peer_lines"));
     if std::fs::read_to_string(&source).is_ok_and(|text| text == SOURCE) && program.is_file() {
@@ -33,7 +34,7 @@ pub(super) fn compile(folder: &Path) -> Result<PathBuf, String> {
     ))
 }
 
-/// A running peer with one mesh.
+/// A running Embree program with one mesh.
 pub(super) struct Peer {
     child: Child,
     input: ChildStdin,
@@ -81,7 +82,7 @@ impl Peer {
         }
     }
 
-    /// Seconds of one pass over a set of rays, and how many hit.
+    /// Seconds of one pass over a set of rays, and the number of hits.
     pub(super) fn trace(&mut self, set: &str, stride: usize) -> Result<(f64, usize), String> {
         writeln!(self.input, "{set} {stride}").map_err(|error| error.to_string())?;
         let line = self.line()?;
@@ -96,7 +97,7 @@ impl Peer {
 
 impl Drop for Peer {
     fn drop(&mut self) {
-        // Whatever it does, it is not waited for.
+        // Kills it without waiting for an answer.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,4 +1,4 @@
-//! Whole pictures: beside Mitsuba's, beside POV-Ray's, and as frames a second.
+//! Benchmarks of whole pictures: against Mitsuba, against POV-Ray, and as frames per second.
 
 use super::machine::{load, processor_time};
 use super::median;
@@ -25,30 +25,30 @@ pub(crate) struct Arguments {
     /// Rows of the image
     #[arg(long, default_value_t = 1080)]
     height: u32,
-    /// Rounds; each times both once
+    /// Number of rounds; each times both once
     #[arg(long, default_value_t = 5)]
     rounds: usize,
-    /// Threads of both; 0 for one a core
+    /// Threads of both renderers; 0 means one per core
     #[arg(long, default_value_t = 0)]
     threads: usize,
-    /// Beside POV-Ray instead: the classic scene on one thread, in processor time a ray
+    /// Compare with POV-Ray instead: the classic scene on one thread, in processor time per ray
     #[arg(long, conflicts_with_all = ["threads", "scenes"])]
     povray: bool,
-    /// Frames a second of the scenes instead, at 640 x 360 on two threads
+    /// Measure frames per second of the scenes instead, at 640 x 360 on two threads
     #[arg(long, conflicts_with_all = ["threads", "width", "height"])]
     fps: bool,
-    /// Write the figures to this file
+    /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// The scene that is also written in POV-Ray's language.
+/// The scene that also exists in POV-Ray's language.
 const CLASSIC: &str = "scenes/showcase/classic.toml";
 
-/// Columns, rows, threads and rounds of frames.
+/// Columns, rows, threads and number of frames.
 const FRAMES: (u32, u32, usize, usize) = (640, 360, 2, 60);
 
-/// Runs the verb.
+/// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let mut figures = Vec::new();
     if arguments.povray {
@@ -69,7 +69,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     Ok(Exit::Pass)
 }
 
-/// A scene at a size, built and handed over with what the driver wants to know of it.
+/// Builds a scene at a given size, and passes it on with the data that the driver needs.
 fn with_scene<T>(
     path: &Path,
     film: &str,
@@ -117,7 +117,7 @@ fn one_beside_mitsuba(
         "op": "time", "scene": description.flattened.text, "base": description.flattened.base,
         "setting": Setting::default(), "threads": arguments.threads, "repeats": 1,
     });
-    // Once for warmth: kernels are compiled, pages are touched.
+    // A warm-up run: compiles kernels and touches pages.
     let warm = driver.request(&request).map_err(Failure::environment)?;
     let counters = pipeline.render(options).counters;
     let (mut ours, mut theirs, mut path_times) = (Vec::new(), Vec::new(), Vec::new());
@@ -149,8 +149,8 @@ fn one_beside_mitsuba(
     }))
 }
 
-/// The classic scene on one thread: nanoseconds a ray of both, in processor time, so that others on
-/// the machine disturb little.
+/// The classic scene on one thread: nanoseconds per ray of both renderers, in processor time, so
+/// that other processes have little influence.
 fn beside_povray(arguments: &Arguments, registry: &Registry) -> Result<Value, Failure> {
     let (width, height) = (arguments.width, arguments.height);
     let film = format!("width = {width}, height = {height}, aovs = []");
@@ -191,7 +191,7 @@ fn beside_povray(arguments: &Arguments, registry: &Registry) -> Result<Value, Fa
     })
 }
 
-/// Frames a second of a warm scene: rendering alone, by the clock.
+/// Frames per second of a warm scene: rendering only, in wall-clock time.
 fn frames(path: &Path, registry: &Registry) -> Result<Value, Failure> {
     let (width, height, threads, rounds) = FRAMES;
     let film = format!("width = {width}, height = {height}, aovs = []");

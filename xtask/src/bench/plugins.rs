@@ -1,4 +1,4 @@
-//! `bench plugins`: what a ray costs in the example scene of each plugin, for the pages of
+//! `bench plugins`: the cost of a ray in the example scene of each plugin, for the pages of
 //! docs/plugins.
 
 use super::machine::processor_time;
@@ -11,37 +11,37 @@ use whitstone::core::Registry;
 use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources};
 use whitstone::{Exit, Failure};
 
-/// Nanoseconds a ray, by family and name.
+/// Nanoseconds per ray, by family and name.
 pub(crate) type Costs = BTreeMap<String, BTreeMap<String, f64>>;
 
-/// Where they are kept.
+/// The file of stored costs.
 pub(crate) const FILE: &str = "docs/costs.json";
 
-/// Renderings of a scene that its median is taken from, at least.
+/// Minimum number of renderings of a scene for its median.
 const ROUNDS: usize = 5;
 
-/// Render the example scene of each plugin on one thread, and keep the nanoseconds a ray for its
+/// Render the example scene of each plugin on one thread, and store the nanoseconds per ray for its
 /// page
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
-    /// Milliseconds for each scene, at least
+    /// Minimum time for each scene, in milliseconds
     #[arg(long, default_value_t = 200)]
     budget: u64,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let mut costs = Costs::new();
     for entry in registry.entries() {
         let family = entry.family.plural();
         let scene = format!("scenes/{family}/{}.toml", entry.name);
-        // Other engines have none.
+        // Third-party backends have no example scene.
         if !Path::new(&scene).is_file() {
             continue;
         }
         let cost = nanoseconds_a_ray(&scene, registry, Duration::from_millis(arguments.budget))?;
         println!("{family:<13} {:<16} {cost:>8.1} ns a ray", entry.name);
-        // Three digits: more are noise.
+        // Three significant digits: more would be noise.
         let digits = 2.0 - cost.log10().floor();
         let rounded = (cost * f64::powf(10.0, digits)).round() / f64::powf(10.0, digits);
         costs
@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     Ok(Exit::Pass)
 }
 
-/// Shading and shadow rays included, layers not.
+/// Includes shading and shadow rays, but not layers.
 fn nanoseconds_a_ray(scene: &str, registry: &Registry, budget: Duration) -> Result<f64, Failure> {
     let sources = Sources::load(Path::new(scene), &["film.aovs=[]".to_owned()])
         .map_err(|error| Failure::usage(error.sources.report(&error.errors, false)))?;
@@ -73,7 +73,7 @@ fn nanoseconds_a_ray(scene: &str, registry: &Registry, budget: Duration) -> Resu
         let rays = counters.closest + counters.shadow;
         1e9 * (processor_time() - before) / rays.max(1) as f64
     };
-    // The first one touches pages.
+    // The first one is a warm-up: it touches pages.
     render();
     let (start, mut found) = (Instant::now(), Vec::new());
     while found.len() < ROUNDS || start.elapsed() < budget {
@@ -82,7 +82,7 @@ fn nanoseconds_a_ray(scene: &str, registry: &Registry, budget: Duration) -> Resu
     Ok(median(&mut found))
 }
 
-/// Those that are kept; none where there is no such file.
+/// The stored costs; none if the file does not exist.
 pub(crate) fn kept() -> Costs {
     let text = std::fs::read_to_string(FILE).unwrap_or_default();
     serde_json::from_str(&text).unwrap_or_default()

@@ -1,16 +1,16 @@
-//! POV-Ray on the classic scene, and what it says of itself.
+//! Runs POV-Ray on the classic scene, and parses its statistics.
 
 use std::process::{Command, Stdio};
 
 const SCENE: &str = "xtask/src/bench/classic.pov";
 
-/// What a rendering took.
+/// The statistics of a rendering.
 #[derive(Debug, PartialEq)]
 pub(super) struct Rendering {
-    /// All but those for shadows.
+    /// Number of rays, without shadow rays.
     pub(super) rays: u64,
     pub(super) shadow_rays: u64,
-    /// Processor time of tracing alone.
+    /// Processor time of tracing alone, in seconds.
     pub(super) seconds: f64,
 }
 

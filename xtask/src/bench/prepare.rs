@@ -1,4 +1,4 @@
-//! Meshes and rays for `bench accelerators`, made where they are not there.
+//! Creates the meshes and rays for `bench accelerators`, if they do not exist.
 
 use super::accelerators::{Choice, build};
 use super::data::{self, Query};
@@ -12,16 +12,16 @@ use whitstone::core::{
 };
 use whitstone_testkit::TestContext;
 
-/// The public meshes whose figures are known; used if they are in the folder.
+/// The public meshes for which published results exist. Used if they are in the folder.
 const PUBLIC: [&str; 3] = ["bunny", "sponza", "dragon"];
 
-/// What is used instead.
+/// The meshes that replace them.
 const GENERATED: [&str; 3] = ["knot", "columns", "terrain"];
 
 /// Rows and columns of the picture whose rays are traced.
 const SIZE: usize = 1024;
 
-/// Sees to it that the meshes and their rays are in the folder; returns the names.
+/// Ensures that the meshes and their rays are in the folder; returns the names.
 pub(super) fn prepare(folder: &Path, meshes: &[String], registry: &Registry) -> Result<Vec<String>, String> {
     let known =
         |name: &str| folder.join(format!("{name}.tri")).is_file() || fetch::source(folder, name).is_some();
@@ -64,7 +64,7 @@ pub(super) fn prepare(folder: &Path, meshes: &[String], registry: &Registry) -> 
     Ok(prepared)
 }
 
-/// A mesh file, by the shape that reads such.
+/// Reads a mesh file, with the shape plugin for its format.
 fn read(path: &Path, registry: &Registry) -> Result<TriangleMesh, String> {
     let path = path
         .canonicalize()
@@ -141,7 +141,7 @@ fn grid(m: u32, n: u32, at: impl Fn(f64, f64) -> DVec3) -> TriangleMesh {
     mesh
 }
 
-/// Where a picture is taken from.
+/// The camera of a picture.
 struct View {
     eye: DVec3,
     target: DVec3,
@@ -151,8 +151,8 @@ struct View {
 }
 
 impl View {
-    /// Those of the public meshes are those of which figures are known: inside the building, in
-    /// front of the others.
+    /// For the public meshes, the views of published results: inside the building, in front of the
+    /// others.
     fn of(name: &str, bounds: &Aabb) -> Self {
         if name == "sponza" {
             return Self {
@@ -177,11 +177,11 @@ impl View {
     }
 }
 
-/// Rays of a picture of the whole, rays from what they hit towards a light, and rays from there in
-/// random directions by the cosine law.
+/// Camera rays of a picture of the whole mesh, rays from their hits towards a light, and rays from
+/// there in random directions with a cosine distribution.
 fn write_rays(folder: &Path, name: &str, registry: &Registry) -> Result<(), String> {
     let mesh = data::mesh(&folder.join(format!("{name}.tri")))?;
-    // A file may hold vertices that no triangle has.
+    // A file may contain vertices that no triangle uses.
     let corners = mesh.triangles.as_flattened().iter();
     let bounds = Aabb::around(corners.map(|&i| mesh.positions[i as usize]));
     let size = bounds.extent().length();
@@ -215,7 +215,7 @@ fn write_rays(folder: &Path, name: &str, registry: &Registry) -> Result<(), Stri
                 Interval::up_to(0.9999 * distance),
             ));
         }
-        // Up to the ball around the tip of the normal: the cosine law.
+        // A point on the unit sphere around the tip of the normal gives a cosine distribution.
         bounce.push((
             Ray::new(p, (n + 0.999 * on_ball(i)).normalize()),
             Interval::FORWARD,
@@ -227,7 +227,7 @@ fn write_rays(folder: &Path, name: &str, registry: &Registry) -> Result<(), Stri
     Ok(())
 }
 
-/// The i-th of points all over the unit ball's surface, no two in a row near each other.
+/// Point i of a sequence that covers the unit sphere, with consecutive points far from each other.
 fn on_ball(i: usize) -> DVec3 {
     // Roberts, *The unreasonable effectiveness of quasirandom sequences*, 2018: powers of the
     // plastic number.
@@ -240,14 +240,14 @@ fn on_ball(i: usize) -> DVec3 {
     DVec3::new(radius * angle.cos(), radius * angle.sin(), z)
 }
 
-/// A little above the surface, and its normal on that side.
+/// A point a little above the surface, and its normal on that side.
 fn surface(geometry: &Geometry, ray: &Ray, hit: &RawHit, size: f64) -> (DVec3, DVec3) {
     let point = geometry.surface(ray, hit, Needs::NOTHING);
     let n = -point.n_g * point.n_g.dot(ray.direction).signum();
     (point.position + 1e-5 * size * n, n)
 }
 
-/// As it will be read again.
+/// The query, rounded as in the file.
 fn rounded((ray, interval): &Query) -> Query {
     let round = |v: DVec3| v.as_vec3().as_dvec3();
     (Ray::new(round(ray.origin), round(ray.direction)), *interval)

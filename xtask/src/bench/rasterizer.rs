@@ -1,5 +1,5 @@
-//! `bench rasterizer`: a picture by rasterization beside the same by ray casting. Shading is the
-//! same in both: a scene without lights but ambient ones shows what finding the surfaces takes.
+//! `bench rasterizer`: compares rasterization with ray casting. Shading is the same in both. A
+//! scene with only ambient lights shows the cost of visibility alone.
 
 use super::machine::{load, processor_time};
 use super::median;
@@ -9,8 +9,7 @@ use whitstone::core::Registry;
 use whitstone::scene::{Description, Pipeline, Plan, RenderOptions, Sources};
 use whitstone::{Exit, Failure};
 
-/// Render scenes of triangles by rasterization and by ray casting, interleaved, and print both
-/// times
+/// Benchmark rasterization against ray casting on scenes of triangles, interleaved
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     /// The scenes
@@ -22,18 +21,18 @@ pub(crate) struct Arguments {
     /// Rows of the image
     #[arg(long, default_value_t = 1080)]
     height: u32,
-    /// Rounds; each renders both once
+    /// Number of rounds; each renders both once
     #[arg(long, default_value_t = 7)]
     rounds: usize,
-    /// Threads; 0 for one a core
+    /// Threads; 0 means one per core
     #[arg(long, default_value_t = 1)]
     threads: usize,
-    /// With shadow rays, which are the same in both
+    /// Trace shadow rays, which are the same in both
     #[arg(long)]
     shadows: bool,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let options = RenderOptions {
         threads: arguments.threads,
@@ -63,7 +62,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
                 let pipeline = build(integrator)?;
                 let before = processor_time();
                 pipeline.render(options);
-                // The first round touches pages.
+                // The first round is a warm-up: it touches pages.
                 if round > 0 {
                     built[number].push(pipeline.build_seconds);
                     rendered[number].push(processor_time() - before);

@@ -1,4 +1,4 @@
-//! A set of rays, and both ways to trace it: one call a ray, one call a stream.
+//! A set of rays, and two ways to trace it: one call per ray, and one call per stream.
 
 use super::data::{self, Query};
 use rayon::prelude::*;
@@ -6,10 +6,10 @@ use std::path::Path;
 use whitstone::core::stream::{HitStream, LANES, RayStream};
 use whitstone::core::{Accelerator, InstancePath, RawHit, Skip};
 
-/// How an accelerator is asked.
+/// How rays are passed to an accelerator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mode {
-    /// One call a ray.
+    /// One call per ray.
     Single,
     /// One call for each stream of 256 rays.
     Batch,
@@ -26,28 +26,28 @@ impl Mode {
     }
 }
 
-/// The same rays one by one and as streams.
+/// The same rays as single rays and as streams.
 pub(super) struct Rays {
     single: Vec<Query>,
     streams: Vec<RayStream>,
-    /// Whether any hit will do.
+    /// Whether any hit is sufficient.
     any: bool,
 }
 
-/// What a ray finds, for comparison to the last bit: identity, distance and parameters of the
-/// nearest hit, or whether there is any.
+/// The result of a ray, for bitwise comparison: primitive, distance and parameters of the nearest
+/// hit, or whether there is any hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Answer {
     Nearest(Option<((InstancePath, u32, u32), [u64; 3])>),
     Any(bool),
 }
 
-/// How answers differ from others.
+/// The differences between two sets of answers.
 #[derive(Debug, Default)]
 pub(super) struct Difference {
-    /// In any bit.
+    /// Number of answers that differ in any bit.
     pub(super) mismatches: usize,
-    /// In whether there is a hit, or which primitive it is.
+    /// Number of answers that differ in the primitive or in whether there is a hit.
     pub(super) others: usize,
     /// Largest relative difference of the distance to the same primitive.
     pub(super) distance: f64,
@@ -61,7 +61,7 @@ fn nearest(hit: Option<RawHit>) -> Answer {
 }
 
 impl Rays {
-    /// Those of a file: every `stride`th block.
+    /// Reads every `stride`th block of a file.
     pub(super) fn read(path: &Path, stride: usize, set: &str) -> Result<Self, String> {
         Ok(Self::new(data::rays(path, stride)?, set == "shadow"))
     }
@@ -124,7 +124,7 @@ impl Rays {
         }
     }
 
-    /// What each ray finds.
+    /// The answer for each ray.
     pub(super) fn answers(&self, accelerator: &dyn Accelerator, mode: Mode) -> Vec<Answer> {
         match mode {
             Mode::Single => {
@@ -152,7 +152,7 @@ impl Rays {
         }
     }
 
-    /// How the answers differ from what is expected.
+    /// The differences between the answers and the expected ones.
     pub(super) fn difference(
         &self,
         accelerator: &dyn Accelerator,
@@ -173,7 +173,7 @@ impl Rays {
         difference
     }
 
-    /// As [`Self::pass`], shared out by the pool that this runs in.
+    /// As [`Self::pass`], distributed over the current thread pool.
     pub(super) fn parallel_pass(&self, accelerator: &dyn Accelerator, mode: Mode) -> usize {
         // As many rays as a tile of a picture has.
         match mode {
@@ -199,7 +199,7 @@ mod tests {
     use super::*;
     use whitstone::core::{DVec2, DVec3, Interval, Ray, Statistics};
 
-    /// Its single rays and its streams do not agree.
+    /// An accelerator whose single rays and streams disagree.
     struct Torn;
 
     const HIT: RawHit = RawHit {
@@ -239,7 +239,7 @@ mod tests {
             let ray = |i: i32| Ray::new(DVec3::new(f64::from(i), 0.0, 0.0), DVec3::Z);
             let rays = Rays::new((0..600).map(|i| (ray(i), Interval::FORWARD)).collect(), any);
             assert_eq!(rays.pass(&Torn, Mode::Single), 300);
-            // The first of each of three streams.
+            // The first ray of each of three streams.
             assert_eq!(rays.pass(&Torn, Mode::Batch), 3);
             let expected = rays.answers(&Torn, Mode::Single);
             assert_eq!(rays.difference(&Torn, Mode::Single, &expected).mismatches, 0);

@@ -1,4 +1,4 @@
-//! `bench scale`: a scene of 240 million quads, its time and its memory.
+//! `bench scale`: time and memory of a scene of 240 million quads.
 
 use clap::Args;
 use serde_json::json;
@@ -9,32 +9,32 @@ use whitstone::core::{Geometry, Registry, Shape};
 use whitstone::scene::{BuildOptions, Description, Pipeline, Plan, RenderOptions, Sources, all_errors_with};
 use whitstone::{Exit, Failure, image::atomic};
 
-/// Where the scene is.
+/// The scene.
 const SCENE: &str = "scenes/scale/landscapes.toml";
 
-/// What the lecture notes report of a frame with as many quads and 80 million rays, in hours
-/// (Christensen et al. 2006).
+/// The time in hours that the lecture notes report for a frame with as many quads and 80 million
+/// rays (Christensen et al. 2006).
 const HOURS_THEN: f64 = 8.0;
 
-/// Build and render a scene of 240 million quads (15 copies of 16 million), 94 million rays
+/// Build and render a scene of 240 million quads (15 instances of 16 million) with 94 million rays
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// A landscape of a million quads and a sixteenth of the pixels: some seconds
+    /// Use a landscape of a million quads and a sixteenth of the pixels; takes some seconds
     #[arg(long)]
     quick: bool,
-    /// Change a value of the scene, as for `render`
+    /// Override a value of the scene, as for `render`
     #[arg(long = "set", value_name = "PATH=VALUE")]
     overrides: Vec<String>,
-    /// Threads; 0 for one a core
+    /// Threads; 0 means one per core
     #[arg(long, default_value_t = 0)]
     threads: usize,
-    /// Most memory to take, in GiB
+    /// Memory limit in GiB
     #[arg(long, value_name = "GIB", default_value_t = 16.0)]
     max_memory: f64,
     /// Also write the picture
     #[arg(long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Write the figures to this file
+    /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -148,7 +148,7 @@ fn say(start: Instant, what: &str) {
     eprintln!("{:7.1} s  {what}", start.elapsed().as_secs_f64());
 }
 
-/// Copies, and quads in all of them together.
+/// The number of instances, and the number of quads in all of them together.
 fn quads(geometry: &Geometry) -> (u64, u64) {
     let mut sums = (0, 0);
     for shape in geometry.shapes() {
@@ -164,7 +164,7 @@ fn quads(geometry: &Geometry) -> (u64, u64) {
     sums
 }
 
-/// A figure of this process in bytes, where the system tells it.
+/// A memory statistic of this process in bytes, if the system reports it.
 fn memory(name: &str) -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;

@@ -1,8 +1,8 @@
-//! `bench scaling`: building and tracing by several threads beside one.
+//! `bench scaling`: compares building and tracing on several threads with one thread.
 //!
-//! By the clock, others on the machine take part in the result. So processor time stands beside it:
-//! what several threads take more of it than one is what they cost each other, and bounds the
-//! speedup where nobody waits.
+//! Other processes influence the wall-clock time, so processor time is reported next to it. The
+//! extra processor time of several threads is their overhead, and bounds the speedup on an idle
+//! machine.
 
 use super::accelerators::{Choice, build};
 use super::data;
@@ -20,37 +20,38 @@ use std::time::Instant;
 use whitstone::core::{Geometry, Registry, Shape};
 use whitstone::{Exit, Failure};
 
-/// Build an accelerator and trace rays with one thread and with several, interleaved, by the clock
+/// Benchmark an accelerator's build and traversal with one thread and with several, interleaved, in
+/// wall-clock time
 #[derive(Args, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]
     folder: fetch::Folder,
-    /// A mesh: a name in the folder, or a PLY or OBJ file
+    /// Mesh: a name in the folder, or a PLY or OBJ file
     #[arg(long, value_name = "PATH")]
     mesh: Option<String>,
     /// Set of rays
     #[arg(long, value_name = "SET", default_value = "bounce")]
     set: String,
-    /// Which: a type, or TYPE:QUALITY
+    /// Accelerator: TYPE or TYPE:QUALITY
     #[arg(long, value_name = "NAME", default_value = "bvh:balanced")]
     accelerator: String,
     /// Threads of the larger pool
     #[arg(long, default_value_t = 2)]
     threads: usize,
-    /// Rounds; each does everything once with both pools
+    /// Number of rounds; each runs everything once with both pools
     #[arg(long, default_value_t = 7)]
     rounds: usize,
-    /// Write the figures to this file
+    /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let folder = arguments.folder.ensure().map_err(Failure::environment)?;
     let meshes: Vec<String> = arguments.mesh.iter().cloned().collect();
     let names = prepare(&folder, &meshes, registry).map_err(Failure::environment)?;
-    // The dragon, or else the last of what there is.
+    // The dragon, or else the last available mesh.
     let name = names.iter().find(|name| *name == "dragon").or(names.last());
     let name = name.ok_or_else(|| Failure::usage("there is no mesh"))?;
     let mesh = data::mesh(&folder.join(format!("{name}.tri"))).map_err(Failure::environment)?;
@@ -74,7 +75,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
         for (pool, seconds) in pools.iter().zip(&mut seconds) {
             *seconds = once(pool, &choice, &geometry, &rays, registry).map_err(Failure::environment)?;
         }
-        // The first round touches pages.
+        // The first round is a warm-up: it touches pages.
         for task in 0..3 {
             if round > 0 {
                 let [(one, one_busy), (several, several_busy)] =
@@ -98,7 +99,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     for (task, what) in ["build", "single", "batch"].into_iter().enumerate() {
         let [one, several] = [0, 1].map(|pool: usize| median(&mut times[pool][task]));
         let (ratio, bound) = (median(&mut ratios[task]), median(&mut bounds[task]));
-        // What the machine gave at its quietest.
+        // The best times, when the machine was least busy.
         let best = times[0][task][0] / times[1][task][0];
         println!(
             "  {what:6}  {one:8.4} s  {several:8.4} s  {ratio:.2} times as fast (best of each: {best:.2}); by processor time at most {bound:.2}"
@@ -119,7 +120,7 @@ pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Fa
     Ok(Exit::Pass)
 }
 
-/// Seconds of building, of single rays and of streams: by the clock, and of processor time.
+/// Seconds of building, of single rays and of streams, in wall-clock and in processor time.
 fn once(
     pool: &ThreadPool,
     choice: &Choice,

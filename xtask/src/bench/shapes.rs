@@ -1,5 +1,5 @@
-//! `bench shapes`: every shape by itself, its time beside the textbook form and its error against
-//! the oracle.
+//! `bench shapes`: measures the time of every shape against its textbook form, and its error
+//! against the oracle.
 
 use super::machine::load;
 use super::median;
@@ -20,16 +20,15 @@ use whitstone_oracle::agreement::{Agreement, Errors, MOST_ULPS, Subject};
 use whitstone_oracle::cases::{CASES, Case};
 use whitstone_testkit::{Aim, Random};
 
-/// Where the table stands in the documentation.
+/// The page with the table.
 const PAGE: &str = "docs/shapes.md";
 const BEGIN: &str = "<!-- figures: written by `cargo xtask bench shapes --page` -->";
 const END: &str = "<!-- end of figures -->";
 
-/// How often the textbook form's time a shape may take without a reason.
+/// Maximum ratio of a shape's time to that of the textbook form, unless there is a reason.
 const MOST_TIMES: f64 = 2.0;
 
-/// Why a shape takes longer than [`MOST_TIMES`] of the textbook form; sources are in the files of
-/// the shapes.
+/// The reasons for ratios above [`MOST_TIMES`]; the files of the shapes name the sources.
 const REASONS: [(&str, &str); 13] = [
     (
         "sphere",
@@ -60,21 +59,22 @@ const WATERTIGHT: &str =
 const CONIC: &str = "the ray is moved to where it comes nearest, and the discriminant is Kahan's, whose fused products are calls \
                      where the processor is not known; streams have them in registers";
 
-/// Time every shape beside the textbook form in single precision, and compare both with the oracle
+/// Benchmark every shape against the textbook form in single precision, and compare both with the
+/// oracle
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Which shapes; all that are registered by default
+    /// Shapes to run [default: all registered ones]
     shapes: Vec<String>,
-    /// Rays of each kind, those that hit and those that miss
+    /// Rays of each kind (hits and misses)
     #[arg(long, default_value_t = 4096)]
     rays: usize,
-    /// How many of them are shown to the oracle
+    /// Number of rays that are checked by the oracle
     #[arg(long, default_value_t = 1024)]
     checked: usize,
-    /// Rounds; each times everything once
+    /// Number of rounds; each times everything once
     #[arg(long, default_value_t = 15)]
     rounds: usize,
-    /// Write the figures to this file
+    /// Write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write the table into docs/shapes.md
@@ -82,7 +82,7 @@ pub(super) struct Arguments {
     page: bool,
 }
 
-/// A ray in both precisions, which are the same numbers.
+/// A ray in both precisions, with equal values.
 pub(super) struct Both {
     pub(super) ray: Ray,
     o: [f32; 3],
@@ -90,8 +90,7 @@ pub(super) struct Both {
 }
 
 impl Both {
-    /// Of unit length, and rounded to single precision, so that every program can be asked about
-    /// it.
+    /// Normalised and rounded to single precision, so that every program can trace the same ray.
     fn new(ray: &Ray) -> Self {
         let [o, d] = [ray.origin, ray.direction.normalize()].map(|v| v.as_vec3().to_array());
         Self {
@@ -114,7 +113,7 @@ struct Row {
     ns_textbook: f64,
     ours: Agreement,
     textbook: Errors,
-    /// Or why there are none.
+    /// The errors of Mitsuba, or why there are none.
     mitsuba: Result<Errors, &'static str>,
 }
 
@@ -150,7 +149,7 @@ impl Row {
     }
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub(super) fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> {
     let entries = registry
         .entries()
@@ -218,7 +217,7 @@ fn measure(
         for (kind, rays) in kinds.iter().enumerate() {
             let ours = per_ray(rays, |both| closest(geometry, &both.ray).is_some());
             let theirs = per_ray(rays, |both| textbook.closest(both.o, both.d).is_some());
-            // The first round warms up.
+            // The first round is a warm-up.
             if round > 0 {
                 times[kind][0].push(ours);
                 times[kind][1].push(theirs);
@@ -250,12 +249,12 @@ fn measure(
     Ok([row(true, &hits, hit_times), row(false, &misses, miss_times)])
 }
 
-/// Rays that hit and rays that miss, aimed as the laws of shapes aim.
+/// Rays that hit and rays that miss, aimed as in the property tests of shapes.
 fn rays_of(geometry: &Geometry, bounds: &Aabb, count: usize) -> [Vec<Both>; 2] {
     let aim = Aim::at(*bounds);
     let mut random = Random::new(11);
     let mut kinds = [Vec::new(), Vec::new()];
-    // Of a shape that every ray hits, or hardly any, there are fewer of the other kind.
+    // A shape that almost every ray hits, or misses, has fewer rays of the other kind.
     for number in 0..64 * count as u32 {
         let both = Both::new(&aim.ray(number, &mut random));
         let kind = &mut kinds[usize::from(closest(geometry, &both.ray).is_none())];
@@ -288,7 +287,7 @@ fn closest(geometry: &Geometry, ray: &Ray) -> Option<f64> {
     }
 }
 
-/// Nanoseconds.
+/// Nanoseconds per ray.
 fn per_ray(rays: &[Both], hits: impl Fn(&Both) -> bool) -> f64 {
     let start = Instant::now();
     let count = rays.iter().filter(|both| hits(black_box(both))).count();
@@ -350,7 +349,7 @@ fn table(rows: &[Row], unmeasured: &BTreeMap<&str, &str>) -> String {
     text
 }
 
-/// What a miss has none of.
+/// A figure that only rows of hits have; a dash in rows of misses.
 fn of_hits(row: &Row, figure: String) -> String {
     if row.hit { figure } else { "–".to_owned() }
 }

@@ -1,4 +1,4 @@
-//! Mitsuba in `bench shapes`, where this program was built with it.
+//! Mitsuba in `bench shapes`, if this program is built with it.
 
 use super::shapes::Both;
 use whitstone::{Exit, Failure};
@@ -11,7 +11,7 @@ pub(super) struct Peer(whitstone_mitsuba::Mitsuba);
 
 #[cfg(feature = "mitsuba")]
 impl Peer {
-    /// In the environment of the harness, which is made where it is not there.
+    /// Starts in the environment of the harness, which is created if needed.
     pub(super) fn start() -> Result<Self, Failure> {
         use std::path::Path;
         use whitstone::validate::environment::Environment;
@@ -22,7 +22,7 @@ impl Peer {
         Ok(Self(mitsuba))
     }
 
-    /// What the errors of Mitsuba's hits come to.
+    /// The errors of Mitsuba's hits.
     pub(super) fn errors(&self, scene: &str, oracle: &Oracle, rays: &[Both]) -> Result<Errors, &'static str> {
         use std::path::Path;
         use whitstone::core::{Interval, Ray};
@@ -42,13 +42,13 @@ impl Peer {
         Ok(errors)
     }
 
-    /// Python must not see the usual end of the process.
+    /// Ends the process immediately, because Python must not see its normal end.
     pub(super) fn end(&self, exit: Exit) -> Exit {
         self.0.exit(u8::from(!matches!(exit, Exit::Pass)))
     }
 }
 
-/// None.
+/// Mitsuba is not built in.
 #[cfg(not(feature = "mitsuba"))]
 pub(super) struct Peer;
 
@@ -59,12 +59,12 @@ impl Peer {
         Ok(Self)
     }
 
-    /// Says what to do about it.
+    /// Always an error, which says how to build with Mitsuba.
     pub(super) fn errors(&self, _: &str, _: &Oracle, _: &[Both]) -> Result<Errors, &'static str> {
         Err("not built with Mitsuba: cargo run --release --package xtask --features mitsuba -- bench shapes")
     }
 
-    /// As it is.
+    /// Returns the exit code unchanged.
     pub(super) fn end(&self, exit: Exit) -> Exit {
         exit
     }

@@ -1,4 +1,4 @@
-//! EXR files to images.
+//! Reads EXR files.
 
 use std::collections::{BTreeMap, HashSet};
 use std::fs::File;
@@ -19,14 +19,14 @@ use crate::planes::{Image, Placement};
 /// First bytes of every EXR file.
 pub(crate) const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 
-/// Fewest bytes that a chunk takes: its entry in the offset table, its coordinate and its length.
+/// Minimum size of a chunk in bytes: its entry in the offset table, its coordinate and its length.
 const MIN_CHUNK_BYTES: u64 = 8 + 4 + 4;
 
 /// Reads all channels of an EXR file, and its `whitstone:*` attributes. [`Limits::IMAGE`] are
 /// sensible limits.
 ///
 /// # Errors
-/// [`ReadError`], which names the path; see the [module](super) for what is refused.
+/// [`ReadError`], which names the path; see the [module](super) for unsupported files.
 pub fn read(path: impl AsRef<Path>, limits: Limits) -> Result<Image, ReadError> {
     let path = path.as_ref();
     let file = File::open(path).map_err(|error| ReadFault::Io(error).at(path))?;
@@ -42,7 +42,7 @@ pub fn decode(bytes: &[u8], limits: Limits) -> Result<Image, ReadFault> {
     decode_channels(Cursor::new(bytes), limits, |_| true).map(|(image, _)| image)
 }
 
-/// Reads the channels that `keep` chooses by name; the others do not count towards the limits. Also
+/// Reads the channels whose names `keep` accepts; the others do not count towards the limits. Also
 /// returns the names of all channels.
 pub(crate) fn decode_channels(
     mut source: impl Read + Seek,
@@ -82,7 +82,7 @@ fn decode_parts(
     let kept = names.iter().flatten().filter(|name| keep(name)).count();
     limits.check(width, height, 4 * kept)?;
 
-    // One plane for each kept channel, `None` for the others.
+    // One plane for each accepted channel, `None` for the others.
     let mut planes: Vec<Vec<Option<Vec<f32>>>> = names
         .iter()
         .map(|part| {
@@ -143,7 +143,7 @@ fn decode_parts(
     Ok((assemble(&meta, names, planes)?, all))
 }
 
-/// Native-endian samples, as they leave the decoder, to `f32`.
+/// Converts native-endian samples of the decoder to `f32`.
 fn convert(bytes: &[u8], kind: SampleType, samples: &mut [f32]) {
     match kind {
         SampleType::F16 => fill(bytes, samples, |bytes| f16::from_ne_bytes(bytes).to_f32()),
@@ -163,7 +163,7 @@ fn check_headers(meta: &MetaData, length: u64, limits: Limits) -> Result<(), Rea
     for header in &meta.headers {
         limits.check(header.layer_size.width(), header.layer_size.height(), 0)?;
         if let BlockDescription::Tiles(tiles) = header.blocks {
-            // A tile may be larger than the image, and its data is read as a whole.
+            // A tile may be larger than the image, and is always decoded completely.
             let (width, height) = (tiles.tile_size.width(), tiles.tile_size.height());
             let bytes = width as u128 * height as u128 * header.channels.bytes_per_pixel as u128;
             if bytes > u128::from(limits.max_bytes) {
@@ -272,11 +272,11 @@ fn assemble(
     Ok(image)
 }
 
-/// Refuses the counters at the start of a DWA block that no block of its size can need. The decoder
-/// allocates what they say before it looks at the data, and a failed allocation ends the program.
+/// Rejects counters at the start of a DWA block that are too large for its size. The decoder
+/// allocates that much before it reads the data, and a failed allocation ends the program.
 fn check_dwa_counters(chunk: &Chunk, meta: &MetaData) -> Result<(), ReadFault> {
-    /// Places, among the eleven 64-bit counters, of those that say how much will come out: bytes of
-    /// the unknown and of the two run-length stages, AC and DC coefficients.
+    /// Indices, among the eleven 64-bit counters, of the output sizes: bytes of the unknown stage
+    /// and of the two run-length stages, AC and DC coefficients.
     const OUTPUT_COUNTERS: [usize; 5] = [1, 6, 7, 8, 9];
     let Some(header) = meta.headers.get(chunk.layer_index) else {
         return Err(ReadFault::Damaged(
@@ -299,7 +299,7 @@ fn check_dwa_counters(chunk: &Chunk, meta: &MetaData) -> Result<(), ReadFault> {
         .map_err(to_fault)?
         .size;
     if data.len() == size.area() * header.channels.bytes_per_pixel {
-        // Stored as it is, because compression would not have helped.
+        // Stored uncompressed, because compression would not have helped.
         return Ok(());
     }
     // Coefficients come in blocks of 8 x 8; no stage holds more than twice the bytes of the

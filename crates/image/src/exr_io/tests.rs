@@ -42,7 +42,7 @@ fn sample(width: usize, height: usize) -> Image {
     image
 }
 
-/// Equality of all bits, NaN included.
+/// Bitwise equality, including NaN.
 fn assert_same(a: &Image, b: &Image) {
     assert_eq!(
         (a.width(), a.height(), a.placement()),
@@ -378,7 +378,7 @@ fn a_small_file_that_claims_to_be_huge_is_refused() {
             "{fault}"
         );
     }
-    // Within the limits, but not with so few bytes.
+    // Within the limits, but not with this few bytes.
     let mark = b"chunkCount\0int\0\x04\0\0\0";
     let mut changed = with_data_window(&bytes, [0, 0, 99, 16383]);
     let count = changed.windows(mark.len()).position(|w| w == mark).unwrap() + mark.len();
@@ -471,7 +471,7 @@ fn other_files_are_not_exr() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
-    /// Changed bytes give another image or an error, never a panic. The decoder's own panics are
+    /// Corrupted bytes give another image or an error, never a panic. The decoder's own panics are
     /// caught.
     #[test]
     fn changed_bytes_never_panic(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
@@ -506,7 +506,7 @@ fn public_test_images_are_read() {
             .flat_map(|(_, plane)| plane)
             .filter(|value| !value.is_finite())
             .count();
-        // These two exist to hold such values; the others must have none.
+        // These two files contain such values on purpose; the others must have none.
         let special = ["AllHalfValues", "NanInf"]
             .iter()
             .any(|part| path.to_string_lossy().contains(part));

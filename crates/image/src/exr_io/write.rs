@@ -1,4 +1,4 @@
-//! Images to EXR files.
+//! Writes EXR files.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
@@ -17,10 +17,10 @@ use super::ATTRIBUTE_PREFIX;
 use crate::atomic::{self, WriteError};
 use crate::planes::Image;
 
-/// Largest side and offset of a window: OpenEXR refuses boxes that reach 2^30.
+/// Maximum side and offset of a window: OpenEXR rejects boxes that reach 2^30.
 const MAX_WINDOW: i64 = 1 << 29;
 
-/// Writes all channels and attributes of an image, as a whole or not at all (see [`atomic`]).
+/// Writes all channels and attributes of an image, atomically (see [`atomic`]).
 ///
 /// # Errors
 /// [`WriteError`], which names the path. An image without channels cannot be written.
@@ -38,7 +38,7 @@ pub fn encode(image: &Image) -> io::Result<Vec<u8>> {
     Ok(buffer.into_inner())
 }
 
-/// Writes to something empty that is positioned at its start.
+/// Writes to an empty target that is positioned at its start.
 fn encode_into<W: Read + Write + Seek>(image: &Image, out: &mut W) -> io::Result<()> {
     let header = header(image)?;
     let planes: Vec<&[f32]> = image.channels().map(|(_, samples)| samples).collect();
@@ -60,7 +60,7 @@ fn encode_into<W: Read + Write + Seek>(image: &Image, out: &mut W) -> io::Result
                     }
                 })
             });
-            // The wrapper is there only because compressing consumes its writer.
+            // The wrapper exists only because compression consumes its writer.
             writer
                 .on_progress(|_| ())
                 .compress_all_blocks_parallel(&meta, blocks)
@@ -128,9 +128,9 @@ fn header(image: &Image) -> io::Result<Header> {
     )
 }
 
-/// Puts the attributes of the only header into the order of their names. The `exr` crate keeps them
-/// in a hash map with random keys, so that the same image would give other bytes at every run. The
-/// header keeps its length, hence all offsets stay right.
+/// Sorts the attributes of the only header by name. The `exr` crate stores them in a hash map with
+/// random keys, so that the same image would give different bytes in every run. The length of the
+/// header does not change, so all offsets remain valid.
 fn sort_attributes<F: Read + Write + Seek>(file: &mut F) -> io::Result<()> {
     /// Magic number and version.
     const START: u64 = 8;
@@ -143,7 +143,7 @@ fn sort_attributes<F: Read + Write + Seek>(file: &mut F) -> io::Result<()> {
         if name.len() <= 1 {
             break;
         }
-        // The rest of an attribute: name of the type, length, value.
+        // The rest of an attribute: type name, length, value.
         let mut rest = Vec::new();
         reader.read_until(0, &mut rest)?;
         let mut length = [0; 4];

@@ -51,7 +51,7 @@ fn equal_images_differ_by_nothing() {
 
 #[test]
 fn closed_forms_for_constants() {
-    // Values that f32 holds exactly.
+    // Values that f32 represents exactly.
     let reference = Image::from_fn(20, 10, |_, _| [0.5, 0.25, 1.0]).unwrap();
     let ours = Image::from_fn(20, 10, |_, _| [0.75, 0.25, 0.5]).unwrap();
     let metrics = compare(
@@ -154,7 +154,7 @@ fn what_is_not_finite_fails_and_is_counted_on_each_side() {
         }
     );
 
-    // Over tolerance on either side, and even against itself.
+    // Over tolerance on either side, and even compared with itself.
     for (ours, reference) in [(&bad, &good), (&good, &bad), (&bad, &bad)] {
         let mask = over_tolerance(
             ours,
@@ -296,7 +296,7 @@ fn excluded_pixels_leave_the_interior_alone() {
     );
     assert!(with.rel_rmse_interior.unwrap() < 1e-3 && without.rel_rmse_interior.unwrap() > 0.03);
     assert!(with.signed_block_bias.unwrap().bias < 1e-3 && without.signed_block_bias.unwrap().bias > 0.01);
-    // The plain numbers are over all pixels either way.
+    // The other numbers include all pixels in both cases.
     assert_eq!(
         (with.rmse, with.max_abs, with.relmse),
         (without.rmse, without.max_abs, without.relmse)
@@ -324,8 +324,8 @@ fn excluded_pixels_leave_the_interior_alone() {
 
 #[test]
 fn a_bias_below_tolerance_everywhere_is_seen() {
-    // Blue, in the block at (32, 16): 5e-4 of the value too dark. Elsewhere as much, but with both
-    // signs in turn.
+    // Blue, in the block at (32, 16), is too dark by 5e-4 of the value. Elsewhere the error is as
+    // large, but with alternating signs.
     let reference = picture(64, 48);
     let ours = map(&reference, |x, y, [r, g, b]| {
         let biased = (32..48).contains(&x) && (16..32).contains(&y);

@@ -3,8 +3,8 @@ use approx::assert_relative_eq;
 
 const SIZE: usize = 48;
 
-/// Means of `samples` samples of a distribution, with their sample variance; the mean is moved by
-/// `bias` in a square.
+/// Means of `samples` samples of a distribution, with their sample variance. In a square, `bias` is
+/// added to the mean.
 fn noisy(seed: u64, samples: usize, bias: f32, squares: bool) -> Image {
     let mut state = seed;
     let mut random = move || {
@@ -96,7 +96,7 @@ fn noise_alone_is_not_significant_and_a_bias_is() {
                 .all(|(x, y)| (8..12).contains(&x) && (8..12).contains(&y))
         );
     }
-    // The same difference without the layers would be over tolerance everywhere.
+    // Without the layers, the same difference would be over tolerance everywhere.
     let good = found(&exact(), &noisy(3, 400, 0.0, false));
     assert_eq!((good.test, good.pixels), (Test::Student, 0), "{}", good.least_p);
     assert!(good.least_at.is_some());
@@ -150,7 +150,7 @@ fn rare(seed: u64, deviation: f64, probability: f64, factor: f64) -> Image {
 }
 
 /// Unbiased images whose pixels miss a rare event are not significant: of 60 at a level of 1 %, at
-/// most 3 (the probability of more is 0.3 %). By their own variances alone, all are.
+/// most 3 (the probability of more is 0.3 %). By their own variances alone, all would be.
 #[test]
 fn rare_events_that_pixels_miss_are_no_faults() {
     let converged = Image::from_fn(SIZE, SIZE, |_, _| [1.01; 3]).unwrap();
@@ -180,12 +180,12 @@ fn rare_events_that_pixels_miss_are_no_faults() {
     }
 }
 
-/// A fault of 1 % is found where the noise allows it: a standard error of an eighth of that.
+/// A fault of 1 % is found if the noise permits it: a standard error of an eighth of that.
 #[test]
 fn a_fault_of_one_percent_is_found() {
     let converged = Image::from_fn(SIZE, SIZE, |_, _| [1.01; 3]).unwrap();
     for seed in 1..=20 {
-        // Events in each sample: the same as none.
+        // Events in each sample are equivalent to none.
         let faulty = found(&rare(seed, 0.02, 1.0, 1.01), &converged);
         assert!(faulty.pixels >= 14, "seed {seed}: {} of 16", faulty.pixels);
         assert!(
@@ -206,7 +206,7 @@ fn many_tests_have_a_small_threshold() {
         0.01,
         max_relative = 1e-6
     );
-    // Without it, a test in a hundred is significant by chance.
+    // Without it, one test in a hundred is significant by chance.
     let noisy = noisy(3, 400, 0.0, false);
     let values = noisy.rgb().unwrap().into_iter().flatten();
     let by_chance =

@@ -1,21 +1,20 @@
-//! Which parts of different shapes coincide, and where.
+//! Finds the parts of different shapes that coincide.
 
 use super::meet;
 use super::parts::Parts;
 use whitstone_core::{Aabb, DVec2, DVec3, Geometry, SurfacePart};
 
-/// How far apart surfaces may be that coincide, relative to the largest coordinate of both: 16
-/// units in the last place.
+/// Maximum distance of coincident surfaces, relative to the largest coordinate of both: 16 units in
+/// the last place.
 const APART: f64 = 16.0 * f64::EPSILON;
 
-/// Normals and offsets are sorted, and compared more closely where they differ by less than this.
+/// Normals and offsets are sorted, and compared exactly if they differ by less than this.
 const ALIKE: f64 = 1e-10;
 
-/// Polygons that have less than this part of the smaller one in common only touch.
+/// Polygons only touch if their intersection is below this fraction of the smaller one.
 const LEAST_OVERLAP: f64 = 1e-9;
 
-/// Points of a common part, along each side of a grid, at which rays tell whether both faces are
-/// there.
+/// Grid resolution of the probe rays that test whether both faces exist in a common part.
 const PROBES: usize = 12;
 
 /// A common part of two surfaces.
@@ -23,12 +22,12 @@ pub(super) struct Contact {
     /// Two parts of different shapes, the lower one first.
     pub(super) parts: [usize; 2],
     shapes: [usize; 2],
-    /// Points around it or on it, with the normal there of the first part.
+    /// Points around or on it, with the normal of the first part there.
     pub(super) points: Vec<(DVec3, DVec3)>,
-    /// Largest coordinate of the points.
+    /// Largest absolute coordinate of the points.
     pub(super) largest: f64,
     pub(super) form: &'static str,
-    /// Which plane it lies in, of all that were told apart; `None` if it is not flat.
+    /// Index of its plane among all distinct planes; `None` if it is not flat.
     pub(super) plane: Option<usize>,
 }
 
@@ -61,8 +60,8 @@ pub(super) fn find(geometry: &Geometry, parts: &Parts<'_>) -> Vec<Contact> {
     contacts
 }
 
-/// Most pairs of overlapping faces that are looked at: equal shapes in one place have a pair for
-/// each two.
+/// Maximum number of overlapping pairs of faces that are examined. Equal shapes in the same place
+/// have a pair for every two.
 const MOST_PAIRS: usize = 50_000;
 
 fn contact(
@@ -87,18 +86,18 @@ fn contact(
     }
 }
 
-/// A flat part, by what is equal of parts in one plane.
+/// A flat part, with keys that are equal for parts in one plane.
 struct Flat {
     part: usize,
-    /// A function of the normal that is the same for its opposite.
+    /// A function of the normal that has the same value for the opposite normal.
     turn: f64,
     /// Distance of the plane from the origin.
     offset: f64,
-    /// Of the corner that it was computed from.
+    /// Largest coordinate of the corner from which it was computed.
     reach: f64,
 }
 
-/// Lists of parts that may lie in one plane, of two shapes at least.
+/// Lists of parts that may lie in one plane, from at least two shapes.
 fn coplanar(parts: &Parts<'_>) -> Vec<Vec<usize>> {
     let flat = parts.all.iter().zip(0..).filter_map(|(part, number)| {
         let (point, n) = plane_of(&part.surface)?;
@@ -142,7 +141,7 @@ fn plane_of(surface: &SurfacePart) -> Option<(DVec3, DVec3)> {
     }
 }
 
-/// All pairs of different shapes whose boxes have a point in common.
+/// All pairs of different shapes whose boxes intersect.
 fn sweep(parts: &Parts<'_>, mut run: Vec<usize>, mut pair: impl FnMut(usize, usize)) {
     let aabb = |part: usize| -> &Aabb { &parts.all[part].aabb };
     let extent = run.iter().map(|part| aabb(*part)).filter(|aabb| aabb.is_finite());
@@ -158,7 +157,7 @@ fn sweep(parts: &Parts<'_>, mut run: Vec<usize>, mut pair: impl FnMut(usize, usi
     for part in run {
         let one = aabb(part);
         let near = 64.0 * f64::EPSILON * one.min.abs().max(one.max.abs()).max_element().min(f64::MAX);
-        // Faces across the axis may have a gap of roundings between them.
+        // Faces perpendicular to the axis may have a gap of rounding errors between them.
         open.retain(|other| aabb(*other).max[axis] >= one.min[axis] - near);
         for &other in &open {
             let two = aabb(other);
@@ -171,7 +170,7 @@ fn sweep(parts: &Parts<'_>, mut run: Vec<usize>, mut pair: impl FnMut(usize, usi
     }
 }
 
-/// The corners of what two flat parts have in common, with the normal of the first; `None` if they
+/// The corners of the intersection of two flat parts, with the normal of the first; `None` if they
 /// do not coincide.
 fn flat_overlap(a: &SurfacePart, b: &SurfacePart) -> Option<Vec<(DVec3, DVec3)>> {
     let ((at, n), (other, m)) = (plane_of(a)?, plane_of(b)?);
@@ -180,7 +179,7 @@ fn flat_overlap(a: &SurfacePart, b: &SurfacePart) -> Option<Vec<(DVec3, DVec3)>>
     }
     let points = match (a, b) {
         (SurfacePart::Polygon { corners: one, .. }, SurfacePart::Polygon { corners: two, .. }) => {
-            // Coordinates are relative to the smaller one.
+            // Coordinates are relative to the smaller part.
             if size(one) <= size(two) {
                 common(one, two, n)?
             } else {
@@ -207,12 +206,12 @@ fn flat_overlap(a: &SurfacePart, b: &SurfacePart) -> Option<Vec<(DVec3, DVec3)>>
     let largest = reach.min.abs().max(reach.max.abs()).max_element();
     let same = 1.0_f64.copysign(n.dot(m));
     let apart = |p: &DVec3| (above(a, *p) - same * above(b, *p)).abs();
-    // NaN does not pass.
+    // NaN fails the test.
     let coincide = points.iter().all(|p| apart(p) <= APART * largest);
     coincide.then(|| points.into_iter().map(|p| (p, n)).collect())
 }
 
-/// How far above a flat part a point lies, seen from the nearest known point of the part.
+/// The height of a point above a flat part, measured from the nearest known point of the part.
 fn above(surface: &SurfacePart, p: DVec3) -> f64 {
     let near = |a: &&DVec3, b: &&DVec3| a.distance_squared(p).total_cmp(&b.distance_squared(p));
     match surface {
@@ -225,13 +224,12 @@ fn above(surface: &SurfacePart, p: DVec3) -> f64 {
     }
 }
 
-/// Square of the length of a polygon's box.
+/// Squared diagonal of a polygon's bounding box.
 fn size(corners: &[DVec3]) -> f64 {
     Aabb::around(corners.iter().copied()).extent().length_squared()
 }
 
-/// The part of a convex polygon that lies in another one, both in nearly one plane; `None` if they
-/// only touch.
+/// The intersection of two convex polygons that lie nearly in one plane; `None` if they only touch.
 ///
 /// Sutherland and Hodgman, *Reentrant polygon clipping*, Communications of the ACM 17(1), 1974.
 fn common(one: &[DVec3], two: &[DVec3], n: DVec3) -> Option<Vec<DVec3>> {
@@ -280,7 +278,8 @@ fn area(ring: &[DVec2]) -> f64 {
         .sum::<f64>()
 }
 
-/// Whether both faces are somewhere in the common part: where polygons are not filled, rays tell.
+/// Whether both faces exist somewhere in the common part. If polygons are not filled, rays probe
+/// it.
 fn is_there(geometry: &Geometry, parts: &Parts<'_>, pair: [usize; 2], points: &[(DVec3, DVec3)]) -> bool {
     let unfilled = |part: &&usize| {
         matches!(
@@ -328,7 +327,7 @@ fn is_there(geometry: &Geometry, parts: &Parts<'_>, pair: [usize; 2], points: &[
     })
 }
 
-/// Equal spheres and equal cylinders.
+/// Finds equal spheres and equal cylinders.
 fn curved(parts: &Parts<'_>, contacts: &mut Vec<Contact>) {
     let place = |part: usize| match &parts.all[part].surface {
         SurfacePart::Sphere { center, .. } => center.x,
@@ -363,7 +362,7 @@ fn curved(parts: &Parts<'_>, contacts: &mut Vec<Contact>) {
     }
 }
 
-/// Points of two curved surfaces that are equal, with the outward normals.
+/// Points of two equal curved surfaces, with the outward normals.
 fn equal(one: &SurfacePart, two: &SurfacePart) -> Option<(Vec<(DVec3, DVec3)>, &'static str)> {
     match (one, two) {
         (

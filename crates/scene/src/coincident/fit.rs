@@ -1,19 +1,19 @@
-//! An affine map near the identity that moves the surfaces of a shape by given distances along
-//! their normals.
+//! Finds an affine map near the identity that moves the surfaces of a shape by given distances
+//! along their normals.
 
 use whitstone_core::{DMat3, DVec3};
 
-/// A surface of a shape and how far it is to be moved.
+/// A surface of a shape and its displacement.
 pub(crate) struct Target {
     /// Points of the surface, each with the normal there.
     pub(crate) points: Vec<(DVec3, DVec3)>,
-    /// How far along the normal, in metres.
+    /// Displacement along the normal, in metres.
     pub(crate) along: f64,
-    /// The width of a gap there.
+    /// Width of a gap there, in metres.
     pub(crate) gap: f64,
 }
 
-/// What a map adds to each point: `shift + linear * p`.
+/// The displacement field of a map: `shift + linear * p` is added to each point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Change {
     pub(crate) linear: DMat3,
@@ -21,22 +21,22 @@ pub(crate) struct Change {
 }
 
 impl Change {
-    /// What is added to a point.
+    /// The displacement of a point.
     pub(crate) fn of(&self, p: DVec3) -> DVec3 {
         self.shift + self.linear * p
     }
 }
 
-/// Numbers of an affine map.
+/// Number of coefficients of an affine map.
 const UNKNOWNS: usize = 12;
 
-/// How far from its place a surface may come to lie, in gaps.
+/// Maximum error of a surface's position, in gaps.
 const LOOSE: f64 = 0.25;
 
-/// Against directions in which nothing is demanded, relative to the mean square of what is.
+/// Damping of unconstrained directions, relative to the mean square of the constraints.
 const DAMPING: f64 = 1e-10;
 
-/// The least change that moves all surfaces as they are to be moved; `None` if no affine map does.
+/// The smallest change that gives all surfaces their displacements; `None` if no affine map does.
 pub(crate) fn fit(targets: &[Target]) -> Option<Change> {
     let points = || {
         targets
@@ -49,7 +49,7 @@ pub(crate) fn fit(targets: &[Target]) -> Option<Change> {
         .map(|((p, _), _)| (*p - center).abs().max_element())
         .fold(0.0, f64::max);
     let gap = targets.iter().map(|target| target.gap).fold(0.0, f64::max);
-    // NaN does not pass.
+    // NaN fails the test.
     if !(size > 0.0 && size.is_finite() && gap > 0.0) {
         return None;
     }
@@ -64,7 +64,7 @@ pub(crate) fn fit(targets: &[Target]) -> Option<Change> {
         }
         row
     };
-    // Normal equations, all surfaces of equal weight, in units of the gap.
+    // Normal equations. All surfaces have equal weight; the unit is the gap.
     let mut matrix = [[0.0; UNKNOWNS]; UNKNOWNS];
     let mut right = [0.0; UNKNOWNS];
     for target in targets {

@@ -2,14 +2,14 @@
 //! spheres, equal cylinders.
 //!
 //! Section 9 of the model puts them in a fixed order, with infinitesimal gaps between them. Here
-//! the gaps have a width, which is far below what a picture shows and far above all roundings, and
-//! the *shapes* are changed once, before an accelerator is built over them: by an affine map that
-//! differs from the identity in the twelfth digit. Rays, shadow rays, streams, accelerators and the
-//! rasterizer need no rule of their own, and scenes without coincident surfaces are not touched.
+//! the gaps have a finite width, far below the visible size and far above all rounding errors. The
+//! *shapes* are changed once, before the accelerator is built, by an affine map that differs from
+//! the identity in the twelfth digit. Rays, shadow rays, streams, accelerators and the rasterizer
+//! need no special rule, and scenes without coincident surfaces are unchanged.
 //!
-//! `parts` collects what may coincide, `contact` finds what does, `order` says how far each surface
-//! moves along the common normal, and `fit` finds the map of each shape that moves all its surfaces
-//! so.
+//! `parts` collects candidates, `contact` finds the surfaces that coincide, `order` determines how
+//! far each surface moves along the common normal, and `fit` finds a map for each shape that moves
+//! all its surfaces accordingly.
 
 mod contact;
 mod fit;
@@ -30,18 +30,18 @@ use fit::Change;
 /// they are seen: 4096 units in the last place.
 const GAP: f64 = 1.0 / (1u64 << 40) as f64;
 
-/// The least width of a gap, relative to how far rays start above both surfaces.
+/// Minimum width of a gap, relative to the offset of ray origins from both surfaces.
 const ABOVE_ERRORS: f64 = 32.0;
 
-/// The shapes of a group are seen from at most this many times their largest coordinate without
-/// loss.
+/// The shapes of a group can be seen from up to this many times their largest coordinate without
+/// loss of accuracy.
 const VIEW_OF_GROUP: f64 = 64.0;
 
-/// How much longer than a gap the way to a light is that lies in coincident surfaces, where it
-/// meets them at a slant.
+/// Maximum length, in gaps, of the path of a shadow ray through coincident surfaces at a light,
+/// because it may cross the gap obliquely.
 const SLANT: f64 = 64.0;
 
-/// Two shapes with a common part of surface.
+/// Two shapes with a common part of their surfaces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coincidence {
     /// Numbers of the shapes, the lower one first.
@@ -50,8 +50,8 @@ pub struct Coincidence {
     pub form: &'static str,
     /// A point of it, in the space of the shapes.
     pub place: DVec3,
-    /// The width of the gap in metres; `None` if the shapes could not be drawn apart, so that
-    /// rounding decides which is met first.
+    /// The width of the gap in metres; `None` if the shapes could not be separated, so that
+    /// rounding decides which one is hit first.
     pub gap: Option<f64>,
 }
 
@@ -75,26 +75,26 @@ impl fmt::Display for Coincidence {
     }
 }
 
-/// What was found among the shapes of a scene or of a group.
+/// The coincident surfaces of a scene or of a group.
 #[derive(Default)]
 pub(crate) struct Found {
     pub(crate) pairs: Vec<Coincidence>,
-    /// By the number of the shape.
+    /// Changes by the number of the shape.
     changes: BTreeMap<usize, Change>,
     /// Why the shapes were not examined.
     pub(crate) not_examined: Option<String>,
-    /// By how much shadow rays end earlier before lights, in metres.
+    /// The distance by which shadow rays are shortened before lights, in metres.
     pub(crate) light_margin: f64,
 }
 
-/// From where the shapes are seen and lit.
+/// The points from which the shapes are seen and lit.
 pub(crate) struct Seen<'a> {
-    /// Where camera rays start; none in a group.
+    /// Origins of camera rays; none in a group.
     pub(crate) from: Vec<DVec3>,
     pub(crate) lights: &'a [std::sync::Arc<dyn Light>],
 }
 
-/// Where rays of the camera start.
+/// Origins of the rays of the camera.
 pub(crate) fn eyes(camera: &dyn Camera, film: FilmSize) -> Vec<DVec3> {
     let (width, height) = (f64::from(film.width), f64::from(film.height));
     let places = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
@@ -102,8 +102,8 @@ pub(crate) fn eyes(camera: &dyn Camera, film: FilmSize) -> Vec<DVec3> {
     eyes.into_iter().filter(|eye| eye.is_finite()).collect()
 }
 
-/// Puts gaps between surfaces that coincide. `anew` builds a shape anew, in another place, by its
-/// number.
+/// Separates coincident surfaces by gaps. `anew` rebuilds a shape, given its number, in another
+/// place.
 pub(crate) fn draw_apart(
     geometry: Geometry,
     seen: &Seen<'_>,
@@ -118,7 +118,7 @@ pub(crate) fn draw_apart(
     (Geometry::new(shapes), found)
 }
 
-/// Finds the coincident surfaces of different shapes, and how the shapes are to be changed.
+/// Finds the coincident surfaces of different shapes, and the changes that separate them.
 fn find(geometry: &Geometry, seen: &Seen<'_>) -> Found {
     let parts = match parts::collect(geometry) {
         Ok(parts) => parts,
@@ -200,7 +200,7 @@ fn find(geometry: &Geometry, seen: &Seen<'_>) -> Found {
 }
 
 impl Found {
-    /// Says of these shapes that they are not drawn apart from others.
+    /// Marks the pairs of these shapes as not separated.
     fn give_up(&mut self, shapes: &BTreeSet<usize>) {
         for pair in &mut self.pairs {
             if pair
@@ -213,7 +213,7 @@ impl Found {
         }
     }
 
-    /// Changes the shapes.
+    /// Applies the changes to the shapes.
     fn apply(
         &mut self,
         shapes: &mut [Shape],
@@ -245,7 +245,7 @@ impl Found {
     }
 }
 
-/// How wide a gap must be so that no rounding closes it.
+/// The minimum width of a gap that rounding cannot close.
 fn width(geometry: &Geometry, contact: &Contact, seen: &Seen<'_>, errors: &mut Errors) -> f64 {
     let mut reach = contact.largest;
     if seen.from.is_empty() {
@@ -263,12 +263,12 @@ fn width(geometry: &Geometry, contact: &Contact, seen: &Seen<'_>, errors: &mut E
     (GAP * reach).max(ABOVE_ERRORS * (one + two))
 }
 
-/// The largest coordinates of meshes that were asked for.
+/// Cached largest coordinates of meshes.
 #[derive(Default)]
 struct Errors(BTreeMap<usize, f64>);
 
 impl Errors {
-    /// How far above the surface rays start that leave a shape near a point.
+    /// The offset from the surface of the rays that leave a shape near a point.
     fn near(&mut self, geometry: &Geometry, shape: usize, p: DVec3, n: DVec3, reach: f64) -> f64 {
         if let Shape::Triangles(mesh) = &geometry.shapes()[shape] {
             let largest = || {
@@ -286,7 +286,7 @@ impl Errors {
     }
 }
 
-/// The hit of a shape by a ray that comes from this far above a point, against n.
+/// The hit of a shape by a ray that starts at this height above a point and travels against n.
 fn meet(
     geometry: &Geometry,
     shape: usize,

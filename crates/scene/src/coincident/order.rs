@@ -1,8 +1,8 @@
-//! The order in which coincident surfaces lie behind one another.
+//! The order in which coincident surfaces lie along their common normal.
 //!
-//! Solids that lie behind the common surface, those whose outside is in front of it, come first;
-//! then open surfaces; then solids in front of it. Of solids on one side the lowest number is
-//! nearest to the middle. Of open surfaces the lowest number is first on the side that its own
+//! Solids that lie behind the common surface (their outside is in front of it) come first, then
+//! open surfaces, then solids in front of it. Among solids on one side, the lowest number is
+//! nearest to the middle. Among open surfaces, the lowest number is first on the side that its own
 //! normal points to, and the others follow in the same way.
 
 use super::contact::Contact;
@@ -12,31 +12,31 @@ use whitstone_core::DVec3;
 
 /// Surfaces that coincide directly or through others.
 pub(super) struct Class {
-    /// The common normal; that of curved surfaces points outward and is not this.
+    /// The common normal. Not used for curved surfaces, whose normal points outward.
     pub(super) across: DVec3,
     pub(super) flat: bool,
     pub(super) sides: Vec<Side>,
-    /// Numbers of the contacts among them.
+    /// Indices of the contacts among them.
     pub(super) contacts: Vec<usize>,
 }
 
-/// All that one shape has of a class.
+/// The surfaces of one shape in a class.
 pub(super) struct Side {
     pub(super) shape: usize,
-    /// How many gaps it moves along the normal.
+    /// Displacement along the normal, in gaps.
     pub(super) level: i64,
-    /// Numbers of its contacts.
+    /// Indices of its contacts.
     pub(super) contacts: Vec<usize>,
 }
 
-/// A shape in a plane, or a curved part by itself.
+/// All surfaces of a shape in a plane, or a single curved part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Node {
     Flat { plane: usize, shape: usize },
     Curved { part: usize },
 }
 
-/// Where a surface lies along the normal.
+/// Position of a surface along the normal.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Place {
     Behind,
@@ -65,7 +65,7 @@ pub(super) fn classes(parts: &Parts<'_>, contacts: &[Contact]) -> Vec<Class> {
         .iter()
         .map(|contact| contact.parts.map(|part| number_of(contact, part)))
         .collect();
-    // Each node points to a lower one of its class, or to itself.
+    // Union-find: each node points to a lower one of its class, or to itself.
     let mut lower: Vec<usize> = (0..nodes.len()).collect();
     fn lowest(lower: &mut [usize], mut node: usize) -> usize {
         while lower[node] != node {
@@ -149,11 +149,11 @@ struct Member {
     /// Whether its normal points along the common one.
     along: bool,
     place: Place,
-    /// Elements of its shape.
+    /// Number of elements of its shape.
     size: usize,
 }
 
-/// From behind to the front, along the normal.
+/// Sorts from back to front, along the normal.
 fn ordered(mut members: Vec<Member>) -> Vec<Member> {
     members.sort_by_key(|member| (member.shape, member.node));
     let of = |place: Place| members.iter().filter(move |member| member.place == place);
@@ -173,8 +173,8 @@ fn ordered(mut members: Vec<Member>) -> Vec<Member> {
     order
 }
 
-/// How many gaps each member moves: more than those behind it that it touches. The one that is
-/// hardest to move stays.
+/// The displacement of each member in gaps. A member moves further than those behind it that it
+/// touches. The member that is hardest to move stays in place.
 fn levels(order: Vec<Member>, edges: &BTreeSet<[usize; 2]>) -> Vec<(Member, i64)> {
     let mut places: BTreeMap<usize, usize> = BTreeMap::new();
     for (place, member) in order.iter().enumerate() {

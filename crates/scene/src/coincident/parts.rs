@@ -1,31 +1,31 @@
-//! The parts of surfaces that lie near other shapes.
+//! Collects the parts of surfaces that lie near other shapes.
 
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use whitstone_core::{Aabb, DVec3, Element, Geometry, Shape, SurfacePart, Transform, TriangleMesh};
 
-/// Most parts near other shapes that are compared.
+/// Maximum number of parts near other shapes that are compared.
 const MOST: usize = 10_000;
 
-/// Most triangles and shapes that are looked at inside instances.
+/// Maximum number of triangles and shapes that are visited inside instances.
 const MOST_VISITED: usize = 8_000_000;
 
-/// How far from each other boxes may be, relative to the largest coordinate.
+/// Maximum distance of near boxes, relative to the largest coordinate.
 const NEAR: f64 = 64.0 * f64::EPSILON;
 
-/// Up to this many neighbours of a shape are told apart.
+/// Up to this many neighbours of a shape are stored separately.
 const FEW: usize = 16;
 
 /// A part of the surface of a shape.
 pub(super) struct Part<'a> {
-    /// Number of the shape; of one in a group, that of the instance.
+    /// Number of the shape; for a shape in a group, that of the instance.
     pub(super) shape: usize,
     pub(super) surface: SurfacePart,
     pub(super) aabb: Aabb,
     pub(super) owner: Owner<'a>,
 }
 
-/// What says whether a part belongs to a solid.
+/// Determines whether a part belongs to a solid.
 #[derive(Clone, Copy)]
 pub(super) enum Owner<'a> {
     Opaque { solid: bool },
@@ -35,7 +35,7 @@ pub(super) enum Owner<'a> {
 /// All parts near other shapes, in the order of the shapes.
 pub(super) struct Parts<'a> {
     pub(super) all: Vec<Part<'a>>,
-    /// How much there is of each shape: elements.
+    /// Number of elements of each shape.
     pub(super) sizes: Vec<usize>,
     closed: OnceCell<BTreeMap<usize, bool>>,
 }
@@ -62,15 +62,15 @@ impl Parts<'_> {
     }
 }
 
-/// What of a shape may touch others.
+/// The bounds of a shape.
 struct Body {
     number: usize,
     aabb: Aabb,
-    /// Where it is endless planes only.
+    /// Set if it consists only of infinite planes.
     planes: Vec<(DVec3, DVec3)>,
 }
 
-/// Where the others are.
+/// The bounds of the other shapes nearby.
 #[derive(Default)]
 struct Others {
     boxes: Vec<Aabb>,
@@ -82,7 +82,7 @@ impl Others {
         self.boxes.is_empty() && self.planes.is_empty()
     }
 
-    /// Many boxes become one around all.
+    /// Replaces many boxes by their common bounding box.
     fn simplify(&mut self) {
         if self.boxes.len() > FEW {
             let whole = self
@@ -119,7 +119,7 @@ fn crosses((point, normal): (DVec3, DVec3), aabb: &Aabb) -> bool {
     (center - point).dot(normal).abs() <= normal.abs().dot(half) + rounding
 }
 
-/// The parts that are near other shapes; or why there are none.
+/// The parts that are near other shapes, or why they were not collected.
 pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
     let shapes = geometry.shapes();
     let mut bodies = Vec::new();
@@ -164,13 +164,13 @@ pub(super) fn collect(geometry: &Geometry) -> Result<Parts<'_>, String> {
     })
 }
 
-/// Most shapes whose elements are counted: nested groups multiply without end.
+/// Maximum number of shapes whose elements are counted, because nested groups multiply them.
 const MOST_COUNTED: usize = 50_000;
 
-/// What a shape inside an instance costs to look at, in triangles.
+/// Cost of a visited shape inside an instance, in triangles.
 const SHAPE_COST: usize = 64;
 
-/// Elements, those in instances counted, of at most [`MOST_COUNTED`] shapes.
+/// Number of elements, including those of instances, of at most [`MOST_COUNTED`] shapes.
 fn size(shape: &Shape, visited: &mut usize) -> usize {
     *visited += 1;
     match shape {
@@ -189,7 +189,7 @@ fn size(shape: &Shape, visited: &mut usize) -> usize {
     }
 }
 
-/// For each body what others there are near it. Sorts the bodies along x.
+/// The nearby shapes of each body. Sorts the bodies along x.
 fn neighbours(bodies: &mut [Body]) -> Vec<Others> {
     bodies.sort_by(|a, b| {
         a.aabb

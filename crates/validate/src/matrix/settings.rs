@@ -1,67 +1,67 @@
-//! Which settings of a scene are worth a cell.
+//! Selects the settings of a scene that are worth a cell of the matrix.
 
 use std::collections::BTreeSet;
 use toml::{Table, Value};
 use whitstone_core::{FamilyName, Registry};
 
-/// Sweeps by name.
+/// Names of the sweeps.
 const ACCELERATOR: &str = "accelerator";
 pub(super) const THREADS: &str = "threads";
 const DEPTH: &str = "max_depth";
 const FILTER: &str = "filter";
 
-/// So many elements fit one leaf: nothing is divided.
+/// This many elements fit into one leaf, so that an accelerator divides nothing.
 const ONE_LEAF: usize = 4;
-/// Side of a tile: smaller images are one task.
+/// Side of a tile in pixels: a smaller image is a single task.
 const TILE: u32 = 16;
-/// Tests of elements that take about ten seconds.
+/// Number of element tests that take about ten seconds.
 const MOST_TESTS: u64 = 1 << 30;
-/// None; the one that both glass and a mirror need; what shows them in each other.
+/// No recursion; the depth that both glass and a mirror need; depths that show them in each other.
 const DEPTHS: [i64; 4] = [0, 1, 2, 4];
-/// One, and one that no tiling is a multiple of.
+/// One thread, and a number that divides no tiling evenly.
 const COUNTS: [usize; 2] = [1, 3];
 
-/// What decides about the cells of a scene.
+/// The properties of a scene that determine its cells.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Facts {
-    /// Triangles, whole shapes and copies at the top level.
+    /// Triangles, whole shapes and instances at the top level.
     pub(super) elements: usize,
-    /// For the scene's own picture.
+    /// Number of rays of the scene's own picture.
     pub(super) rays: u64,
     /// Columns and rows.
     pub(super) pixels: [u32; 2],
-    /// Of the run; 0 for all cores.
+    /// Threads of the run; 0 for all cores.
     pub(super) threads: usize,
-    /// Its type.
+    /// The type of the integrator.
     pub(super) integrator: &'static str,
-    /// Whether it looks at what materials reflect and transmit.
+    /// Whether the integrator follows reflection and transmission.
     pub(super) follows_branches: bool,
-    /// Whether a material in use does either.
+    /// Whether a material in use reflects or transmits.
     pub(super) branches: bool,
-    /// The type in use.
+    /// The accelerator in use.
     pub(super) accelerator: String,
-    /// The types in use.
+    /// The texture types in use.
     pub(super) textures: Vec<&'static str>,
     /// The scene as one document.
     pub(super) flattened: String,
 }
 
-/// What there is to do about a sweep.
+/// The settings of a sweep.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Sweep {
-    /// Nothing, and why.
+    /// Skipped, with the reason.
     LeftOut(String),
-    /// These.
+    /// The settings to run.
     Settings(Vec<Setting>),
 }
 
-/// A cell to be.
+/// A setting to run.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct Setting {
     pub(super) name: String,
-    /// Changes of the scene on both sides; none where the picture must not depend on it.
+    /// Changes of the scene on both sides; none if the picture must not depend on the setting.
     pub(super) overrides: Vec<String>,
-    /// Why it is not run.
+    /// Why it is skipped, if so.
     pub(super) left_out: Option<String>,
 }
 
@@ -76,16 +76,16 @@ impl Setting {
 
 /// A texture table with the key `filter`.
 struct Filtered {
-    /// For `--set`.
+    /// Its path, as for `--set`.
     path: String,
-    /// What the key may be.
+    /// The values that the key supports.
     values: Vec<String>,
-    /// What it is, if that is written.
+    /// The current value, if the scene sets it.
     value: Option<String>,
 }
 
 impl Facts {
-    /// Every sweep with what to do.
+    /// Every sweep with its settings.
     pub(super) fn sweeps(&self, registry: &Registry) -> [(&'static str, Sweep); 4] {
         let document: Table = self.flattened.parse().unwrap_or_default();
         [
@@ -154,7 +154,7 @@ impl Facts {
         let written = table.and_then(|table| table.get(DEPTH)?.as_integer());
         let change = |depth: i64| match table {
             Some(_) => format!("integrator.{DEPTH}={depth}"),
-            // The default one, which a scene need not name.
+            // The default integrator, which a scene need not name.
             None => format!("integrator={{type=\"{}\",{DEPTH}={depth}}}", self.integrator),
         };
         let own = written.or(property["default"].as_i64());
@@ -190,12 +190,12 @@ impl Facts {
                 ..Setting::named(value)
             }
         });
-        // Without a change it is the scene itself. One that names the default is found to be the
-        // same later.
+        // A setting without a change is the scene itself. One that names the default is found to be
+        // identical later.
         Sweep::Settings(settings.filter(|setting| !setting.overrides.is_empty()).collect())
     }
 
-    /// The textures in a value and below that have a filter and can be named by a path.
+    /// Finds the textures in a value and below it that have a filter and a path.
     fn find(&self, path: String, value: &Value, registry: &Registry, found: &mut Vec<Filtered>) {
         match value {
             Value::Array(items) => {
@@ -218,7 +218,7 @@ impl Facts {
         }
     }
 
-    /// What the filter of a table may be, if it is a texture in use that has one.
+    /// The values of the filter of a table, if it is a texture in use that has one.
     fn filter_values(&self, table: &Table, registry: &Registry) -> Option<Vec<String>> {
         let kind = table.get("type")?.as_str()?;
         let name = self.textures.iter().find(|name| **name == kind)?;

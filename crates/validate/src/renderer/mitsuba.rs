@@ -1,4 +1,4 @@
-//! Mitsuba 3 as a Whitted tracer: `references/mitsuba` drives its intersections, BSDFs and
+//! Mitsuba 3 as a Whitted ray tracer: `references/mitsuba` drives its intersections, BSDFs and
 //! emitters.
 
 use super::Reference;
@@ -10,7 +10,7 @@ use std::path::Path;
 
 pub(super) struct Mitsuba;
 
-/// Largest limit of a scene without textures.
+/// Maximum limit of a scene without textures.
 pub(super) const LARGEST_LIMIT: f64 = 5e-5;
 
 impl Reference for Mitsuba {
@@ -26,7 +26,7 @@ impl Reference for Mitsuba {
         "whitstone_mitsuba"
     }
 
-    /// It was the first reference.
+    /// The name dates from when there was only one reference.
     fn meta_file(&self) -> String {
         "meta.toml".to_owned()
     }

@@ -1,5 +1,5 @@
-//! The renderers that serve as references. Each has a file with all in which it differs for the
-//! harness.
+//! The renderers that serve as references. The file of each renderer contains everything that is
+//! specific to it.
 
 mod mitsuba;
 mod povray;
@@ -15,30 +15,30 @@ use std::path::Path;
 /// A renderer that serves as a reference, with a driver that speaks
 /// `references/mitsuba/PROTOCOL.md`.
 pub trait Reference: Sync {
-    /// For people.
+    /// The name for people.
     fn title(&self) -> &'static str;
 
-    /// As files and results call it.
+    /// The name in files and results.
     fn name(&self) -> &'static str;
 
     /// The Python package of its driver.
     fn package(&self) -> &'static str;
 
-    /// The folder of its driver below `references/`, by which plugins from outside name it, too.
+    /// The folder of its driver below `references/`. Third-party plugins use this name, too.
     fn package_folder(&self) -> &'static str {
         self.name()
     }
 
-    /// File next to a stored image that says what made it.
+    /// The file next to a stored image with its metadata.
     fn meta_file(&self) -> String {
         format!("{}.toml", self.name())
     }
 
-    /// Whether it is installed for Whitstone alone, so that its version changes with its
-    /// requirements only.
+    /// Whether it is installed for Whitstone alone, so that its version changes only with its
+    /// requirements.
     fn is_private(&self) -> bool;
 
-    /// Where its driver runs; made on first use, of which `say` is told.
+    /// The environment of its driver, created on first use. Calls `say` before slow steps.
     ///
     /// # Errors
     /// If it cannot run here.
@@ -49,14 +49,14 @@ pub trait Reference: Sync {
         say: &dyn Fn(&str),
     ) -> Result<Environment, EnvironmentError>;
 
-    /// Who answers.
+    /// The versions of the renderer.
     ///
     /// # Errors
     /// Those of the driver.
     fn versions(&self, driver: &mut Driver) -> Result<Versions, DriverError>;
 
-    /// Renders a scene into an EXR file. An image with layers `variance.*` has noise, and is
-    /// compared by a test of significance.
+    /// Renders a scene into an EXR file. An image with layers `variance.*` is noisy, and is
+    /// compared by a significance test.
     ///
     /// # Errors
     /// Those of the driver.
@@ -70,56 +70,57 @@ pub trait Reference: Sync {
         driver.render(scene, out, setting, 0)
     }
 
-    /// Whether its driver tells ray trees.
+    /// Whether its driver reports ray trees.
     fn tells_trees(&self) -> bool {
         false
     }
 
-    /// Whether an image of it can be stored.
+    /// Whether its images can be stored.
     fn can_be_stored(&self) -> bool {
         true
     }
 
-    /// In which ways it is made to vary, to explain pixels.
+    /// The variations that explain pixels.
     fn trials(&self) -> Vec<Trial>;
 
-    /// In which ways it is made to vary where its own error is in question: by its roundings alone.
+    /// The variations that measure its own error in a pixel: only those of its roundings.
     fn roundings(&self) -> Vec<Trial> {
         explain::roundings(self.trials())
     }
 
-    /// In which ways it is made to vary, to measure its own error.
+    /// The variations that measure its floor.
     fn variations(&self) -> Vec<Setting>;
 
-    /// What the limit of a scene without textures never exceeds.
+    /// The upper bound of the limit of a scene without textures.
     fn largest_limit(&self) -> f64;
 
-    /// Whether it computes in single precision, so that far or tiny scenes show its roundings.
+    /// Whether it computes in single precision, so that distant or tiny scenes show its rounding
+    /// errors.
     fn is_single_precision(&self) -> bool;
 
-    /// What of a scene has to be changed on both sides for it. What Mitsuba confirms of what is
-    /// changed needs no second opinion; all else of the scene then can have one.
+    /// Changes of a scene that both sides need so that this renderer can render it. Mitsuba already
+    /// checks the changed parts; the second reference then checks the rest of the scene.
     fn adaptations(&self, _scene: &toml::Table) -> Vec<Adaptation> {
         Vec::new()
     }
 }
 
-/// Who renders the other side.
+/// A reference renderer.
 #[derive(Clone, Copy)]
 pub struct Renderer(&'static dyn Reference);
 
 impl Renderer {
-    /// Mitsuba 3, traced by `references/mitsuba`.
+    /// Mitsuba 3, driven by `references/mitsuba`.
     pub const MITSUBA: Self = Self(&mitsuba::Mitsuba);
-    /// Mitsuba's own integrators, along the same camera rays.
+    /// Mitsuba's own integrators, with the same camera rays.
     pub const MITSUBA_STOCK: Self = Self(&stock::Stock);
-    /// POV-Ray 3.7, whose scenes `references/povray` writes.
+    /// POV-Ray 3.7, driven by `references/povray`.
     pub const POVRAY: Self = Self(&povray::PovRay);
 
-    /// Those that come with Whitstone.
+    /// The built-in renderers.
     pub const ALL: [Self; 3] = [Self::MITSUBA, Self::MITSUBA_STOCK, Self::POVRAY];
 
-    /// One from outside.
+    /// A third-party renderer.
     pub const fn new(reference: &'static dyn Reference) -> Self {
         Self(reference)
     }
@@ -129,12 +130,12 @@ impl Renderer {
         format!("{}.exr", self.name())
     }
 
-    /// File next to it with the values of the pixels that vary.
+    /// The file next to it with the values of the pixels that vary.
     pub fn variants_file(self) -> String {
         format!("{}.variants.exr", self.name())
     }
 
-    /// Changes of a scene, as it is flattened, on both sides: see [`Reference::adaptations`].
+    /// Changes of a flattened scene on both sides: see [`Reference::adaptations`].
     pub fn adaptations_of(self, flattened: &str) -> Vec<Adaptation> {
         let scene = flattened.parse::<toml::Table>();
         scene.map_or_else(|_| Vec::new(), |scene| self.adaptations(&scene))
@@ -169,12 +170,12 @@ impl fmt::Display for Renderer {
     }
 }
 
-/// A change that makes a scene one that the reference can show, on both sides.
+/// A change on both sides that lets the reference render the scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Adaptation {
     /// `path=value`, as for `--set`.
     pub change: String,
-    /// Why.
+    /// The reason.
     pub reason: &'static str,
 }
 
@@ -187,7 +188,7 @@ impl Adaptation {
     }
 }
 
-/// No layers beside the radiance, where a scene has some.
+/// Removes the layers other than the radiance, if a scene has some.
 fn without_layers(scene: &toml::Table, reason: &'static str) -> Option<Adaptation> {
     let layers = scene.get("film").and_then(|film| film.get("aovs"));
     let some = layers

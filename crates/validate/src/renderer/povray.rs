@@ -1,5 +1,5 @@
-//! POV-Ray 3.7: `references/povray` writes its scenes. It computes in double precision and knows no
-//! code of Mitsuba's.
+//! POV-Ray 3.7: `references/povray` writes its scenes. It computes in double precision and shares
+//! no code with Mitsuba.
 
 use super::{Adaptation, Reference, without_layers};
 use crate::driver::{Driver, DriverError, Setting, Versions};
@@ -11,8 +11,8 @@ use toml::Value;
 
 pub(super) struct PovRay;
 
-/// Largest limit of a scene without textures. Its images are half floats: the driver brackets what
-/// they round away, to an eighth of it: 2^-14 of the value, or 6e-5.
+/// Maximum limit of a scene without textures. Its images are half floats. The driver brackets their
+/// rounding error, to an eighth of it: 2^-14 of the value, or 6e-5.
 const LARGEST_LIMIT: f64 = 1e-4;
 
 impl Reference for PovRay {

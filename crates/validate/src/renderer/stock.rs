@@ -1,7 +1,8 @@
-//! Mitsuba's own C++ integrators, along the driver's camera rays: is the driver really Mitsuba?
+//! Mitsuba's own C++ integrators, with the driver's camera rays: checks that the driver agrees with
+//! Mitsuba.
 //!
-//! `direct` renders scenes of surfaces that the lights reach, `path` those of surfaces that only
-//! reflect and refract. Of a scene with both, the reflections are left out on both sides.
+//! `direct` renders scenes of directly lit surfaces, `path` those of surfaces that only reflect and
+//! refract. In a scene with both, the reflections are disabled on both sides.
 
 use super::{Adaptation, Reference, mitsuba, without_layers};
 use crate::driver::{Driver, DriverError, Rendered, SceneText, Setting, Versions};
@@ -12,10 +13,10 @@ use toml::Value;
 
 pub(super) struct Stock;
 
-/// Samples of each of the model's camera rays, from which the noise is estimated.
+/// Samples per camera ray of the model, from which the noise is estimated.
 const REPEATS: u32 = 64;
 
-/// Materials that the lights reach, and those that only send rays on.
+/// Materials that lights illuminate directly, and those that only reflect and refract.
 const LIT: [&str; 4] = ["matte", "phong", "blinn_phong", "whitted"];
 const SPECULAR: [&str; 5] = ["mirror", "conductor", "dielectric", "thin_dielectric", "glossy"];
 
@@ -67,12 +68,12 @@ impl Reference for Stock {
         driver.stock(scene, out, setting, REPEATS)
     }
 
-    /// It is held to the driver, whose images are stored.
+    /// It is compared with the driver, whose images are stored.
     fn can_be_stored(&self) -> bool {
         false
     }
 
-    /// Its noise takes their place.
+    /// Its noise estimate replaces the trials.
     fn trials(&self) -> Vec<Trial> {
         Vec::new()
     }
@@ -132,7 +133,7 @@ impl Reference for Stock {
     }
 }
 
-/// The types of all materials of a scene: shared ones, and those of its shapes and groups.
+/// The types of all materials of a scene, both shared ones and those of its shapes and groups.
 fn kinds(scene: &toml::Table) -> Vec<&str> {
     let mut found = Vec::new();
     let mut open: Vec<(&Value, bool)> = Vec::new();

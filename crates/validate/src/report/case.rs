@@ -1,4 +1,4 @@
-//! What the templates show of a case.
+//! The view of a case that the templates render.
 
 use super::number::{Limited, Number, plain_count, precise, scientific, short};
 use crate::explain::Reason;
@@ -10,9 +10,9 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use whitstone_image::Tolerance;
 
-/// Width in which a picture is easy to see, in pixels of the page.
+/// Width at which a picture is easy to see, in pixels of the page.
 pub(super) const PICTURE_WIDTH: usize = 384;
-/// Larger pixels show nothing more.
+/// Maximum magnification.
 const LARGEST_SCALE: usize = 16;
 
 /// A case, in the table and in its own section.
@@ -21,7 +21,7 @@ pub(super) struct CaseView<'a> {
     pub(super) id: String,
     pub(super) failed: bool,
     pub(super) verdict: Badge,
-    /// Lower case, for the filter.
+    /// Lower-case words for the filter.
     pub(super) words: String,
     pub(super) size: String,
     pub(super) reference: String,
@@ -58,7 +58,7 @@ pub(super) struct Checked {
     pub(super) limited: Limited,
 }
 
-/// A number without.
+/// A number without a limit.
 pub(super) struct Measured {
     pub(super) name: &'static str,
     pub(super) value: Number,
@@ -70,7 +70,7 @@ pub(super) struct Picture {
     pub(super) caption: &'static str,
     pub(super) alternative: String,
     pub(super) data: String,
-    /// On the page, in CSS pixels.
+    /// Width on the page, in CSS pixels.
     pub(super) width: usize,
     pub(super) is_error: bool,
 }
@@ -92,7 +92,7 @@ pub(super) struct Pixel<'a> {
 /// A channel of a pixel.
 pub(super) struct Component {
     pub(super) text: String,
-    /// Whether the two differ by more than the tolerance here.
+    /// Whether the two differ by more than the tolerance in this channel.
     pub(super) over: bool,
 }
 
@@ -105,20 +105,20 @@ pub(super) struct Layer<'a> {
     pub(super) max_abs: Number,
 }
 
-/// A layer as both sides show it.
+/// The pictures of a layer on both sides.
 pub(super) struct LayerView<'a> {
     pub(super) name: &'a str,
     pub(super) sides: [Picture; 2],
 }
 
-/// How small a change of a number of the scene is seen.
+/// The smallest detectable change of a number of the scene.
 pub(super) struct Sensed<'a> {
     pub(super) path: &'a str,
     pub(super) value: String,
     pub(super) change: Number,
     pub(super) of_itself: Number,
     pub(super) effect: String,
-    /// Whether the comparison sees it.
+    /// Whether the comparison detects it.
     pub(super) seen: bool,
 }
 
@@ -130,12 +130,12 @@ pub(super) fn failed(case: &CaseResult) -> bool {
     !case.status.is_some_and(Status::is_right)
 }
 
-/// How a verdict looks.
+/// The appearance of a verdict.
 #[derive(Clone, Copy)]
 pub(super) struct Badge(Status);
 
 impl Badge {
-    /// Of the style sheet.
+    /// The class in the style sheet.
     pub(super) fn class(self) -> &'static str {
         match self.0 {
             Status::Pass => "pass",
@@ -159,7 +159,7 @@ impl Badge {
 }
 
 impl<'a> CaseView<'a> {
-    /// All of it; `parameters` tell how small a change of each number is seen.
+    /// The complete view. `parameters` gives the smallest detectable change of each number.
     pub(super) fn new(index: usize, case: &'a CaseResult, parameters: &'a [Parameter]) -> Self {
         let mut view = Self::row(index, case);
         view.checked = view.checked();
@@ -176,7 +176,7 @@ impl<'a> CaseView<'a> {
         view
     }
 
-    /// What the table shows of it, and no more.
+    /// Only the fields that the table shows.
     pub(super) fn row(index: usize, case: &'a CaseResult) -> Self {
         let rendered = case.width > 0;
         let stock = Limited::count(case.stock());
@@ -371,7 +371,7 @@ fn reference(case: &CaseResult) -> String {
     }
 }
 
-/// Who made the reference of a case.
+/// The name of the renderer of a case's reference.
 pub(super) fn reference_name(case: &CaseResult) -> Option<String> {
     let reference = case.reference.as_ref()?;
     Some(format!(
@@ -423,7 +423,7 @@ fn views(case: &CaseResult, pictures: &Pictures) -> Vec<Picture> {
     ]
 }
 
-/// Small ones, side by side.
+/// Small pictures, side by side.
 fn layer_views<'a>(case: &CaseResult, pictures: &'a Pictures) -> Vec<LayerView<'a>> {
     let scale = (PICTURE_WIDTH / 2).div_ceil(case.width.max(1)).min(LARGEST_SCALE);
     let width = (case.width * scale).min(PICTURE_WIDTH);
@@ -479,7 +479,7 @@ impl<'a> Sensed<'a> {
 impl<'a> Pixel<'a> {
     fn new(pixel: &'a WorstPixel, mean_reference: Option<f64>) -> Self {
         let tolerance = Tolerance::default();
-        // Without a mean only what is not finite is known to differ.
+        // Without a mean, only values that are not finite are known to differ.
         let times: [Option<f64>; 3] = std::array::from_fn(|channel| {
             let (ours, reference) = (
                 f64::from(pixel.ours[channel]),
@@ -524,7 +524,7 @@ impl<'a> Pixel<'a> {
     }
 }
 
-/// What explains a pixel.
+/// A description of a pixel's explanation.
 fn in_words(reason: &Reason) -> String {
     match reason {
         Reason::Shift { radius_px } => format!(

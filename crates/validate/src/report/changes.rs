@@ -1,59 +1,60 @@
-//! What changed since an earlier run: results against older results.
+//! The changes since an earlier run: compares results with older results.
 
 use crate::{CaseResult, Results, Status};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// Errors that differ by less than this part are the same: other processors round in other orders.
+/// Errors with a smaller relative difference count as equal, because processors differ in their
+/// order of rounding.
 const SAME: f64 = 0.05;
 
-/// What is read of an older `results.json`: its cases, with what they knew then.
+/// The cases of an older `results.json`, with the fields that it has.
 #[derive(Debug, Deserialize)]
 pub struct Baseline {
     results: Vec<CaseResult>,
 }
 
-/// What changed.
+/// The changes since an earlier run.
 #[derive(Debug, Default)]
 pub struct Changes {
-    /// What the older results are called.
+    /// The name of the older results.
     pub baseline: String,
-    /// One for each number that changed, what became worse first.
+    /// One row for each number that changed, the worst changes first.
     pub rows: Vec<Change>,
-    /// Cases that are as they were.
+    /// Number of unchanged cases.
     pub same: usize,
 }
 
 /// A number that changed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
-    /// Of which case.
+    /// The scene of the case.
     pub scene: String,
-    /// Which number.
+    /// The name of the number.
     pub what: &'static str,
-    /// In the older results.
+    /// The older value.
     pub before: String,
-    /// In these.
+    /// The newer value.
     pub after: String,
-    /// For better or worse.
+    /// Whether it is better or worse.
     pub kind: Kind,
 }
 
-/// For better or worse.
+/// Whether a change is better or worse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
-    /// A case that passed fails, or is gone.
+    /// A case that passed now fails or is missing.
     Broken,
-    /// A number became worse within its limits, or that of a failing case.
+    /// A number became worse, within its limits or in a failing case.
     Worse,
-    /// Something else is different.
+    /// Any other difference.
     Other,
     /// Better, or new.
     Better,
 }
 
 impl Kind {
-    /// In a word.
+    /// The name of the kind.
     pub fn name(self) -> &'static str {
         match self {
             Self::Broken => "broken",
@@ -65,9 +66,8 @@ impl Kind {
 }
 
 impl Changes {
-    /// Between an older run, called `name`, and a newer one. Cases belong together by scene,
-    /// configuration and who rendered the reference; times are left out, since they belong to the
-    /// machine.
+    /// The changes from an older run, called `name`, to a newer one. Cases are matched by scene,
+    /// configuration and reference renderer. Times are ignored, because they depend on the machine.
     pub fn between(name: String, old: &Baseline, new: &Results) -> Self {
         let before: BTreeMap<_, &CaseResult> = old.results.iter().map(|case| (key(case), case)).collect();
         let mut rows = Vec::new();
@@ -92,7 +92,7 @@ impl Changes {
         }
     }
 
-    /// How many cases passed and do not any more.
+    /// The number of cases that passed and do not pass any more.
     pub fn broken(&self) -> usize {
         self.rows.iter().filter(|row| row.kind == Kind::Broken).count()
     }
@@ -105,7 +105,7 @@ fn key(case: &CaseResult) -> Key {
     (
         case.scene.clone(),
         case.config.clone(),
-        // One that was not compared has none: it stands for any.
+        // A case that was not compared has no reference: it matches any.
         reference.map_or_else(String::new, |reference| reference.name.clone()),
     )
 }
@@ -206,7 +206,7 @@ mod tests {
     fn old(change: impl FnOnce(&mut Vec<CaseResult>)) -> Baseline {
         let mut cases = example().results;
         change(&mut cases);
-        // As it is read from a file.
+        // As read from a file.
         let text = serde_json::to_string(&results(cases, "live")).unwrap();
         serde_json::from_str(&text).unwrap()
     }

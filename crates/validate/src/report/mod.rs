@@ -1,9 +1,9 @@
-//! The report that people look at: one HTML file without outside parts.
+//! The report for people: one HTML file without external parts.
 //!
-//! `page.html` and `case.html` are its templates, compiled and escaped by `askama`; `view` turns
-//! results into what they show; `page.css` and the scripts go into the page as they are. It reads
-//! well without these, which sort, filter and copy (`page.js`), show pixels in other ways than the
-//! pictures do (`viewer.js`) and point at the dots of diagrams (`studies.js`).
+//! `page.html` and `case.html` are its templates, compiled and escaped by `askama`. `view` converts
+//! results to the data of the templates. `page.css` and the scripts are embedded unchanged. The
+//! page is readable without scripts. They sort, filter and copy (`page.js`), display pixels in
+//! other ways than the pictures (`viewer.js`) and highlight the points of diagrams (`studies.js`).
 
 mod case;
 mod changes;
@@ -24,35 +24,35 @@ use std::collections::{BTreeMap, BTreeSet};
 use view::{Page, Shape};
 use whitstone_image::error_map::{ErrorView, Quantity, Scale};
 
-/// What the error pictures of a report show, and what its legend says.
+/// The quantity that the error pictures of a report show, and its legend.
 pub const ERROR_VIEW: ErrorView = ErrorView {
     quantity: Quantity::Relative,
     scale: Scale::Log { min: 1e-7, max: 1e-1 },
 };
 
-/// Cases that one page holds; of more, each scene gets its own.
+/// Maximum number of cases on one page. With more, each scene gets its own page.
 pub const ON_ONE_PAGE: usize = 150;
 
 /// The page of all scenes.
 const INDEX: &str = "index.html";
-/// Folder of the pages of scenes, beside it.
+/// Folder of the pages of scenes, next to it.
 pub const SCENES: &str = "scenes";
 
-/// What a page may have beside the results.
+/// Further data for a page besides the results.
 #[derive(Debug, Default)]
 pub struct Extras {
     /// Diagrams of error against run time.
     pub diagrams: Vec<Diagram>,
-    /// Diagrams of families of stiff and extreme cases.
+    /// Diagrams of the stress families.
     pub stress: Vec<Diagram>,
-    /// By the name of a scene, how small a change of each of its numbers is seen.
+    /// For each scene, the smallest detectable change of each of its numbers.
     pub sensitivity: BTreeMap<String, Vec<Parameter>>,
-    /// What changed since an earlier run.
+    /// The changes since an earlier run.
     pub changes: Option<Changes>,
 }
 
 impl Extras {
-    /// It was measured of the scene as it is.
+    /// Only for the unchanged scene, because it was measured there.
     fn sensitivity_of(&self, case: &CaseResult) -> &[Parameter] {
         let known = self.sensitivity.get(&case.scene);
         known
@@ -68,21 +68,22 @@ pub struct Diagram {
     pub name: String,
     /// One line.
     pub title: String,
-    /// What it is to show.
+    /// What the study measures.
     pub about: String,
-    /// How it ended.
+    /// Its verdict.
     pub verdict: String,
-    /// The picture, well-formed and of our own making: it goes into the page as it is.
+    /// The picture. It is embedded unescaped, because it is well-formed SVG that this program
+    /// generated.
     pub svg: String,
 }
 
-/// The page: complete, without anything from a network, to be opened from disk.
+/// The complete page, without anything from a network, to be opened from disk.
 pub fn html(results: &Results, extras: &Extras) -> String {
     Page::new(results, extras, Shape::Whole).to_string()
 }
 
-/// Files of a report by their paths: the page alone, or for more than [`ON_ONE_PAGE`] cases an
-/// index and a page for each scene.
+/// The files of a report by path: a single page, or for more than [`ON_ONE_PAGE`] cases an index
+/// and a page for each scene.
 pub fn pages(results: &Results, extras: &Extras) -> Vec<(String, String)> {
     if results.results.len() <= ON_ONE_PAGE {
         return vec![(INDEX.to_owned(), html(results, extras))];
@@ -101,7 +102,7 @@ pub fn pages(results: &Results, extras: &Extras) -> Vec<(String, String)> {
     std::iter::once((INDEX.to_owned(), index)).chain(scenes).collect()
 }
 
-/// A path for each scene: its name as far as every file system takes it.
+/// A path for each scene: its name, with only those characters that every file system supports.
 fn paths(results: &Results) -> BTreeMap<&str, String> {
     let mut taken = BTreeSet::new();
     let mut paths = BTreeMap::new();
@@ -127,7 +128,7 @@ fn paths(results: &Results) -> BTreeMap<&str, String> {
     paths
 }
 
-/// What of the results is of one scene.
+/// The part of the results that belongs to one scene.
 fn of_scene(results: &Results, scene: &str) -> Results {
     let cases: Vec<CaseResult> = results
         .results

@@ -1,13 +1,13 @@
-//! Numbers as people read them: few digits, a value beside its limit, a dash for what is absent.
+//! Numbers formatted for people: few digits, a value next to its limit, a dash for an absent value.
 
 use crate::Check;
 use askama::Template;
 use askama::filters::HtmlSafe;
 
-/// Why a number of a case may be absent, where nothing more is known.
+/// The default reason why a number of a case is absent.
 pub(super) const NOT_COMPARED: &str = "there was no comparison";
 
-/// A number to show; an en dash with a reason if it is absent.
+/// A number to print; an en dash with a reason if it is absent.
 #[derive(Clone, Debug, PartialEq, Template)]
 #[template(
     ext = "html",
@@ -19,7 +19,7 @@ pub(super) struct Number {
     value: Option<f64>,
 }
 
-// Its template escapes what it shows.
+// Its template escapes its contents.
 impl HtmlSafe for Number {}
 
 impl Number {
@@ -31,7 +31,7 @@ impl Number {
         }
     }
 
-    /// Three digits with an exponent: errors, whose order of magnitude is what counts.
+    /// Three digits with an exponent, for errors, whose order of magnitude matters.
     pub(super) fn error(value: impl Into<Option<f64>>) -> Self {
         Self::of(value.into(), |v| *v, |v| scientific(*v))
     }
@@ -52,7 +52,7 @@ impl Number {
         Self::of(value.into(), |v| *v as f64, |v| grouped(*v))
     }
 
-    /// The same with another reason for a dash.
+    /// Sets another reason for a dash.
     pub(super) fn or(self, why: &'static str) -> Self {
         Self { absent: why, ..self }
     }
@@ -61,13 +61,13 @@ impl Number {
         self.text.is_some()
     }
 
-    /// What a table is sorted by; empty if absent.
+    /// The key by which a table is sorted; empty if absent.
     pub(super) fn sort(&self) -> String {
         self.value.map(|value| format!("{value:e}")).unwrap_or_default()
     }
 }
 
-/// A value and the largest one that passes; the dash alone if there is no value.
+/// A value and the largest one that passes; only a dash if there is no value.
 #[derive(Clone, Debug, PartialEq, Template)]
 #[template(
     ext = "html",
@@ -82,7 +82,7 @@ pub(super) struct Limited {
 impl HtmlSafe for Limited {}
 
 impl Limited {
-    /// Numbers as [`Number::error`] shows them.
+    /// Formatted like [`Number::error`].
     pub(super) fn error(check: Check<f64>) -> Self {
         Self {
             value: Number::error(check.value),
@@ -91,7 +91,7 @@ impl Limited {
         }
     }
 
-    /// Numbers as [`Number::count`] shows them.
+    /// Formatted like [`Number::count`].
     pub(super) fn count(check: Check<usize>) -> Self {
         let number = |count: Option<usize>| Number::count(count.map(|count| count as u64));
         Self {
@@ -101,7 +101,7 @@ impl Limited {
         }
     }
 
-    /// For a style sheet: how much of the limit is used, from 0 to 1. None where that says nothing.
+    /// For a style sheet: the used fraction of the limit, from 0 to 1. None if that is meaningless.
     pub(super) fn used(&self) -> Option<String> {
         match (self.value.value, self.limit.value) {
             (Some(value), Some(limit)) if limit > 0.0 && !self.over => {
@@ -120,18 +120,18 @@ pub(super) fn scientific(value: f64) -> String {
     format!("{value:.2e}")
 }
 
-/// Three digits, without an exponent where that is short: `0.0123`, `12.3`, `1,235`, `1.23e-6`.
+/// Three digits, without an exponent if that is short: `0.0123`, `12.3`, `1,235`, `1.23e-6`.
 pub(super) fn plain(value: f64) -> String {
     digits(value, 3)
 }
 
-/// A round number as short as it can be: `1e-4`.
+/// A round number in its shortest form: `1e-4`.
 pub(super) fn short(value: f64) -> String {
     let rounded: f64 = format!("{value:.2e}").parse().unwrap_or(value);
     format!("{rounded:e}")
 }
 
-/// A small number without places that say nothing.
+/// A small number without trailing zeros.
 pub(super) fn plain_count(value: f64) -> String {
     if value.fract() == 0.0 {
         format!("{value:.0}")
@@ -151,7 +151,7 @@ fn digits(value: f64, significant: i32) -> String {
     }
     let places = (significant - 1) as usize;
     let scientific = format!("{value:.places$e}");
-    // The exponent after rounding, so that 0.9996 is 1.00.
+    // The exponent after rounding, so that 0.9996 becomes 1.00.
     let exponent: i32 = scientific
         .rsplit('e')
         .next()

@@ -1,4 +1,4 @@
-//! What the scripts of the page are told.
+//! The data for the scripts of the page.
 
 use super::ERROR_VIEW;
 use crate::CaseResult;
@@ -6,9 +6,9 @@ use crate::pixels::{CODES_A_DECADE, LEAST_RESIDUAL};
 use std::collections::{BTreeMap, BTreeSet};
 use whitstone_image::ColorMap;
 
-/// The other error pictures that the page draws by itself, also with scales that are the same in
-/// all reports: least and largest value in units of radiance, and size of the least and the largest
-/// relative value with a sign.
+/// The other error pictures that the page itself draws, with scales that are the same in all
+/// reports: smallest and largest value in units of radiance, and smallest and largest magnitude of
+/// the signed relative error.
 const ABSOLUTE: [f64; 2] = [1e-7, 1e-1];
 const SIGNED: [f64; 2] = [1e-7, 1e-1];
 
@@ -28,7 +28,7 @@ pub(super) fn drawing() -> String {
     .to_string()
 }
 
-/// All plugins that some case uses, by family.
+/// All plugins that the cases use, by family.
 pub(super) fn plugins(cases: &[CaseResult]) -> BTreeMap<&str, BTreeSet<&str>> {
     let mut families: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for plugin in cases.iter().flat_map(|case| &case.plugins) {

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use whitstone_image::Image;
 use whitstone_image::metrics::BlockBias;
 
-/// What a scene file may contain and a page must not.
+/// Text that a scene file may contain and a page must not.
 const HOSTILE: &str =
     r#"</pre><script>alert("1")</script> '"><img src=x onerror=alert(2)> &lt; {{ 7 * 7 }} "#;
 
@@ -437,7 +437,7 @@ fn absent_numbers_are_dashes_with_a_reason() {
     let document = parse(&page);
     let missing = row(&document, "case-7");
     assert!(missing.contains('–') && !missing.contains("0 ≤ 0"), "{missing}");
-    // As black as the reference: nothing to explain, and compared all the same.
+    // As black as the reference: there is nothing to explain, but it is compared.
     let alike = CaseResult {
         compared: true,
         ..CaseResult::default()
@@ -447,7 +447,7 @@ fn absent_numbers_are_dashes_with_a_reason() {
     for dash in document.select(".absent") {
         assert!(dash.attribute("title").is_some_and(|title| !title.is_empty()));
     }
-    // No case at all, and one of which nothing is known.
+    // No case at all, and one about which nothing is known.
     let empty = html(
         &results(Vec::new(), "stored (no Python was found)"),
         &Extras::default(),
@@ -483,7 +483,7 @@ fn nothing_is_loaded_and_every_picture_has_words() {
     assert_eq!(figure.attribute("style").as_deref(), Some("width: 384px"));
 }
 
-/// With `WHITSTONE_REPORT_EXAMPLE` set to a folder, examples to look at are written there.
+/// If `WHITSTONE_REPORT_EXAMPLE` names a folder, writes examples there for inspection.
 #[test]
 fn examples_to_look_at() {
     let Some(folder) = std::env::var_os("WHITSTONE_REPORT_EXAMPLE") else {
@@ -594,7 +594,7 @@ fn many_cases_have_a_page_for_each_scene() {
     assert_eq!(few.len(), 1);
     assert_eq!(few[0].0, "index.html");
     let template = results.results[0].clone();
-    // Two of these names are one to a file system.
+    // Two of these names are equal on some file systems.
     for (scene, count) in [("a/b", 80), ("a-b", 80), ("A/b", 3)] {
         for depth in 0..count {
             let mut case = template.clone();
@@ -650,7 +650,7 @@ fn many_cases_have_a_page_for_each_scene() {
     }
     assert_eq!(cases, results.results.len());
     let sensed = parse(&files["scenes/a-b.html"]);
-    // Of the scene as it is, not of its settings.
+    // For the unchanged scene, not for its settings.
     assert_eq!(sensed.select("table.sensitivity").len(), 1);
     assert!(sensed.select("table.sensitivity")[0].text().contains("5.00e-7"));
 }
@@ -694,6 +694,6 @@ fn results_are_read_as_they_were_written() {
     let text = serde_json::to_string(&results).unwrap();
     let read: Results = serde_json::from_str(&text).unwrap();
     assert!(read.results[2].worst[1].ours[0].is_nan());
-    // What JSON cannot say stays unsaid when it is written again.
+    // Values that JSON cannot represent stay absent when they are written again.
     assert_eq!(serde_json::to_string(&read).unwrap(), text);
 }

@@ -1,4 +1,4 @@
-//! What the templates show of the results.
+//! The view of the results that the templates render.
 
 use super::case::{CaseView, PICTURE_WIDTH, data_uri, failed, reference_name};
 use super::changes::{Changes, Kind};
@@ -25,7 +25,7 @@ pub(super) struct Page<'a> {
     provenance: Vec<(&'static str, String)>,
     tolerance: String,
     scale: ScaleView,
-    /// What the script draws error pictures by, as JSON.
+    /// The data with which the script draws error pictures, as JSON.
     drawing: String,
     /// By family, for the filter.
     plugins: BTreeMap<&'a str, BTreeSet<&'a str>>,
@@ -38,28 +38,28 @@ pub(super) struct Page<'a> {
     shape: Shape<'a>,
 }
 
-/// What of a report a page has.
+/// The part of a report that a page contains.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Shape<'a> {
-    /// All of it.
+    /// The whole report.
     Whole,
-    /// The tables; cases are on pages of their own, whose paths these are, by scene.
+    /// The tables. Cases are on pages of their own; the map has their paths by scene.
     Index(&'a BTreeMap<&'a str, String>),
-    /// The cases of a scene, beside an index at this path.
+    /// The cases of a scene, with the path of the index.
     Scene(&'a str),
 }
 
-/// Diagrams of a kind.
+/// A kind of diagrams.
 struct Section<'a> {
     id: &'static str,
     heading: &'static str,
     note: &'static str,
-    /// Whether each is shown at once.
+    /// Whether each is initially open.
     open: bool,
     diagrams: &'a [Diagram],
 }
 
-/// The first thing that a reader wants to know.
+/// The headline of the page.
 struct Verdict {
     passed: bool,
     text: String,
@@ -151,7 +151,7 @@ impl<'a> Page<'a> {
             .iter()
             .enumerate()
             .map(|(index, case)| match shape {
-                // What is not on this page need not be made.
+                // Skips the parts that this page does not show.
                 Shape::Index(_) => CaseView::row(index, case),
                 Shape::Whole | Shape::Scene(_) => CaseView::new(index, case, extras.sensitivity_of(case)),
             })
@@ -198,7 +198,7 @@ impl<'a> Page<'a> {
         }
     }
 
-    /// Where a case is shown.
+    /// The address at which a case is shown.
     fn link(&self, view: &CaseView<'_>) -> String {
         match self.shape {
             Shape::Index(pages) => pages.get(&*view.case.scene).cloned().unwrap_or_default(),
@@ -210,7 +210,7 @@ impl<'a> Page<'a> {
         matches!(self.shape, Shape::Index(_))
     }
 
-    /// The page of all scenes, from that of one.
+    /// The address of the index, on the page of a scene.
     fn up(&self) -> Option<&str> {
         match self.shape {
             Shape::Scene(index) => Some(index),
@@ -223,7 +223,7 @@ impl<'a> Page<'a> {
     }
 }
 
-/// Those that have something to show.
+/// The sections that have diagrams.
 fn sections(extras: &Extras) -> Vec<Section<'_>> {
     let all = [
         Section {
@@ -362,7 +362,7 @@ fn provenance(provenance: &Provenance, cases: &[CaseResult]) -> Vec<(&'static st
     rows
 }
 
-/// When a pixel counts as different, as the comparison has it.
+/// When a pixel is over tolerance, by the rule of the comparison.
 fn tolerance() -> String {
     let tolerance = Tolerance::default();
     format!(

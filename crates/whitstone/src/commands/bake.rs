@@ -1,4 +1,4 @@
-//! `bake`: files of what a plugin shows, for another one that reads files.
+//! `bake`: converts assets for file-based plugins.
 
 use crate::terminal::{Exit, Failure, progress};
 use clap::{Args, Subcommand};
@@ -8,7 +8,7 @@ use whitstone_core::{DVec3, Registry, Rgb, SceneErrors};
 use whitstone_image::{Image, atomic, exr_io};
 use whitstone_scene::{Description, Pipeline, Plan, Sources};
 
-/// Write files of what a plugin shows, for another one that reads files
+/// Convert assets for file-based plugins
 #[derive(Args, Debug)]
 #[command(arg_required_else_help = true)]
 pub struct Arguments {
@@ -21,33 +21,32 @@ enum What {
     Cubemap(Cubemap),
 }
 
-/// Turn a sky by latitude and longitude into the six faces of a cube, which the light `environment`
-/// takes as `faces`
+/// Convert a latitude-longitude sky to the six cube faces of the light `environment` (`faces`)
 ///
-/// FOLDER gets px.exr, nx.exr, py.exr, ny.exr, pz.exr and nz.exr, with linear values, and
-/// faces.toml, a scene with this light alone: to use it, write `include = ["FOLDER/faces.toml"]` at
-/// the top of a scene, or copy the light, which is printed too. What was there under these names is
+/// FOLDER gets px.exr, nx.exr, py.exr, ny.exr, pz.exr and nz.exr with linear values, and
+/// faces.toml, a scene with only this light. To use it, write `include = ["FOLDER/faces.toml"]` at
+/// the top of a scene, or copy the light, which is also printed. Existing files of these names are
 /// replaced.
 ///
-/// A texel is the mean of the sky at points of its square that are no further apart than the texels
-/// of the picture. What the faces show differs from what the picture shows by less than 1.1 h G: h
-/// = 2/SIZE is the distance of texels in the middle of a face in radians, where they are widest
-/// apart, and G the greatest change of the sky per radian. Where the sky is smooth it is about h^2
-/// times its curvature, but for half a texel along the edges of the cube, where faces are not
-/// blended with their neighbours.
+/// Each texel is the mean of the sky over points of its square that are no further apart than the
+/// texels of the picture. The faces differ from the picture by less than 1.1 h G, where h = 2/SIZE
+/// is the distance of texels in the middle of a face in radians (the largest distance), and G is
+/// the greatest change of the sky per radian. Where the sky is smooth, the difference is about h^2
+/// times its curvature, except within half a texel of the cube's edges, where a face is not blended
+/// with its neighbours.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone bake cubemap sky.exr --size 256 -o sky")]
 struct Cubemap {
-    /// A picture by latitude and longitude, twice as wide as high: PNG, JPEG (both sRGB) or EXR
-    /// (linear); -z is in its middle, +x to the right of it, +y at its top
+    /// Latitude-longitude picture, twice as wide as high: PNG, JPEG (both sRGB) or EXR (linear). -z
+    /// is at its middle, +x to the right of it, +y at its top
     #[arg(value_name = "PICTURE")]
     picture: PathBuf,
-    /// Side of the faces in texels [default: a quarter of the picture's width, which is as fine as
-    /// the picture at its horizon]
+    /// Side of the faces in texels [default: a quarter of the picture's width, which matches the
+    /// picture's resolution at its horizon]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096))]
     size: Option<u32>,
-    /// The folder for the files, made if it is not there [default: the picture's name without its
-    /// ending, in the working folder]
+    /// Folder for the files, created if needed [default: the picture's name without its extension,
+    /// in the working folder]
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
 }
@@ -59,7 +58,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     }
 }
 
-/// The faces: name, where it looks, and what is up there, as section 7 of the model has them.
+/// The faces: name, viewing direction, and up direction, as in section 7 of the model.
 const FACES: [(&str, DVec3, DVec3); 6] = [
     ("px", DVec3::X, DVec3::Y),
     ("nx", DVec3::NEG_X, DVec3::Y),
@@ -119,7 +118,7 @@ impl Cubemap {
     }
 }
 
-/// A scene of nothing but the picture all around.
+/// A scene that contains only the picture as its environment.
 fn sky(picture: &Path, registry: &Registry) -> Result<Pipeline, Failure> {
     let name = picture.file_name().and_then(|name| name.to_str());
     let Some(name) = name else {
@@ -128,14 +127,14 @@ fn sky(picture: &Path, registry: &Registry) -> Result<Pipeline, Failure> {
             picture.display()
         )));
     };
-    // A text of JSON is one of TOML.
+    // JSON strings are valid TOML strings.
     let text = format!(
         "[camera]\ntype = \"perspective\"\nlook_at = {{ origin = [0, 0, 1], target = [0, 0, 0] }}\n[[light]]\ntype = \"environment\"\n\
          radiance = {{ type = \"image\", file = {}, wrap = [\"repeat\", \"clamp\"] }}\n",
         serde_json::Value::from(name)
     );
     let folder = picture.parent().unwrap_or(Path::new(""));
-    // What is wrong is wrong with the picture: the scene around it is of no interest.
+    // An error is an error of the picture: the user has not written the scene around it.
     let told = |errors: SceneErrors| Failure::usage(errors);
     let sources = Sources::from_text("sky", &text, folder, &[]).map_err(|error| told(error.errors))?;
     let description = Description::parse(&sources).map_err(told)?;
@@ -143,8 +142,8 @@ fn sky(picture: &Path, registry: &Registry) -> Result<Pipeline, Failure> {
     Pipeline::build(&plan, registry).map_err(told)
 }
 
-/// Of a texel by column and row, over `parts` x `parts` points of its square; `seen` is the sky by
-/// the place on the face, from -1 to 1 to the right and up.
+/// The mean of `seen` over `parts` x `parts` points of the texel at a column and row. `seen`
+/// returns the sky for a position on the face, from -1 to 1 to the right and up.
 fn mean([i, j]: [usize; 2], size: usize, parts: usize, seen: impl Fn(f64, f64) -> Rgb) -> [f32; 3] {
     let at =
         |texel: usize, part: usize| (2 * (texel * parts + part) + 1) as f64 / (size * parts) as f64 - 1.0;
@@ -153,7 +152,7 @@ fn mean([i, j]: [usize; 2], size: usize, parts: usize, seen: impl Fn(f64, f64) -
     mean.to_array().map(|value| value as f32)
 }
 
-/// The light.
+/// The TOML text of the light.
 fn snippet() -> String {
     let faces = FACES.map(|(name, ..)| format!("faces.{name}.file = \"{name}.exr\"\n"));
     format!("[[light]]\ntype = \"environment\"\n{}", faces.concat())

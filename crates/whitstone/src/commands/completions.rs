@@ -1,4 +1,4 @@
-//! `completions`: for shells.
+//! `completions`: prints shell completion scripts.
 
 use crate::terminal::{Exit, Failure, out};
 use clap::{Args, Command};
@@ -10,12 +10,12 @@ use clap_complete::Shell;
     after_help = "Example:\n  whitstone completions bash > ~/.local/share/bash-completion/completions/whitstone"
 )]
 pub struct Arguments {
-    /// Which shell
+    /// Shell to complete for
     #[arg(value_enum)]
     shell: Shell,
 }
 
-/// Runs the command. `command` is the whole command line, called `program`.
+/// Runs the command. `command` is the whole command line, which users call `program`.
 pub fn run(arguments: &Arguments, mut command: Command, program: &str) -> Result<Exit, Failure> {
     let mut script = Vec::new();
     clap_complete::generate(arguments.shell, &mut command, program, &mut script);

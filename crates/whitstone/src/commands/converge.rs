@@ -15,73 +15,73 @@ use whitstone_validate::driver::Driver;
 use whitstone_validate::environment::Environment;
 use whitstone_validate::hash_sources;
 
-/// Where stored studies are.
+/// Folder of the stored studies.
 const STUDIES: &str = "studies";
-/// Where pictures of stored studies are, seen from `docs`.
+/// Folder of the plots of stored studies, relative to `docs`.
 const PICTURES: &str = "images/converge";
 
-/// Measure error against run time, Whitstone's and Mitsuba's, and say how long each takes to reach
-/// an error
+/// Measure error against run time for Whitstone and Mitsuba, and compare the time to reach an error
 ///
-/// A study names a scene, what is swept, and what is taken for true. All configurations are
-/// rendered in turns, several times, half of them at a second sitting after all other studies; what
-/// is told is the median, and where it lies with 95%. Nothing is claimed below the truth's own
-/// error, nor beyond the points that were measured. What is finished is kept under
-/// target/whitstone/converge: a run that was broken off goes on where it stopped.
+/// A study names a scene, the parameter that is swept, and the image that counts as the truth. All
+/// configurations are rendered in turn, several times, half of them in a second session after all
+/// other studies. The tables show the median and its 95 % confidence interval. No claim is made
+/// below the error of the truth itself, nor outside the measured range. Finished measurements are
+/// kept under target/whitstone/converge: an interrupted run continues where it stopped.
 ///
-/// Exit code 0 if everything that the studies expect holds, none of which depends on time; 1 if
-/// not, if a setting could not be measured, or if the truth is not true enough for any claim.
+/// Exit code 0 if all expectations of the studies hold (none of them depends on time); 1 if not, if
+/// a setting could not be measured, or if the truth is too inaccurate for any claim.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  whitstone converge samples\n  whitstone converge studies/lens.toml --plots plots\n  whitstone converge scenes/showcase/cornell.toml\n  whitstone converge --quick"
 )]
 pub struct Arguments {
-    /// Stored studies by name, files of studies, or scenes, of which the samples a pixel are swept;
-    /// all stored studies by default
+    /// Names of stored studies, study files, or scenes, whose samples per pixel are swept [default:
+    /// all stored studies]
     studies: Vec<String>,
-    /// The small form of the studies that have one, without Mitsuba: seconds instead of minutes
+    /// Run the reduced form of the studies that have one, without Mitsuba: seconds instead of
+    /// minutes
     #[arg(long)]
     quick: bool,
-    /// List the stored studies, and measure none
+    /// List the stored studies and exit
     #[arg(long)]
     list: bool,
     /// Print every point, not only the curves
     #[arg(long)]
     points: bool,
-    /// Without Mitsuba
+    /// Do not run Mitsuba
     #[arg(long)]
     no_mitsuba: bool,
-    /// Measure everything anew, also what an earlier run has finished
+    /// Ignore the results of earlier runs and measure everything again
     #[arg(long)]
     fresh: bool,
-    /// How often each setting is timed, whatever the study says
+    /// Number of times each setting is timed, overriding the study
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeats: Option<u32>,
-    /// Seconds that the repeats of one setting may take, in about; three are taken in any case
+    /// Approximate limit in seconds for the repeats of one setting; at least three are always run
     #[arg(long, default_value_t = 20.0, value_name = "SECONDS", value_parser = super::finite)]
     budget: f64,
-    /// Threads of both; 0 for one a core
+    /// Threads of both renderers; 0 means one per core
     #[arg(long, default_value_t = 0, value_parser = super::threads)]
     threads: usize,
-    /// Write all figures to this file
+    /// Write all results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write a line for each point to this file
+    /// Write one line per point to this file as CSV
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Draw error against time, a file for each study, into this folder
+    /// Plot error against time into this folder, one file per study
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
-    /// Write the tables into this Markdown file, between its marks; may be given again
+    /// Write the tables into this Markdown file, between its marks; can be repeated
     #[arg(long, value_name = "FILE")]
     page: Vec<PathBuf>,
-    /// Folder of the Python environment and of what is finished
+    /// Folder of the Python environment and of finished measurements
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
-    /// Folder with the drivers
+    /// Folder of the reference drivers
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
-    /// How long Mitsuba may take for one rendering, in seconds
+    /// Time limit for one rendering by Mitsuba, in seconds
     #[arg(long, default_value_t = 600, value_name = "SECONDS")]
     time_limit: u64,
 }
@@ -108,7 +108,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     };
     let cache = Cache::new(arguments.target.join("converge"), !arguments.fresh);
     let mut lab = Lab::new(registry, driver, &driver_hash, cache, options);
-    // What `--quick` is asked for does not depend on time.
+    // The checks of `--quick` do not depend on time.
     let sittings = if arguments.quick { 1 } else { 2 };
     let bar = progress(sittings * studies.len() as u64, "converge");
     for study in studies.iter().filter(|_| !arguments.quick) {
@@ -123,7 +123,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         bar.inc(1);
         bar.suspend(|| print(&report, arguments.points));
         reports.push(report);
-        // After each: a run that is broken off has written what it has.
+        // Written after each study, so that an interrupted run keeps its results.
         write(arguments, &reports)?;
     }
     super::report::keep_studies(&arguments.target, &reports)?;
@@ -190,16 +190,15 @@ fn chosen(arguments: &Arguments) -> Result<Vec<Study>, Failure> {
     Ok(studies)
 }
 
-/// Whether a file is a scene: one without a list of series, and with something that only scenes
-/// have.
+/// Whether a file is a scene: it has no list of series, and has a key that only scenes have.
 fn is_scene(path: &Path) -> bool {
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let first = |key: &str| text.lines().any(|line| line.trim_start().starts_with(key));
     !first("[[series") && ["[camera]", "[[shape]]", "include"].iter().any(|key| first(key))
 }
 
-/// The study of a scene that has none: samples a pixel, by every sampler that has any number of
-/// them.
+/// A default study for a scene: samples per pixel, for every sampler that supports any number of
+/// samples.
 fn of_scene(path: &Path) -> Result<Study, Failure> {
     let absolute = std::path::absolute(path).map_err(Failure::environment)?;
     let scene = toml_text(&absolute.display().to_string());
@@ -227,13 +226,13 @@ sweep = {{ "sampler.samples" = [1, 4, 16, 64] }}
     Study::parse(&name, &text, Path::new(""), false).map_err(Failure::usage)
 }
 
-/// A text as TOML has it.
+/// A string as a TOML literal.
 fn toml_text(text: &str) -> String {
-    // JSON's escapes are among TOML's.
+    // JSON's escapes are a subset of TOML's.
     serde_json::Value::from(text).to_string()
 }
 
-/// The driver, or why there is none, and what changes with it.
+/// The driver, or the reason why there is none, and a key that changes with it.
 fn mitsuba(arguments: &Arguments, studies: &[Study]) -> Result<(Result<Driver, String>, String), Failure> {
     let absent = |why: &str| Ok((Err(why.to_owned()), String::new()));
     if arguments.no_mitsuba {
@@ -294,7 +293,7 @@ fn write(arguments: &Arguments, reports: &[StudyReport]) -> Result<(), Failure> 
     Ok(())
 }
 
-/// The marks around what is written into a page: all curves, and the ratios to Mitsuba.
+/// The marks around the parts of a page that are replaced: all curves, and the ratios to Mitsuba.
 const TABLE: Marks = [
     "<!-- studies: written by `cargo xtask converge --page` -->",
     "<!-- end of studies -->",

@@ -1,4 +1,4 @@
-//! `doctor`: whether everything that Whitstone needs is there.
+//! `doctor`: checks that everything that Whitstone needs is installed.
 
 use crate::terminal::{Exit, Failure, write_json};
 use clap::Args;
@@ -13,35 +13,35 @@ use whitstone_validate::environment::Environment;
 use whitstone_validate::stored::Stored;
 use whitstone_validate::{Live, Renderer};
 
-/// Check that rendering and live validation work here, and say what to do where they do not
+/// Check that rendering and live validation work on this machine, and suggest fixes
 ///
-/// Renders a small picture, looks for Python, makes the private Python environment if it is not
-/// there (a download of about 100 MB, once; see --no-install), and starts Mitsuba in it. Asks
-/// POV-Ray for its version.
+/// Renders a small picture, looks for Python, creates the private Python environment if it does not
+/// exist (a download of about 100 MB, once; see --no-install), starts Mitsuba in it, and queries
+/// POV-Ray's version.
 ///
-/// Exit code 0 if rendering and live validation by Mitsuba work, 3 if not. POV-Ray is a second
-/// reference, which `validate --reference povray` uses.
+/// Exit code 0 if rendering and live validation with Mitsuba work, 3 if not. POV-Ray is a second,
+/// optional reference (`validate --reference povray`).
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone doctor --json doctor.json")]
 pub struct Arguments {
-    /// Write what was found to this file
+    /// Write the findings to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Do not make the Python environment, only look for it
+    /// Do not create the Python environment, only look for it
     #[arg(long)]
     no_install: bool,
     /// Folder of the environment
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
-    /// Folder with the drivers and the stored references
+    /// Folder of the drivers and the stored references
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
-    /// How long Mitsuba may take to start, in seconds
+    /// Time limit for the start of Mitsuba, in seconds
     #[arg(long, default_value_t = 120, value_name = "SECONDS")]
     time_limit: u64,
 }
 
-/// Everything that was looked at.
+/// The results of all checks.
 struct Findings {
     threads: usize,
     rendering: Result<f64, String>,
@@ -90,7 +90,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     }
 }
 
-/// A ball in front of a background: seen in the middle, not at the corners.
+/// A sphere in front of a background: visible in the middle, not at the corners.
 const SCENE: &str = r#"
 film = { width = 64, height = 64 }
 camera = { type = "perspective", look_at = { origin = [0, 0, 4], target = [0, 0, 0] } }
@@ -98,7 +98,7 @@ light = [{ type = "background", radiance = 0.25 }, { type = "ambient", radiance 
 shape = [{ type = "sphere" }]
 "#;
 
-/// Renders a picture whose pixels are known: matte grey of 0.5 under an ambient light of 2.
+/// Renders a picture whose pixels are known: diffuse grey of 0.5 under an ambient light of 2.
 fn render(registry: &Registry) -> Result<f64, String> {
     let start = Instant::now();
     let sources =
@@ -117,7 +117,7 @@ fn render(registry: &Registry) -> Result<f64, String> {
     }
 }
 
-/// Complete Python environments under the target folder.
+/// The number of complete Python environments under the target folder.
 fn environments(target: &Path) -> usize {
     let folders = std::fs::read_dir(target).into_iter().flatten().flatten();
     folders
@@ -131,7 +131,7 @@ fn start(arguments: &Arguments) -> Result<Hello, String> {
         eprintln!("{text}")
     })
     .map_err(|error| error.to_string())?;
-    // An answer of an earlier run says nothing about today.
+    // The answer of an earlier run says nothing about the present state.
     let (reuse, limit) = (false, Duration::from_secs(arguments.time_limit));
     let live = Live::start(environment, arguments.target.join("live"), reuse, limit)
         .map_err(|error| error.to_string())?;
@@ -152,7 +152,7 @@ fn start_povray(arguments: &Arguments) -> Result<PovRay, String> {
     }
 }
 
-/// Folders at or below `folder` with a reference of a renderer in them.
+/// The number of folders at or below `folder` that hold a reference of a renderer.
 fn stored_references(folder: &Path, renderer: Renderer) -> usize {
     let mut open = vec![folder.to_owned()];
     let mut count = 0;
@@ -223,7 +223,7 @@ fn print(findings: &Findings) {
     );
 }
 
-/// What to do about the commonest reasons, beyond what the reason itself says.
+/// Advice for the most common problems, in addition to the problem's own message.
 fn advice(problem: &str) -> &'static str {
     let problem = problem.to_lowercase();
     if problem.contains("llvm") {

@@ -1,4 +1,4 @@
-//! `explain`: what a scene makes the pipeline do, and where one pixel's light comes from.
+//! `explain`: shows how the pipeline renders a scene, and which rays make up one pixel.
 
 use super::pixel::{PixelArguments, PixelTree};
 use super::{SceneArguments, build_with};
@@ -11,8 +11,8 @@ use std::sync::Arc;
 use whitstone_core::{Counters, Geometry, Needs, Registry};
 use whitstone_scene::{Cost, Pipeline, Plan, RenderOptions};
 
-/// Say what is built for a scene, what is left out and why; with --pixel, follow the rays of one
-/// pixel beside those of Mitsuba
+/// Explain what is built for a scene and which optimisations apply; with --pixel, print one pixel's
+/// ray tree and compare it with Mitsuba's
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone explain scenes/showcase/classic.toml --pixel 256,300")]
 pub struct Arguments {
@@ -20,28 +20,28 @@ pub struct Arguments {
     scene: SceneArguments,
     #[command(flatten)]
     pixel: PixelArguments,
-    /// Write a picture of the boxes of the accelerator over that of the scene, as PNG: white for
-    /// the whole, then orange, blue, yellow, green, red, pink by level
+    /// Write the scene's picture with the boxes of its accelerator drawn over it, as PNG; colours
+    /// by level: white for the root, then orange, blue, yellow, green, red, pink
     #[arg(long, value_name = "FILE")]
     draw_bounds: Option<PathBuf>,
-    /// Down to which level to draw
+    /// Deepest level of boxes to draw
     #[arg(long, value_name = "N", default_value_t = 4, requires = "draw_bounds")]
     bounds_depth: usize,
     /// Render the scene and count the rays
     #[arg(long)]
     measure: bool,
-    /// Write everything to this file, the whole tree included
+    /// Write everything to this file as JSON, including the whole ray tree
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// What is known from the description and lost in the pipeline.
+/// Names that the description has and the pipeline has not.
 pub(super) struct Names {
     camera: String,
     sampler: String,
     integrator: String,
     lights: Vec<String>,
-    /// Of each shape by number, those of groups behind the others, its id or its type.
+    /// For each shape by number, its id or its type; shapes of groups come last.
     shapes: Vec<String>,
 }
 
@@ -68,7 +68,7 @@ impl Names {
         }
     }
 
-    /// Of a shape by number.
+    /// The name of a shape by number.
     pub(super) fn shape(&self, number: i64) -> &str {
         let name = usize::try_from(number)
             .ok()
@@ -118,13 +118,13 @@ fn elements(pipeline: &Pipeline) -> usize {
         .sum()
 }
 
-/// That of the scene, and those of its groups.
+/// The geometry of the scene, then those of its groups.
 fn geometries(pipeline: &Pipeline) -> impl Iterator<Item = &Geometry> {
     let groups = pipeline.groups.iter().map(|built| &**built.group.geometry());
     std::iter::once(&*pipeline.world.geometry).chain(groups)
 }
 
-/// Materials that differ; shapes share them.
+/// The number of distinct materials; shapes share them.
 fn materials(pipeline: &Pipeline) -> usize {
     let mut places: Vec<*const ()> = pipeline
         .world
@@ -137,18 +137,18 @@ fn materials(pipeline: &Pipeline) -> usize {
     places.len()
 }
 
-/// How many reflected rays there are in the place of one, at most.
+/// The maximum number of reflected rays per hit.
 fn reflections(pipeline: &Pipeline) -> u32 {
     let all = pipeline.world.materials.iter();
     all.map(|material| material.reflections()).max().unwrap_or(1)
 }
 
-/// What it keeps while it renders, as far as it is told.
+/// The memory in use while the scene renders, as far as it is reported.
 fn bytes(costs: &[Cost]) -> u64 {
     costs.iter().filter_map(|cost| cost.bytes).sum()
 }
 
-/// Of the parts of that name.
+/// The memory of the parts of this name.
 fn bytes_of(costs: &[Cost], part: &str) -> u64 {
     costs
         .iter()
@@ -169,7 +169,7 @@ fn needs(pipeline: &Pipeline) -> Vec<&'static str> {
     needed.map(|(_, name)| name).collect()
 }
 
-/// Most pairs of coincident surfaces that are printed.
+/// Maximum number of pairs of coincident surfaces that are printed.
 const MOST_COINCIDENT: usize = 20;
 
 fn print_pipeline(pipeline: &Pipeline, names: &Names) {

@@ -1,4 +1,4 @@
-//! Results as JUnit XML, which most CI systems show: a suite with a case for each comparison.
+//! Results as JUnit XML, which most CI systems display: one suite with a case for each comparison.
 
 use crate::terminal::Failure;
 use quick_xml::Writer;
@@ -9,28 +9,28 @@ use whitstone_image::atomic;
 
 /// A comparison.
 pub(super) struct Case {
-    /// What was compared.
+    /// The name of the comparison.
     pub(super) name: String,
-    /// How long it took.
+    /// The duration of the comparison in seconds.
     pub(super) seconds: f64,
-    /// What came of it.
+    /// The outcome of the comparison.
     pub(super) outcome: Outcome,
 }
 
-/// What came of a comparison.
+/// The outcome of a comparison.
 pub(super) enum Outcome {
-    /// It agrees.
+    /// The images agree.
     Pass,
-    /// It does not, and why.
+    /// The images differ, with the reason.
     Fails(String),
-    /// There was nothing to compare, and why.
+    /// Nothing could be compared, with the reason.
     Error(String),
-    /// It was left out, and why.
+    /// The comparison was skipped, with the reason.
     Skipped(String),
 }
 
 impl Outcome {
-    /// Name of the element, what it says, and whether that is an attribute only.
+    /// The name of the element, its message, and whether the message is only an attribute.
     fn element(&self) -> Option<(&'static str, &str)> {
         match self {
             Self::Pass => None,
@@ -41,7 +41,7 @@ impl Outcome {
     }
 }
 
-/// Writes a suite to a file, as a whole or not at all.
+/// Writes a suite to a file, atomically.
 pub(super) fn write(path: &Path, suite: &str, cases: &[Case]) -> std::result::Result<(), Failure> {
     let text = xml(suite, cases).map_err(Failure::environment)?;
     atomic::write_bytes(path, &text).map_err(Failure::environment)
@@ -99,7 +99,7 @@ fn case<W: Write>(writer: &mut Writer<W>, suite: &str, case: &Case) -> Result<()
     Ok(())
 }
 
-/// A text without what XML 1.0 cannot say in any way (section 2.2).
+/// A text without the characters that XML 1.0 cannot represent (section 2.2).
 fn allowed(text: &str) -> String {
     let fits = |c: char| matches!(c, '\t' | '\n' | '\r' | ' '..='\u{fffd}' | '\u{10000}'..);
     text.chars()
@@ -129,7 +129,8 @@ mod tests {
         ]
     }
 
-    /// Names of the elements in order, their attributes, and all text; or what is not well-formed.
+    /// The names of the elements in order, their attributes, and all text; or the error if the XML
+    /// is not well-formed.
     fn read(xml: &[u8]) -> std::result::Result<(Vec<String>, Vec<String>, String), String> {
         let mut reader = Reader::from_str(std::str::from_utf8(xml).map_err(|error| error.to_string())?);
         reader.config_mut().check_end_names = true;

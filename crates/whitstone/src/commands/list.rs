@@ -1,19 +1,19 @@
-//! `list`: the plugins.
+//! `list`: lists the plugins.
 
 use crate::terminal::{Exit, Failure};
 use clap::Args;
 use serde_json::{Value, json};
 use whitstone_core::{Entry, FamilyName, Registry, nearest};
 
-/// List all plugins that a scene can name, with the crate they come from and what they are
+/// List all plugins that a scene can name, with their crate and a description
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone list shapes")]
 pub struct Arguments {
-    /// Only this family: cameras, shapes, accelerators, materials, textures, lights, samplers,
+    /// List only this family: cameras, shapes, accelerators, materials, textures, lights, samplers,
     /// integrators
     family: Option<String>,
-    /// As JSON, on standard output, with the twin of each in a reference renderer, its example
-    /// scene and the laws that its tests call
+    /// Print JSON, with each plugin's twin in a reference renderer, its example scene, and the laws
+    /// (property tests) that it passes
     #[arg(long)]
     json: bool,
 }
@@ -62,21 +62,21 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     Ok(Exit::Pass)
 }
 
-/// No plugin: a word that a scene may have in place of an accelerator's type.
+/// Not a plugin: a word that a scene may use as an accelerator's type.
 const AUTO: &str = "auto";
 const AUTO_SUMMARY: &str = "Leaves the choice to the program, also where no accelerator is named; `explain` says what it chose and why.";
 
-/// What else a scene may name in this family.
+/// The other values that a scene may name in this family.
 fn choice(family: FamilyName) -> Option<Value> {
     (family == FamilyName::Accelerator).then(|| {
         json!({ "family": family.singular(), "type": AUTO, "crate": Value::Null, "summary": AUTO_SUMMARY })
     })
 }
 
-/// What the headers of the plugins' files say; `cargo xtask readme` writes it.
+/// The header comments of the plugins' files, as data; `cargo xtask readme` writes it.
 const NOTES: &str = include_str!("../plugins.json");
 
-/// All of it; null where nothing is known, as of plugins of other crates.
+/// All notes; null for a plugin without notes, such as one of another crate.
 fn notes() -> Value {
     serde_json::from_str(NOTES).unwrap_or_default()
 }
@@ -102,7 +102,7 @@ fn describe(entry: &Entry, notes: &Value) -> Value {
     })
 }
 
-/// The family of a name in singular or plural.
+/// The family of this name, in singular or plural.
 pub fn family(name: &str) -> Result<FamilyName, Failure> {
     let wanted = name.to_lowercase();
     let named = |family: &FamilyName| [family.singular(), family.plural()].contains(&wanted.as_str());

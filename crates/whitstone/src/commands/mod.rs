@@ -69,7 +69,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// Runs the command. `program` is how messages call it.
+    /// Runs the command. Messages call the executable `program`.
     pub fn run(&self, registry: &Registry, program: &str) -> Result<Exit, Failure> {
         Level::wanted().map_err(Failure::usage)?;
         match self {
@@ -95,7 +95,7 @@ impl Command {
     }
 }
 
-/// The command line with its plugins; a third party adds its own:
+/// The command line and its plugins. A third party adds its own:
 ///
 /// ```no_run
 /// # fn register(_: &mut whitstone::core::Registry) -> Result<(), whitstone::core::DuplicateType> { Ok(()) }
@@ -110,7 +110,7 @@ pub struct Cli {
 }
 
 impl Cli {
-    /// With all plugins that are built in. `program` is how messages call it.
+    /// A command line with all built-in plugins. Messages call the executable `program`.
     pub fn new(program: &'static str) -> Self {
         Self {
             program,
@@ -142,8 +142,8 @@ impl Cli {
     }
 }
 
-/// A number of threads. More than any machine runs at once would only wait for each other, and
-/// starting tens of thousands can exhaust it.
+/// Parses a number of threads. The limit exists because more threads than any machine has only wait
+/// for each other, and starting tens of thousands can exhaust the machine.
 fn threads(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(count) if count <= 1024 => Ok(count),
@@ -151,7 +151,7 @@ fn threads(text: &str) -> Result<usize, String> {
     }
 }
 
-/// Bytes from GiB.
+/// Parses a size in GiB; returns bytes.
 fn gib(text: &str) -> Result<u64, String> {
     match text.parse::<f64>() {
         Ok(gib) if gib > 0.0 && gib <= 1e9 => Ok((gib * (1u64 << 30) as f64) as u64),
@@ -159,7 +159,7 @@ fn gib(text: &str) -> Result<u64, String> {
     }
 }
 
-/// A number that can be calculated with.
+/// Parses a finite number.
 fn finite(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
     if value.is_finite() {
@@ -172,32 +172,31 @@ fn finite(text: &str) -> Result<f64, String> {
 /// A scene on the command line.
 #[derive(Args, Clone, Debug)]
 pub struct SceneArguments {
-    /// The scene file (TOML)
+    /// Scene file (TOML)
     pub scene: PathBuf,
-    /// Change a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`,
+    /// Override a value of the scene: `camera.fov=30`, `shape.glass.radius=0.5`,
     /// `'film={width=64,height=64}'`
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
-    /// Refuse a scene whose meshes and accelerators need more memory, in GiB; by default what the
-    /// machine has left
+    /// Reject a scene whose meshes and accelerators need more memory than this, in GiB [default:
+    /// the memory that is available]
     #[arg(long, value_name = "GIB", value_parser = gib)]
     pub max_memory: Option<u64>,
-    /// Folder of what is kept between runs: textures that took long to make, the environment of
-    /// Mitsuba
+    /// Cache folder for processed textures and the Mitsuba environment
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     pub target: PathBuf,
-    /// Make anew also what is kept there
+    /// Rebuild everything in the cache
     #[arg(long)]
     pub fresh: bool,
 }
 
-/// A scene that is built, or all that is wrong with it as a report.
+/// Builds a scene. The error is a report of everything that is wrong with it.
 pub fn build(arguments: &SceneArguments, registry: &Registry) -> Result<Pipeline, Failure> {
     let (pipeline, ()) = build_with(arguments, registry, |_| ())?;
     Ok(pipeline)
 }
 
-/// As [`build`], and what `note` makes of the scene as it is planned.
+/// Like [`build`], and also returns the result of `note` for the planned scene.
 pub fn build_with<T>(
     arguments: &SceneArguments,
     registry: &Registry,

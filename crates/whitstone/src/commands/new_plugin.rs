@@ -1,4 +1,4 @@
-//! `new-plugin`: a package with a plugin that works, to be changed.
+//! `new-plugin`: generates a package with a working plugin.
 
 use super::list::family;
 use crate::terminal::{Exit, Failure, make_folder};
@@ -7,27 +7,28 @@ use std::path::{Path, PathBuf};
 use whitstone_core::{FamilyName, Registry};
 use whitstone_image::atomic;
 
-/// Write a package with a plugin that works and obeys the laws, to be changed into one of your own
+/// Generate a package with a working plugin that passes the property tests, as a starting point
 ///
-/// A shape is a superquadric under another name, a material chalk, a texture ripples, a light a
-/// moon, a camera a fisheye: the plugin, its laws, an example scene and a command line that has all
-/// of Whitstone's plugins beside it. It stands on Whitstone's crates by path.
+/// The template is a superquadric for a shape, chalk for a material, ripples for a texture, a moon
+/// for a light, and a fisheye for a camera. The package contains the plugin, its property tests, an
+/// example scene, and a command line with this plugin and all of Whitstone's. It depends on
+/// Whitstone's crates by path.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone new-plugin shape blob --into ../blob")]
 pub struct Arguments {
     /// Family of the plugin: shape, material, texture, light or camera
     family: String,
-    /// Its type, as scenes will name it: small letters, digits and _
+    /// Type of the plugin, as scenes name it: lower-case letters, digits and _
     name: String,
-    /// The folder to make [default: the name, in the working folder]
+    /// Folder to create [default: the name, in the working folder]
     #[arg(long, value_name = "FOLDER")]
     into: Option<PathBuf>,
-    /// Where Whitstone's repository is [default: around the working folder]
+    /// Root of the Whitstone repository [default: the one that contains the working folder]
     #[arg(long, value_name = "FOLDER")]
     whitstone: Option<PathBuf>,
 }
 
-/// What is around the plugin: the package that CI builds and tests, a shape.
+/// The files around the plugin, from the package that CI builds and tests (a shape).
 const PACKAGE: [(&str, &str); 4] = [
     (
         "Cargo.toml",
@@ -47,18 +48,18 @@ const PACKAGE: [(&str, &str); 4] = [
     ),
 ];
 
-/// A plugin to copy.
+/// A plugin that serves as a template.
 struct Scaffold {
     family: FamilyName,
-    /// The name that is replaced: it must stand for nothing else in the files.
+    /// The name that is replaced. It must have no other meaning in the files.
     name: &'static str,
     plugin: &'static str,
     scene: &'static str,
-    /// For the driver of Mitsuba.
+    /// The twin for Mitsuba's driver.
     twin: Option<&'static str>,
 }
 
-/// Where the files of the package speak of its twin.
+/// The places where the files of the package refer to the plugin's twin.
 const OF_TWIN: [&str; 4] = [
     "    registry.add_twin(\"mitsuba\", \"superquadric.py\", include_str!(\"superquadric.py\"));\n",
     ", and what Mitsuba's driver needs to render them",
@@ -66,7 +67,7 @@ const OF_TWIN: [&str; 4] = [
     "- `src/superquadric.py`: its twin for Mitsuba's driver. It is written from what the shape promises, by another method.\n  `../../references/mitsuba/whitstone_mitsuba/twins.py` says what such a file may contain.\n",
 ];
 
-/// Those that there are. All are compiled and tested by the tests of the repository.
+/// All templates. The tests of the repository compile and test each of them.
 const SCAFFOLDS: [Scaffold; 5] = [
     Scaffold {
         family: FamilyName::Shape,
@@ -111,7 +112,7 @@ impl Scaffold {
     /// The files of a package with this plugin under another name: path and text.
     fn files(&self, name: &str) -> Vec<(String, String)> {
         let package = PACKAGE.into_iter().map(|(path, text)| {
-            // "One shape more": the words of the package are those of the family.
+            // The package's texts name the family ("One shape more").
             let (singular, plural) = (self.family.singular(), self.family.plural());
             let mut text = text.to_owned();
             if self.twin.is_none() {
@@ -182,7 +183,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     Ok(Exit::Pass)
 }
 
-/// A type that can be a module, a package, and that is not there yet.
+/// Checks that a type can name a module and a package, and is not in use.
 fn check(family: FamilyName, name: &str, registry: &Registry) -> Result<(), Failure> {
     let letters = name.chars().all(|c| matches!(c, 'a'..='z' | '0'..='9' | '_'));
     if !letters
@@ -204,7 +205,7 @@ fn check(family: FamilyName, name: &str, registry: &Registry) -> Result<(), Fail
     }
 }
 
-/// Words that can be no module; and the crates that the package uses.
+/// Names that cannot be a module, and the crates that the package uses.
 const KEYWORDS: [&str; 41] = [
     "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "crate", "do", "dyn",
     "else", "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let", "loop",
@@ -212,12 +213,12 @@ const KEYWORDS: [&str; 41] = [
     "struct", "super", "trait", "type",
 ];
 
-/// With the new name in every spelling of the old one.
+/// Replaces every spelling of the old name by that of the new one.
 fn renamed(text: &str, old: &str, name: &str) -> String {
     text.replace(&camel(old), &camel(name)).replace(old, name)
 }
 
-/// "half_blob" as a type of Rust.
+/// "half_blob" in the spelling of a Rust type.
 fn camel(name: &str) -> String {
     let words = name.split('_').map(|word| {
         let mut letters = word.chars();
@@ -228,7 +229,7 @@ fn camel(name: &str) -> String {
     words.collect()
 }
 
-/// The repository around the working folder.
+/// The repository that contains the working folder.
 fn around() -> Option<PathBuf> {
     let here = std::env::current_dir().ok()?;
     here.ancestors()
@@ -255,7 +256,7 @@ mod tests {
             assert!(message.contains(expected), "{message}");
         }
         assert!(check(FamilyName::Shape, "half_blob", &registry).is_ok());
-        // Another family may have the name.
+        // Another family may use the same name.
         assert!(check(FamilyName::Light, "sphere", &registry).is_ok());
     }
 

@@ -1,13 +1,13 @@
-//! Pages with parts that a command writes, between marks.
+//! Markdown pages with parts that a command writes, between marks.
 
 use crate::terminal::Failure;
 use std::path::Path;
 use whitstone_image::atomic;
 
-/// Where a part begins and ends: two lines that stay.
+/// The two lines that delimit a part; they are kept.
 pub(super) type Marks = [&'static str; 2];
 
-/// Puts each text between its marks, where the page has them. A page that has none of them is an
+/// Puts each text between its marks, if the page has them. A page with none of the marks is an
 /// error.
 pub(super) fn write(path: &Path, parts: &[(Marks, String)]) -> Result<(), Failure> {
     let at = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));

@@ -1,4 +1,4 @@
-//! The rays of one pixel, ours alone or beside those of a live reference: a part of `explain`.
+//! Prints the rays of one pixel, alone or next to those of a live reference: part of `explain`.
 
 use super::SceneArguments;
 use super::explain::Names;
@@ -14,28 +14,28 @@ use whitstone_validate::environment::Environment;
 use whitstone_validate::tree::{self, Node, Pair};
 use whitstone_validate::{Live, counted, flatten};
 
-/// How long the driver may take for an answer.
+/// Time limit for one answer of the driver.
 const TIME_LIMIT: Duration = Duration::from_secs(300);
-/// Width of the column of ours.
+/// Width of the column with our rays.
 const COLUMN: usize = 48;
 
-/// Which pixel.
+/// Selects the pixel.
 #[derive(Args, Clone, Debug)]
 pub(super) struct PixelArguments {
-    /// Print the tree of rays of this pixel: column from the left, row from the top, both from 0.
-    /// Beside that of Mitsuba, up to where the two part
+    /// Print the ray tree of this pixel, next to Mitsuba's up to the first difference; column from
+    /// the left and row from the top, both from 0
     #[arg(long, value_name = "X,Y", value_parser = parse)]
     pixel: Option<[usize; 2]>,
-    /// Which sample of the pixel
+    /// Sample of the pixel
     #[arg(long, value_name = "N", default_value_t = 0, requires = "pixel")]
     sample: u32,
-    /// Most rays of the tree to print
+    /// Maximum number of rays to print
     #[arg(long, value_name = "N", default_value_t = 200)]
     max_rays: usize,
-    /// Whether to ask Mitsuba for its rays too
+    /// Whether to trace the pixel with Mitsuba too
     #[arg(long, value_enum, default_value_t = Beside::Auto, requires = "pixel")]
     reference: Beside,
-    /// Folder with the driver of Mitsuba
+    /// Folder of Mitsuba's driver
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
 }
@@ -43,11 +43,11 @@ pub(super) struct PixelArguments {
 /// Whether the reference takes part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Beside {
-    /// If its environment is there already
+    /// If its environment already exists
     Auto,
-    /// Make its environment if needed; exit code 3 where it cannot answer
+    /// Create its environment if needed; exit code 3 if it cannot answer
     Live,
-    /// Ours alone
+    /// Print only our rays
     None,
 }
 
@@ -65,7 +65,7 @@ pub(super) struct PixelTree {
     value: Rgb,
     nodes: Vec<TreeNode>,
     most: usize,
-    /// Those of the reference, or why they are not here.
+    /// The rays of the reference, or why there are none.
     theirs: Result<Theirs, String>,
 }
 
@@ -76,7 +76,7 @@ struct Theirs {
 }
 
 impl PixelArguments {
-    /// Follows the rays of the pixel, if one is asked for.
+    /// Traces the rays of the pixel, if one is selected.
     pub(super) fn trace(
         &self,
         pipeline: &Pipeline,
@@ -149,7 +149,7 @@ impl PixelArguments {
 }
 
 impl PixelTree {
-    /// For people.
+    /// Prints the tree for people.
     pub(super) fn print(&self, pipeline: &Pipeline, names: &Names) {
         let [x, y] = self.pixel;
         println!("pixel ({x}, {y}): {}", colour(self.value));
@@ -175,7 +175,7 @@ impl PixelTree {
         }
     }
 
-    /// Both, up to the first ray in which they differ: what follows it cannot agree.
+    /// Prints both trees up to the first ray in which they differ; later rays cannot agree.
     fn print_beside(&self, theirs: &Theirs, names: &Names) {
         let pairs = tree::pairs(&self.nodes, &theirs.nodes);
         let parted = pairs.iter().position(|pair| pair.difference.is_some());
@@ -185,7 +185,7 @@ impl PixelTree {
             self.sample
         );
         println!("{:13}{:COLUMN$}  {}", "", "ours", theirs.name);
-        // The one that differs is shown in any case.
+        // The ray that differs is always printed.
         let left_out = shown.saturating_sub(self.most);
         for pair in pairs[..shown].iter().take(self.most.saturating_sub(1)) {
             print_pair(pair, names);
@@ -209,7 +209,7 @@ impl PixelTree {
         }
     }
 
-    /// For programs.
+    /// The tree as JSON.
     pub(super) fn report(&self) -> Value {
         let node = |node: &&TreeNode| {
             json!({
@@ -251,7 +251,7 @@ fn in_order(nodes: &[TreeNode]) -> Vec<&TreeNode> {
     sorted
 }
 
-/// A ray of both, a line for each thing that is compared.
+/// Prints one ray of both renderers, with one line for each compared quantity.
 fn print_pair(pair: &Pair<'_>, names: &Names) {
     println!("{}", pair.name());
     let hit = |shape: i64, primitive: i64, limit: bool| match (limit, shape < 0) {
@@ -293,7 +293,7 @@ fn print_pair(pair: &Pair<'_>, names: &Names) {
     }
 }
 
-/// The digits that single precision has.
+/// A number with the digits of single precision.
 fn single(value: f64) -> String {
     format!("{:?}", value as f32)
 }
@@ -302,13 +302,13 @@ fn vector(values: [f64; 3]) -> String {
     format!("[{}]", values.map(single).join(", "))
 }
 
-/// The instances that lead to a copy, outermost first.
+/// The chain of instances that leads to an object, outermost first.
 fn placed_by(pipeline: &Pipeline, copy: u32) -> Vec<u32> {
     pipeline.world.geometry.placed_by(InstancePath(copy))
 }
 
 fn print_node(pipeline: &Pipeline, node: &TreeNode, names: &Names) {
-    // Beyond some depth, more indentation would only fill the lines.
+    // Deeper indentation would only fill the lines.
     let depth = tree::depth(&node.path);
     let indent = "  ".repeat(1 + depth.min(20));
     let name = match depth {

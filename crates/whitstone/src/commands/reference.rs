@@ -1,4 +1,4 @@
-//! `reference`: stored references, rendered, shown, and accepted.
+//! `reference`: renders, shows and accepts stored references.
 
 use crate::terminal::{Exit, Failure, make_folder, progress};
 use clap::Args;
@@ -11,15 +11,15 @@ use whitstone_validate::driver::SceneText;
 use whitstone_validate::stored::Stored;
 use whitstone_validate::{Mode, Validator, quoted, scene_key};
 
-/// Largest image that is stored, in pixels: the references of a repository are to stay small.
+/// Maximum size of a stored image, in pixels: the references of a repository must stay small.
 const MAX_PIXELS: u64 = 192 * 192;
 
-/// Render references to be stored with a live Mitsuba or POV-Ray, show them, and with --accept keep
-/// them
+/// Render the references to be stored with a live Mitsuba or POV-Ray and show them; store with
+/// --accept
 ///
-/// For each scene whose stored reference is missing or of another version of the scene, a picture
-/// of ours, the reference and the error is written. Nothing is stored without --accept, nor of
-/// films of more than 192 x 192 pixels.
+/// Handles each scene whose stored reference is missing or belongs to another version of the scene.
+/// Writes a picture of our image, the reference and the error. Nothing is stored without --accept,
+/// and never an image of more than 192 x 192 pixels.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
@@ -27,7 +27,7 @@ pub struct Arguments {
     /// Store the references
     #[arg(long)]
     accept: bool,
-    /// Also those that are up to date
+    /// Include references that are up to date
     #[arg(long)]
     all: bool,
 }
@@ -36,7 +36,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<Exit, Failure> {
     let mut options = arguments.scenes.options(program);
     let renderer = options.renderer;
-    // Also where the stored ones are meant: these are rendered here.
+    // Even with `stored`, because the references are rendered here.
     options.mode = Mode::Live;
     let scenes = arguments.scenes.find()?;
     let mut validator = Validator::new(registry, options.clone(), &|text| eprintln!("{text}"))
@@ -114,7 +114,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     Ok(Exit::Differs)
 }
 
-/// Writes ours, reference and error side by side, and both EXR files.
+/// Writes our image, the reference and the error side by side, and both EXR files.
 fn show(
     target: &std::path::Path,
     key: &str,

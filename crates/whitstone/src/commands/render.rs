@@ -1,4 +1,4 @@
-//! `render`: a scene to an image file.
+//! `render`: renders a scene to an image file.
 
 use super::{SceneArguments, build_with};
 use crate::slim;
@@ -15,21 +15,20 @@ use whitstone_scene::{Plan, RenderOptions};
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// The image to write: .exr or .png; by default the scene's name with .exr in the working
-    /// folder
+    /// Image to write: .exr or .png [default: the scene's name with .exr, in the working folder]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Also write a PNG preview beside the EXR
+    /// Also write a PNG preview next to the EXR
     #[arg(long)]
     png: bool,
-    /// Brightness of PNG pictures, in stops; after it values are cut at 1 and encoded as sRGB
+    /// Exposure of PNG pictures, in stops; afterwards values are clamped at 1 and encoded as sRGB
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::finite)]
     exposure: f64,
-    /// Threads; 0 for one a core. The image does not depend on it
+    /// Threads; 0 means one per core. The image does not depend on it
     #[arg(long, default_value_t = 0, value_parser = super::threads)]
     threads: usize,
-    /// Compute also what this scene does not need, as if it were not known: the same image, to
-    /// measure what leaving out saves
+    /// Disable all scene-specific specialisation; the image is identical, and the extra time is
+    /// what specialisation saves
     #[arg(long)]
     one_size_fits_all: bool,
     /// Write sizes, times and ray counts to this file as JSON
@@ -107,7 +106,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     Ok(Exit::Pass)
 }
 
-/// No file is written that another output or the scene is in.
+/// Rejects an output that would overwrite another output or an input of the scene.
 fn check_apart(outputs: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
     let identity = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).ok();
     for (k, output) in outputs.iter().enumerate() {

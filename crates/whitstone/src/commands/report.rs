@@ -1,4 +1,4 @@
-//! `report`: the page of the last validation, with what is there beside it.
+//! `report`: the page of the last validation, with the results of other commands.
 
 use crate::terminal::{Exit, Failure, make_folder};
 use clap::Args;
@@ -13,27 +13,27 @@ use whitstone_validate::report::{Baseline, Changes, Diagram, Extras, Kind, SCENE
 use whitstone_validate::sensitivity::Parameter;
 use whitstone_validate::{CaseResult, Pictures, Results, counted};
 
-/// Write the report of the last `validate` anew, with what `converge`, `stress` and `sensitivity`
-/// found last, and open it
+/// Rewrite the report of the last `validate`, with the last results of `converge`, `stress` and
+/// `sensitivity`; with --open, show it
 ///
-/// The page is index.html in the folder of the results: one file that works from disk, without a
-/// network; of more than 150 cases it is an index, and each scene has a page in the folder `scenes`
-/// beside it. With --baseline it also says what changed since an earlier run, and so does the
-/// terminal.
+/// The page is index.html in the folder of the results. It is one file that works from disk,
+/// without a network. With more than 150 cases it becomes an index, and each scene has its own page
+/// in the folder `scenes` next to it. With --baseline, the page and the terminal also show the
+/// changes since an earlier run.
 ///
-/// Exit code 1 if a case of the baseline passed there and fails now, or is gone; else 0.
+/// Exit code 1 if a case that passed in the baseline fails now or is missing; else 0.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  whitstone report --open\n  whitstone report --baseline main/results.json"
 )]
 pub struct Arguments {
-    /// Show the page in the browser that the system opens pages with
+    /// Open the page in the system's default browser
     #[arg(long)]
     open: bool,
-    /// Results of an earlier run: a results.json, or what `validate --json` wrote
+    /// Results of an earlier run: a results.json, or a file written by `validate --json`
     #[arg(long, value_name = "OLD.json")]
     baseline: Option<PathBuf>,
-    /// Folder of these commands
+    /// Folder of the results of these commands
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
 }
@@ -64,7 +64,7 @@ fn folder(target: &Path) -> PathBuf {
     target.join("validate")
 }
 
-/// Whether the results could be written, before hours went into them.
+/// Checks that the results can be written, before hours are spent on them.
 pub(super) fn check<'a>(target: &Path, others: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Failure> {
     let folder = folder(target);
     make_folder(&folder)?;
@@ -73,8 +73,8 @@ pub(super) fn check<'a>(target: &Path, others: impl IntoIterator<Item = &'a Path
     others.try_for_each(|path| atomic::check(path).map_err(Failure::environment))
 }
 
-/// Writes the results of a validation: `results.json`, pictures that a later `report` needs, and
-/// the page.
+/// Writes the results of a validation: `results.json`, the pictures that a later `report` needs,
+/// and the page.
 pub(super) fn write(results: &Results, target: &Path, json: Option<&Path>) -> Result<(), Failure> {
     let folder = folder(target);
     make_folder(&folder)?;
@@ -100,7 +100,7 @@ fn write_page(results: &Results, target: &Path, changes: Option<Changes>) -> Res
         changes,
     };
     let folder = folder(target);
-    // Of scenes of an earlier run.
+    // Remove pages of scenes of an earlier run.
     if folder.join(SCENES).is_dir() {
         std::fs::remove_dir_all(folder.join(SCENES)).map_err(Failure::environment)?;
     }
@@ -110,22 +110,22 @@ fn write_page(results: &Results, target: &Path, changes: Option<Changes>) -> Res
         make_folder(path.parent().unwrap_or(&folder))?;
         atomic::write_bytes(&path, page.as_bytes()).map_err(Failure::environment)?;
     }
-    // The first is that of all scenes.
+    // The first file is the page of all scenes.
     Ok(folder.join(&files[0].0))
 }
 
-/// How small a fault is seen, by scene.
+/// The file of the smallest detectable changes, by scene.
 fn sensitivity(target: &Path) -> PathBuf {
     target.join("sensitivity.json")
 }
 
-/// Diagrams of families.
+/// The file of the stress diagrams.
 fn stress(target: &Path) -> PathBuf {
     target.join("stress").join("diagrams.json")
 }
 
-/// What an earlier command left for reports; nothing where it is not there or of another version,
-/// which is told.
+/// Reads the data that an earlier command left for reports. Returns nothing if the file is missing,
+/// or if its version differs, which is reported.
 fn kept<T: serde::de::DeserializeOwned + Default>(path: &Path) -> T {
     if !path.is_file() {
         return T::default();
@@ -144,7 +144,7 @@ fn keep<T: serde::Serialize>(path: &Path, value: &T) -> Result<(), Failure> {
     atomic::write_bytes(path, text.as_bytes()).map_err(Failure::environment)
 }
 
-/// Keeps how small a fault is seen in a scene for reports, beside what is there of others.
+/// Stores the smallest detectable changes of a scene for reports, and keeps those of other scenes.
 pub(super) fn keep_sensitivity(target: &Path, scene: String, found: &[Parameter]) -> Result<(), Failure> {
     let path = sensitivity(target);
     let mut all: BTreeMap<String, Vec<Parameter>> = kept(&path);
@@ -152,7 +152,7 @@ pub(super) fn keep_sensitivity(target: &Path, scene: String, found: &[Parameter]
     keep(&path, &all)
 }
 
-/// Keeps the diagrams of families for reports, beside what is there of others.
+/// Stores the diagrams of families for reports, and keeps those of other families.
 #[cfg(feature = "stress")]
 pub(super) fn keep_stress(target: &Path, diagrams: Vec<Diagram>) -> Result<(), Failure> {
     let path = stress(target);
@@ -163,7 +163,7 @@ pub(super) fn keep_stress(target: &Path, diagrams: Vec<Diagram>) -> Result<(), F
     keep(&path, &all)
 }
 
-/// The last validation, with its pictures as far as these belong to it.
+/// Reads the last validation, with those of its pictures that belong to it.
 fn read(target: &Path, program: &str) -> Result<Results, Failure> {
     let path = folder(target).join("results.json");
     if !path.is_file() {
@@ -204,7 +204,7 @@ fn studies(target: &Path) -> PathBuf {
     target.join("converge").join("studies.json")
 }
 
-/// Keeps what was measured of studies for reports, beside what is there of others.
+/// Stores the results of studies for reports, and keeps those of other studies.
 #[cfg(feature = "converge")]
 pub(super) fn keep_studies(target: &Path, reports: &[StudyReport]) -> Result<(), Failure> {
     let path = studies(target);
@@ -215,7 +215,7 @@ pub(super) fn keep_studies(target: &Path, reports: &[StudyReport]) -> Result<(),
     keep(&path, &all)
 }
 
-/// The diagrams of all studies that were measured.
+/// The diagrams of all measured studies.
 #[cfg(feature = "converge")]
 fn diagrams(target: &Path) -> Vec<Diagram> {
     let reports: Vec<StudyReport> = kept(&studies(target));
@@ -259,7 +259,7 @@ fn print(changes: &Changes) {
     );
 }
 
-/// As a user would, by double-clicking it.
+/// Opens the page with the system's default program.
 fn open(page: &Path) -> Result<(), Failure> {
     let (program, first): (&str, &[&str]) = if cfg!(target_os = "macos") {
         ("open", &[])

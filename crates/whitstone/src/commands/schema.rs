@@ -1,4 +1,4 @@
-//! `schema`: JSON Schema, for editors and generators.
+//! `schema`: prints JSON Schema, for editors and generators.
 
 use super::list::family;
 use crate::terminal::{Exit, Failure};
@@ -10,14 +10,14 @@ use whitstone_scene::{scene_schema, table_schema};
 
 /// Print the JSON Schema of whole scenes, or of one plugin's table
 ///
-/// Editors complete and check scenes by the whole schema, for example those that use taplo: put
+/// Editors that support it, for example through taplo, complete and check scenes: put
 /// `#:schema ./scene.schema.json` into the first line of a scene.
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  whitstone schema -o scene.schema.json\n  whitstone schema shape sphere")]
 pub struct Arguments {
     /// Family of the plugin, such as shape
     family: Option<String>,
-    /// Its type, such as sphere
+    /// Type of the plugin, such as sphere
     #[arg(id = "type", value_name = "TYPE")]
     name: Option<String>,
     /// Write to this file instead of standard output

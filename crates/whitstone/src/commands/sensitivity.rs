@@ -1,4 +1,4 @@
-//! `sensitivity`: how small a fault is seen.
+//! `sensitivity`: finds the smallest change of each parameter that the comparison detects.
 
 use super::report;
 use super::validate::ReferenceMode;
@@ -11,36 +11,36 @@ use whitstone_core::Registry;
 use whitstone_validate::sensitivity::{Effect, Parameter};
 use whitstone_validate::{Options, Validator, scene_key};
 
-/// That names of scenes are relative to.
+/// Folder that names of scenes are relative to.
 const SCENES: &str = "scenes";
 
-/// Change every number of a scene on our side only, until the comparison fails: the smallest change
-/// that is seen
+/// Find the smallest change of each number of a scene that the comparison detects
 ///
-/// Each number but those of the film and of the table `expect` is changed by a ten-millionth of
-/// itself, then by ten times as much, and so on up to ten times itself; whole numbers by one and by
-/// themselves. What no change of it makes fail is told, and what changes no pixel at all. The next
-/// `report` shows it with the scene.
+/// Changes one number at a time, on our side only, until the comparison fails. Numbers of the film
+/// and of the table `expect` are skipped. A number is changed by a ten-millionth of itself, then by
+/// ten times as much, and so on up to ten times itself; a whole number by one and by itself.
+/// Reports undetectable parameters, and parameters that change no pixel at all. The next `report`
+/// shows the results with the scene.
 ///
-/// Exit code 0; 1 if the scene does not pass as it is.
+/// Exit code 0; 1 if the unchanged scene does not pass.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  whitstone sensitivity scenes/shapes/sphere.toml")]
 pub struct Arguments {
-    /// The scene file (TOML)
+    /// Scene file (TOML)
     scene: PathBuf,
-    /// Where the reference comes from
+    /// Source of the reference
     #[arg(long, value_enum, default_value_t = ReferenceMode::Stored)]
     reference: ReferenceMode,
-    /// Write all numbers to this file
+    /// Write all numbers to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Folder for the environment and live references
+    /// Folder of the environment and of live references
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
-    /// Folder with the drivers and the stored references
+    /// Folder of the drivers and the stored references
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
-    /// Threads; 0 for one a core
+    /// Threads; 0 means one per core
     #[arg(long, default_value_t = 0, value_parser = super::threads)]
     threads: usize,
 }

@@ -1,4 +1,4 @@
-//! `shrink`: from a scene that fails to a small one that still does.
+//! `shrink`: reduces a failing scene to a minimal reproducer.
 
 use super::validate;
 use crate::terminal::{Exit, Failure, progress};
@@ -10,11 +10,11 @@ use whitstone_image::atomic;
 use whitstone_validate::Validator;
 use whitstone_validate::shrink::shrink;
 
-/// Take everything out of a scene that fails without which it still fails
+/// Reduce a failing scene to a minimal reproducer
 ///
-/// Shapes, lights and keys go one after another as long as the comparison with the live reference
-/// fails. What is left is written as a scene of its own, and is what to look at, or to tell others
-/// of.
+/// Removes shapes, lights and keys one after another, as long as the comparison with the live
+/// reference still fails. Writes the remaining scene, which is small enough to debug or to attach
+/// to a bug report.
 #[derive(Args, Debug)]
 #[command(
     mut_arg("reference", |argument| argument.default_value("live")),
@@ -24,10 +24,10 @@ use whitstone_validate::shrink::shrink;
 pub struct Arguments {
     #[command(flatten)]
     validate: validate::Scenes,
-    /// Change a value on our side only, to see a fault found: PATH=VALUE
+    /// Change a value on our side only, to inject a fault: PATH=VALUE
     #[arg(long, value_name = "PATH=VALUE")]
     ours: Vec<String>,
-    /// Where to write what is left [default: the terminal]
+    /// File for the reduced scene [default: the terminal]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -41,7 +41,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
             scenes.len()
         )));
     };
-    // They are in the scene that is shrunk, not changes of it.
+    // The overrides are part of the scene that is reduced, not changes of it.
     let overrides = &arguments.validate.overrides;
     let mut options = arguments.validate.options(program);
     options.overrides.clear();

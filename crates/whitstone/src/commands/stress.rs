@@ -1,4 +1,4 @@
-//! `stress`: families of stiff and extreme cases.
+//! `stress`: parameter sweeps over ill-conditioned and extreme cases.
 
 mod unfinished;
 
@@ -19,58 +19,60 @@ use whitstone_validate::driver::Driver;
 use whitstone_validate::environment::Environment;
 use whitstone_validate::report::Diagram;
 
-/// Turn knobs over decades until engines break, and say at which value each does
+/// Sweep parameters logarithmically to find the values at which renderers fail
 ///
-/// Every family asks Whitstone, its deliberately naive variants and Mitsuba the same questions, and
-/// holds the answers to the oracle or to a closed form. The frontier is the first value of the knob
-/// at which an engine is of no use any more; "none" is best. The next `report` shows the diagrams.
+/// Every family runs the same queries on Whitstone, on deliberately naive variants of its formulas
+/// and on Mitsuba, and checks the answers against the oracle or a closed form. The frontier is the
+/// first value of the parameter at which a renderer's answers are unusable; "none" is best. The
+/// next `report` shows the diagrams.
 ///
-/// A run that is broken off goes on where it was, if it is asked for again by the same program.
+/// An interrupted run continues where it stopped if the same program repeats it with the same
+/// settings.
 ///
-/// Exit code 0 if Whitstone keeps its promise in every family, gets at least as far as Mitsuba and
-/// Embree, and the naive variants fail; 1 if not.
+/// Exit code 0 if Whitstone keeps its promised error bound in every family, gets at least as far as
+/// Mitsuba and Embree, and the naive variants fail; 1 if not.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --list"
 )]
 pub struct Arguments {
-    /// Which families; all by default
+    /// Families to run [default: all]
     families: Vec<String>,
-    /// Ask 60 questions at each step
+    /// Run 60 queries at each step
     #[arg(long, conflicts_with = "rays")]
     quick: bool,
-    /// How many questions each step asks; "watertight" asks a hundred times as many, with every
+    /// Number of queries at each step; "watertight" runs a hundred times as many, with every
     /// accelerator
     #[arg(long, default_value_t = 400, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     rays: u32,
-    /// Do not go on with a run that was broken off
+    /// Do not continue an interrupted run
     #[arg(long)]
     fresh: bool,
-    /// List the families, and run none
+    /// List the families and exit
     #[arg(long)]
     list: bool,
     /// Print every step, not only the frontiers
     #[arg(long)]
     steps: bool,
-    /// Without Mitsuba
+    /// Do not run Mitsuba
     #[arg(long)]
     no_mitsuba: bool,
-    /// Write all figures to this file
+    /// Write all results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Draw error against the knob and against time, a file for each family, into this folder
+    /// Plot error against the parameter and against time into this folder, one file per family
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
-    /// Write the table of frontiers into this Markdown file, between its marks; may be given again
+    /// Write the table of frontiers into this Markdown file, between its marks; can be repeated
     #[arg(long, value_name = "FILE")]
     page: Vec<PathBuf>,
     /// Folder of the Python environment
     #[arg(long, default_value = "target/whitstone", value_name = "DIR")]
     target: PathBuf,
-    /// Folder with the drivers
+    /// Folder of the reference drivers
     #[arg(long, default_value = "references", value_name = "DIR")]
     references: PathBuf,
-    /// How long Mitsuba may take for one step, in seconds
+    /// Time limit for one step of Mitsuba, in seconds
     #[arg(long, default_value_t = 120, value_name = "SECONDS")]
     time_limit: u64,
 }
@@ -152,7 +154,7 @@ pub fn run(arguments: &Arguments, registry: &Registry) -> Result<Exit, Failure> 
     })
 }
 
-/// As a report has it.
+/// The diagram of a family for the report.
 fn diagram(family: &FamilyReport) -> Diagram {
     Diagram {
         name: family.family.clone(),
@@ -176,8 +178,8 @@ fn diagram(family: &FamilyReport) -> Diagram {
     }
 }
 
-/// The marks around what is written into a page: the table of all families, and that of those in
-/// which Mitsuba takes part.
+/// The marks around the parts of a page that are replaced: the table of all families, and the table
+/// of those in which Mitsuba takes part.
 const TABLE: Marks = [
     "<!-- frontiers: written by `cargo xtask stress --page` -->",
     "<!-- end of frontiers -->",

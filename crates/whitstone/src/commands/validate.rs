@@ -1,4 +1,4 @@
-//! `validate`: scenes against a reference, with a report.
+//! `validate`: compares scenes with a reference and writes a report.
 
 use super::junit::{self, Case, Outcome};
 use super::report;
@@ -20,75 +20,74 @@ const REFERENCES: &str = "references";
 /// In seconds.
 const TIME_LIMIT: u64 = 300;
 
-/// Render scenes with Whitstone and with a reference renderer, compare the images, and say who is
-/// right
+/// Render scenes with Whitstone and with a reference renderer, and judge the differences
 ///
-/// The reference is a live Mitsuba in a private Python environment that is made on first use, or
-/// with --reference povray the installed POV-Ray. If it is not available, the stored references of
-/// the repository are used, and the report says so. Scenes that the reference cannot render are
-/// skipped and reported if the other one has a stored reference of them.
+/// The reference is a live Mitsuba in a private Python environment that is created on first use,
+/// or, with --reference povray, the installed POV-Ray. If it is not available, the stored
+/// references of the repository are used, and the report says so. Scenes that the reference cannot
+/// render are skipped and reported if there is a stored reference from the other renderer.
 ///
-/// Verdicts: pass (the images agree), confirmed (the reference is too weak in this scene, and the
-/// arbitrary-precision oracle confirms ours), FAIL (ours is wrong), undecided (nobody can tell,
-/// with the reason). Exit code 0 if all cases pass or are confirmed, 1 if one fails or is
-/// undecided.
+/// Verdicts: pass (the images agree), confirmed (the reference is too inaccurate in this scene, and
+/// the arbitrary-precision oracle confirms our image), FAIL (our image is wrong), undecided
+/// (neither reference nor oracle can decide, with the reason). Exit code 0 if all cases pass or are
+/// confirmed, 1 if one fails or is undecided.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
     scenes: Scenes,
-    /// Also try the settings that users sweep: accelerators and threads beside the scene's own
-    /// picture, depths and texture filters beside a live reference; what a scene does not need is
-    /// left out and told
+    /// Also try the settings that users sweep: accelerators and threads against the scene's own
+    /// picture, depths and texture filters against a live reference; combinations that a scene does
+    /// not need are skipped and reported
     #[arg(long)]
     matrix: bool,
     /// Query the arbitrary-precision oracle about every pixel over tolerance, not only where the
     /// verdict depends on it
     #[arg(long)]
     oracle: bool,
-    /// Never query the oracle: what only it could decide is undecided
+    /// Never query the oracle; cases that only it could decide are undecided
     #[arg(long, conflicts_with = "oracle")]
     no_oracle: bool,
-    /// How long the oracle may take for one scene, in seconds
+    /// Time limit of the oracle for one scene, in seconds
     #[arg(long, default_value_t = 60, value_name = "SECONDS")]
     oracle_time: u64,
     /// Treat confirmed as a failure: the reference itself must agree
     #[arg(long)]
     strict: bool,
-    /// Write the results to this file too
+    /// Also write the results to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write the verdicts to this file as JUnit XML, which most CI systems show
+    /// Write the verdicts to this file as JUnit XML, which most CI systems display
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
 }
 
-/// Which scenes are compared, and with what.
+/// Selects the scenes and the reference.
 #[derive(Args, Debug)]
-// A group of no name: it is part of several commands.
+// An unnamed group, because it is part of several commands.
 #[group(skip)]
 pub struct Scenes {
     /// Scene files, or folders of them
     #[arg(default_value = SCENES)]
     pub paths: Vec<PathBuf>,
-    /// Where references come from
+    /// Source of the references
     #[arg(long, value_enum, default_value_t = ReferenceMode::Auto)]
     pub reference: ReferenceMode,
-    /// Change a value of every scene: PATH=VALUE
+    /// Override a value of every scene: PATH=VALUE
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
-    /// Render all references anew, also those of unchanged scenes
+    /// Render all references again, including those of unchanged scenes
     #[arg(long)]
     pub fresh: bool,
-    /// Folder for the environment, live references and the report
+    /// Folder of the environment, live references and the report
     #[arg(long, default_value = TARGET, value_name = "DIR")]
     pub target: PathBuf,
-    /// Folder with the drivers and the stored references
+    /// Folder of the drivers and the stored references
     #[arg(long, default_value = REFERENCES, value_name = "DIR")]
     pub references: PathBuf,
-    /// Threads; 0 for one a core
+    /// Threads; 0 means one per core
     #[arg(long, default_value_t = 0, value_parser = super::threads)]
     pub threads: usize,
-    /// How long the driver may take for one answer, in seconds
+    /// Time limit for one answer of the driver, in seconds
     #[arg(long, default_value_t = TIME_LIMIT, value_name = "SECONDS")]
     pub time_limit: u64,
 }
@@ -108,13 +107,13 @@ pub enum ReferenceMode {
     PovrayLive,
     /// Stored references of POV-Ray only
     PovrayStored,
-    /// Mitsuba's own direct and path integrators, live, or exit code 3: shows that the driver is
-    /// Mitsuba
+    /// Mitsuba's own direct and path integrators, live, or exit code 3: shows that the driver
+    /// agrees with Mitsuba
     MitsubaStock,
 }
 
 impl ReferenceMode {
-    /// Who renders, and whether now.
+    /// The renderer, and whether it runs live.
     pub fn parts(self) -> (Renderer, Mode) {
         match self {
             Self::Auto => (Renderer::MITSUBA, Mode::Auto),
@@ -127,7 +126,7 @@ impl ReferenceMode {
         }
     }
 
-    /// As the command line has it.
+    /// The name of the value on the command line.
     fn name(self) -> String {
         let value = self.to_possible_value();
         value.map_or_else(String::new, |value| value.get_name().to_owned())
@@ -135,7 +134,7 @@ impl ReferenceMode {
 }
 
 impl Scenes {
-    /// As the library has them. `program` is how messages call this command line.
+    /// The options of the library. Messages call this command line `program`.
     pub fn options(&self, program: &str) -> Options {
         let (renderer, mode) = self.reference.parts();
         Options {
@@ -155,8 +154,7 @@ impl Scenes {
         }
     }
 
-    /// What of the command line decides about a result, beside the scenes: as it must be written
-    /// again.
+    /// The arguments that affect a result, apart from the scenes, as they must be repeated.
     pub fn flags(&self) -> String {
         let mut flags: Vec<(&str, String)> = Vec::new();
         flags.extend(self.overrides.iter().map(|change| ("--set", change.clone())));
@@ -180,7 +178,7 @@ impl Scenes {
         written.collect()
     }
 
-    /// The scenes that are named.
+    /// All scenes that the paths name.
     pub fn find(&self) -> Result<Vec<PathBuf>, Failure> {
         let scenes = find_scenes(&self.paths).map_err(|error| {
             let hint = if self.paths == [PathBuf::from(SCENES)] {
@@ -222,7 +220,7 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
         eprintln!("warning: no live {renderer}: {why}\nwarning: comparing with the stored references");
     }
     let bar = progress(scenes.len() as u64, "validating");
-    // The clock runs also while the driver takes its time.
+    // The clock also runs while the driver is busy.
     bar.enable_steady_tick(Duration::from_millis(200));
     let mut cases = Vec::new();
     let mut left_out = Vec::new();
@@ -318,7 +316,8 @@ pub fn run(arguments: &Arguments, registry: &Registry, program: &str) -> Result<
     verdict(&results.results, results.summary.matrix, arguments.strict)
 }
 
-/// What was compared decides; only if all of that agrees, it matters that something could not be.
+/// A failed comparison decides the result. Cases that could not be compared matter only if all
+/// others agree.
 fn verdict(cases: &[CaseResult], matrix: Tally, strict: bool) -> Result<Exit, Failure> {
     let is_good = |status: Status| {
         if strict {
@@ -364,7 +363,7 @@ fn junit_cases(results: &Results) -> Vec<Case> {
         seconds: 0.0,
         outcome: Outcome::Skipped(left.reason.clone()),
     });
-    // Those that a reference was asked about are among the cases.
+    // Settings that were compared with a reference are among the cases.
     let own = results.matrix.iter().filter(|cell| cell.against == matrix::OWN);
     let own = own.map(|cell| Case {
         name: format!("{}, {} {}", cell.scene, cell.axis, cell.setting),
@@ -378,7 +377,7 @@ fn junit_cases(results: &Results) -> Vec<Case> {
     compared.chain(left_out).chain(own).collect()
 }
 
-/// The heads of the columns of [`print_case`].
+/// Prints the column headers of [`print_case`].
 fn print_header() {
     println!(
         "{:<9} {:<30} {:>8} {:>8} {:>8} {:>6} {:>11} {:>11} {:>8} {:>8}  {:<6} twin",
@@ -478,7 +477,7 @@ fn print_case(case: &CaseResult) {
     }
 }
 
-/// A sweep of the scene above.
+/// Prints one setting of the scene above.
 fn print_row(row: &Row<'_>) {
     let axis = row.axis;
     if !row.passed.is_empty() {

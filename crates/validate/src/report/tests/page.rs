@@ -1,4 +1,4 @@
-//! A page as a browser reads it: the tree behind a few selectors, and what is not well-formed.
+//! A page as a browser parses it: its tree, a few selectors, and its parse errors.
 
 use html5ever::tendril::{StrTendril, TendrilSink};
 use html5ever::tree_builder::{ElementFlags, NodeOrText, QuirksMode, TreeSink};
@@ -7,13 +7,13 @@ use std::borrow::Cow;
 use std::cell::RefCell;
 use std::rc::{Rc, Weak};
 
-/// A page with its faults.
+/// A page and its parse errors.
 pub(super) struct Page {
     document: Rc<Node>,
     pub(super) errors: Vec<String>,
 }
 
-/// An element, a text, or what has neither name nor text: the document and comments.
+/// An element, a text, or a node with neither name nor text (the document and comments).
 #[derive(Default)]
 pub(super) struct Node {
     name: Option<QualName>,
@@ -32,9 +32,8 @@ impl Page {
         parse_document(sink, html5ever::ParseOpts::default()).one(html)
     }
 
-    /// The elements that a selector names, in the order of the page. It is made of names, `#id`,
-    /// `.class`, `[attribute]` and `[attribute='value']`; a space stands between an element and one
-    /// anywhere in it.
+    /// The elements that match a selector, in document order. A selector consists of names, `#id`,
+    /// `.class`, `[attribute]` and `[attribute='value']`; a space stands for any descendant.
     pub(super) fn select(&self, selector: &str) -> Vec<Rc<Node>> {
         let steps: Vec<&str> = selector.split(' ').collect();
         let mut found = Vec::new();
@@ -136,7 +135,7 @@ impl Node {
         }
     }
 
-    /// Puts a child at a place; text joins that before it.
+    /// Inserts a child; text is merged with preceding text.
     fn insert(self: &Rc<Self>, place: usize, child: NodeOrText<Rc<Self>>) {
         let child = match child {
             NodeOrText::AppendNode(node) => {
@@ -163,7 +162,7 @@ impl Node {
     }
 }
 
-/// What the parser builds the tree with.
+/// The sink from which the parser builds the tree.
 struct Sink {
     document: Rc<Node>,
     errors: RefCell<Vec<String>>,

@@ -1,4 +1,4 @@
-//! Two folders of images, matched by their paths.
+//! Compares two folders of images, matched by their paths.
 
 use super::super::junit::{self, Case, Outcome};
 use super::measure::Comparison;
@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use whitstone_validate::counted;
 
-/// A path below both folders, and what came of it.
+/// A path below both folders, and the outcome.
 struct Row {
     name: String,
     /// A comparison, or why there is none.
@@ -17,7 +17,7 @@ struct Row {
     json: Value,
 }
 
-/// Compares all that can be compared, and fails by what cannot.
+/// Compares all pairs, and fails if a file could not be compared.
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Failure> {
     let (ours, reference) = (images(&arguments.ours)?, images(&arguments.reference)?);
     let all: BTreeSet<&PathBuf> = ours.union(&reference).collect();
@@ -67,8 +67,8 @@ fn compare(arguments: &Arguments, path: &Path) -> Result<Comparison, String> {
     Ok(comparison)
 }
 
-/// All images below a folder, by their paths in it, without the variants of stored references.
-/// Links to folders are not followed: they may lead in circles.
+/// All images below a folder, by their relative paths, without the variants of stored references.
+/// Links to folders are not followed, because they may form cycles.
 fn images(folder: &Path) -> Result<BTreeSet<PathBuf>, Failure> {
     let mut found = BTreeSet::new();
     let mut open = vec![PathBuf::new()];
@@ -95,7 +95,7 @@ fn images(folder: &Path) -> Result<BTreeSet<PathBuf>, Failure> {
     Ok(found)
 }
 
-/// The same on every system.
+/// A path that reads the same on every system.
 fn name(path: &Path) -> String {
     let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
     parts.join("/")
@@ -186,7 +186,7 @@ fn write(arguments: &Arguments, rows: &[Row]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A difference decides; only if there is none, it matters that something could not be compared.
+/// A difference decides the result. Files that could not be compared matter only if there is none.
 fn end(rows: &[Row]) -> Result<Exit, Failure> {
     match counts(rows) {
         [_, 0, 0] => Ok(Exit::Pass),

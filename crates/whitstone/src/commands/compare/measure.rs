@@ -1,4 +1,4 @@
-//! What is measured of two images, held to the limits, printed and written.
+//! Measures two images, checks the limits, and prints and writes the results.
 
 use super::super::junit::{Case, Outcome};
 use super::Arguments;
@@ -17,40 +17,40 @@ use whitstone_validate::explain::Explanation;
 use whitstone_validate::stored::Variation;
 use whitstone_validate::{Variants, counted};
 
-/// The level of the tests where none is given, and nothing is decided by them.
+/// The significance level that is reported if none is given; informational only.
 const LEVEL: f64 = 0.01;
 
-/// What was found.
+/// The results of a comparison.
 pub(super) struct Comparison {
     pub(super) not_finite: NotFinite,
-    /// Absent where values are not finite.
+    /// Absent if values are not finite.
     pub(super) metrics: Option<Metrics>,
-    /// Pixels at edges of layers, left out of the interior; absent where no layer was named.
+    /// Pixels at edges of layers, excluded from the interior; absent if no layer was named.
     pub(super) excluded: Option<usize>,
-    /// Means of FLIP over exposures and of what is shown as it is, if wanted.
+    /// The mean of FLIP over exposures and at exposure 0, if requested.
     flip: Option<[f64; 2]>,
-    /// If wanted; nothing inside for an image smaller than its window.
+    /// If requested; the inner value is absent for an image smaller than the SSIM window.
     pub(super) ssim: Option<Option<f64>>,
-    /// Where the files have layers of variance.
+    /// Present if the files have layers of variance.
     significance: Option<Significance>,
     /// Pixels over tolerance that the variation of the reference does not explain.
     pub(super) over: usize,
-    /// Those that it explains; absent where the reference has no range.
+    /// Pixels over tolerance that it does explain; absent if the reference has no variation.
     pub(super) explained: Option<usize>,
-    /// Pixels over tolerance between values of the reference that equal none of them; absent where
-    /// it has no range.
+    /// Ambiguous pixels over tolerance: our value lies between values of the reference and equals
+    /// none of them. Absent if the reference has no variation.
     ambiguous: Option<usize>,
     /// Whether both images show one colour each.
     vacuous: bool,
     area: Option<Area>,
     worst: Vec<WorstPixel>,
     seconds: f64,
-    /// Each limit that was not kept, with the value.
+    /// Each limit that was exceeded, with the value.
     pub(super) broken: Vec<String>,
 }
 
 /// The pixels of `over` that the stored variation of the reference explains, and the number of
-/// those that are ambiguous; `None` where it has no variation.
+/// ambiguous ones; `None` if there is no variation.
 fn explain(
     ours: &Image,
     reference: &Image,
@@ -81,7 +81,7 @@ fn explain(
     Ok(Some((explained, ambiguous)))
 }
 
-/// Measures what the arguments want, and holds it to their limits.
+/// Computes the requested measures and checks them against the limits.
 pub(super) fn measure(
     arguments: &Arguments,
     ours: &Image,
@@ -374,8 +374,7 @@ impl Comparison {
     }
 
     pub(super) fn json(&self, arguments: &Arguments, ours: &Path, reference: &Path) -> Value {
-        // JSON has no infinity: a residual of a value that is not finite is null, and so is the
-        // value.
+        // JSON has no infinity: a value that is not finite and its residual become null.
         json!({
             "ours": ours,
             "reference": reference,

@@ -1,4 +1,4 @@
-//! `compare`: two images, or two folders of them, number by number.
+//! `compare`: compares two images, or two folders of images, number by number.
 
 mod folders;
 mod measure;
@@ -18,58 +18,58 @@ use whitstone_validate::stored::read_variants;
 /// Compare an image with a reference: all metrics, the pixels over tolerance, the worst pixels
 ///
 /// Both files are OpenEXR; their channels R, G, B are compared. Images of different sizes or
-/// without these channels are an error (exit code 2): nothing is cropped or resampled. Values that
-/// are not finite are counted first, and one is enough to fail. A pixel is over tolerance if on any
-/// channel
+/// without these channels are an error (exit code 2): nothing is cropped or resampled. Non-finite
+/// values are counted first, and a single one fails the comparison. A pixel is over tolerance if on
+/// any channel
 /// |ours - reference| > RELATIVE * |reference| + ABSOLUTE * mean |reference|.
 ///
-/// Of two folders, all files *.exr below them are compared that have the same path; one that only
-/// one of them has is an error.
+/// For two folders, all *.exr files with the same relative path are compared. A file that exists in
+/// only one of them is an error.
 ///
 /// Images with layers of variance are also tested for differences that noise does not explain:
 /// docs/compare.md.
 ///
-/// Exit code 0 if all limits given are kept, 1 if not. Without limits no pixel may be over
+/// Exit code 0 if no given limit is exceeded, 1 if one is. Without limits no pixel may be over
 /// tolerance.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  whitstone compare ours.exr reference.exr --max-rel-rmse-interior 1e-5 --png trio.png\n  whitstone compare renders references --junit compare.xml"
 )]
 pub struct Arguments {
-    /// The image under test, or a folder of images
+    /// Image under test, or a folder of images
     #[arg(value_name = "OURS")]
     ours: PathBuf,
-    /// What it should be; of a folder, another folder
+    /// Reference image, or a folder of them
     #[arg(value_name = "REFERENCE")]
     reference: PathBuf,
-    /// Write all numbers and the verdict to this file
+    /// Write all numbers and the verdict to this file as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write the verdict to this file as JUnit XML, which most CI systems show
+    /// Write the verdict to this file as JUnit XML, which most CI systems display
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
-    /// Write a picture: ours, the reference, and the relative error with its colour scale; of two
-    /// folders, a folder of pictures
+    /// Write a picture of our image, the reference, and the relative error with its colour scale;
+    /// for two folders, a folder of pictures
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
-    /// Brightness of the picture and of what SSIM compares, in stops
+    /// Exposure of the picture and of the images that SSIM compares, in stops
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true, value_parser = super::finite)]
     exposure: f64,
-    /// Largest root mean squared difference that passes
+    /// Maximum root mean square difference
     #[arg(long, value_name = "X", value_parser = at_least_0)]
     max_rmse: Option<f64>,
-    /// Largest relative root mean squared difference that passes
+    /// Maximum relative root mean square difference of the interior
     #[arg(long, value_name = "X", value_parser = at_least_0)]
     max_rel_rmse_interior: Option<f64>,
-    /// Leave pixels at the edges of this layer of either image out of the interior; numbers need a
-    /// step, as in depth.Z=0.1
+    /// Exclude pixels at the edges of this layer of either image from the interior; numeric layers
+    /// need a step, as in depth.Z=0.1
     #[arg(long = "edges-of", value_name = "LAYER[=STEP]", value_parser = edge_layer)]
     edges_of: Vec<EdgeLayer>,
-    /// Most pixels over tolerance that pass [default: 0 if no other limit is given, else any
-    /// number]
+    /// Maximum number of pixels over tolerance [default: 0 if no other limit is given, else
+    /// unlimited]
     #[arg(long, value_name = "N")]
     max_over: Option<usize>,
-    /// Most connected pixels over tolerance that pass
+    /// Maximum number of connected pixels over tolerance
     #[arg(long, value_name = "N")]
     max_area: Option<usize>,
     /// Tolerance of a pixel, as a fraction of the reference's value there
@@ -78,24 +78,24 @@ pub struct Arguments {
     /// Tolerance of a pixel, as a fraction of the mean of the reference
     #[arg(long, value_name = "ABSOLUTE", default_value_t = Tolerance::default().absolute, value_parser = at_least_0)]
     absolute: f64,
-    /// Also how visible the difference is (FLIP), over exposures and as shown at the exposure 0:
-    /// seconds a megapixel
+    /// Also compute the visible difference (FLIP), over exposures and at exposure 0; takes seconds
+    /// per megapixel
     #[arg(long)]
     flip: bool,
-    /// Largest mean of FLIP over exposures that passes, 0 to 1
+    /// Maximum mean of FLIP over exposures, 0 to 1
     #[arg(long, value_name = "X", value_parser = at_least_0)]
     max_flip: Option<f64>,
-    /// Also how alike the two are in structure (SSIM), as they are shown
+    /// Also compute the structural similarity (SSIM) of the displayed images
     #[arg(long)]
     ssim: bool,
-    /// Least SSIM that passes, at most 1
+    /// Minimum SSIM, at most 1
     #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = super::finite)]
     min_ssim: Option<f64>,
-    /// Fail if noise explains some pixel only with a smaller probability than this over the whole
-    /// image; needs layers of variance
+    /// Significance level over the whole image: fail if a difference is larger than noise explains
+    /// at this level; needs layers of variance
     #[arg(long, value_name = "P", value_parser = probability)]
     significance: Option<f64>,
-    /// How many of the worst pixels to list
+    /// Number of worst pixels to list
     #[arg(long, value_name = "N", default_value_t = 10)]
     worst: usize,
 }
@@ -144,7 +144,7 @@ impl Arguments {
         }
     }
 
-    /// The limit of the pixels over tolerance; none where other limits are given.
+    /// The limit of the number of pixels over tolerance; none if other limits are given.
     fn max_over(&self) -> Option<usize> {
         let measured = [
             self.max_rmse,
@@ -196,7 +196,7 @@ fn run_files(arguments: &Arguments) -> Result<Exit, Failure> {
     Ok(comparison.exit())
 }
 
-/// Two files, compared, and what they hold.
+/// Compares two files; also returns their contents.
 fn pair(arguments: &Arguments, ours: &Path, reference: &Path) -> Result<(Comparison, [Image; 2]), Failure> {
     let read = |path: &Path| exr_io::read(path, Limits::IMAGE).map_err(Failure::usage);
     let images = [read(ours)?, read(reference)?];

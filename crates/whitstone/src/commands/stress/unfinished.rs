@@ -1,4 +1,4 @@
-//! What a run that was broken off had measured already.
+//! The results of an interrupted run.
 
 use crate::terminal::{Failure, make_folder};
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use std::time::SystemTime;
 use whitstone_image::atomic;
 use whitstone_stress::FamilyReport;
 
-/// Families that are done, in a file that is there only as long as the run is not.
+/// Finished families, in a file that exists only while the run is unfinished.
 pub(super) struct Unfinished {
     path: PathBuf,
     kept: Kept,
@@ -15,13 +15,13 @@ pub(super) struct Unfinished {
 
 #[derive(Serialize, Deserialize, Default)]
 struct Kept {
-    /// The program and what was asked of it: of another, nothing is taken over.
+    /// Identifies the program and its settings: results of any other run are not reused.
     run: String,
     families: Vec<FamilyReport>,
 }
 
 impl Unfinished {
-    /// Those of a run with the same program and settings; none with `fresh`.
+    /// The results of an unfinished run with the same program and settings; none with `fresh`.
     pub(super) fn new(target: &Path, settings: &str, fresh: bool) -> Self {
         let program = std::env::current_exe().and_then(|path| {
             let file = path.metadata()?;
@@ -57,9 +57,9 @@ impl Unfinished {
         atomic::write_bytes(&self.path, text.as_bytes()).map_err(Failure::environment)
     }
 
-    /// The run is done.
+    /// Deletes the file when the run is complete.
     pub(super) fn end(self) {
-        // Nothing there is no fault; anything else shows when the next run begins.
+        // A missing file is no error; any other problem shows when the next run begins.
         let _ = std::fs::remove_file(&self.path);
     }
 }
@@ -82,7 +82,7 @@ mod tests {
         assert!(first.find(name).is_none());
         first.add(report.clone()).unwrap();
         assert_eq!(begin("2 rays", false).find(name), Some(&report));
-        // Other settings ask other questions.
+        // Other settings run other queries.
         assert!(begin("3 rays", false).find(name).is_none());
         assert!(begin("2 rays", true).find(name).is_none());
         begin("2 rays", false).end();
