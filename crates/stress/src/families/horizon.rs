@@ -7,7 +7,7 @@ use whitstone_oracle::naive::Real;
 
 /// Number of pixels, in a single row.
 const WIDTH: u32 = 16;
-/// Height of the camera above the plane, in squares. It is not an integer, so that no ray ends at a
+/// Height of the camera above the plane: about nine and a half squares, so that no ray ends at a
 /// border of squares, where every filter shows the mean.
 const HEIGHT: f64 = 3.0 * PI;
 /// Tangent of half of the field of view: a pixel is a thousandth of a radian wide.
