@@ -17,7 +17,7 @@ MAX_OPERANDS = 256
 MAX_NESTING = 16
 MAX_VERTICES = 4096
 
-# # Level sets, whose twins are in POV-Ray.
+# Level sets, whose twins are in POV-Ray.
 LEVEL_SETS = ("isosurface", "implicit", "fractal")
 
 
@@ -180,7 +180,7 @@ def edges_meet(vertices: np.ndarray) -> bool:
 
     count = len(a)
     for number in range(count - 1):
-        # # Consecutive edges meet in one point, unless the second folds back.
+        # Consecutive edges meet in one point, unless the second folds back.
         following = (number + 1) % count
         if side(a[number], b[number], b[following]) == 0 and np.dot(b[number] - a[number], b[following] - b[number]) < 0:
             return True
@@ -284,7 +284,8 @@ class Csg:
         elif kind == "mesh":
             triangles = self.mesh(fields, place, base)
             if triangles is not None:
-                # # A union of one operand: inside is where the winding number of the mesh is positive.
+                # A union of one operand: inside is where the winding number of the mesh is
+                # positive.
                 surface = Solid(UNION, [surfaces.ClosedMesh(place.world, *triangles)])
         elif kind == "sphere":
             surface = _sphere_operand(fields, place, base)

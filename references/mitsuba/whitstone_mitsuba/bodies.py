@@ -12,7 +12,7 @@ import numpy as np
 from .runtime import dr, mi
 from .shaders import Way
 
-# # The table index of the surroundings, outside of all bodies.
+# The table index of the surroundings, outside of all bodies.
 NONE = 64
 
 
@@ -20,13 +20,13 @@ NONE = 64
 class Face:
     """A face as rays hit it."""
 
-    # # The bodies in front and behind, one bit each.
+    # The bodies in front and behind, one bit each.
     before: Any
     behind: Any
     passed: Any
     # n_t/n_i.
     eta: Any
-    # # Absorption behind the face.
+    # Absorption behind the face.
     absorption: Any
 
     def branch(self, letter: str, si: Any) -> Way:
@@ -34,7 +34,7 @@ class Face:
         r, cos_t, _, eta_ti = mi.fresnel(dr.abs(si.wi.z), self.eta)
         if letter == "R":
             return Way(mi.Color3f(dr.select(self.passed, 0, r)), mi.reflect(si.wi))
-        # # `cos_t` holds for a viewer above.
+        # `cos_t` holds for a viewer above.
         bent = mi.Vector3f(-eta_ti * si.wi.x, -eta_ti * si.wi.y, dr.select(si.wi.z < 0, -cos_t, cos_t))
         total = cos_t == 0
         weight = dr.select(self.passed, 1, dr.select(total, 0, (1 - r) * eta_ti * eta_ti))

@@ -18,14 +18,15 @@ from .errors import Unsupported
 from .fields import REQUIRED, Fields, nearest
 from .runtime import dr, mi
 
-# # Mitsuba starts rays on the near clip plane; a power of two makes undoing this exact. The far clip limits nothing here.
+# Mitsuba starts rays on the near clip plane; a power of two makes undoing this exact. The far clip
+# limits nothing here.
 NEAR = 2.0**-7
 FAR = 1e4
 
 Hosted = Optional[Tuple[str, str]]
 
 KINDS = ("perspective", "orthographic", "thin_lens", "environment")
-# # Cameras with an image window at a distance.
+# Cameras with an image window at a distance.
 WINDOWED = ("perspective", "thin_lens")
 
 
@@ -79,7 +80,7 @@ class Camera:
         if self.kind == "environment":
             return False
         if self.lens is not None:
-            # # Mitsuba's lens must have a positive size, and its window is centred.
+            # Mitsuba's lens must have a positive size, and its window is centred.
             centred = abs(left + right) <= 1e-12 * (right - left) and abs(bottom + top) <= 1e-12 * (top - bottom)
             return self.lens.aperture > 0 and centred and self.square_pixels()
         return self.kind == "orthographic" or self.square_pixels()
@@ -99,7 +100,7 @@ class Camera:
         """
         left, right, bottom, top, distance = self.window
         matrix = np.eye(4)
-        # # Mitsuba's cameras look along +Z, with +X to the left.
+        # Mitsuba's cameras look along +Z, with +X to the left.
         matrix[:3, :3] = self.axes * [-1, 1, -1]
         matrix[:3, 3] = self.origin
         if self.kind == "environment":
@@ -115,7 +116,7 @@ class Camera:
             sensor["principal_point_offset_x"] = (left + right) / 2 / (right - left)
             sensor["principal_point_offset_y"] = -(bottom + top) / 2 / (top - bottom)
         else:
-            # # Before the transform, its view is 2 wide and 2 * height / width high.
+            # Before the transform, its view is 2 wide and 2 * height / width high.
             centre = np.eye(4)
             centre[:2, 3] = -(left + right) / 2, (bottom + top) / 2
             scale = np.diag([(right - left) / 2, (top - bottom) / 2 * self.width / self.height, 1, 1])
@@ -182,7 +183,7 @@ class Camera:
                 aperture = mi.Point2f(mi.Float(np.ascontiguousarray(1 - square[:, 0])), mi.Float(np.ascontiguousarray(square[:, 1])))
             ray, _ = sensor.sample_ray(0.0, 0.5, film, aperture)
             if self.near == 0:
-                # # The model's rays start at the camera or on the lens, not on the near clip plane.
+                # The model's rays start at the camera or on the lens, not on the near clip plane.
                 start = mi.Point3f(ray.o - NEAR * ray.d) if self.kind == "orthographic" else _points(o)
                 return start, mi.Vector3f(ray.d)
             d = mi.Vector3f(ray.d).numpy().astype(np.float64).reshape(3, -1)

@@ -92,7 +92,7 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     bare.document = replace(document, integrator=replace(document.integrator, follow=False))
     bare.ambient_light = mi.Color3f(dr.opaque(mi.Float, 0.0))
     tracer = Tracer(bare, [setting])
-    tracer.native_uv = True  # # Mitsuba's integrators do not know the model's uv
+    tracer.native_uv = True  # Mitsuba's integrators do not know the model's uv
     x, y = _pixels(built)
     rays = tracer.camera_rays(x, y, np.zeros(len(x), dtype=np.int64), _CENTRE)
     level, _ = tracer.level(rays, 0)
@@ -101,8 +101,8 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     lit = smooth[np.minimum(material, len(document.materials))]
     if not lit.any():
         raise NotApplicable("no pixel shows a surface that reflects the lights")
-    theirs = np.zeros((rays.real, 3), dtype=np.float32)  # # accumulated in the order of the driver
-    # # One emitter at a time: of several, the integrator would choose one at random.
+    theirs = np.zeros((rays.real, 3), dtype=np.float32)  # accumulated in the order of the driver
+    # One emitter at a time: of several, the integrator would choose one at random.
     for emitter in built.emitters:
         scene, _ = load_shapes(document, built.bsdfs, setting, {"zz_emitter": emitter})
         theirs += _sample({"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}, scene, rays)
@@ -127,7 +127,7 @@ def _path(built: Built, setting: Setting) -> Dict[str, Any]:
     if max(document.lights.background) == 0:
         raise NotApplicable("there is no background to be seen in the mirrors")
     bare = copy.copy(built)
-    # # Mitsuba returns black beyond the last bounce, and has no contribution threshold.
+    # Mitsuba returns black beyond the last bounce, and has no contribution threshold.
     bare.document = replace(document, integrator=replace(document.integrator, limit_background=False, min_contribution=0.0))
     tracer = Tracer(bare, [setting])
     tracer.native_uv = True

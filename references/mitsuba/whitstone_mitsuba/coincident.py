@@ -19,18 +19,20 @@ import numpy as np
 from . import surfaces
 from .solids import Solid
 
-# # Width of a gap, relative to the largest coordinate of the surfaces plus this coordinate (but at most 1 m).
+# Width of a gap, relative to the largest coordinate of the surfaces plus this coordinate (but at
+# most 1 m).
 GAP = 2.0**-19
-# # Planes at most this far apart coincide, relative to the largest coordinate (model §9).
+# Planes at most this far apart coincide, relative to the largest coordinate (model §9).
 APART = 16 * 2.0**-52
-# # Upper bounds on the faces near other shapes that are compared, and on pairs of them.
+# Upper bounds on the faces near other shapes that are compared, and on pairs of them.
 MOST_FACES, MOST_PAIRS = 10000, 50000
-# # A lamp lies in a plane at most this far away, relatively; shadow rays may arrive at a grazing angle.
+# A lamp lies in a plane at most this far away, relatively; shadow rays may arrive at a grazing
+# angle.
 NEAR_LAMP = 64 * 2.0**-52
 SLANT = 64.0
-# # Planes are sorted by a key; those whose keys differ by less than this, relatively, are compared.
+# Planes are sorted by a key; those whose keys differ by less than this, relatively, are compared.
 ALIKE = 1e-10
-# # Vertices of the polygon that approximates a disk.
+# Vertices of the polygon that approximates a disk.
 ROUND = 48
 
 
@@ -40,7 +42,7 @@ class Face:
     plane).
     """
 
-    # # Part of the shape: axis and side of a box, cap of a cylinder, triangle of a mesh.
+    # Part of the shape: axis and side of a box, cap of a cylinder, triangle of a mesh.
     part: int
     normal: np.ndarray
     corners: np.ndarray
@@ -58,16 +60,16 @@ class Outline:
     low: np.ndarray
     high: np.ndarray
     closed: Callable[[], bool]
-    # # Flat faces; those of a mesh are derived from its triangles.
+    # Flat faces; those of a mesh are derived from its triangles.
     faces: List[Face] = field(default_factory=list)
-    # # World-space positions and vertex indices of triangles.
+    # World-space positions and vertex indices of triangles.
     mesh: Optional[Tuple[np.ndarray, np.ndarray]] = None
-    # # Centre, or both ends of the axis, and radius.
+    # Centre, or both ends of the axis, and radius.
     ball: Optional[Tuple[np.ndarray, float]] = None
     tube: Optional[Tuple[np.ndarray, float]] = None
-    # # Positions of the caps of a cylinder in object space.
+    # Positions of the caps of a cylinder in object space.
     z: Sequence[float] = (-1.0, 1.0)
-    # # Whether it cannot be rebuilt with moved faces.
+    # Whether it cannot be rebuilt with moved faces.
     rigid: bool = False
     endless: bool = False
 
@@ -87,7 +89,7 @@ class Found:
 
     changes: Dict[int, Change] = field(default_factory=dict)
     told: List[dict] = field(default_factory=list)
-    # # Normal, a point, and the total width of the gaps in metres.
+    # Normal, a point, and the total width of the gaps in metres.
     planes: List[Tuple[np.ndarray, np.ndarray, float]] = field(default_factory=list)
 
     def margin(self, point: np.ndarray) -> float:
@@ -208,7 +210,7 @@ def outline(kind: str, world: np.ndarray, what: Any, how: Any) -> Optional[Outli
         return None
     if kind == "sphere":
         return Outline(ball[:3] - ball[3], ball[:3] + ball[3], lambda: True, ball=(ball[:3], float(ball[3])))
-    # # Mitsuba's open cylinder: its texture coordinate along the axis is 0 and 1 at the ends.
+    # Mitsuba's open cylinder: its texture coordinate along the axis is 0 and 1 at the ends.
     ends = np.array([np.linalg.solve(what.wrap[:, :3], np.array([0, 0, v]) - what.wrap[:, 3]) for v in (0.0, 1.0)])
     low, high = ends.min(axis=0) - ball[3], ends.max(axis=0) + ball[3]
     return Outline(low, high, lambda: False, tube=(ends, float(ball[3])))
@@ -223,7 +225,7 @@ class Node:
 
     shape: int
     form: str
-    # # Flat faces by part; the normal of the first one is the normal of the node.
+    # Flat faces by part; the normal of the first one is the normal of the node.
     parts: Dict[int, Face] = field(default_factory=dict)
 
     @property
@@ -302,7 +304,7 @@ def _coincide(one: Face, other: Face) -> bool:
         return away <= APART * float(np.abs([one.corners[0], other.corners[0]]).max())
     if one.endless or (not other.endless and np.ptp(one.corners, axis=0).max() > np.ptp(other.corners, axis=0).max()):
         one, other = other, one
-    # # Distance of the vertices of the smaller face from the plane of the larger one.
+    # Distance of the vertices of the smaller face from the plane of the larger one.
     apart = np.abs((one.corners - other.corners[0]) @ other.normal).max()
     if apart > APART * max(one.largest, other.largest):
         return False
@@ -320,7 +322,7 @@ class _Flats:
 
     def keys(self) -> np.ndarray:
         """Keys that are nearly equal for faces in one plane."""
-        # # Any direction that few normals are perpendicular to: opposite normals get one sign.
+        # Any direction that few normals are perpendicular to: opposite normals get one sign.
         sign = np.where(self.normal @ np.array([0.5377, 0.6271, 0.5636]) < 0, -1.0, 1.0)
         offset = (self.normal * self.corner).sum(axis=1)
         return sign * (self.normal @ np.array([0.2819, 0.4931, 0.8234]) + 0.7193 * offset)
@@ -367,7 +369,7 @@ def _flat(flats: _Flats, outlines: Dict[int, Outline], classes: _Classes) -> Opt
     ends = np.flatnonzero(np.diff(key[order]) > ALIKE * (1 + np.abs(key[order][1:]))) + 1
     starts = np.concatenate([[0], ends])
     shapes = flats.shape[order]
-    # # Only groups with faces of several shapes.
+    # Only groups with faces of several shapes.
     several = np.minimum.reduceat(shapes, starts) != np.maximum.reduceat(shapes, starts)
     runs = [(begin, end) for begin, end, kept in zip(starts, np.append(ends, len(order)), several) if kept]
     if sum(end - begin for begin, end in runs) > MOST_FACES:
@@ -461,7 +463,8 @@ def _levels(
     levels: List[int] = []
     for others in behind:
         levels.append(max((levels[other] + 1 for other in others), default=0))
-    # # A shape that cannot be rebuilt stays; otherwise an open surface, or the foremost of the closed shapes behind.
+    # A shape that cannot be rebuilt stays; otherwise an open surface, or the foremost of the closed
+    # shapes behind.
     ranks = [rank(node) for node in ordered]
     rigid = {level for node, level in zip(ordered, levels) if shapes[node.shape].outline.rigid}
     if len(rigid) > 1:
@@ -498,7 +501,7 @@ def _change(kind: str, world: np.ndarray, outline_: Outline, moves: Sequence[Tup
         return Change(scaled)
     inner = np.eye(4)
     if kind in ("box", "cylinder", "cone", "paraboloid", "hyperboloid"):
-        # # In the coordinates of the object space of the shape.
+        # In the coordinates of the object space of the shape.
         ends = np.array([[-1.0, 1.0], [-1.0, 1.0], outline_.z])
         for node, by in moves:
             if node.form == "cylinder":
@@ -535,7 +538,7 @@ def _displaced(mesh: Tuple[np.ndarray, np.ndarray], moves: Sequence[Tuple[Node, 
         length = np.linalg.norm(normals, axis=1)
         there = length > 0
         target = np.array([by_face.get(number, 0.0) for number in around])
-        # # Faces that must move have a larger weight than faces that should stay.
+        # Faces that must move have a larger weight than faces that should stay.
         weight = np.where(target != 0, 1e3, 1.0)[there]
         rows = normals[there] / length[there][:, None] * weight[:, None]
         result[point == place] = np.linalg.lstsq(rows, target[there] * weight, rcond=1e-6)[0]

@@ -32,7 +32,7 @@ class Integrator:
     limit_background: bool
     shadows: bool
     gouraud: bool = False
-    # # Whether transparent surfaces attenuate shadow rays instead of blocking them.
+    # Whether transparent surfaces attenuate shadow rays instead of blocking them.
     filtered: bool = False
 
     def bounces(self, directions: int) -> int:
@@ -59,9 +59,9 @@ class Document:
     materials: Tuple[materials.Material, ...]
     shapes: Tuple[shapes.Shape, ...]
     folder: Folder
-    # # Whether a surface has a texture that is filtered over footprints.
+    # Whether a surface has a texture that is filtered over footprints.
     footprints: bool = False
-    # # The coincident surfaces: dictionaries of shapes, form and gap, or of not_examined.
+    # The coincident surfaces: dictionaries of shapes, form and gap, or of not_examined.
     coincident: Tuple[dict, ...] = ()
 
     def used(self) -> set:
@@ -220,7 +220,7 @@ def parse(text: str, base: str) -> Document:
     if not errors and not unsupported:
         covered = footprints.used(material_reader.all, shape_list)
         unsupported += footprints.unsupported(material_reader.all, shape_list)
-    # # A document can be both invalid and unsupported; errors take precedence.
+    # A document can be both invalid and unsupported; errors take precedence.
     if errors:
         raise SceneError("\n".join(errors))
     if unsupported:

@@ -28,10 +28,12 @@ from .samplers import Samples
 from .scene import NOTHING, Built, geometry
 from .settings import Setting
 
-# # Upper bound on lanes traced together. A level takes about 300 bytes per lane.
+# Upper bound on lanes traced together. A level takes about 300 bytes per lane.
 LANES = 1 << 19
 
-# # Upper bound on lanes over all levels that wait for the backward pass; about 70 bytes per lane. If rays live for thousands of levels (between facing mirrors), fewer pixels are traced together instead.
+# Upper bound on lanes over all levels that wait for the backward pass; about 70 bytes per lane. If
+# rays live for thousands of levels (between facing mirrors), fewer pixels are traced together
+# instead.
 RECORDS = 1 << 24
 
 _BRANCH_NUMBERS = {"R": 1, "T": 2}
@@ -46,21 +48,22 @@ class Rays:
     o: Any
     d: Any
     throughput: Any
-    # # Absorption per metre of the ray's medium.
+    # Absorption per metre of the ray's medium.
     medium: Any
-    # # Hash of pixel and sample; hash of the path of branches; index of the setting.
+    # Hash of pixel and sample; hash of the path of branches; index of the setting.
     key: Any
     path: Any
     setting: Any
-    # # The facet that the ray leaves: see `spawn.Spawned`.
+    # The facet that the ray leaves: see `spawn.Spawned`.
     left_shape: Any
     left_facet: Any
     left_within: Any
     left_push: Any
-    # # The prioritised dielectrics that the ray is in, one bit each.
+    # The prioritised dielectrics that the ray is in, one bit each.
     inside: Any
     real: int = 0
-    # # Ray differentials, (n, 2, 2, 3) float64 in NumPy: see `footprints`. None in documents without textures that need them.
+    # Ray differentials, (n, 2, 2, 3) float64 in NumPy: see `footprints`. None in documents without
+    # textures that need them.
     spread: Optional[np.ndarray] = None
 
     def arrays(self) -> List[Any]:
@@ -105,18 +108,19 @@ class Hits:
     p: Any
     n_g: Any
     n_s: Any
-    # # n_s before rule S, for the AOV.
+    # n_s before rule S, for the AOV.
     n_raw: Any
     uv: Any
     shape: Any
     primitive: Any
-    # # The part of the surface that a ray cannot hit again right after it left it: a flat face, or a whole sphere.
+    # The part of the surface that a ray cannot hit again right after it left it: a flat face, or a
+    # whole sphere.
     facet: Any
     material: Any
-    # # Transmittance of the ray segment, and the throughput including it.
+    # Transmittance of the ray segment, and the throughput including it.
     transmittance: Any
     throughput: Any
-    # # The background on a miss; local terms are added here.
+    # The background on a miss; local terms are added here.
     local: Any
     rehit: Any
 
@@ -130,9 +134,10 @@ class Level:
     local: Any
     transmittance: Any
     footprint: Optional[footprints.Footprint] = None
-    # # Per branch letter: parents (lane here), weights, children (lane in the next level); children are None at the depth limit.
+    # Per branch letter: parents (lane here), weights, children (lane in the next level); children
+    # are None at the depth limit.
     links: List[Tuple[str, np.ndarray, Any, Optional[np.ndarray], Any]] = field(default_factory=list)
-    # # Per lamp (lanes, visible, contribution); only when recording.
+    # Per lamp (lanes, visible, contribution); only when recording.
     lamps: List[Tuple[np.ndarray, int, Any, Any]] = field(default_factory=list)
     ambient: List[Tuple[np.ndarray, Any]] = field(default_factory=list)
 
@@ -147,14 +152,15 @@ class Tracer:
         self.document = built.document
         self.settings = list(settings)
         self.record = record
-        # # Use Mitsuba's own uv instead of the model's: for the check against its integrators.
+        # Use Mitsuba's own uv instead of the model's: for the check against its integrators.
         self.native_uv = False
         self.counts = Counts()
         self.levels: List[Level] = []
-        # # Upper bound on the number of reflection rays per hit, and the number of lanes that stays below LANES after branching.
+        # Upper bound on the number of reflection rays per hit, and the number of lanes that stays
+        # below LANES after branching.
         self.spread = max((material.spread for material in self.document.materials), default=1)
         self.lanes = LANES // self.spread
-        # # Whether any surface lets shadow rays pass.
+        # Whether any surface lets shadow rays pass.
         integrator = self.document.integrator
         used = {shape.material for shape in self.document.shapes}
         self.through = integrator.shadows and any(built.shaders[number].passes(integrator.filtered) for number in used)
@@ -188,7 +194,7 @@ class Tracer:
         """
         samples, (width, height) = self.document.samples, (self.document.width, self.document.height)
         lens = max(samples.lens, 1)
-        # # The first samples of all pixels and their neighbours, each pixel once per setting.
+        # The first samples of all pixels and their neighbours, each pixel once per setting.
         offsets = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)])
         beside_x, beside_y = x[:, None] + offsets[:, 0], y[:, None] + offsets[:, 1]
         there = (beside_x >= 0) & (beside_x < width) & (beside_y >= 0) & (beside_y < height)
@@ -233,7 +239,7 @@ class Tracer:
                 self.counts, self._pending = before
                 continue
             first += step
-            for number in range(len(samples)):  # # one after another: a fixed order of additions
+            for number in range(len(samples)):  # one after another: a fixed order of additions
                 total[span] += radiance[:, number]
             least[span], most[span] = radiance.min(axis=1), radiance.max(axis=1)
         return Sums(total, least, most)
@@ -267,7 +273,8 @@ class Tracer:
             o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),
             mi.UInt32(which.astype(np.uint32)), *spawn.nowhere(width), dr.zeros(mi.UInt64, width), real=count,
         )  # fmt: skip
-        # # Every lane needs its own memory: arrays that repeat one value are another kind of kernel input.
+        # Every lane needs its own memory: arrays that repeat one value are another kind of kernel
+        # input.
         for array in rays.arrays():
             dr.make_opaque(array)
         rays.o, rays.d = self._perturb(rays.o, rays.d, rays.key, rays.path, rays.setting)
@@ -299,7 +306,8 @@ class Tracer:
                 break
             depth += 1
             if children.real > self.lanes:
-                # # Each part is traced to its end before the next one starts, which bounds the memory.
+                # Each part is traced to its end before the next one starts, which bounds the
+                # memory.
                 pieces = [
                     self.trace(children.gather(np.arange(first, min(first + self.lanes, children.real))), depth)
                     for first in range(0, children.real, self.lanes)
@@ -335,7 +343,7 @@ class Tracer:
         level = Level(rays, hits, hits.local, hits.transmittance)
         if rays.spread is not None:
             level.footprint = self.built.surfaces.meet(rays, hits)
-        # # Group lanes by material: a stable sort of their numbers.
+        # Group lanes by material: a stable sort of their numbers.
         numbers = hits.material.numpy()[: max(rays.real, 1)]
         order = np.argsort(numbers, kind="stable").astype(np.uint32)
         starts = np.searchsorted(numbers[order], np.arange(len(self.document.materials) + 1))
@@ -381,7 +389,7 @@ class Tracer:
         shape = dr.select(valid, dr.gather(mi.UInt32, b.shape_of_registry, registry, valid), NOTHING)
         n_g = mi.Vector3f(si.n) * dr.gather(mi.Float, b.flip, shape, valid)
         n_raw = dr.select(dr.gather(mi.UInt32, b.smooth_normals, shape, valid) == 1, mi.Vector3f(si.sh_frame.n), n_g)
-        # # Rule S: the viewer must be on the same side of n_s as of n_g.
+        # Rule S: the viewer must be on the same side of n_s as of n_g.
         n_s = dr.select(dr.dot(rays.d, n_raw) * dr.dot(rays.d, n_g) < 0, -n_raw, n_raw)
         rule = dr.gather(mi.UInt32, b.primitive_rule, shape, valid)
         primitive = dr.select(rule == 0, 0, si.prim_index // dr.maximum(rule, 1))
@@ -530,7 +538,7 @@ class Tracer:
             visible = counts & ~self._shadowed(level, lanes, number, si.p, n_g, l, goal, counts)
             self._count("shadow", counts, len(lanes_here))
         irradiance = dr.select(visible, irradiance, 0)
-        # # Where the lamp does not count, the direction may be NaN; the product with 0 must be 0.
+        # Where the lamp does not count, the direction may be NaN; the product with 0 must be 0.
         l = dr.select(counts, l, n)  # noqa: E741
         dr.eval(l, irradiance, visible)
         return l, irradiance, visible
@@ -558,7 +566,7 @@ class Tracer:
 
         shadowed = self.built.scene.ray_test(ray(left.o, l, goal, key, path, setting), active)
         dr.eval(shadowed, active, left.arrays())
-        # # Rays that are blocked by the facet that they left start again with a larger offset.
+        # Rays that are blocked by the facet that they left start again with a larger offset.
         blocked = np.flatnonzero((shadowed & active).numpy()[: len(lanes)])
         for attempt in range(spawn.ATTEMPTS + 1):
             if len(blocked) == 0:
@@ -601,10 +609,10 @@ class Tracer:
             return None
         parts: List[Rays] = []
         weights: List[Any] = []
-        # # By branch: parents, and lane indices in the concatenated parts.
+        # By branch: parents, and lane indices in the concatenated parts.
         found: Dict[str, List[Tuple[np.ndarray, np.ndarray]]] = {}
         offset = 0
-        # # Reflections before transmissions; those of a glossy surface in order.
+        # Reflections before transmissions; those of a glossy surface in order.
         for letter, which in [("R", which) for which in range(self.spread)] + [("T", 0)]:
             for number, lanes in groups.items():
                 material = self.document.materials[number]
@@ -664,7 +672,7 @@ class Tracer:
         throughput = dr.gather(mi.Color3f, hits.throughput, lanes) * weight
         strength = dr.max(throughput)
         keep = (strength > 0) & (strength >= self._cut) & ((leaving > 0) if letter == "R" else (leaving < 0))
-        # # One entry per lane, even if all are equal.
+        # One entry per lane, even if all are equal.
         weight = dr.select(keep, weight, 0)
         medium = dr.gather(mi.Color3f, rays.medium, lanes)
         if letter == "T" and way.straight is not True:

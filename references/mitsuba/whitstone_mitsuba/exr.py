@@ -15,7 +15,7 @@ from typing import Dict
 
 import numpy as np
 
-_LINES_PER_BLOCK = 16  # # lines per block of ZIP_COMPRESSION
+_LINES_PER_BLOCK = 16  # lines per block of ZIP_COMPRESSION
 _ZIP = 3
 _FLOAT = 2
 
@@ -56,7 +56,7 @@ def encode(channels: Dict[str, np.ndarray]) -> bytes:
             b"\0",
         ]
     )
-    # # In a block: line by line, and in each line channel by channel.
+    # In a block: line by line, and in each line channel by channel.
     planes = np.stack([np.asarray(channels[name], dtype="<f4") for name in names], axis=1)
     blocks = []
     for first in range(0, height, _LINES_PER_BLOCK):
@@ -78,7 +78,7 @@ def write(path: str, channels: Dict[str, np.ndarray]) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(encode(channels))
-        # # mkstemp restricts access to the owner; an image gets the usual permissions.
+        # mkstemp restricts access to the owner; an image gets the usual permissions.
         mask = os.umask(0)
         os.umask(mask)
         os.chmod(temporary, 0o666 & ~mask)
