@@ -36,7 +36,9 @@ def _add(readers: Dict[str, Any], family: str, kind: str, reader: Reader) -> Non
 
 
 def shape(kind: str) -> Callable[[Reader], Reader]:
-    """Of a reader `(fields, place, base) -> surfaces.Surface`, in world space by `place.world`."""
+    """Registers a reader `(fields, place, base) -> surfaces.Surface`, in world space by
+    `place.world`.
+    """
 
     def add(reader: Reader) -> Reader:
         def read(fields: Any, place: Any, base: Any) -> Tuple[Any, str]:
@@ -49,7 +51,7 @@ def shape(kind: str) -> Callable[[Reader], Reader]:
 
 
 def material(kind: str) -> Callable[[Reader], Reader]:
-    """Of a reader `(fields, textures) -> materials.Material`."""
+    """Registers a reader `(fields, textures) -> materials.Material`."""
 
     def add(reader: Reader) -> Reader:
         _add(materials.READERS, "material", kind, reader)
@@ -59,8 +61,8 @@ def material(kind: str) -> Callable[[Reader], Reader]:
 
 
 def texture(kind: str) -> Callable[[Reader], Reader]:
-    """Of a reader `(fields, base)` that returns an object with `range()` and `build()`, such as
-    `textures.Constant`.
+    """Registers a reader `(fields, base)` that returns an object with `range()` and `build()`, such
+    as `textures.Constant`.
     """
 
     def add(reader: Reader) -> Reader:
@@ -71,7 +73,7 @@ def texture(kind: str) -> Callable[[Reader], Reader]:
 
 
 def light(kind: str) -> Callable[[Reader], Reader]:
-    """Of a reader `(fields, index) -> lights.Lamp`."""
+    """Registers a reader `(fields, index) -> lights.Lamp`."""
 
     def add(reader: Reader) -> Reader:
         _add(lights.LAMPS, "light", kind, reader)
@@ -81,7 +83,7 @@ def light(kind: str) -> Callable[[Reader], Reader]:
 
 
 def load(paths: Sequence[str]) -> None:
-    """Runs the files. Raises `DriverError` with the file's name where one cannot be run."""
+    """Runs the files. Raises `DriverError` with the file's name if one cannot be run."""
     for number, path in enumerate(paths):
         name = f"whitstone_twin_{number}_{os.path.splitext(os.path.basename(path))[0]}"
         spec = importlib.util.spec_from_file_location(name, path)
@@ -89,5 +91,5 @@ def load(paths: Sequence[str]) -> None:
             raise DriverError(f"{path}: a twin is a Python file")
         try:
             spec.loader.exec_module(importlib.util.module_from_spec(spec))
-        except Exception as error:  # whatever a stranger's file raises
+        except Exception as error:  # anything that an out-of-tree file may raise
             raise DriverError(f"the twin {path} cannot be used: {type(error).__name__}: {error}") from error
