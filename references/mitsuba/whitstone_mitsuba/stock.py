@@ -1,17 +1,16 @@
-"""Images by Mitsuba's own C++ integrators, along the driver's camera rays (op `stock`).
+"""Images by Mitsuba's own C++ integrators on the driver's camera rays (op `stock`).
 
-Stock sensors jitter their rays, so `Integrator.sample` gets those of the model. All else is
-Mitsuba's: intersections, offsets of spawned rays, emitter sampling and, for native materials,
+Stock sensors jitter their rays, so `Integrator.sample` gets the rays of the model. Everything else
+is Mitsuba's: intersections, offsets of spawned rays, emitter sampling and, for native materials,
 BSDFs.
 
-- Where every surface is lit directly, the image is the sum of `direct` with each light alone (of
+- If every surface is lit directly only, the image is the sum of `direct` with each light alone (of
   several, the integrator would choose one at random) and of the directly visible background (`path`
   of depth 1).
-- Where every surface only reflects or refracts, it is `path`, which follows one branch a hit at
-  random.
+- If every surface only reflects or refracts, it is `path`, which follows one random branch per hit.
 
-Other scenes have no stock integrator: `path` adds light between diffuse surfaces, `direct` follows
-no reflections.
+Other scenes have no stock integrator: `path` adds light between diffuse surfaces, and `direct`
+follows no reflections.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Twins of plugins from outside: Python files that `serve --twin FILE` runs before the first
-request.
+"""Twins of out-of-tree plugins: Python files that `serve --twin FILE` runs before the first request.
 
-A file gives the reader of a type by a decorator; it gets the keys of the table (`Fields`) and must
-use all that it allows:
+A file registers the reader of a type with a decorator. The reader gets the keys of the table
+(`Fields`) and must take every key that it allows:
 
     from whitstone_mitsuba import twins
     from whitstone_mitsuba.surfaces import Surface
@@ -11,8 +10,8 @@ use all that it allows:
     def read(fields, place, base):
         return Superquadric(place.world, fields.vector("radii", (1, 1, 1)))
 
-A twin is written from what its plugin promises, by another method than the plugin's: two copies of
-one mistake agree.
+Write a twin from the specification of its plugin, and use another method than the plugin: two
+copies of the same mistake agree.
 """
 
 from __future__ import annotations
