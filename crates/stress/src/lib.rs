@@ -114,7 +114,7 @@ impl Sample {
         sample
     }
 
-    /// Adds an error.
+    /// Adds an error to both measures; one that is not finite is only counted.
     pub fn add(&mut self, error: f64) {
         if error.is_finite() {
             self.error = self.error.max(error);

@@ -1,8 +1,7 @@
 //! Level sets by ray marching: constant steps along the ray until the sign changes, then bisection.
 //!
-//! Hart, Sandin and Kauffman 1989, *Ray tracing deterministic 3-D fractals*, give this method as
-//! the fallback if nothing more is known about the surface. Features thinner than a step are
-//! missed.
+//! Hart, Sandin and Kauffman 1989, *Ray tracing deterministic 3-D fractals*, name it as the
+//! method that is used if nothing better is known. Features thinner than a step are missed.
 
 use super::{Real, Textbook, Vector, at, dot};
 use crate::shapes::level::{Jet, Level, LevelSet, Number};

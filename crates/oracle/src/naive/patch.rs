@@ -1,5 +1,5 @@
 //! Bicubic patches by Newton's method from nine starting points. Toth, *On ray tracing parametric
-//! surfaces*, SIGGRAPH 1985, without its convergence test.
+//! surfaces*, SIGGRAPH 1985, without its proof of convergence.
 
 use super::{Real, Textbook, Vector, cross, dot, minus, vector};
 

@@ -426,7 +426,7 @@ impl At<'_> {
                 let r = reflected(weight);
                 let [x, y] = self.across(r.direction);
                 let about = |q: &DVec3| Branch {
-                    // `course` stays.
+                    // `course` remains the mirror direction.
                     direction: q.x * x + q.y * y + q.z * r.direction,
                     ..r
                 };
