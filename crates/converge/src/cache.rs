@@ -1,4 +1,4 @@
-//! What is finished is kept, so that a run that was broken off goes on where it stopped.
+//! Cache of finished measurements, so that an interrupted run continues where it stopped.
 
 use crate::errors::Measured;
 use crate::usage::Ticks;
@@ -8,55 +8,55 @@ use std::collections::HashSet;
 use std::path::PathBuf;
 use whitstone_image::{Image, Limits, atomic, exr_io};
 
-/// What is known of one configuration, perhaps not yet all of its times.
+/// The measurements of one configuration; some times may still be missing.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Record {
-    /// Building the scene, in seconds.
+    /// Time to build the scene, in seconds.
     pub build_s: f64,
-    /// Wall times of the rendering, in seconds, in the order in which they were taken.
+    /// Wall-clock times of the rendering, in seconds, in the order of measurement.
     pub times: Vec<f64>,
-    /// Processor times of all threads, beside the wall times.
+    /// Processor times of all threads, in seconds, one for each wall-clock time.
     pub cpu: Vec<f64>,
     /// Rays traced in one rendering.
     pub rays: u64,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u32,
-    /// Triangles and other primitives; of Mitsuba not known.
+    /// Number of triangles and other primitives; unknown for Mitsuba.
     pub primitives: Option<u64>,
-    /// Bytes that building and rendering took at most, where the system tells.
+    /// Peak memory of building and rendering in bytes, if the system reports it.
     pub memory: Option<u64>,
-    /// Processor time of the machine meanwhile.
+    /// Processor time of the machine during the measurements.
     #[serde(default)]
     pub used: Ticks,
-    /// How many repeats are enough.
+    /// Number of repeats that are needed.
     pub repeats: usize,
-    /// How many the time that is allowed has room for.
+    /// Number of repeats that fit in the time budget.
     pub affordable: usize,
-    /// Renderings in each of them.
+    /// Renderings per repeat.
     pub batch: u32,
-    /// Beside the truth.
+    /// Errors compared with the truth.
     pub errors: Measured,
 }
 
 impl Record {
-    /// Whether nothing is left to be measured.
+    /// Whether all repeats have been measured.
     pub fn is_complete(&self) -> bool {
         self.times.len() >= self.repeats
     }
 }
 
-/// A folder of records and of images that are taken for true.
+/// A folder of records and truth images.
 #[derive(Debug)]
 pub struct Cache {
     folder: PathBuf,
-    /// Whether what an earlier run has left there is used.
+    /// Whether results of earlier runs are used.
     reuse: bool,
-    /// What this run has kept.
+    /// Keys that this run has written.
     kept: RefCell<HashSet<String>>,
 }
 
 impl Cache {
-    /// In a folder that is made when it is needed.
+    /// A cache in this folder, which is created when it is needed.
     pub fn new(folder: PathBuf, reuse: bool) -> Self {
         Self {
             folder,
@@ -69,7 +69,7 @@ impl Cache {
         self.reuse || self.kept.borrow().contains(key)
     }
 
-    /// A name for what all of these texts determine.
+    /// A key that identifies the combination of these texts.
     pub fn key(parts: &[&str]) -> String {
         let mut hasher = blake3::Hasher::new();
         for part in parts {
@@ -80,7 +80,7 @@ impl Cache {
         hasher.finalize().to_hex()[..24].to_owned()
     }
 
-    /// What is known; a file that cannot be read is as good as none.
+    /// The stored record; a file that cannot be read counts as missing.
     pub fn record(&self, key: &str) -> Option<Record> {
         let bytes = std::fs::read(self.folder.join(format!("{key}.json"))).ok();
         bytes
@@ -88,7 +88,7 @@ impl Cache {
             .and_then(|bytes| serde_json::from_slice(&bytes).ok())
     }
 
-    /// Keeps it.
+    /// Stores a record.
     ///
     /// # Errors
     ///
@@ -102,14 +102,14 @@ impl Cache {
         Ok(())
     }
 
-    /// An image of an earlier run.
+    /// The stored image.
     pub fn image(&self, key: &str) -> Option<Image> {
         let path = self.folder.join(format!("{key}.exr"));
         let found = self.is_used(key) && path.is_file();
         exr_io::read(path, Limits::IMAGE).ok().filter(|_| found)
     }
 
-    /// Keeps it.
+    /// Stores an image.
     ///
     /// # Errors
     ///
@@ -122,11 +122,11 @@ impl Cache {
         Ok(())
     }
 
-    /// The folder, made if it is not there.
+    /// The folder, created if it does not exist.
     ///
     /// # Errors
     ///
-    /// If it cannot be made.
+    /// If it cannot be created.
     pub fn make(&self) -> Result<&std::path::Path, String> {
         std::fs::create_dir_all(&self.folder)
             .map_err(|error| format!("{}: {error}", self.folder.display()))?;

@@ -1,15 +1,15 @@
-//! How far an image is from the truth.
+//! Error metrics of an image compared with the truth.
 
 use serde::{Deserialize, Serialize};
 use whitstone_image::{Image, ImageError, Mask};
 
-/// Smoothing of the relative error, as `compare` has it.
+/// Regularisation of the relative error, as in `compare`.
 const RELATIVE_FLOOR: f64 = 0.01;
 
-/// Errors over some pixels; those that are not finite are counted, and are in no other number.
+/// Errors over a set of pixels. Pixels that are not finite are excluded, and counted separately.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Errors {
-    /// Root of the mean squared difference, in units of radiance.
+    /// Root mean square error, in units of radiance.
     pub rmse: f64,
     /// Mean of the squared difference over (truth² + 0.01).
     pub relmse: f64,
@@ -20,9 +20,9 @@ pub struct Errors {
 /// Errors of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
-    /// Of all pixels.
+    /// Over all pixels.
     pub whole: Errors,
-    /// Of those beside which the same surface is seen in the middle of every pixel.
+    /// Over interior pixels: those where the centres of all neighbours show the same surface.
     pub interior: Errors,
     /// Fraction of the pixels that are interior.
     pub interior_fraction: f64,
@@ -31,7 +31,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Of an image beside the truth. `edges` are the pixels that are not interior.
+    /// Compares an image with the truth. `edges` are the pixels that are not interior.
     ///
     /// # Errors
     ///
@@ -95,8 +95,8 @@ impl Sums {
     }
 }
 
-/// Root mean square of an image's finite values, times half a unit in the last place of single
-/// precision: what its file cannot tell.
+/// Rounding error of a single-precision image file: the root mean square of the finite values,
+/// times half a unit in the last place.
 pub fn rounding(image: &Image) -> f64 {
     let values = image
         .rgb()
@@ -109,8 +109,8 @@ pub fn rounding(image: &Image) -> f64 {
     mean.sqrt() * f64::from(f32::EPSILON) / 2.0
 }
 
-/// Pixels beside which, in any of eight directions, another shape is seen in the middle; `ids` row
-/// by row from the top.
+/// Pixels with a neighbour, in any of eight directions, whose centre shows another shape; `ids` are
+/// row by row from the top.
 pub fn edges(width: usize, height: usize, ids: &[f32]) -> Mask {
     Mask::from_fn(width, height, |x, y| {
         let own = ids.get(y * width + x);

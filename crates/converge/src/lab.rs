@@ -1,4 +1,4 @@
-//! Who renders: pipelines of the registry, and Mitsuba by the driver of the harness.
+//! The renderers: pipelines of the registry, and Mitsuba through the driver of the harness.
 
 use crate::cache::{Cache, Record};
 use crate::errors::{Measured, edges};
@@ -11,45 +11,46 @@ use whitstone_image::{Image, Limits, Mask, exr_io};
 use whitstone_scene::{Description, Flattened, Pipeline, Plan, RenderOptions, Sources, all_errors};
 use whitstone_validate::driver::{Driver, DriverError, Rendered, SceneText, Setting};
 
-/// Shorter renderings are timed several at once, in seconds: clocks and schedulers have grains.
+/// Shorter renderings, in seconds, are timed in batches, because clocks and schedulers have a
+/// limited resolution.
 const SHORTEST: f64 = 0.02;
-/// Most of them at once.
+/// Largest batch.
 const MOST_AT_ONCE: u32 = 50;
-/// Before each repeat: the threads of what ran before, perhaps of another process, look for work
-/// for a while before they sleep.
+/// Pause before each repeat: threads of the previous run, perhaps of another process, spin for a
+/// while before they sleep.
 const REST: Duration = Duration::from_millis(20);
-/// Fewest repeats.
+/// Smallest number of repeats.
 const FEWEST: usize = 3;
 
-/// How studies are measured.
+/// Options for measuring studies.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Repeats where a study says nothing.
+    /// Number of repeats, unless the study sets it.
     pub repeats: usize,
-    /// Overrides what a study says of repeats.
+    /// Overrides the number of repeats of every study.
     pub forced_repeats: Option<usize>,
-    /// Seconds that the repeats of one setting may take, in about; three repeats are taken in any
-    /// case.
+    /// Approximate time budget for the repeats of one setting, in seconds. At least three repeats
+    /// are measured in any case.
     pub budget: f64,
-    /// Threads of both; 0 for one a core.
+    /// Threads of both renderers; 0 for one per core.
     pub threads: usize,
-    /// How the user calls this program, for commands in reports.
+    /// How the user calls this program, for the commands in reports.
     pub program: String,
 }
 
-/// Who renders, and what is kept.
+/// The renderers, the cache and the options.
 pub struct Lab<'a> {
     pub(crate) registry: &'a Registry,
     pub(crate) mitsuba: Option<Driver>,
     /// Why Mitsuba takes no part.
     absent: String,
-    /// Of this program: another one has other times, and perhaps other images.
+    /// Hash of this program: another build has other times, and perhaps other images.
     program_hash: String,
-    /// The same of the driver.
+    /// Hash of the Mitsuba driver.
     driver_hash: String,
     pub(crate) cache: Cache,
     pub(crate) options: Options,
-    /// Whether only the first half of the times is taken.
+    /// Whether to stop after the first half of the times.
     pub(crate) halfway: bool,
 }
 
@@ -59,7 +60,7 @@ pub(crate) enum Ready {
     Mitsuba(Flattened),
 }
 
-/// A rendering.
+/// One rendering with its measurements.
 pub(crate) struct Shot {
     pub(crate) image: Image,
     pub(crate) seconds: f64,
@@ -72,8 +73,8 @@ pub(crate) struct Shot {
 }
 
 impl<'a> Lab<'a> {
-    /// `mitsuba` is its driver or why there is none, `driver_hash` a text that changes with the
-    /// driver.
+    /// `mitsuba` is the driver, or the reason why there is none. `driver_hash` is a text that
+    /// changes with the driver.
     pub fn new(
         registry: &'a Registry,
         mitsuba: Result<Driver, String>,
@@ -105,13 +106,13 @@ impl<'a> Lab<'a> {
         (engine == Engine::Mitsuba && self.mitsuba.is_none()).then_some(&*self.absent)
     }
 
-    /// Processor time of everything and of what takes part, where the system tells.
+    /// Processor time of the whole machine and of the measured processes, if the system reports it.
     fn ticks(&self) -> Option<Ticks> {
         let driver: Vec<u32> = self.mitsuba.iter().map(Driver::process).collect();
         Ticks::now(&driver)
     }
 
-    /// The name of what a rendering of a scene determines.
+    /// The cache key of everything that determines a rendering of a scene.
     pub(crate) fn key(&self, kind: &str, engine: Engine, flattened: &Flattened, truth: &str) -> String {
         let threads = self.options.threads.to_string();
         let Flattened { text, hash, .. } = flattened;
@@ -122,7 +123,7 @@ impl<'a> Lab<'a> {
         Cache::key(&[kind, engine.name(), text, hash, truth, &threads, version])
     }
 
-    /// The scene with changes, as one document.
+    /// The scene with changes, flattened to one document.
     pub(crate) fn flatten(&self, study: &Study, changes: &[Change]) -> Result<Flattened, String> {
         let sources = load(study, changes)?;
         let description =
@@ -130,7 +131,7 @@ impl<'a> Lab<'a> {
         Ok(description.flattened)
     }
 
-    /// The scene with changes, built.
+    /// Builds the scene with changes.
     pub(crate) fn build(&self, study: &Study, changes: &[Change]) -> Result<Pipeline, String> {
         let sources = load(study, changes)?;
         let report = |_: SceneErrors| placed(study, changes, &sources, all_errors(&sources, self.registry));
@@ -139,7 +140,7 @@ impl<'a> Lab<'a> {
         Pipeline::build(&plan, self.registry).map_err(report)
     }
 
-    /// Pixels that see more than one surface around their middles.
+    /// Pixels whose neighbourhood shows more than one surface.
     pub(crate) fn edges(&self, study: &Study, changes: &[Change]) -> Result<Mask, String> {
         let mut changes = changes.to_vec();
         let here = 0..0;
@@ -162,7 +163,7 @@ impl<'a> Lab<'a> {
         }
     }
 
-    /// Builds and renders once, for warmth and for the image.
+    /// Builds and renders once, to warm up and to get the image.
     pub(crate) fn first(
         &mut self,
         study: &Study,
@@ -181,12 +182,12 @@ impl<'a> Lab<'a> {
                 let flattened = self.flatten(study, changes)?;
                 let mut shot = self.shoot_mitsuba(&flattened)?;
                 let (build_s, memory) = (shot.build_s, shot.memory);
-                // The first one compiles kernels: how long the second one takes says how many
-                // repeats there can be.
+                // The first rendering compiles kernels, so the number of repeats is based on the
+                // second one.
                 shot = self.shoot_mitsuba(&flattened)?;
                 (shot.build_s, shot.memory) = (build_s, memory);
                 if study.against == Against::Primitives {
-                    // It does not tell; the scene is the same.
+                    // The driver does not report it; the scene is the same.
                     shot.primitives = Some(primitives(&self.build(study, changes)?));
                 }
                 Ok((Ready::Mitsuba(flattened), shot))
@@ -244,14 +245,14 @@ impl<'a> Lab<'a> {
             answer,
             Ok(_) | Err(DriverError::Refused(_) | DriverError::Unsupported(_))
         ) {
-            // It is gone, and with it everything that is still to be asked.
+            // The driver has crashed; no further Mitsuba renderings are possible.
             self.mitsuba = None;
             self.absent = "its driver broke down".to_owned();
         }
         answer.map_err(|error| error.to_string())
     }
 
-    /// How many repeats are enough, of what has room for some.
+    /// The number of repeats to measure, at most `affordable`.
     pub(crate) fn repeats(&self, study: &Study, affordable: usize) -> usize {
         let wanted = study
             .repeats
@@ -280,7 +281,7 @@ impl<'a> Lab<'a> {
         }
     }
 
-    /// One more repeat. What is short is rendered once before: caches are full of other things.
+    /// Measures one more repeat. Short renderings run once untimed before it, to warm the caches.
     pub(crate) fn time(&mut self, ready: &Ready, record: &mut Record) -> Result<(), String> {
         std::thread::sleep(REST);
         if record.batch > 1 {
@@ -326,8 +327,8 @@ fn load(study: &Study, changes: &[Change]) -> Result<Sources, String> {
         .map_err(|error| placed(study, changes, &error.sources, error.errors))
 }
 
-/// Errors of a changed scene: those in a change at the place in the study that makes it, the others
-/// where the scene has them.
+/// Formats the errors of a changed scene. Errors in a change point to its place in the study, all
+/// others to the scene.
 fn placed(study: &Study, changes: &[Change], sources: &Sources, errors: SceneErrors) -> String {
     let mut ours = SceneErrors::default();
     let mut theirs = SceneErrors::default();

@@ -1,10 +1,9 @@
-//! Error against run time, as work-precision sets of numerical software have it: a study names a
-//! scene, what is swept, and what is taken for true; every configuration is a curve of error over
-//! time.
+//! Measures error against run time (work-precision diagrams). A study names a scene, the parameters
+//! to sweep, and the truth; each configuration is a curve of error over time.
 //!
-//! Nothing is claimed that the measurement does not hold: no error within twice the truth's own,
-//! which other renderings of the truth tell; no time beyond the points that were measured; no ratio
-//! whose bounds are farther apart than a factor of two.
+//! Reports claim only what the measurement supports. They claim no error within twice the error of
+//! the truth itself, which is estimated from other renderings of the truth. They claim no time
+//! beyond the measured points, and no ratio whose bounds are farther apart than a factor of two.
 
 mod cache;
 pub mod errors;

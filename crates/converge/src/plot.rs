@@ -1,11 +1,11 @@
-//! A study as a picture: error against time, and error against what the slope is taken of, on
-//! logarithmic axes.
+//! Plots of a study with logarithmic axes: error against time, and error against the variable of
+//! the slope.
 
 use crate::report::{ABOVE_FLOOR, Point, SeriesReport, StudyReport, interval};
 use crate::study::{Against, Engine};
 use whitstone_plot::{Axis, COLORS, Figure, HEIGHT, LEFT, SECOND, TOP, WIDTH};
 
-/// As an SVG file.
+/// The plot as an SVG file.
 pub fn svg(report: &StudyReport) -> String {
     let series: Vec<&SeriesReport> = report
         .series
@@ -15,7 +15,7 @@ pub fn svg(report: &StudyReport) -> String {
     let points = || series.iter().flat_map(|series| &series.points);
     let least = ABOVE_FLOOR * report.floor_rmse;
     let bottom = TOP + HEIGHT;
-    // An error of exactly nothing would pull the axis down to where nothing is.
+    // A zero error would stretch the axis over empty decades.
     let errors = points().filter_map(|point| point.rmse).filter(|rmse| *rmse > 0.0);
     let errors = Axis::around(errors.chain([least]), bottom, TOP);
     let times = Axis::around(points().filter_map(|point| point.seconds), LEFT, LEFT + WIDTH);
@@ -38,7 +38,7 @@ pub fn svg(report: &StudyReport) -> String {
             "no claim below: twice the truth's own error",
         );
     }
-    // A colour for each configuration; Mitsuba's lines are dashed.
+    // One colour per configuration; Mitsuba's lines are dashed.
     let mut names: Vec<&str> = Vec::new();
     for series in &series {
         if !names.contains(&name(series)) {
@@ -78,7 +78,7 @@ pub fn svg(report: &StudyReport) -> String {
     figure.finish()
 }
 
-/// Textbook forms are configurations of their own.
+/// The name in the legend; textbook variants are configurations of their own.
 fn name(series: &SeriesReport) -> &str {
     match series.engine {
         Engine::Whitstone | Engine::Mitsuba => &series.configuration,
@@ -96,7 +96,7 @@ fn work(point: &Point, against: Against) -> Option<f64> {
     (x > 0.0).then_some(x)
 }
 
-/// What a point is, and how to have it again.
+/// The tooltip of a point, with the command that reproduces it.
 fn label(series: &SeriesReport, point: &Point) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.2e}"));
     format!(

@@ -1,5 +1,5 @@
-//! A family of stress cases as a study: the same rays by robust and by textbook forms, error
-//! against time for one of them.
+//! Studies of a stress family: the same rays by robust and by textbook formulas, as error against
+//! time per ray.
 
 use crate::lab::Lab;
 use crate::report::{Point, SeriesReport, StudyReport, TruthReport};
@@ -7,14 +7,14 @@ use crate::study::{Engine, Series, Setting, Study};
 use whitstone_core::{SceneError, nearest};
 use whitstone_stress::{FAMILIES, FamilyReport};
 
-/// Questions at each step of the knob.
+/// Queries at each step of the parameter.
 const RAYS: usize = 400;
-/// What the oracle's answers are rounded to before errors are taken.
+/// Rounding of the oracle's answers, which is the floor of the errors.
 const FLOOR: f64 = f64::EPSILON / 2.0;
 
 impl Lab<'_> {
-    /// The study of a family. What is called the root mean square elsewhere is the family's own
-    /// measure here, at its largest.
+    /// Measures the study of a family. The field for the root mean square error holds the largest
+    /// error in the family's own measure.
     pub(crate) fn measure_family(
         &mut self,
         study: &Study,

@@ -1,4 +1,4 @@
-//! What a study came to, and what of it may be claimed.
+//! The results of a study, and the claims that they support.
 
 use crate::cache::Record;
 use crate::errors::Measured;
@@ -9,60 +9,61 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Component, Path, PathBuf};
 
-/// An error is claimed only if it is this many times the floor of the truth.
+/// An error is claimed only if it is at least this many times the floor of the truth.
 pub(crate) const ABOVE_FLOOR: f64 = 2.0;
-/// A time whose interval is wider than this fraction of its median is noisy.
+/// A time is noisy if its interval is wider than this fraction of its median.
 const NOISY: f64 = 0.3;
-/// A ratio whose bounds are farther apart than this factor is noisy.
+/// A ratio is noisy if its bounds are farther apart than this factor.
 const NOISY_RATIO: f64 = 2.0;
-/// Where others used more than this part of the processor time, all ratios are noisy: engines
-/// suffer differently from it.
+/// If other processes used more than this fraction of the processor time, all ratios are noisy: the
+/// load affects engines differently.
 const OTHERS: f64 = 0.1;
 
 /// One setting of a configuration.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Point {
-    /// Such as `sampler.n=4`.
+    /// The setting, such as `sampler.n=4`.
     pub setting: String,
     /// Its value, if it is a number.
     pub value: Option<f64>,
-    /// Median wall time of the rendering; none where it failed.
+    /// Median wall-clock time of the rendering in seconds; `None` if it failed.
     pub seconds: Option<f64>,
-    /// Where that median lies with 95%; of fewer than six repeats, between which all of them are.
+    /// 95 % confidence interval of that median in seconds; with fewer than six repeats, their full
+    /// range.
     pub interval: Option<[f64; 2]>,
-    /// From one end of that to the other.
+    /// Width of that interval in seconds.
     pub spread: Option<f64>,
-    /// How many times were taken.
+    /// Number of repeats.
     pub repeats: usize,
     /// Whether the times spread too much.
     pub noisy: bool,
-    /// Median processor time of all threads.
+    /// Median processor time of all threads in seconds.
     pub cpu_seconds: Option<f64>,
-    /// Building the scene.
+    /// Time to build the scene in seconds.
     pub build_seconds: Option<f64>,
-    /// Bytes that building and rendering took at most.
+    /// Peak memory of building and rendering in bytes.
     pub memory_bytes: Option<u64>,
     /// Rays traced.
     pub rays: Option<u64>,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: Option<u32>,
-    /// Triangles and other primitives.
+    /// Number of triangles and other primitives.
     pub primitives: Option<u64>,
-    /// Over all pixels.
+    /// Root mean square error over all pixels.
     pub rmse: Option<f64>,
-    /// Over all pixels.
+    /// Relative mean square error over all pixels.
     pub relmse: Option<f64>,
-    /// Over all pixels.
+    /// Largest absolute error over all pixels.
     pub max: Option<f64>,
-    /// All errors, of the interior too.
+    /// All errors, including those of interior pixels.
     pub errors: Option<Measured>,
-    /// Whether the error is large enough beside the truth's own to be claimed.
+    /// Whether the error is far enough above the error of the truth to be claimed.
     pub above_floor: bool,
-    /// Whether no other point of its engine is both faster and nearer to the truth.
+    /// Whether no other point of its engine is both faster and more accurate.
     pub pareto: bool,
-    /// Renders it again.
+    /// The command that renders it again.
     pub command: String,
-    /// Why it is not there, or only partly.
+    /// Why it is missing or incomplete.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub problem: Option<String>,
 }
@@ -102,39 +103,39 @@ impl Point {
         }
     }
 
-    /// Time and error, where both are there and may be claimed.
+    /// Time and error, if both are known and may be claimed.
     fn claimed(&self) -> Option<[f64; 2]> {
         let whole = self.errors.is_some_and(|errors| errors.finite == 1.0);
         Some([self.seconds?, self.rmse?]).filter(|_| self.above_floor && whole)
     }
 }
 
-/// When an error is reached.
+/// The time at which an error is reached.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Reached {
-    /// Interpolated between two points, straight on logarithmic axes.
+    /// Interpolated linearly between two points on logarithmic axes.
     pub seconds: f64,
-    /// The same with the lower and the upper ends of the intervals of both.
+    /// The same, interpolated between the lower and between the upper ends of both intervals.
     pub interval: [f64; 2],
 }
 
 /// A configuration over all its settings.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SeriesReport {
-    /// Who rendered.
+    /// The renderer.
     pub engine: Engine,
-    /// As the study calls it.
+    /// The name in the study.
     pub configuration: String,
     /// In the order of the study.
     pub points: Vec<Point>,
-    /// Of the error against what the study says, on logarithmic axes.
+    /// Slope of the error against the variable that the study chooses, on logarithmic axes.
     pub slope: Option<f64>,
-    /// Where it lies with 95%.
+    /// 95 % confidence interval of the slope.
     pub slope_interval: Option<[f64; 2]>,
-    /// Where the study says that it lies.
+    /// The range that the study expects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_slope: Option<[f64; 2]>,
-    /// Errors that lie between two of its points.
+    /// Times to reach errors that lie between two of its points.
     pub time_to: BTreeMap<String, Reached>,
     /// Why it takes no part.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -176,7 +177,7 @@ impl SeriesReport {
         let Some((seconds, between)) = time_to(&axes, level) else {
             return;
         };
-        // The same point of the way, with other times at both ends.
+        // The same interpolation weight, with other times at both ends.
         let at = |which: usize| {
             let ends =
                 between.map(|index| [points[index].interval.unwrap_or_default()[which], axes[index][1]]);
@@ -196,7 +197,7 @@ impl SeriesReport {
     }
 }
 
-/// What the slope is taken of.
+/// The coordinates for the slope fit.
 fn step(point: &Point, against: Against) -> Option<[f64; 2]> {
     let x = match against {
         Against::Samples => f64::from(point.samples?),
@@ -210,43 +211,43 @@ fn step(point: &Point, against: Against) -> Option<[f64; 2]> {
     (x > 0.0 && rmse > 0.0).then_some([x, rmse])
 }
 
-/// As keys are written: `1e-2`.
+/// The key of an error level, such as `1e-2`.
 pub fn level_name(level: f64) -> String {
     format!("{level:e}")
 }
 
-/// An error reached by both engines, each with its best configuration.
+/// The times of both engines to reach an error, each with its best configuration.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct TimeTo {
     /// The error.
     pub error: f64,
-    /// Ours.
+    /// Whitstone's time in seconds.
     pub whitstone_s: Option<f64>,
-    /// With which configuration.
+    /// Whitstone's configuration.
     pub whitstone: Option<String>,
-    /// Mitsuba's.
+    /// Mitsuba's time in seconds.
     pub mitsuba_s: Option<f64>,
-    /// With which configuration.
+    /// Mitsuba's configuration.
     pub mitsuba: Option<String>,
-    /// Ours over Mitsuba's.
+    /// Whitstone's time over Mitsuba's.
     pub ratio: Option<f64>,
-    /// With the ends of intervals in the place of medians, at their worst.
+    /// The conservative bounds: interval ends instead of medians, in the worst combination.
     pub ratio_interval: Option<[f64; 2]>,
-    /// Whether that says too little.
+    /// Whether these bounds are too far apart.
     pub noisy: bool,
 }
 
-/// How a study ended.
+/// The result of a study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// All that it claims holds.
+    /// All expectations hold.
     Pass,
-    /// Something that it expects does not hold.
+    /// An expectation does not hold.
     Fails,
-    /// Some settings could not be measured; another run goes on from there.
+    /// Some settings could not be measured; another run continues from there.
     Incomplete,
-    /// The truth is not true enough for any claim.
+    /// The truth is not accurate enough for any claim.
     Withheld,
 }
 
@@ -261,18 +262,18 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// What the errors are measured against.
+/// The truth: the rendering that errors are measured against.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TruthReport {
-    /// Who rendered it.
+    /// The renderer.
     pub engine: Engine,
     /// Its changes of the scene.
     pub configuration: String,
-    /// Whether each series has one of its own.
+    /// Whether each series has its own truth.
     pub of_series: bool,
-    /// Other renderings of it; the floor is the largest distance to them.
+    /// Other renderings of the truth; the floor is the largest distance to them.
     pub checks: Vec<String>,
-    /// Measures all of this again.
+    /// The command that measures the study again.
     pub command: String,
 }
 
@@ -281,40 +282,40 @@ pub struct TruthReport {
 pub struct StudyReport {
     /// Its name.
     pub study: String,
-    /// One line.
+    /// The title, one line.
     pub title: String,
-    /// What it is to show.
+    /// The purpose of the study.
     pub about: String,
     /// The scene that is changed.
     pub scene: String,
-    /// What the errors are measured against.
+    /// The truth.
     pub truth: TruthReport,
-    /// The truth's own error: nothing is claimed below it.
+    /// Error of the truth itself: nothing below it is claimed.
     pub floor_rmse: f64,
-    /// What slopes are taken against.
+    /// The variable of the slopes.
     pub against: Against,
-    /// What stands for the error.
+    /// The name of the error measure.
     pub measure: String,
-    /// What the value is, where slopes are taken against it.
+    /// The name of the swept value, if slopes are taken against it.
     pub knob: String,
-    /// Everything that was measured.
+    /// All measurements.
     pub series: Vec<SeriesReport>,
-    /// By error, such as `1e-2`.
+    /// By error level, such as `1e-2`.
     pub time_to: BTreeMap<String, TimeTo>,
-    /// Whether the times spread too much for one of the ratios or, without those, for most of the
-    /// points.
+    /// Whether the times spread too much: for one of the ratios or, if there are none, for most of
+    /// the points.
     pub noisy: bool,
-    /// The part of the processor time that others used while this was timed, where the system
-    /// tells.
+    /// Fraction of the processor time that other processes used during the timing, if the system
+    /// reports it.
     #[serde(default)]
     pub others: Option<f64>,
-    /// All in all.
+    /// The overall result.
     pub verdict: Verdict,
-    /// What does not hold, what could not be measured.
+    /// Expectations that do not hold, and failed measurements.
     pub problems: Vec<String>,
-    /// What is not claimed, and why.
+    /// Claims that are withheld, with the reasons.
     pub withheld: Vec<String>,
-    /// Whether this is the quick form.
+    /// Whether this is the quick version.
     pub quick: bool,
 }
 
@@ -386,7 +387,7 @@ impl StudyReport {
         report
     }
 
-    /// The errors to be reached with who reaches them when, the largest error first.
+    /// The error levels with the times to reach them, the largest error first.
     pub fn levels(&self) -> Vec<(&str, &TimeTo)> {
         let mut levels: Vec<(&str, &TimeTo)> =
             self.time_to.iter().map(|(name, both)| (&**name, both)).collect();
@@ -405,7 +406,7 @@ impl StudyReport {
         self.measured().count() > 0 && !self.measured().any(|point| point.above_floor)
     }
 
-    /// Says what the floor leaves no claim of.
+    /// Records the claims that the floor rules out.
     fn withhold(&mut self) {
         let mut told = Vec::new();
         for series in &self.series {
@@ -431,7 +432,7 @@ impl StudyReport {
         self.withheld.extend(told);
     }
 
-    /// What could not be measured.
+    /// Failed and incomplete measurements.
     fn partial(&self) -> Vec<String> {
         let mut told = Vec::new();
         for series in &self.series {
@@ -452,7 +453,7 @@ impl StudyReport {
         told
     }
 
-    /// What is expected and does not hold.
+    /// Expectations that do not hold.
     fn expectations(&self, study: &Study) -> Vec<String> {
         let mut fails = Vec::new();
         for series in self.series.iter().filter(|series| series.absent.is_none()) {
@@ -513,8 +514,8 @@ impl StudyReport {
         fails
     }
 
-    /// Settings at which the first series has not the smaller error; or that the two have none in
-    /// common.
+    /// Settings at which the first series does not have the smaller error, or a message that the
+    /// two have no setting in common.
     fn not_smaller(&self, smaller: &str, greater: &str) -> Vec<String> {
         let (mut fails, mut compared) = (Vec::new(), 0);
         for engine in [Engine::Whitstone, Engine::Mitsuba] {
@@ -546,7 +547,7 @@ impl StudyReport {
         fails
     }
 
-    /// Series whose errors differ from those of the first one of their engine.
+    /// Series whose errors differ from those of the first series of their engine.
     fn unequal(&self) -> Vec<String> {
         let mut fails = Vec::new();
         for engine in [Engine::Whitstone, Engine::Mitsuba] {
@@ -574,7 +575,7 @@ impl StudyReport {
     }
 }
 
-/// Without the steps into a folder and out of it again.
+/// The path without components that enter a folder and leave it again.
 fn plain_path(path: &Path) -> String {
     let mut parts: Vec<Component<'_>> = Vec::new();
     for part in path.components() {
@@ -587,12 +588,12 @@ fn plain_path(path: &Path) -> String {
     plain.display().to_string().replace('\\', "/")
 }
 
-/// For people.
+/// Formats a number for people.
 pub(crate) fn optional(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |value| format!("{value:.2e}"))
 }
 
-/// A slope with its interval, for people.
+/// Formats a slope with its interval for people.
 pub(crate) fn interval(series: &SeriesReport) -> String {
     match (series.slope, series.slope_interval) {
         (Some(slope), Some([least, most])) => format!("{slope:.2} ({least:.2} to {most:.2})"),
@@ -600,7 +601,7 @@ pub(crate) fn interval(series: &SeriesReport) -> String {
     }
 }
 
-/// Marks the points that no other of the same engine beats.
+/// Marks the Pareto-optimal points of each engine.
 fn mark_fronts(series: &mut [SeriesReport]) {
     for engine in [Engine::Whitstone, Engine::Mitsuba] {
         let mut places = Vec::new();

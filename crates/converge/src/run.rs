@@ -1,5 +1,5 @@
-//! A study measured: the truth first, then every configuration once, then all of them again and
-//! again, in turns.
+//! Runs a study: first the truth, then every configuration once, then all of them repeatedly in
+//! turns.
 
 use crate::cache::{Cache, Record};
 use crate::errors::{Measured, rounding};
@@ -10,20 +10,20 @@ use crate::usage::Ticks;
 use whitstone_image::{Image, Mask};
 use whitstone_validate::quoted;
 
-/// A setting of a series on its way to a point.
+/// A setting of a series that is being measured.
 struct Job<'s> {
     series: usize,
     setting: usize,
-    /// Of the cache; empty where there is no scene.
+    /// The cache key; empty if the scene is invalid.
     key: String,
     ready: Option<Ready>,
     record: Result<Record, String>,
     study: &'s Study,
 }
 
-/// What is taken for true.
+/// The truth of a series.
 struct True {
-    /// Of its pixels.
+    /// Hash of its pixels.
     hash: String,
     image: Image,
     edges: Mask,
@@ -31,9 +31,10 @@ struct True {
 }
 
 impl Lab<'_> {
-    /// Takes the first half of the times of a study and keeps them: what is measured later with
-    /// [`Self::measure`] then has times of two sittings, with everything built anew between them,
-    /// and whatever else the machine did meanwhile.
+    /// First measuring session: takes the first half of the times of a study and stores them.
+    ///
+    /// A later [`Self::measure`] adds a second session. Everything is rebuilt between the two, and
+    /// the state of the machine may have changed.
     ///
     /// # Errors
     ///
@@ -48,11 +49,11 @@ impl Lab<'_> {
         sat.map(drop)
     }
 
-    /// Measures a study. `told` is what goes on.
+    /// Measures a study. `told` receives progress messages.
     ///
     /// # Errors
     ///
-    /// If the study or its scene is wrong, or there is no truth. What fails after that is in the
+    /// If the study or its scene is invalid, or there is no truth. Later failures are in the
     /// report.
     pub fn measure(&mut self, study: &Study, told: &dyn Fn(&str)) -> Result<StudyReport, String> {
         if study.stress.is_some() {
@@ -116,8 +117,8 @@ impl Lab<'_> {
         Ok(StudyReport::new(study, truth, floor, series, problems, others))
     }
 
-    /// Builds the first and the last setting of each series: an unknown path is told before
-    /// anything is rendered.
+    /// Builds the first and the last setting of each series, so that an unknown path is reported
+    /// before anything is rendered.
     fn check(&self, study: &Study) -> Result<(), String> {
         let mut reports: Vec<String> = Vec::new();
         for series in &study.series {
@@ -137,7 +138,7 @@ impl Lab<'_> {
         }
     }
 
-    /// The truth of a series, and how far other renderings of it are away.
+    /// The truth of a series, with the distance of its check renderings.
     fn truth(&mut self, study: &Study, series: &Series, problems: &mut Vec<String>) -> Result<True, String> {
         let image = self.true_image(study, series, &study.truth)?;
         let edges = self.edges(study, &study.truth_changes(&study.truth, series))?;
@@ -187,7 +188,7 @@ impl Lab<'_> {
         Ok(shot.image)
     }
 
-    /// Renders a setting once and measures its error, or takes what is known of it.
+    /// Renders a setting once and measures its error, or takes both from the cache.
     fn first_look<'s>(&mut self, study: &'s Study, series: usize, setting: usize, truth: &True) -> Job<'s> {
         let mut job = Job {
             series,
@@ -207,7 +208,7 @@ impl Lab<'_> {
         let flattened = self.flatten(study, &changes)?;
         job.key = self.key("point", series.engine, &flattened, &truth.hash);
         let known = self.cache.record(&job.key).map(|record| Record {
-            // More may be asked for than the last time.
+            // More repeats may be wanted than last time.
             repeats: self.repeats(study, record.affordable),
             ..record
         });
@@ -216,7 +217,7 @@ impl Lab<'_> {
         }
         let (ready, shot) = self.first(study, series.engine, &changes)?;
         job.ready = Some(ready);
-        // The times of the first sitting, or of a run that was broken off, still count.
+        // Times of the first session, or of an interrupted run, still count.
         if let Some(record) = known {
             return Ok(record);
         }
@@ -226,8 +227,8 @@ impl Lab<'_> {
         Ok(record)
     }
 
-    /// Every configuration once in each round, forwards and backwards in turns, so that what
-    /// disturbs the machine for a while, or slows it down more and more, disturbs all alike.
+    /// Measures every configuration once per round, alternately forwards and backwards. A temporary
+    /// disturbance or a gradual slowdown of the machine then affects all of them alike.
     fn rounds(&mut self, jobs: &mut [Job<'_>], told: &dyn Fn(&str)) {
         let rounds = jobs
             .iter()
@@ -253,7 +254,7 @@ impl Lab<'_> {
                 let timed = self.time(ready, record);
                 let kept = timed.and_then(|()| self.cache.keep(&job.key, record));
                 if let Err(problem) = kept {
-                    // What was measured before stays in the cache; the next run goes on from there.
+                    // Earlier measurements stay in the cache; the next run continues from there.
                     job.record = Err(problem);
                 }
             }
@@ -278,7 +279,7 @@ impl Lab<'_> {
         Point::new(setting, job.record.as_ref(), command)
     }
 
-    /// Measures this study again.
+    /// The command that measures this study again.
     pub(crate) fn command(&self, study: &Study) -> String {
         let quick = if study.quick { " --quick" } else { "" };
         let file = quoted(study.sources.name());

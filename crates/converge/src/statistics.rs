@@ -1,19 +1,19 @@
-//! Medians, slopes and what lies between points, on logarithmic axes.
+//! Medians, slopes and interpolation on logarithmic axes.
 
 use serde::Serialize;
 
-/// The middle of repeated times, and where it may lie.
+/// The median of repeated times, with its confidence interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Times {
-    /// In seconds.
+    /// The median in seconds.
     pub median: f64,
-    /// Where the median of any number of such times lies with 95%, in seconds; of fewer than six
-    /// times their whole range.
+    /// 95 % confidence interval of the median in seconds; for fewer than six times their full
+    /// range.
     pub interval: [f64; 2],
 }
 
 impl Times {
-    /// None without any.
+    /// The statistics; `None` without any times.
     pub fn of(times: &[f64]) -> Option<Self> {
         if times.is_empty() || !times.iter().all(|time| time.is_finite()) {
             return None;
@@ -27,23 +27,25 @@ impl Times {
         })
     }
 
-    /// From one end of the interval to the other, in seconds.
+    /// Width of the interval in seconds.
     pub fn spread(&self) -> f64 {
         self.interval[1] - self.interval[0]
     }
 }
 
-/// How many of `count` sorted values lie outside of the interval of the median with 95%, on each
-/// side: it is beyond the `k`-th one from either end with the probability that a fair coin, thrown
-/// `count` times, shows heads fewer than `k` times (Le Boudec, Performance Evaluation of Computer
-/// and Communication Systems, 2010, theorem 2.1). Whatever the distribution is, but the times must
-/// not depend on each other: so they are taken at two sittings.
+/// How many of `count` sorted values lie outside of the 95 % confidence interval of the median, on
+/// each side.
+///
+/// The median lies beyond the `k`-th value from either end with the probability that `count` tosses
+/// of a fair coin give fewer than `k` heads (Le Boudec, Performance Evaluation of Computer and
+/// Communication Systems, 2010, theorem 2.1). This holds for any distribution, but the times must
+/// be independent: so they are taken in two sessions.
 fn outside(count: usize) -> usize {
     let mut outside = 0;
     let mut term = 0.5_f64.powi(count as i32);
     let mut fewer = term;
     while outside + 1 < count.div_ceil(2) {
-        // Heads `outside + 1` times.
+        // The probability of `outside + 1` heads.
         term *= (count - outside) as f64 / (outside + 1) as f64;
         if fewer + term > 0.025 {
             break;
@@ -54,30 +56,30 @@ fn outside(count: usize) -> usize {
     outside
 }
 
-/// Of at least one value.
+/// The median of at least one sorted value.
 fn middle(sorted: &[f64]) -> f64 {
     let [below, above] = [(sorted.len() - 1) / 2, sorted.len() / 2];
     0.5 * (sorted[below] + sorted[above])
 }
 
-/// A straight line through points on logarithmic axes.
+/// A straight line fitted to points on logarithmic axes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Slope {
-    /// Of the least squares.
+    /// Slope of the least-squares fit.
     pub slope: f64,
-    /// Where the slope lies with 95%, if the points scatter about a line by chance.
+    /// 95 % confidence interval of the slope, if the points scatter randomly about a line.
     pub interval: [f64; 2],
 }
 
-/// Quantiles of Student's distribution for 95%, from one degree of freedom on.
+/// Quantiles of Student's t distribution for 95 %, from one degree of freedom up.
 const STUDENT: [f64; 30] = [
     12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131,
     2.120, 2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042,
 ];
 
 impl Slope {
-    /// Of (x, y), all greater than 0; none for fewer than three points or a single x: two points
-    /// always lie on a line.
+    /// Fits (x, y), all greater than 0. `None` for fewer than three points, which always lie on a
+    /// line, or for a single x.
     pub fn fit(points: &[[f64; 2]]) -> Option<Self> {
         let logs: Vec<[f64; 2]> = points.iter().map(|point| point.map(f64::ln)).collect();
         if logs.len() < 3 || logs.iter().flatten().any(|log| !log.is_finite()) {
@@ -108,7 +110,7 @@ impl Slope {
     }
 }
 
-/// What is on no axis worse than any other point: indices of (time, error) in order of time.
+/// The Pareto front: indices of (time, error) in ascending order of time.
 pub fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len())
         .filter(|index| points[*index].iter().all(|x| x.is_finite()))
@@ -126,11 +128,12 @@ pub fn pareto(points: &[[f64; 2]]) -> Vec<usize> {
     order
 }
 
-/// The time at which the front reaches an error: between two of its points, straight on logarithmic
-/// axes. Where its fastest point is already nearer to the truth, and only slower points are not, it
-/// is that point's. `None` where the error is beyond all points on either side.
+/// The time at which the Pareto front reaches an error, with the indices of the points that it lies
+/// between.
 ///
-/// Gives the points between which it lies as well.
+/// The time is interpolated linearly on logarithmic axes. If the fastest point is already more
+/// accurate, and only slower points are less accurate, it is the time of the fastest point. `None`
+/// if the error is outside the range of all points.
 pub fn time_to(points: &[[f64; 2]], error: f64) -> Option<(f64, [usize; 2])> {
     let front = pareto(points);
     let [first, last] = [*front.first()?, *front.last()?];
@@ -159,13 +162,14 @@ mod tests {
         assert_eq!(Times::of(&[1.0, 4.0]).unwrap().median, 2.5);
         assert_eq!(Times::of(&[7.0]).unwrap().interval, [7.0, 7.0]);
         assert!(Times::of(&[]).is_none() && Times::of(&[f64::NAN]).is_none());
-        // One of many does not count.
+        // A single outlier does not matter.
         let mut many = vec![1.0; 14];
         many.push(100.0);
         assert_eq!(Times::of(&many).unwrap().interval, [1.0, 1.0]);
     }
 
-    /// The table of Le Boudec, appendix A: ranks of the interval with 95%, where it is symmetric.
+    /// The table of Le Boudec, appendix A: ranks of the 95 % confidence interval, where it is
+    /// symmetric.
     #[test]
     fn ranks_are_those_of_the_table() {
         for (count, lower) in [(6, 1), (10, 2), (15, 4), (20, 6), (30, 10), (50, 18)] {
@@ -186,13 +190,13 @@ mod tests {
         assert_eq!(Slope::fit(&[[1.0, 1.0], [2.0, 0.0], [3.0, 3.0]]), None);
     }
 
-    /// Example 9.1 of many a textbook: y = x with one point off, checked by hand.
+    /// The textbook example 9.1: y = x with one point off, checked by hand.
     #[test]
     fn the_interval_is_that_of_student() {
         let e = std::f64::consts::E;
         let fit = Slope::fit(&[[1.0, 1.0], [e, e], [e * e, e * e], [e.powi(3), e.powi(4)]]).unwrap();
-        // Residuals of (0,0), (1,1), (2,2), (3,4): slope 1.3, sum of squares 0.3, so the error is
-        // sqrt(0.15/5).
+        // Residuals of (0,0), (1,1), (2,2), (3,4): slope 1.3, sum of squares 0.3, so the standard
+        // error is sqrt(0.15/5).
         assert!((fit.slope - 1.3).abs() < 1e-12);
         let half = 4.303 * (0.15_f64 / 5.0).sqrt();
         assert!((fit.interval[1] - fit.slope - half).abs() < 1e-9);
@@ -209,7 +213,7 @@ mod tests {
         for beyond in [0.5, 1e-5] {
             assert_eq!(time_to(&points, beyond), None);
         }
-        // Only a slower point is farther from the truth than this.
+        // Only a slower point is less accurate than this.
         assert_eq!(time_to(&points, 0.15), Some((1.0, [0, 0])));
         assert_eq!(time_to(&[[1.0, 0.0], [2.0, 0.0]], 0.0), None);
     }

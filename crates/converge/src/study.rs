@@ -1,4 +1,4 @@
-//! A study as it is written in TOML: a scene, what is swept, and what the errors are measured
+//! A study in TOML: a scene, the parameters to sweep, and the truth that errors are measured
 //! against.
 
 use serde::Deserialize;
@@ -10,30 +10,30 @@ use whitstone_core::config::decode;
 use whitstone_core::{SceneError, SceneErrors, SourceSpan};
 use whitstone_scene::Sources;
 
-/// Largest study that is read, in bytes.
+/// Largest accepted study file, in bytes.
 const MAX_BYTES: u64 = 1 << 20;
-/// Errors to be reached where a study names none.
+/// Default error levels.
 const LEVELS: [f64; 2] = [1e-2, 1e-3];
 
-/// Who renders.
+/// A renderer or library that is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Deserialize, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Engine {
-    /// The plugins.
+    /// Whitstone's plugins.
     Whitstone,
-    /// Mitsuba, by the driver of the harness.
+    /// Mitsuba, through the driver of the harness.
     Mitsuba,
-    /// Embree over the same triangles, in single precision; of families of stress cases only.
+    /// Embree on the same triangles, in single precision; only in studies of stress families.
     Embree,
-    /// Textbook forms in double precision; of families of stress cases only.
+    /// Textbook formulas in double precision; only in studies of stress families.
     #[serde(rename = "naive f64")]
     NaiveF64,
-    /// The same in single precision.
+    /// Textbook formulas in single precision; only in studies of stress families.
     #[serde(rename = "naive f32")]
     NaiveF32,
 }
 
-/// Who can be asked for a rendering.
+/// A renderer that a study file can name.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Renderer {
@@ -51,7 +51,7 @@ impl From<Renderer> for Engine {
 }
 
 impl Engine {
-    /// As people read it.
+    /// The name for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Whitstone => "whitstone",
@@ -63,23 +63,23 @@ impl Engine {
     }
 }
 
-/// What the slope is taken against.
+/// The variable of the slopes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Against {
-    /// Samples a pixel.
+    /// Samples per pixel.
     #[default]
     Samples,
     /// Rays traced.
     Rays,
-    /// Triangles and other primitives.
+    /// Number of triangles and other primitives.
     Primitives,
-    /// The value that is swept.
+    /// The swept value.
     Value,
 }
 
 impl Against {
-    /// As people read it.
+    /// The name for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Samples => "samples a pixel",
@@ -90,9 +90,9 @@ impl Against {
     }
 }
 
-/// A text with its place.
+/// A text with its position in the file.
 type Text = Spanned<String>;
-/// The values that a path of `--set` goes through.
+/// The values of each path, in the syntax of `--set`.
 type Sweep = BTreeMap<Text, Spanned<Vec<Spanned<toml::Value>>>>;
 
 #[derive(Debug, Deserialize)]
@@ -121,10 +121,10 @@ struct TruthTable {
     engine: Renderer,
     #[serde(default)]
     set: Vec<Text>,
-    /// Whether each series has a truth of its own, with the changes of the series.
+    /// Whether each series has its own truth, with the changes of the series.
     #[serde(default)]
     of_series: bool,
-    /// Other renderings of the truth, which tell how far it can be trusted.
+    /// Other renderings of the truth, to estimate its error.
     #[serde(default)]
     check: Vec<CheckTable>,
 }
@@ -157,7 +157,7 @@ fn one_engine() -> Vec<Renderer> {
     vec![Renderer::Whitstone]
 }
 
-/// A study of a family of stress cases: rays at one shape, judged by the oracle.
+/// A study of a stress family: rays at one shape, judged by the oracle.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct StressTable {
@@ -167,7 +167,8 @@ struct StressTable {
     stress: Text,
 }
 
-/// A smaller study with the same claims, where only what does not depend on time counts.
+/// A smaller version of the study with the same expectations, of which only those that do not
+/// depend on time count.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct QuickTable {
@@ -175,19 +176,20 @@ struct QuickTable {
     set: Vec<Text>,
     #[serde(default)]
     truth: Vec<Text>,
-    /// At most so many settings of each series, the first ones.
+    /// Use at most this many settings of each series, the first ones.
     points: Option<usize>,
     levels: Option<Vec<f64>>,
 }
 
-/// What must come out; nothing of it depends on time.
+/// Expectations; none of them depends on time.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExpectTable {
-    /// All series have the same error at the same setting, to the bit.
+    /// All series have bit-identical errors at equal settings.
     #[serde(default)]
     pub same_error: bool,
-    /// Pairs of series: the first falls faster, and the intervals of the slopes do not touch.
+    /// Pairs of series: the error of the first falls faster, and the intervals of the slopes do not
+    /// overlap.
     #[serde(default)]
     pub steeper: Vec<[String; 2]>,
     /// Pairs of series: the first has the smaller error at each setting that both have.
@@ -198,12 +200,12 @@ pub struct ExpectTable {
     pub reached: Vec<f64>,
 }
 
-/// A change of the scene and where the study says it.
+/// A change of the scene, with its position in the study.
 #[derive(Clone, Debug)]
 pub struct Change {
     /// `path=value`.
     pub text: String,
-    /// In the study.
+    /// Position in the study.
     pub span: SourceSpan,
 }
 
@@ -219,85 +221,85 @@ impl From<&Text> for Change {
 /// One setting of a series.
 #[derive(Clone, Debug)]
 pub struct Setting {
-    /// Such as `sampler.n=4`.
+    /// The setting, such as `sampler.n=4`.
     pub label: String,
     /// The value of the first path, if it is a number.
     pub value: Option<f64>,
-    /// What it changes.
+    /// The changes that it makes.
     pub changes: Vec<Change>,
 }
 
 /// A configuration that is swept by one engine.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// As the study calls it.
+    /// The name in the study.
     pub name: String,
-    /// Who renders.
+    /// The renderer.
     pub engine: Engine,
-    /// What all its settings have in common.
+    /// The changes that all settings share.
     pub set: Vec<Change>,
     /// In the order of the study.
     pub settings: Vec<Setting>,
-    /// Where the slope must lie, if the study says so.
+    /// The expected range of the slope, if the study gives one.
     pub slope: Option<[f64; 2]>,
 }
 
-/// A rendering that is taken for true, or that tells how true another one is.
+/// A rendering that serves as the truth or as a check of it.
 #[derive(Clone, Debug)]
 pub struct Truth {
-    /// Who renders.
+    /// The renderer.
     pub engine: Engine,
     /// Its changes of the scene.
     pub set: Vec<Change>,
 }
 
-/// A study that is read.
+/// A parsed study.
 #[derive(Debug)]
 pub struct Study {
     /// Name of the file without its extension.
     pub name: String,
-    /// One line.
+    /// The title, one line.
     pub title: String,
-    /// What it is to show.
+    /// The purpose of the study.
     pub about: String,
-    /// As the study names it.
+    /// The scene, as the study names it.
     pub scene: String,
-    /// The scene's file.
+    /// Path of the scene file.
     pub scene_path: PathBuf,
-    /// Changes that all renderings have.
+    /// Changes that apply to all renderings.
     pub set: Vec<Change>,
-    /// What slopes are taken against.
+    /// The variable of the slopes.
     pub against: Against,
-    /// How often each setting is timed, if the study says so.
+    /// Number of repeats, if the study sets it.
     pub repeats: Option<u32>,
-    /// Errors to be reached.
+    /// Error levels.
     pub levels: Vec<f64>,
     /// The truth.
     pub truth: Truth,
-    /// Whether each series has a truth of its own.
+    /// Whether each series has its own truth.
     pub truth_of_series: bool,
-    /// Other renderings of it.
+    /// Other renderings of the truth.
     pub checks: Vec<Truth>,
-    /// Everything that is measured.
+    /// All series to measure.
     pub series: Vec<Series>,
-    /// What must come out.
+    /// The expectations.
     pub expect: ExpectTable,
-    /// The family of stress cases that takes the place of a scene.
+    /// The stress family that replaces a scene.
     pub stress: Option<Change>,
-    /// Whether it has a quick form.
+    /// Whether it has a quick version.
     pub has_quick: bool,
-    /// Whether this is it.
+    /// Whether this is the quick version.
     pub quick: bool,
-    /// For reports of errors at their places.
+    /// The sources, for error reports with positions.
     pub sources: Sources,
 }
 
 impl Study {
-    /// Reads a study; `quick` is its small form.
+    /// Reads a study file; `quick` selects its quick version.
     ///
     /// # Errors
     ///
-    /// All that is wrong with it, as a report with places.
+    /// All errors in it, as a report with positions.
     pub fn load(path: &Path, quick: bool) -> Result<Self, String> {
         let shown = path.display().to_string();
         let metadata = std::fs::metadata(path).map_err(|error| format!("{shown}: {error}"))?;
@@ -308,8 +310,8 @@ impl Study {
         Self::parse(&shown, &text, path.parent().unwrap_or(Path::new("")), quick)
     }
 
-    /// A study in memory. `name` is that of its file, `base` the folder that its scene is relative
-    /// to.
+    /// Parses a study in memory. `name` is the name of its file; the scene path is relative to the
+    /// folder `base`.
     ///
     /// # Errors
     ///
@@ -415,7 +417,7 @@ impl Study {
         }
     }
 
-    /// The changes of one setting, in the order in which they are made.
+    /// The changes of one setting, in the order of application.
     pub fn changes(&self, series: &Series, setting: &Setting) -> Vec<Change> {
         [&self.set[..], &series.set, &setting.changes].concat()
     }
@@ -426,7 +428,7 @@ impl Study {
         [&self.set[..], of_series, &truth.set].concat()
     }
 
-    /// An error of the study, or of the scene that it changes.
+    /// Formats errors of the study or of the scene that it changes.
     pub fn report(&self, errors: &SceneErrors) -> String {
         self.sources.report(errors, false)
     }

@@ -1,10 +1,10 @@
-//! Studies as tables: CSV for programs, Markdown for pages.
+//! Tables of studies: CSV for programs, Markdown for pages.
 
 use crate::report::{StudyReport, TimeTo, interval, optional};
 use crate::usage;
 use std::fmt::Write;
 
-/// A line for each point.
+/// One line per point.
 pub fn csv(reports: &[StudyReport]) -> String {
     let mut text = String::from(
         "study,engine,configuration,setting,seconds,spread,repeats,cpu_seconds,build_seconds,memory_bytes,rays,samples,primitives,rmse,relmse,max,rmse_interior,finite,above_floor,pareto,noisy,problem\n",
@@ -46,7 +46,7 @@ pub fn csv(reports: &[StudyReport]) -> String {
     text
 }
 
-/// A cell that may hold anything.
+/// A quoted CSV cell.
 fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))
@@ -55,7 +55,7 @@ fn quoted(text: &str) -> String {
     }
 }
 
-/// Every study with its curves, as Markdown. `plots` is the folder of the pictures, seen from the
+/// All studies with their curves, as Markdown. `plots` is the folder of the plots, relative to the
 /// page.
 pub fn table(reports: &[StudyReport], plots: &str) -> String {
     let mut text = String::new();
@@ -113,7 +113,7 @@ pub fn table(reports: &[StudyReport], plots: &str) -> String {
     text.trim_end().to_owned() + "\n"
 }
 
-/// Ratios to Mitsuba, of the studies that have any, and on which machine they were measured.
+/// Ratios to Mitsuba, for the studies that have any, and the machine they were measured on.
 pub fn headline(reports: &[StudyReport]) -> String {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let load = match usage::load() {
@@ -150,7 +150,7 @@ pub fn headline(reports: &[StudyReport]) -> String {
     text
 }
 
-/// A ratio, or that there is none to be told.
+/// Formats a ratio, or the statement that there is none.
 pub(crate) fn ratio(both: &TimeTo) -> String {
     match (both.noisy, both.ratio, both.ratio_interval) {
         (true, ..) => "noisy".to_owned(),

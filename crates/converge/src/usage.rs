@@ -1,4 +1,4 @@
-//! What the system says of this process and of the machine.
+//! Resource usage of this process and of the machine.
 
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -11,41 +11,41 @@ pub fn processor_time() -> f64 {
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
-/// Not known here.
+/// Unknown on this system.
 #[cfg(not(unix))]
 pub fn processor_time() -> f64 {
     f64::NAN
 }
 
-/// Processes that ran or waited to run in the last minute, on average, where the system says so.
+/// The load average of the last minute (running and waiting processes), if the system reports it.
 pub fn load() -> Option<f64> {
     let text = fs::read_to_string("/proc/loadavg").ok()?;
     text.split_whitespace().next()?.parse().ok()
 }
 
-/// The processor's name, where the system says so.
+/// The name of the processor, if the system reports it.
 pub fn processor() -> Option<String> {
     let text = fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// Processor time since some moment, in ticks of the system.
+/// Processor time since some moment, in system ticks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ticks {
-    /// Of everything that runs.
+    /// Of the whole machine.
     pub all: u64,
-    /// Of this process and of those that were named.
+    /// Of this process and of the named ones.
     pub own: u64,
 }
 
 impl Ticks {
-    /// Since the machine and the processes were started, where the system tells.
+    /// Since the start of the machine and of the processes, if the system reports it.
     pub fn now(processes: &[u32]) -> Option<Self> {
         let text = fs::read_to_string("/proc/stat").ok()?;
         let line = text.lines().next()?.strip_prefix("cpu ")?;
         let columns: Vec<u64> = line.split_whitespace().filter_map(|n| n.parse().ok()).collect();
-        // User, nice, system; idle and waiting; interrupts of two kinds, stolen.
+        // User, nice, system; idle and iowait; irq and softirq, stolen.
         let [user, nice, system, _, _, hard, soft, stolen] = columns[..].first_chunk().copied()?;
         let own = processes.iter().copied().chain([std::process::id()]).map(ticks);
         Some(Self {
@@ -54,7 +54,7 @@ impl Ticks {
         })
     }
 
-    /// What was used from `before` on, beside what was used already.
+    /// Adds the usage between `before` and `now`.
     #[must_use]
     pub fn more(self, before: Self, now: Self) -> Self {
         Self {
@@ -63,7 +63,7 @@ impl Ticks {
         }
     }
 
-    /// The part that others used, 0 to 1; none where that is too little to tell.
+    /// The fraction that other processes used, 0 to 1; `None` if too little time has passed.
     pub fn others(self) -> Option<f64> {
         (self.all >= 100).then(|| (1.0 - self.own as f64 / self.all as f64).max(0.0))
     }
@@ -75,29 +75,30 @@ impl Sum for Ticks {
     }
 }
 
-/// Processor time of all threads of a process.
+/// Processor time of all threads of a process, in ticks.
 fn ticks(process: u32) -> Option<u64> {
     let text = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
-    // The name may hold anything, also parentheses; two columns stand before the first one here.
+    // The name may contain anything, including parentheses. The process id and the name precede the
+    // first column here.
     let (_, rest) = text.rsplit_once(')')?;
     let mut columns = rest.split_whitespace().skip(11);
     let [user, system] = [columns.next()?, columns.next()?].map(|column| column.parse::<u64>().ok());
     Some(user? + system?)
 }
 
-/// How much the process grows from here on, at its highest.
+/// Peak growth of the memory of this process.
 #[derive(Debug)]
 pub struct Memory(Option<u64>);
 
 impl Memory {
-    /// From now on.
+    /// Starts measuring.
     pub fn start() -> Self {
-        // The highest so far is forgotten.
+        // Resets the recorded peak.
         let forgotten = fs::write("/proc/self/clear_refs", "5").is_ok();
         Self(if forgotten { status("VmRSS:") } else { None })
     }
 
-    /// In bytes, where the system tells.
+    /// The growth in bytes, if the system reports it.
     pub fn grown(&self) -> Option<u64> {
         Some(status("VmHWM:")?.saturating_sub(self.0?))
     }
@@ -113,7 +114,7 @@ fn status(key: &str) -> Option<u64> {
 mod tests {
     use super::*;
 
-    /// A child that works, once unknown and once as one of ours.
+    /// A busy child process, once as an unknown one and once as one of ours.
     #[cfg(target_os = "linux")]
     #[test]
     fn what_others_do_is_seen() {
@@ -129,7 +130,7 @@ mod tests {
         let with = Ticks::now(&[child.id()]).unwrap().own - Ticks::now(&[]).unwrap().own;
         child.kill().unwrap();
         child.wait().unwrap();
-        // At 100 ticks a second, on a machine that may have much else to do.
+        // 100 ticks per second, on a machine that may be busy.
         assert!(without >= 5 && with >= 5, "{without} and {with}");
         let half = Ticks { all: 200, own: 100 };
         assert_eq!((half.others(), Ticks::default().others()), (Some(0.5), None));
@@ -142,7 +143,7 @@ mod tests {
         let taken = vec![1_u8; 64 << 20];
         let sum: u64 = taken.iter().map(|byte| u64::from(*byte)).sum();
         assert_eq!(sum, 64 << 20);
-        // Some systems do not let a process forget its highest.
+        // Some systems do not let a process reset its peak.
         assert!(
             memory.grown().is_none_or(|grown| grown > 60 << 20),
             "{:?}",

@@ -1,4 +1,4 @@
-//! Holding an intersection to the oracle.
+//! //! Compares ray-shape intersections with the oracle.
 
 use crate::naive::{Textbook, textbook};
 use crate::{Nearest, Oracle};
@@ -7,32 +7,33 @@ use std::path::Path;
 use whitstone_core::{Aabb, DVec3, Interval, Ray, Registry, SceneErrors};
 use whitstone_scene::{Description, Pipeline, Plan, Sources};
 
-/// Most units in the last place, times the condition, that a ray parameter may be off.
+/// Largest accepted error of a ray parameter, in units in the last place (ulp), divided by the
+/// condition number.
 pub const MOST_ULPS: f64 = 16.0;
 
-/// What a scene needs besides shapes.
+/// Camera of a test scene; only its shape matters.
 const CAMERA: &str =
     "camera = { type = \"perspective\", look_at = { origin = [0, 0, 9], target = [0, 0, 0] } }\n";
 
-/// A scene with one shape, as it is built by the plugins, and the oracle for it.
+/// A scene with a single shape: the production pipeline, the oracle and the textbook formulas.
 pub struct Subject {
-    /// With nothing else in it but what the shape places.
+    /// The pipeline of that scene.
     pub pipeline: Pipeline,
-    /// For the shape.
+    /// The oracle for the shape.
     pub oracle: Oracle,
-    /// What books say, in single precision.
+    /// Textbook formulas in single precision.
     pub textbook_f32: Box<dyn Textbook<f32>>,
-    /// The same in double precision.
+    /// Textbook formulas in double precision.
     pub textbook_f64: Box<dyn Textbook<f64>>,
 }
 
 impl Subject {
-    /// From the text of a scene whose only shape that is not in a group it is; `base` is the folder
-    /// that its files are relative to. A camera need not be there.
+    /// Builds the subject from the text of a scene. The scene has exactly one shape outside of
+    /// groups; the camera may be missing. File paths are relative to the folder `base`.
     ///
     /// # Errors
     ///
-    /// All that is wrong with the scene, as people read it.
+    /// All errors in the scene, formatted for people.
     pub fn new(text: &str, base: &Path, registry: &Registry) -> Result<Self, String> {
         let text = format!("{CAMERA}{text}");
         let sources = Sources::from_text("subject", &text, base, &[]);
@@ -49,37 +50,37 @@ impl Subject {
     }
 }
 
-/// How well hits agree with the oracle's, over many rays.
+/// Statistics of the agreement with the oracle, over many rays.
 #[derive(Clone, Debug, Default)]
 pub struct Agreement {
-    /// Rays that the oracle says hit.
+    /// Rays that hit, according to the oracle.
     pub hits: u64,
-    /// Rays that it says miss.
+    /// Rays that miss, according to the oracle.
     pub misses: u64,
-    /// Rays of which it says that no one can know.
+    /// Rays that the oracle cannot decide.
     pub unknown: u64,
-    /// Rays with the wrong answer, but a right one for a ray beside it: see [`Self::add`].
+    /// Rays with a wrong answer that is right for a slightly shifted ray: see [`Self::add`].
     pub ill_posed: u64,
-    /// Rays with a wrong answer.
+    /// Rays with a wrong answer that is not ill-posed.
     pub wrong: u64,
-    /// The largest error of t where both hit and neither of the two above applies, in units in the
-    /// last place of t.
+    /// The largest error of t, in ulp of t, over rays that hit in both and are neither ill-posed
+    /// nor wrong.
     pub most_ulps: f64,
-    /// The largest quotient of such an error and the condition.
+    /// The largest quotient of that error and the condition number.
     pub most_ulps_by_condition: f64,
     /// The first ray with a wrong answer.
     pub first_wrong: Option<String>,
 }
 
 impl Agreement {
-    /// Counts one ray. `found` is the ray parameter that someone else says, `bounds` those of the
-    /// shape.
+    /// Counts one ray. `found` is the ray parameter under test, `None` for a miss. `bounds` is the
+    /// bounding box of the shape.
     ///
-    /// An answer is right if hit or miss is, and t is off by at most [`MOST_ULPS`] units in the
-    /// last place times the condition. One that is not is *ill-posed*, which is no fault, if it is
-    /// right for a ray that starts beside this one: so far away as so many units in the last place
-    /// of all coordinates involved, in one of 26 directions. That is what any backward stable
-    /// method may do where a ray touches a surface or passes an edge.
+    /// An answer is right if it agrees on hit or miss, and if the error of t is at most
+    /// [`MOST_ULPS`] ulp times the condition number. A wrong answer counts as *ill-posed*, which is
+    /// no fault, if it is right for one of 26 rays whose origin is shifted by [`MOST_ULPS`] ulp of
+    /// all coordinates involved. A backward stable method may give such an answer where a ray
+    /// touches a surface or passes an edge.
     pub fn add(&mut self, oracle: &Oracle, ray: &Ray, found: Option<f64>, bounds: &Aabb) {
         let truth = oracle.nearest(ray, Interval::FORWARD);
         match &truth {
@@ -129,19 +130,19 @@ impl fmt::Display for Agreement {
     }
 }
 
-/// What the errors of many rays come to, without asking whether they could be helped.
+/// Errors over many rays, well-conditioned or not.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Errors {
-    /// Rays of which the oracle knows the answer.
+    /// Rays that the oracle can decide.
     pub rays: u64,
-    /// Those with a hit instead of a miss, or the other way round.
+    /// Rays that hit instead of miss, or the reverse.
     pub wrong_class: u64,
-    /// The largest error of t among the others, in units in the last place of t.
+    /// The largest error of t among the others, in ulp of t.
     pub most_ulps: f64,
 }
 
 impl Errors {
-    /// Counts one ray.
+    /// Counts one ray; `found` is `None` for a miss.
     pub fn add(&mut self, truth: &Nearest, found: Option<f64>) {
         self.rays += u64::from(!matches!(truth, Nearest::Unknown));
         if let Some(error) = Error::of(truth, found) {
@@ -154,17 +155,17 @@ impl Errors {
     }
 }
 
-/// Of a ray parameter; infinite where the class is wrong.
+/// Error of a ray parameter; infinite if hit and miss are confused.
 #[derive(Clone, Copy, Debug)]
 pub struct Error {
-    /// In units in the last place of the true parameter.
+    /// In ulp of the true parameter.
     pub ulps: f64,
-    /// The same over the condition.
+    /// The same, divided by the condition number.
     pub by_condition: f64,
 }
 
 impl Error {
-    /// `None` where there is nothing to compare: both miss, or the oracle does not know.
+    /// The error of `found`. `None` if both miss or the oracle cannot decide.
     pub fn of(truth: &Nearest, found: Option<f64>) -> Option<Self> {
         let wrong = Self {
             ulps: f64::INFINITY,
@@ -202,7 +203,7 @@ fn is_right(oracle: &Oracle, ray: &Ray, found: Option<f64>) -> bool {
     }
 }
 
-/// Rays beside a ray, at the corners, edges and faces of a little box about its origin.
+/// The ray with its origin moved to each corner, edge and face of a small box around it.
 fn shifted(ray: &Ray, t: f64, bounds: &Aabb) -> impl Iterator<Item = Ray> + use<> {
     let ray = *ray;
     let finite = |v: DVec3| DVec3::select(v.is_finite_mask(), v, DVec3::ZERO);

@@ -1,15 +1,15 @@
-//! Examples of every shape that the oracle knows, for whoever measures with it.
+//! //! Examples of every shape that the oracle supports, for tests and measurements.
 
 use whitstone_core::DAffine3;
 
-/// A shape as scenes write it, without its place.
+/// A shape as a scene file describes it, without its transform.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
-    /// The type.
+    /// The type of the shape.
     pub shape: &'static str,
-    /// Its other keys. Files are relative to the folder `scenes`.
+    /// Its other keys. File paths are relative to the folder `scenes`.
     pub keys: &'static str,
-    /// Tables of groups that it places.
+    /// TOML tables of the groups that it instances.
     pub groups: &'static str,
 }
 
@@ -21,7 +21,7 @@ const fn case(shape: &'static str, keys: &'static str) -> Case {
     }
 }
 
-/// At least one for every type; the first of a type is the plain one.
+/// At least one example for every type; the first one of a type is the basic one.
 pub const CASES: [Case; 41] = [
     case("sphere", ""),
     case("sphere", "center = [1, -2, 3]\nradius = 0.01"),
@@ -129,7 +129,7 @@ pub const CASES: [Case; 41] = [
 ];
 
 impl Case {
-    /// A scene with only this shape, standing somewhere.
+    /// A scene with only this shape, at the given transform.
     pub fn scene(&self, place: &DAffine3) -> String {
         let (m, t) = (place.matrix3, place.translation);
         let rows = [0, 1, 2].map(|i| {

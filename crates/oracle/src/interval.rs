@@ -1,9 +1,10 @@
-//! Intervals of multi-precision numbers, rounded outward: what is computed lies in them.
+//! Intervals of arbitrary-precision numbers with outward rounding: the exact result always lies
+//! inside.
 //!
-//! Moore, Kearfott, Cloud, *Introduction to Interval Analysis* (2009), ch. 2. The numbers are those
-//! of `dashu-float`: binary, of any precision, each operation correctly rounded downwards or
-//! upwards as asked. What is exact stays a single point, so with enough digits the sign of any
-//! polynomial in doubles is known, zero included.
+//! Moore, Kearfott, Cloud, *Introduction to Interval Analysis* (2009), ch. 2. The bounds are
+//! `dashu-float` numbers: binary, of any precision, with each operation correctly rounded down or
+//! up. An exact result stays a single point. So with enough bits the sign of any polynomial in
+//! doubles is known, including zero.
 
 use dashu_float::round::mode::{Down, Up};
 use dashu_float::{Context, FBig, FpResult, Repr};
@@ -11,15 +12,15 @@ use std::cmp::Ordering;
 use std::fmt;
 use std::ops::{Add, Mul, Neg, Sub};
 
-/// Two to the power of minus this, relative, is how wide a decided number may be: 1/256 of a unit
-/// in the last place of a double.
+/// An interval counts as decided if its relative width is at most two to the power of minus this:
+/// 1/256 of a unit in the last place of a double.
 const NARROW: isize = 60;
 
-/// The digits did not suffice to tell: ask again with more.
+/// The precision does not suffice to decide; the caller retries with more bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Undecided;
 
-/// What is decided, or not yet.
+/// A decided value, or [`Undecided`].
 pub(crate) type Decided<T> = Result<T, Undecided>;
 
 /// All numbers from `low` to `high`, both finite.
@@ -27,7 +28,7 @@ pub(crate) type Decided<T> = Result<T, Undecided>;
 pub struct Interval {
     low: Repr<2>,
     high: Repr<2>,
-    /// Bits of results.
+    /// Precision of results, in bits.
     bits: usize,
 }
 
@@ -47,7 +48,7 @@ fn sign(x: &Repr<2>) -> i32 {
 }
 
 impl Interval {
-    /// Exactly this finite number; `bits` is the precision of what is computed from it.
+    /// Exactly this finite number. Results computed from it have a precision of `bits` bits.
     pub(crate) fn new(x: f64, bits: usize) -> Self {
         let x = Repr::try_from(x).expect("scenes and rays hold finite numbers");
         Self::point(x, bits)
@@ -61,12 +62,12 @@ impl Interval {
         }
     }
 
-    /// A number with the precision of this one.
+    /// A number with the precision of this interval.
     pub(crate) fn like(&self, x: f64) -> Self {
         Self::new(x, self.bits)
     }
 
-    /// Bits of what is computed from it.
+    /// Precision of results computed from it, in bits.
     pub(crate) fn bits(&self) -> usize {
         self.bits
     }
@@ -83,8 +84,8 @@ impl Interval {
         self.low == self.high
     }
 
-    /// The results for the pairs of ends that give the least and the greatest value; where both
-    /// pairs are of single points and the result is exact, it is one.
+    /// The interval from `down` of the endpoints `least` to `up` of the endpoints `greatest`. It is
+    /// a single point if all endpoints are and the result is exact.
     fn ends(
         &self,
         least: [&Repr<2>; 2],
@@ -99,7 +100,7 @@ impl Interval {
         }
     }
 
-    /// Less than, equal to or greater than zero.
+    /// Whether all of it is less than, equal to or greater than zero.
     pub(crate) fn sign(&self) -> Decided<Ordering> {
         match (sign(&self.low), sign(&self.high)) {
             (1, _) => Ok(Ordering::Greater),
@@ -125,17 +126,17 @@ impl Interval {
         Ok(self.sign()? == Ordering::Greater)
     }
 
-    /// At most zero.
+    /// Whether all of it is at most zero.
     pub(crate) fn is_at_most_zero(&self) -> Decided<bool> {
         Ok(self.sign()? != Ordering::Greater)
     }
 
-    /// Whether zero is in it.
+    /// Whether it contains zero.
     pub(crate) fn has_zero(&self) -> bool {
         sign(&self.low) <= 0 && sign(&self.high) >= 0
     }
 
-    /// The quotient, by what is certainly not zero.
+    /// The quotient. Undecided if the divisor may be zero.
     pub(crate) fn over(&self, divisor: &Self) -> Decided<Self> {
         if divisor.has_zero() {
             return Err(Undecided);
@@ -157,7 +158,7 @@ impl Interval {
         ))
     }
 
-    /// The root of what is certainly not negative.
+    /// The square root. Undecided if the number may be negative.
     pub(crate) fn sqrt(&self) -> Decided<Self> {
         if sign(&self.low) < 0 {
             return Err(Undecided);
@@ -193,7 +194,7 @@ impl Interval {
         }
     }
 
-    /// The lesser of a number from this and one from the other.
+    /// Encloses the minimum of a number in `self` and one in `other`.
     pub(crate) fn min(&self, other: &Self) -> Self {
         Self {
             low: self.low.clone().min(other.low.clone()),
@@ -206,7 +207,7 @@ impl Interval {
         -((-self).min(&-other))
     }
 
-    /// From the lowest to the highest of both.
+    /// The smallest interval that contains both.
     pub(crate) fn hull(&self, other: &Self) -> Self {
         Self {
             low: self.low.clone().min(other.low.clone()),
@@ -215,7 +216,7 @@ impl Interval {
         }
     }
 
-    /// What both have in common.
+    /// The intersection; `None` if it is empty.
     pub(crate) fn common(&self, other: &Self) -> Option<Self> {
         let low = self.low.clone().max(other.low.clone());
         let high = self.high.clone().min(other.high.clone());
@@ -226,7 +227,7 @@ impl Interval {
         })
     }
 
-    /// The ends as single points.
+    /// The lower endpoint as a single point.
     pub(crate) fn from(&self) -> Self {
         Self::point(self.low.clone(), self.bits)
     }
@@ -235,7 +236,7 @@ impl Interval {
         Self::point(self.high.clone(), self.bits)
     }
 
-    /// A point between the ends, `at` of the way.
+    /// A point inside the interval: `at` = 0 is the lower endpoint, 1 the upper one.
     pub(crate) fn within(&self, at: f64) -> Self {
         let there = self.from() + (self.to() - self.from()) * self.like(at);
         there.from()
@@ -245,7 +246,7 @@ impl Interval {
         (self.to() - self.from()).to()
     }
 
-    /// Whether it is known to a small part of a unit in the last place of a double.
+    /// Whether its relative width is below the limit of `NARROW`.
     pub(crate) fn is_narrow(&self) -> bool {
         self.is_point() || {
             let scale = Repr::new(1.into(), NARROW);
@@ -254,26 +255,26 @@ impl Interval {
         }
     }
 
-    /// The double nearest to its middle.
+    /// The double nearest to the midpoint.
     pub fn nearest(&self) -> f64 {
         self.within(0.5).low.to_f64().value()
     }
 
-    /// A double that is not above it.
+    /// The lower endpoint, rounded down to a double.
     pub fn below(&self) -> f64 {
         FBig::<Down, 2>::from_repr(self.low.clone(), Context::new(0))
             .to_f64()
             .value()
     }
 
-    /// A double that is not below it.
+    /// The upper endpoint, rounded up to a double.
     pub fn above(&self) -> f64 {
         FBig::<Up, 2>::from_repr(self.high.clone(), Context::new(0))
             .to_f64()
             .value()
     }
 
-    /// The largest distance of a number from this, as a double that is not too small.
+    /// The largest distance between `x` and a number in the interval, rounded up to a double.
     pub fn farthest(&self, x: f64) -> f64 {
         (self - &self.like(x)).abs().above()
     }
@@ -338,7 +339,7 @@ impl Mul for &Interval {
             () if negative(a) => ([&a.low, &b.high], [&a.low, &b.low]),
             () if positive(b) => ([&a.low, &b.high], [&a.high, &b.high]),
             () if negative(b) => ([&a.high, &b.low], [&a.low, &b.low]),
-            // Both hold zero inside.
+            // Both contain zero in their interior.
             () => {
                 return Interval {
                     low: down(&a.low, &b.high).min(down(&a.high, &b.low)),
@@ -351,7 +352,7 @@ impl Mul for &Interval {
     }
 }
 
-/// The same for values, so that formulas can be read.
+/// The same operators for values instead of references, to keep formulas readable.
 macro_rules! by_value {
     ($($operation:ident $method:ident),*) => { $(
         impl $operation for Interval {
@@ -391,7 +392,7 @@ mod tests {
         Interval::new(low, 128).hull(&Interval::new(high, 128))
     }
 
-    /// Every sign that an end can have, against all pairs of ends.
+    /// Checks every combination of endpoint signs against the products of all pairs of endpoints.
     #[test]
     fn products_and_quotients_are_those_of_the_ends() {
         let ends = [-3.0, -2.0, 0.0, 4.0, 5.0];

@@ -1,12 +1,15 @@
-//! The oracle: what is true of rays and shapes, with as many digits as it takes.
+//! The oracle: intersections of rays and shapes, and whole pixels, in arbitrary-precision interval
+//! arithmetic.
 //!
-//! Written from `docs/whitted-model.md`, like every other side of a comparison; it shares no code
-//! of intersection with the plugins, only the words: rays, transforms, and the tables of a scene. A
-//! ray, the numbers of a shape and its `world_from_object` are taken for exactly the doubles that
-//! they are. All roots along the line are enclosed in intervals, first with 128 bits, then with
-//! more, until the class of the hit is certain and t is known to 1/256 of a unit in the last place
-//! of a double; where even [`MOST_BITS`] do not suffice, the line touches a surface or an edge, and
-//! the answer is [`Nearest::Unknown`], never a guess.
+//! It is an independent implementation of `docs/whitted-model.md`. It shares no intersection code
+//! with the plugins, only the vocabulary: rays, transforms and the tables of a scene. The numbers
+//! of a ray, of a shape and of its `world_from_object` are taken as exactly the doubles that they
+//! are.
+//!
+//! All roots along the line are enclosed in intervals, first with 128 bits. The precision is
+//! doubled until the class of the hit is certain and t is known to 1/256 of a unit in the last
+//! place of a double. If [`MOST_BITS`] do not suffice, the line touches a surface or an edge. The
+//! answer is then [`Nearest::Unknown`], never a guess.
 
 pub mod agreement;
 pub mod cases;
@@ -30,29 +33,29 @@ use vector::Line;
 use whitstone_core::{Interval, Ray, SceneErrors};
 use whitstone_scene::Description;
 
-/// Bits of the first attempt; each further one has twice as many.
+/// Precision of the first attempt, in bits; each further attempt doubles it.
 const FIRST_BITS: usize = 128;
 
-/// Bits of the last attempt: sums of products of up to eight doubles are exact.
+/// Precision of the last attempt, in bits: sums of products of up to eight doubles are exact.
 pub const MOST_BITS: usize = 1024;
 
 /// The nearest hit of a ray.
 #[derive(Clone, Debug)]
 pub enum Nearest {
-    /// The ray certainly meets the surface first here.
+    /// The ray certainly hits the surface, first at `t`.
     Hit {
         /// The ray parameter.
         t: Enclosure,
-        /// Number of the primitive; at an edge that of one of those that meet there.
+        /// Number of the primitive; at an edge, of one of the primitives that share it.
         primitive: u32,
-        /// See [`Root`]: how much t changes, relatively, for a relative change of one of all
-        /// numbers that it follows from; at least 1.
+        /// Condition number of t, at least 1: its relative change for a relative change of one of
+        /// all its inputs. See [`Root`].
         condition: f64,
     },
-    /// The ray certainly meets nothing.
+    /// The ray certainly hits nothing.
     Miss,
-    /// The ray touches a surface, lies in one, or meets an edge so nearly that no number of digits
-    /// tells.
+    /// The ray touches a surface, lies in one, or passes so close to an edge that no precision
+    /// decides.
     Unknown,
 }
 
@@ -62,14 +65,14 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// The types of shapes that it knows.
+    /// The types of shapes that the oracle supports.
     pub const KNOWN: [&str; 22] = shapes::KNOWN;
 
-    /// For the shape with this number in a scene that could be planned.
+    /// The oracle for shape number `number` of a scene that the planner accepts.
     ///
     /// # Errors
     ///
-    /// If the oracle does not know the type, or cannot read the file of a mesh.
+    /// If the oracle does not support the type, or cannot read the file of a mesh.
     ///
     /// # Panics
     ///
@@ -96,8 +99,8 @@ impl Oracle {
         }
     }
 
-    /// All roots on the line of the ray, also those behind it, in ascending order; `None` where
-    /// they are not all certain.
+    /// All roots on the line of the ray, including those behind the origin, in ascending order.
+    /// `None` if they are not all certain.
     pub fn roots(&self, ray: &Ray) -> Option<Vec<Root>> {
         let mut bits = FIRST_BITS;
         while bits <= MOST_BITS {
@@ -125,8 +128,8 @@ impl Oracle {
                 ahead.push(root);
             }
         }
-        // Where two roots are not told apart, as on an edge that two triangles share, the nearest
-        // one is still enclosed.
+        // If two roots cannot be told apart, as on an edge shared by two triangles, this still
+        // encloses the nearest one.
         let Some(t) = ahead.iter().map(|root| root.t.clone()).reduce(|a, b| a.min(&b)) else {
             return Ok(Nearest::Miss);
         };

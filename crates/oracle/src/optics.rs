@@ -1,8 +1,7 @@
-//! What light does at surfaces and on its way, with 400 bits: Fresnel's equations, refraction,
-//! powers of cosines, absorption.
+//! Optics with 400 bits: Fresnel equations, refraction, cosine lobes, absorption.
 //!
-//! Formulas of `docs/whitted-model.md`, in their plainest form: with so many digits nothing cancels
-//! that matters to a double. All inputs are taken for exactly the doubles that they are; directions
+//! The formulas of `docs/whitted-model.md` in their plainest form: at this precision, cancellation
+//! does not affect a double. All inputs are taken as exactly the doubles that they are. Directions
 //! need not have unit length.
 
 use dashu_float::{Context, FBig, round::mode::HalfEven};
@@ -32,17 +31,18 @@ fn dot(a: DVec3, b: DVec3) -> Number {
     (0..3).fold(number(0.0), |sum, i| sum + number(a[i]) * number(b[i]))
 }
 
-/// What is on the other side of a smooth surface.
+/// The refracted ray at a smooth interface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refraction {
-    /// The part of unpolarised light that is reflected, in [0, 1].
+    /// Fraction of unpolarised light that is reflected, in [0, 1].
     pub reflectance: f64,
     /// Cosine between the transmitted ray and the normal, in (0, 1].
     pub cosine: f64,
 }
 
-/// A ray with this direction on a surface with this normal (of unit length, exactly), whose index
-/// over there is `ior` times that over here; `None` for total reflection.
+/// Refracts a ray with this direction at a surface with this normal, which has exactly unit length.
+/// `ior` is the index of refraction on the far side, relative to the near side. `None` for total
+/// internal reflection.
 pub fn refract(direction: DVec3, normal: DVec3, ior: f64) -> Option<Refraction> {
     let (length, along) = (dot(direction, direction), dot(direction, normal));
     let square = &along * &along / &length;
@@ -61,13 +61,14 @@ pub fn refract(direction: DVec3, normal: DVec3, ior: f64) -> Option<Refraction> 
     })
 }
 
-/// The cosine between two directions to the power of `exponent`; 0 where it is not positive.
+/// The cosine of the angle between two directions, to the power of `exponent`; 0 if the cosine is
+/// not positive.
 pub fn lobe(a: DVec3, b: DVec3, exponent: f64) -> f64 {
     let along = dot(a, b);
     if along <= number(0.0) {
         return 0.0;
     }
-    // The logarithm of the square has no root in it.
+    // The logarithm of the squared cosine needs no square root.
     let square = &along * &along / (dot(a, a) * dot(b, b));
     nearest(&(square.ln() * number(exponent) / number(2.0)).exp())
 }
@@ -77,7 +78,7 @@ pub fn decay(x: f64) -> f64 {
     nearest(&(-number(x)).exp())
 }
 
-/// `base` to the power of a whole number.
+/// `base` to the power of a non-negative integer.
 pub fn power(base: f64, exponent: u32) -> f64 {
     let base = number(base);
     let mut result = number(1.0);
@@ -100,8 +101,8 @@ mod tests {
         assert_eq!(head_on.reflectance, 0.04);
         assert_eq!(head_on.cosine, 1.0);
         assert_eq!(refract(DVec3::new(1.0, 0.0, -0.1), DVec3::Z, 0.5), None);
-        // Brewster's angle, 60 degrees for the root of three: only one polarisation is left, (1 -
-        // 3)² / (1 + 3)² / 2.
+        // At Brewster's angle, 60 degrees for an index of sqrt(3), only one polarisation is
+        // reflected: (1 - 3)² / (1 + 3)² / 2.
         let brewster = refract(DVec3::new(3f64.sqrt(), 0.0, -1.0), DVec3::Z, 3f64.sqrt());
         assert!((brewster.expect("no total reflection").reflectance - 0.125).abs() < 1e-15);
         assert_eq!(lobe(DVec3::X, DVec3::new(1.0, 1.0, 0.0), 2.0), 0.5);
@@ -115,8 +116,8 @@ mod tests {
 
     #[test]
     fn the_plain_form_in_double_precision_is_worse() {
-        // (eta - 1)² / (eta + 1)² of an index so near one that the plain form loses half of its
-        // digits.
+        // (eta - 1)² / (eta + 1)² for an index so close to 1 that the plain formula loses half of
+        // its digits in doubles.
         let ior = 1.0 + 1e-9;
         let exact = refract(DVec3::new(1.0, 0.0, -1.0), DVec3::Z, ior).expect("no total reflection");
         let (here, there) = (0.5f64.sqrt(), (1.0 - 0.5 / (ior * ior)).sqrt());

@@ -1,17 +1,17 @@
 //! Real roots of polynomials of any degree.
 //!
-//! Descartes' rule of signs in the Bernstein basis tells how many roots a piece may hold, and
-//! pieces with more than one are cut in two (Rouillier and Zimmermann, *Efficient isolation of
-//! polynomial's real roots*, 2004, and the references there); then the interval form of Newton's
-//! method (Moore, Kearfott, Cloud 2009, ch. 8).
+//! Descartes' rule of signs in the Bernstein basis bounds the number of roots in a piece. Pieces
+//! that may hold more than one are bisected (Rouillier and Zimmermann, *Efficient isolation of
+//! polynomial's real roots*, 2004, and the references there). The interval form of Newton's method
+//! then refines each root (Moore, Kearfott, Cloud 2009, ch. 8).
 
 use crate::interval::{Decided, Interval, Undecided};
 use std::cmp::Ordering;
 
-/// Where to cut a piece: in its middle, or beside it if a root may be just there.
+/// Where to split a piece: at the middle, or next to it if the middle may be a root.
 const CUTS: [f64; 4] = [0.5, 0.46875, 0.5625, 0.4140625];
 
-/// By powers, the constant first.
+/// Coefficients of the powers, the constant first.
 #[derive(Clone, Debug)]
 pub(crate) struct Polynomial(pub(crate) Vec<Interval>);
 
@@ -45,8 +45,8 @@ impl Polynomial {
         self
     }
 
-    /// The roots between two points that are none, in ascending order, with the sign of the slope
-    /// there.
+    /// The roots between `from` and `to`, which must not be roots, in ascending order. Each comes
+    /// with a number that has the sign of the derivative there.
     pub(crate) fn roots(&self, from: &Interval, to: &Interval) -> Decided<Vec<(Interval, Interval)>> {
         let mut found = Vec::new();
         let piece = Piece {
@@ -76,12 +76,12 @@ impl Polynomial {
         Ok(found)
     }
 
-    /// The Bernstein coefficients over a piece, all times the same positive number: no quotient is
-    /// rounded.
+    /// The Bernstein coefficients over a piece, all multiplied by the same positive number to avoid
+    /// rounded quotients.
     fn bernstein(&self, from: &Interval, to: &Interval) -> Vec<Interval> {
         let n = self.0.len() - 1;
         let width = to - from;
-        // p(from + s width) by powers of s: Horner's scheme again and again.
+        // The coefficients of p(from + s width) in powers of s: repeated Horner's scheme.
         let mut shifted = self.0.clone();
         for low in 0..n {
             for k in (low..n).rev() {
@@ -105,16 +105,16 @@ impl Polynomial {
             .collect()
     }
 
-    /// The only root in an interval, at whose lower end the polynomial has this sign.
+    /// Refines the only root in an interval; `below` is the sign at its lower end.
     fn refine(&self, mut t: Interval, below: Ordering) -> Decided<Interval> {
         let derivative = self.derivative();
-        // Halving alone takes as many steps as there are bits.
+        // Bisection alone takes one step per bit.
         for _ in 0..2 * t.bits() {
             let before = t.clone();
             let middle = t.within(0.5);
             let value = self.at(&middle);
             if let Ok(step) = value.over(&derivative.at(&t)) {
-                // It cannot be empty: the root is there.
+                // The intersection cannot be empty, because the root lies in both.
                 t = t.common(&(&middle - step)).ok_or(Undecided)?;
             } else {
                 for cut in CUTS {
@@ -131,7 +131,8 @@ impl Polynomial {
                 }
             }
             let (was, is) = (before.width(), t.width());
-            // No better than three quarters: that is all that these digits give.
+            // A step that keeps three quarters of the width has reached the limit of this
+            // precision.
             let stuck = (&is + &is + &is + &is).compare(&(&was + &was + &was));
             if t.is_narrow() && stuck != Ok(Ordering::Less) || is.compare(&was) == Ok(Ordering::Equal) {
                 break;
@@ -153,7 +154,7 @@ fn least_common(a: u64, b: u64) -> u64 {
     a / x * b
 }
 
-/// A polynomial on a part of the line.
+/// A polynomial restricted to a part of the line.
 struct Piece {
     values: Vec<Interval>,
     from: Interval,
@@ -161,7 +162,7 @@ struct Piece {
 }
 
 impl Piece {
-    /// How often the sign changes: as many roots as this, or by an even number less.
+    /// Number of sign changes: the number of roots, or more by an even number.
     fn variations(&self) -> Decided<usize> {
         let mut changes = 0;
         let mut last = Ordering::Equal;
@@ -175,7 +176,7 @@ impl Piece {
         Ok(changes)
     }
 
-    /// De Casteljau's two pieces, at a point that is no root.
+    /// Splits the piece by de Casteljau's algorithm, at a point that is no root.
     fn cut(&self) -> Decided<[Self; 2]> {
         for at in CUTS {
             let one = self.from.like(at);
@@ -232,17 +233,18 @@ mod tests {
 
     #[test]
     fn roots_of_known_polynomials() {
-        // (t - 1)(t - 2)(t - 3)(t - 4), and the same with two of them 1e-9 apart.
+        // (t - 1)(t - 2)(t - 3)(t - 4), and the same with two of the roots 1e-9 apart.
         assert_eq!(
             roots(&[24.0, -50.0, 35.0, -10.0, 1.0]),
             Ok(vec![1.0, 2.0, 3.0, 4.0])
         );
         assert_eq!(roots(&[-2.0, 0.0, 1.0]), Ok(vec![-(2f64.sqrt()), 2f64.sqrt()]));
         assert_eq!(roots(&[1.0, 0.0, 1.0]), Ok(vec![]));
-        // A triple root is one without a slope; a double one is no crossing. Both are not decided.
+        // A double or triple root is undecided: the first is no crossing, the second has a zero
+        // slope.
         assert_eq!(roots(&[1.0, -2.0, 1.0]), Err(Undecided));
-        // 2^60 t² - 2 t + 2^-60 (1 - 2^-40): two roots that doubles of a parabola cannot tell
-        // apart.
+        // 2^60 t² - 2 t + 2^-60 (1 - 2^-40): two roots that the quadratic formula in doubles cannot
+        // separate.
         let close = roots(&[(1.0 - 2f64.powi(-40)) * 2f64.powi(-60), -2.0, 2f64.powi(60)]).unwrap();
         let expected = [-1.0, 1.0].map(|side| (1.0 + side * 2f64.powi(-20)) * 2f64.powi(-60));
         assert_eq!(close, expected);

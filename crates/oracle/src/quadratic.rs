@@ -3,8 +3,7 @@
 use crate::interval::{Decided, Interval, Undecided};
 use std::cmp::Ordering;
 
-/// The roots with the sign of the slope there, which is that of the second number; none of them is
-/// double.
+/// Each root with half of the derivative there, in no order. Undecided for a double root.
 pub(crate) fn roots(a: &Interval, b: &Interval, c: &Interval) -> Decided<Vec<(Interval, Interval)>> {
     if a.sign()? == Ordering::Equal {
         if b.sign()? == Ordering::Equal {
@@ -16,7 +15,7 @@ pub(crate) fn roots(a: &Interval, b: &Interval, c: &Interval) -> Decided<Vec<(In
     let discriminant = b * b - a * c;
     match discriminant.sign()? {
         Ordering::Less => Ok(Vec::new()),
-        // One point is touched.
+        // A double root: the line touches.
         Ordering::Equal => Err(Undecided),
         Ordering::Greater => {
             let root = discriminant.sqrt()?;

@@ -1,33 +1,31 @@
-//! Where a line meets a surface, and how sensitive that is.
+//! Intersections of a line with a surface, and their condition numbers.
 
 use crate::interval::{Decided, Interval, Undecided};
 use crate::vector::Line;
 use std::cmp::Ordering;
 use whitstone_core::{DAffine3, DVec3};
 
-/// A place where a line meets a surface.
+/// A point where a line meets a surface.
 #[derive(Clone, Debug)]
 pub struct Root {
     /// The ray parameter.
     pub t: Interval,
-    /// Number of the primitive; at an edge that of any of those that meet there.
+    /// Number of the primitive; at an edge, of any of the primitives that share it.
     pub primitive: u32,
-    /// Whether the line goes from the outside to the inside here, by the side that the normal is
-    /// on.
+    /// Whether the line enters the solid here, judged by the side of the outward normal.
     pub enters: bool,
-    /// Along the outward normal, of any length; as good as doubles are.
+    /// The outward normal, of any length, in double precision.
     pub(crate) normal: DVec3,
-    /// By how much the surface moves, along the normal and times its length, for a relative change
-    /// of one of all its numbers: of those of the shape, and of the maps that place it, those
-    /// around the present space not counted.
+    /// How far the surface moves along the normal, times the length of the normal, for a relative
+    /// change of one of all its inputs. The inputs are the numbers of the shape and of the maps
+    /// from its object space to the current space.
     pub(crate) moves: f64,
-    /// Of a surface that is given by two parameters: which they are here.
+    /// The surface parameters here, if the surface is parametric.
     pub(crate) parameters: Option<[f64; 2]>,
 }
 
 impl Root {
-    /// `along` is how the line and the outward normal, of any length, lie to each other: its sign
-    /// is that of their product.
+    /// A root; `along` has the sign of the product of the line's direction and the outward normal.
     pub(crate) fn new(
         t: Interval,
         primitive: u32,
@@ -38,7 +36,7 @@ impl Root {
         let enters = match along.sign()? {
             Ordering::Less => true,
             Ordering::Greater => false,
-            // The line touches the surface: whether that is a hit is not for us to say.
+            // The line touches the surface; whether that is a hit is undecidable.
             Ordering::Equal => return Err(Undecided),
         };
         Ok(Self {
@@ -51,8 +49,7 @@ impl Root {
         })
     }
 
-    /// The same seen from the space that the map leads to; `line` is that of the space it leads
-    /// from.
+    /// The same root in the space that the map leads to; `line` is in the space that it leads from.
     pub(crate) fn placed(mut self, map: &DAffine3, line: &Line) -> Self {
         if *map == DAffine3::IDENTITY {
             return self;
@@ -64,19 +61,20 @@ impl Root {
         self
     }
 
-    /// The *condition* of the ray parameter: its relative change for a relative change of one, by
-    /// the worst signs, of every number that it follows from: those of the ray, of the shape and of
-    /// the maps that place it. At least one. Higham, *Accuracy and Stability of Numerical
-    /// Algorithms* (2002), 1.6, component by component. Infinite where the line touches the
-    /// surface.
+    /// The *condition number* of the ray parameter, at least 1.
     ///
-    /// `line` is in the space that the root was placed in.
+    /// This is its relative change for a relative change of one, with the worst signs, of every
+    /// input: the numbers of the ray, of the shape and of the maps that place it. Higham, *Accuracy
+    /// and Stability of Numerical Algorithms* (2002), 1.6, component by component. It is infinite
+    /// where the line touches the surface.
+    ///
+    /// `line` must be in the space that the root was placed in.
     pub(crate) fn condition(&self, line: &Line) -> f64 {
         let (o, d) = (line.origin.nearest(), line.direction.nearest());
         let t = self.t.nearest();
         let ray = self.normal.abs().dot(o.abs() + (t * d).abs());
         let change = (ray + self.moves) / (self.normal.dot(d) * t).abs();
-        // NaN, of zero over zero, is no condition that anything could be held to.
+        // NaN, from 0/0, must not pass as a condition number.
         if change >= 1.0 {
             change
         } else if change.is_nan() {
@@ -87,11 +85,11 @@ impl Root {
     }
 }
 
-/// All places where a line meets a shape, in no order, each once.
+/// All roots of a shape on a line, in no order, each once.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Roots {
     pub(crate) all: Vec<Root>,
-    /// Whether the line comes from the inside of the solid, which is endless there.
+    /// Whether the line is inside the solid at t = -infinity.
     pub(crate) from_inside: bool,
 }
 

@@ -37,7 +37,7 @@ impl Vector {
         Self([0, 1, 2].map(|i| &self.0[i] * factor))
     }
 
-    /// The double vector nearest to it.
+    /// The nearest vector of doubles.
     pub(crate) fn nearest(&self) -> DVec3 {
         DVec3::from_array([0, 1, 2].map(|i| self.0[i].nearest()))
     }
@@ -51,7 +51,7 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// That of a ray, whose doubles are taken for exact.
+    /// The line of a ray, whose doubles are taken as exact.
     pub(crate) fn of(ray: &Ray, bits: usize) -> Self {
         Self {
             origin: Vector::new(ray.origin.to_array(), bits),
@@ -63,12 +63,12 @@ impl Line {
         self.origin.0[0].bits()
     }
 
-    /// Exactly this number, with the digits of the line.
+    /// Exactly this number, with the precision of the line.
     pub(crate) fn number(&self, x: f64) -> Interval {
         Interval::new(x, self.bits())
     }
 
-    /// Exactly this point, with the digits of the line.
+    /// Exactly this point, with the precision of the line.
     pub(crate) fn point(&self, p: [f64; 3]) -> Vector {
         Vector::new(p, self.bits())
     }
@@ -82,13 +82,13 @@ impl Line {
         &self.origin.0[axis] + &self.direction.0[axis] * t
     }
 
-    /// The same points as they are seen in the space that this map leads from.
+    /// The same line in the space that this map leads from.
     pub(crate) fn inside(&self, map: &DAffine3) -> Decided<Self> {
         if *map == DAffine3::IDENTITY {
             return Ok(self.clone());
         }
         let [x, y, z] = [0, 1, 2].map(|column| self.point(map.matrix3.col(column).to_array()));
-        // Rows of the inverse are the cross products of the columns over the determinant.
+        // The rows of the inverse are cross products of the columns, divided by the determinant.
         let rows = [y.cross(&z), z.cross(&x), x.cross(&y)];
         let determinant = x.dot(&rows[0]);
         let moved = self.origin.minus(&self.point(map.translation.to_array()));

@@ -1,4 +1,5 @@
-//! The oracle against closed forms, against another evaluation, and against what must fail.
+//! Tests the oracle against closed forms, against an independent evaluation, and against textbook
+//! formulas that must fail.
 
 use dashu_float::FBig;
 use std::path::Path;
@@ -25,7 +26,7 @@ fn ray(origin: [f64; 3], direction: [f64; 3]) -> Ray {
     Ray::new(origin.into(), direction.into())
 }
 
-/// The doubles nearest to all roots; nothing where they are not known.
+/// The doubles nearest to all roots; `None` if they are undecided.
 fn roots(keys: &str, origin: [f64; 3], direction: [f64; 3]) -> Option<Vec<f64>> {
     let roots = oracle(keys).roots(&ray(origin, direction))?;
     Some(roots.iter().map(|root| root.t.nearest()).collect())
@@ -38,14 +39,14 @@ const DOWN: [f64; 3] = [0.0, 0.0, -1.0];
 fn round_shapes_are_met_where_closed_forms_say() {
     let sphere = "type = \"sphere\"";
     assert_eq!(roots(sphere, [-3.0, 0.6, 0.0], TO_X), Some(vec![2.2, 3.8]));
-    // Touched, and one unit in the last place beside that.
+    // A tangent line, and one that misses by one unit in the last place.
     assert_eq!(roots(sphere, [-3.0, 1.0, 0.0], TO_X), None);
     assert_eq!(roots(sphere, [-3.0, 1.0f64.next_up(), 0.0], TO_X), Some(vec![]));
     let inside = roots(sphere, [-3.0, 1.0f64.next_down(), 0.0], TO_X).unwrap();
     // sqrt(1 - (1 - 2^-53)²).
     let half = (2f64.powi(-52) - 2f64.powi(-106)).sqrt();
     assert_eq!(inside, [3.0 - half, 3.0 + half]);
-    // From its surface: t = 0 is no hit.
+    // From a point on the surface: t = 0 is no hit.
     match oracle(sphere).nearest(&ray([-1.0, 0.0, 0.0], TO_X), Interval::FORWARD) {
         Nearest::Hit { t, condition, .. } => {
             assert_eq!(t.nearest(), 2.0);
@@ -53,7 +54,7 @@ fn round_shapes_are_met_where_closed_forms_say() {
         }
         other => panic!("{other:?}"),
     }
-    // An eye two metres above a planet.
+    // A viewer two metres above a planet.
     let planet = "type = \"sphere\"\nradius = 1e8\ncenter = [0, 0, -1e8]";
     assert_eq!(roots(planet, [0.0, 0.0, 2.0], DOWN), Some(vec![2.0, 2e8 + 2.0]));
 
@@ -86,7 +87,7 @@ fn flat_shapes_are_closed_and_lines_in_them_are_not_decided() {
         assert_eq!(roots(&keys, [-2.0, 0.0, 1e-300], TO_X), Some(vec![]));
     }
     let cube = "type = \"box\"";
-    // In a face, along an edge, through corners, and beside them.
+    // In a face, along an edge, through corners, and next to them.
     assert_eq!(roots(cube, [-2.0, 1.0, 0.5], TO_X), Some(vec![1.0, 3.0]));
     assert_eq!(roots(cube, [-2.0, 1.0, 1.0], TO_X), Some(vec![1.0, 3.0]));
     assert_eq!(roots(cube, [-2.0, 1.0f64.next_up(), 1.0], TO_X), Some(vec![]));
@@ -161,14 +162,14 @@ fn composites_follow_from_their_parts() {
             .collect::<Vec<_>>(),
         [(0, true), (1, false)]
     );
-    // What is taken away from itself leaves nothing, whatever the line.
+    // A shape minus itself is empty, whatever the line.
     let nothing = "type = \"csg\"\noperation = \"difference\"\noperands = [{ type = \"sphere\" }, { type = \"sphere\" }]";
     let nothing = oracle(nothing);
     let mut random = Random::new(3);
     for _ in 0..50 {
         let line = Ray::new(3.0 * random.cube(), random.direction());
         let found = nothing.nearest(&line, Interval::FORWARD);
-        // Irrational roots of both are never told apart: that is not known either.
+        // Irrational roots of both cannot be told apart, so Unknown is right, too.
         assert!(matches!(found, Nearest::Miss | Nearest::Unknown), "{found:?}");
     }
     let half =
@@ -195,13 +196,13 @@ type Number = FBig;
 
 type Function = fn([Number; 3]) -> Number;
 
-/// Exactly: sums and products of unlimited precision.
+/// The exact number: sums and products have unlimited precision.
 fn exactly(x: f64) -> Number {
     Number::try_from(x).unwrap().with_precision(0).value()
 }
 
-/// Functions that are zero on the surface, of x, y and z, in exact arithmetic and not in that of
-/// the oracle.
+/// Functions of x, y and z that are zero on the surface, in exact arithmetic that is independent of
+/// the oracle's.
 const FUNCTIONS: [(&str, Function); 6] = [
     ("type = \"sphere\"\nradius = 1.5", |[x, y, z]| {
         &x * &x + &y * &y + &z * &z - exactly(2.25)
@@ -263,7 +264,7 @@ fn exact_values_change_sign_at_every_root() {
     }
 }
 
-/// Errors of the textbook forms of a shape over rays from around, near and far.
+/// Errors of the textbook formulas in both precisions, over rays from around, near and far.
 fn textbook_errors(keys: &str) -> [Errors; 2] {
     with(&format!("[[shape]]\n{keys}"), |description| {
         let oracle = Oracle::new(description, 0).unwrap();
@@ -289,7 +290,7 @@ fn textbook_errors(keys: &str) -> [Errors; 2] {
     })
 }
 
-/// Far more digits are lost than there are to lose, and the oracle says so.
+/// The oracle finds the large errors of textbook formulas.
 #[test]
 fn textbook_forms_are_found_wrong() {
     for keys in [
@@ -327,8 +328,7 @@ fn textbook_forms_are_found_wrong() {
     }
 }
 
-/// A textbook form in double precision is held to the bound of 16 ulp times the condition, and
-/// breaks it.
+/// A textbook formula in double precision exceeds the bound of 16 ulp times the condition number.
 #[test]
 fn agreement_bites() {
     let keys = "[[shape]]\ntype = \"torus\"\nminor_radius = 0.01";

@@ -1,7 +1,7 @@
-//! Diagrams with logarithmic axes as SVG, without dependencies.
+//! SVG plots with logarithmic axes, without dependencies.
 //!
-//! Readable on light and dark pages: ink and paper follow the reader's colour scheme. Every point
-//! has a `<title>`, which browsers show.
+//! They are readable on light and dark pages: the colours follow the reader's colour scheme. Every
+//! point has a `<title>`, which browsers show as a tooltip.
 
 #![forbid(unsafe_code)]
 
@@ -17,14 +17,14 @@ pub const LEFT: f64 = 56.0;
 pub const TOP: f64 = 34.0;
 /// Left edge of the second panel.
 pub const SECOND: f64 = LEFT + WIDTH + 70.0;
-/// What is below is drawn here: zero has no logarithm.
+/// Smaller values are drawn here, because zero has no logarithm.
 const LEAST: f64 = 1e-18;
-/// Okabe and Ito's colours, told apart by everyone.
+/// The colour-blind safe palette of Okabe and Ito.
 pub const COLORS: [&str; 7] = [
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a7f00",
 ];
 
-/// Of decades, onto a stretch of pixels.
+/// Maps decades to a range of pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
     /// Exponent at the start.
@@ -33,13 +33,13 @@ pub struct Axis {
     last: f64,
     from: f64,
     to: f64,
-    /// What is below is drawn here.
+    /// Smaller values are drawn here.
     least: f64,
 }
 
 impl Axis {
-    /// Whole decades around all finite values, of which zero and what is as good as zero are drawn
-    /// at 1e-18.
+    /// Whole decades around all finite values. Values below 1e-18, including zero, are drawn at
+    /// 1e-18.
     pub fn around(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         Self::above(LEAST, values, from, to)
     }
@@ -70,7 +70,7 @@ impl Axis {
         }
     }
 
-    /// The other way round.
+    /// The axis in the opposite direction.
     #[must_use]
     pub fn reversed(self) -> Self {
         Self {
@@ -80,25 +80,25 @@ impl Axis {
         }
     }
 
-    /// Where a value is drawn.
+    /// The pixel position of a value.
     pub fn at(&self, value: f64) -> f64 {
         self.at_power(value.max(self.least).log10())
     }
 
-    /// Where a power of ten is drawn, which need not be a number.
+    /// The pixel position of ten to the given power, which may be fractional.
     fn at_power(&self, power: f64) -> f64 {
         let part = (power - self.first) / (self.last - self.first);
         self.from + part.clamp(0.0, 1.0) * (self.to - self.from)
     }
 
-    /// At most eight decades with a label.
+    /// At most about eight labelled decades.
     fn ticks(&self) -> impl Iterator<Item = i32> {
         let (first, last) = (self.first as i32, self.last as i32);
         (first..=last).step_by(((last - first) as usize).div_ceil(8).max(1))
     }
 }
 
-/// A text with what XML would take for its own written otherwise.
+/// Escapes the characters that are special in XML.
 pub fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {
@@ -107,7 +107,7 @@ pub fn escaped(text: &str) -> String {
             '<' => safe.push_str("&lt;"),
             '>' => safe.push_str("&gt;"),
             '"' => safe.push_str("&quot;"),
-            // Between what a point is and its command.
+            // Separates the description of a point from its command.
             '\n' => safe.push(c),
             c if c.is_control() => safe.push(' '),
             c => safe.push(c),
@@ -116,15 +116,15 @@ pub fn escaped(text: &str) -> String {
     safe
 }
 
-/// A picture under construction: two panels side by side, and lines of text below.
+/// A figure under construction: two panels side by side, and lines of text below.
 #[derive(Debug)]
 pub struct Figure {
     text: String,
 }
 
 impl Figure {
-    /// `title` is for those who cannot see it, `heading` stands above; `below` are the lines of
-    /// text under the panels.
+    /// Starts a figure. `title` is the accessible title, `heading` the text at the top, and `below`
+    /// the number of text lines under the panels.
     pub fn new(title: &str, heading: &str, below: usize) -> Self {
         let (wide, high) = (
             SECOND + WIDTH + 16.0,
@@ -143,7 +143,7 @@ impl Figure {
         }
     }
 
-    /// A frame with its decades and what runs across.
+    /// A frame with labelled decades and grid lines.
     pub fn panel(&mut self, left: f64, across: &Axis, up: &Axis, name: &str) {
         let bottom = TOP + HEIGHT;
         for decade in up.ticks() {
@@ -172,7 +172,7 @@ impl Figure {
         ));
     }
 
-    /// A dashed line across a panel, with what it is.
+    /// A dashed horizontal line across a panel, with a label.
     pub fn level(&mut self, left: f64, y: f64, name: &str) {
         self.line(&format!(
             "<path class=\"ink\" stroke-dasharray=\"5 4\" d=\"M {left} {y:.1} h {WIDTH}\"/><text x=\"{}\" y=\"{:.1}\">{}</text>",
@@ -182,7 +182,7 @@ impl Figure {
         ));
     }
 
-    /// A dashed line from the top of all panels to the bottom.
+    /// A dashed vertical line from the top of the panels to the bottom.
     pub fn upright(&mut self, x: f64, ink: &str) {
         let bottom = TOP + HEIGHT;
         self.line(&format!(
@@ -190,7 +190,7 @@ impl Figure {
         ));
     }
 
-    /// Straight lines from point to point.
+    /// Line segments through the points.
     pub fn polyline(&mut self, ink: &str, dashed: bool, points: impl Iterator<Item = [f64; 2]>) {
         let points: Vec<String> = points.map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
         let dashes = if dashed { " stroke-dasharray=\"6 3\"" } else { "" };
@@ -200,7 +200,8 @@ impl Figure {
         ));
     }
 
-    /// A point that tells what it is; an empty one is of no use, or a claim that is not made.
+    /// A point with a tooltip. An open point (`full` = false) is unusable, or no claim is made
+    /// about it.
     pub fn dot(&mut self, [x, y]: [f64; 2], ink: &str, full: bool, label: &str) {
         let fill = if full { ink } else { "none" };
         self.line(&format!(
@@ -209,14 +210,14 @@ impl Figure {
         ));
     }
 
-    /// From one x to another: the spread of a point.
+    /// A horizontal bar: the spread of a point.
     pub fn bar(&mut self, from: f64, to: f64, y: f64, ink: &str) {
         self.line(&format!(
             "<path stroke=\"{ink}\" stroke-opacity=\"0.6\" d=\"M {from:.1} {y:.1} H {to:.1}\"/>"
         ));
     }
 
-    /// An entry of the legend, in a column and a line below the panels.
+    /// An entry of the legend, at a column and line below the panels.
     pub fn legend(&mut self, column: f64, line: usize, ink: &str, name: &str) {
         let y = TOP + HEIGHT + 50.0 + 18.0 * line as f64;
         self.line(&format!(
@@ -232,7 +233,7 @@ impl Figure {
         let _ = writeln!(self.text, "{text}");
     }
 
-    /// The whole file.
+    /// The complete SVG text.
     pub fn finish(self) -> String {
         self.text + "</svg>\n"
     }
@@ -251,13 +252,13 @@ mod tests {
         );
         assert_eq!(axis.ticks().collect::<Vec<_>>(), [-2, -1, 0, 1, 2]);
         assert_eq!(axis.reversed().at(0.01), 400.0);
-        // Down to the least double.
+        // Down to the smallest positive double.
         let axis = Axis::around_all([1e-300, 5e-324].into_iter(), 0.0, 24.0);
         assert_eq!(
             [1e-300, 1e-312, 5e-324].map(|x| axis.at(x).round()),
             [24.0, 12.0, 1.0]
         );
-        // Nothing to show is no reason to fail.
+        // An empty plot is no error.
         assert_eq!(Axis::around(std::iter::empty(), 0.0, 1.0).at(1.0), 0.0);
     }
 

@@ -1,4 +1,4 @@
-//! What families work with: plugins, the oracle, and Mitsuba where it runs.
+//! The test environment of the families: plugins, the oracle, and Mitsuba if it is available.
 
 use crate::Engine;
 use serde_json::{Value, json};
@@ -10,23 +10,23 @@ use whitstone_oracle::naive::{Real, Textbook, textbook};
 use whitstone_scene::{Description, Pipeline, Plan, Sources};
 use whitstone_validate::driver::{Driver, DriverError};
 
-/// Whatever is not in a scene of a family.
+/// The parts that scenes of families leave out.
 const CAMERA: &str =
     "camera = { type = \"perspective\", look_at = { origin = [0, 0, 9], target = [0, 0, 0] } }\n";
 
-/// The accelerator that traces in single precision, of a crate that not every program has.
+/// The accelerator that traces in single precision; its crate is optional.
 const EMBREE: &str = "embree";
 
-/// The engines, ready to be asked.
+/// The engines, ready for queries.
 pub struct Lab<'a> {
     registry: &'a Registry,
     mitsuba: Option<Mutex<Driver>>,
-    /// How many questions a step asks.
+    /// Number of queries per step.
     pub rays: usize,
 }
 
 impl<'a> Lab<'a> {
-    /// Without a driver, Mitsuba takes no part. `rays` is how many questions a step asks, at least
+    /// Without a driver, Mitsuba takes no part. `rays` is the number of queries per step, at least
     /// one.
     pub fn new(registry: &'a Registry, mitsuba: Option<Driver>, rays: usize) -> Self {
         Self {
@@ -36,12 +36,12 @@ impl<'a> Lab<'a> {
         }
     }
 
-    /// The driver, for other questions.
+    /// Returns the driver, for other uses.
     pub fn into_driver(self) -> Option<Driver> {
         self.mitsuba.and_then(|driver| driver.into_inner().ok())
     }
 
-    /// Who can take part in some family: Embree only where the program has it.
+    /// The engines that take part in at least one family: Embree only if the program includes it.
     pub fn engines(&self) -> impl Iterator<Item = Engine> {
         let has_embree = self.has_embree();
         Engine::ALL
@@ -53,14 +53,14 @@ impl<'a> Lab<'a> {
         self.registry.get(FamilyName::Accelerator, EMBREE).is_ok()
     }
 
-    /// A scene of triangles, which Embree finds as exactly as it can; `None` if the program was
-    /// built without it.
+    /// A scene of triangles with Embree at its highest precision; `None` if the program was built
+    /// without it.
     pub(crate) fn embree(&self, scene: &str) -> Option<Result<Pipeline, String>> {
         let scene = format!("accelerator = {{ type = \"{EMBREE}\", robust = true }}\n{scene}");
         self.has_embree().then(|| self.pipeline(&scene))
     }
 
-    /// All accelerators that promise exact answers: peers do not.
+    /// All accelerators that promise exact answers, which third-party ones do not.
     pub(crate) fn accelerators(&self) -> impl Iterator<Item = &'static str> {
         let all = self.registry.entries();
         let ours = all
@@ -73,7 +73,7 @@ impl<'a> Lab<'a> {
         Subject::new(scene, Path::new("scenes"), self.registry)
     }
 
-    /// A scene as it is rendered. A camera need not be there.
+    /// Builds a scene for rendering. The camera may be missing.
     pub(crate) fn pipeline(&self, scene: &str) -> Result<Pipeline, String> {
         let text = with_camera(scene);
         let sources = Sources::from_text("stress", &text, Path::new("scenes"), &[]);
@@ -84,7 +84,7 @@ impl<'a> Lab<'a> {
         Pipeline::build(&plan, self.registry).map_err(report)
     }
 
-    /// One of the operations for single rays; why not, where Mitsuba takes no part.
+    /// Runs one of the operations for single rays; an error if Mitsuba takes no part.
     pub(crate) fn mitsuba(&self, mut request: Value) -> Result<Value, String> {
         let Some(driver) = &self.mitsuba else {
             return Err("not asked for".to_owned());
@@ -101,7 +101,7 @@ impl<'a> Lab<'a> {
         })
     }
 
-    /// The red values of pixels, by the driver, which has Mitsuba meet rays and shapes and look up
+    /// Red values of pixels by the driver; Mitsuba intersects rays and shapes and looks up
     /// textures.
     pub(crate) fn mitsuba_pixels(&self, scene: &str, pixels: &[[u32; 2]]) -> Result<Vec<f64>, String> {
         let answer =
@@ -113,7 +113,7 @@ impl<'a> Lab<'a> {
             .collect())
     }
 
-    /// Its nearest hits, and nanoseconds for each.
+    /// Mitsuba's nearest hits, and nanoseconds per ray.
     pub(crate) fn mitsuba_closest(
         &self,
         scene: &str,
@@ -122,7 +122,7 @@ impl<'a> Lab<'a> {
         let answer =
             self.mitsuba(json!({ "op": "closest", "threads": 1, "scene": scene, "rays": rows(rays) }))?;
         let distances = answer["t"].as_array().ok_or("no distances")?;
-        // "nan" counts as an answer, "inf" is a miss.
+        // "nan" counts as an answer; "inf" is a miss.
         let found = distances.iter().map(|t| match t.as_str() {
             Some("inf") => None,
             _ => Some(t.as_f64().unwrap_or(f64::NAN)),
@@ -142,7 +142,7 @@ fn with_camera(scene: &str) -> String {
     }
 }
 
-/// The textbook form of a shape of a scene.
+/// The textbook implementation of a shape of a scene.
 pub(crate) fn textbook_of<R: Real>(scene: &str, number: usize) -> Result<Box<dyn Textbook<R>>, String> {
     let text = with_camera(scene);
     let sources = Sources::from_text("stress", &text, Path::new("scenes"), &[]);
@@ -152,7 +152,7 @@ pub(crate) fn textbook_of<R: Real>(scene: &str, number: usize) -> Result<Box<dyn
     textbook(&description, number).map_err(report)
 }
 
-/// As the protocol writes rays.
+/// Rays in the form of the protocol.
 pub(crate) fn rows(rays: &[Ray]) -> Vec<[f64; 6]> {
     rays.iter()
         .map(
@@ -164,20 +164,20 @@ pub(crate) fn rows(rays: &[Ray]) -> Vec<[f64; 6]> {
         .collect()
 }
 
-/// What an integrator says of a ray.
+/// The radiance of a ray by the integrator.
 pub(crate) fn radiance(pipeline: &Pipeline, ray: &Ray) -> Rgb {
     let mut scratch = Scratch::default();
     pipeline.integrator.radiance(&pipeline.world, ray, &mut scratch)
 }
 
-/// All rays that come from a ray.
+/// The ray tree of a ray.
 pub(crate) fn tree(pipeline: &Pipeline, ray: &Ray) -> Vec<TreeNode> {
     let mut scratch = Scratch::recording();
     pipeline.integrator.radiance(&pipeline.world, ray, &mut scratch);
     scratch.record.unwrap_or_default()
 }
 
-/// The ray whose numbers single precision has, so that everyone is asked the same.
+/// The ray rounded to single precision, so that every engine gets the same one.
 pub(crate) fn single(origin: DVec3, direction: DVec3) -> Ray {
     Ray::new(origin.as_vec3().as_dvec3(), direction.as_vec3().as_dvec3())
 }

@@ -1,17 +1,20 @@
-//! Families of stiff and extreme cases: a knob is turned over decades, and everyone's error is
-//! judged by the oracle.
+//! Robustness suite: sweeps a parameter logarithmically to find where a renderer's answers become
+//! unusable. The oracle judges every answer.
 //!
-//! Every family is a file in `families`; [`FAMILIES`] lists them. At each step of its knob a family
-//! asks every engine that can take part the same questions and holds the answers to a truth that
-//! none of them computed: the oracle's many digits, or a closed form. There are two levels. What
-//! *passes* is what Whitstone promises, near the rounding of double precision. What is *usable* is
-//! the same for every engine, and so coarse that single precision has it where the case is easy:
-//! the *frontier* of an engine is the first step at which it is not usable any more. Without the
-//! second level, everything in single precision would break at the first step, and frontiers would
-//! tell nothing.
+//! A *family* is a file in `families`; [`FAMILIES`] lists them. At each step of its parameter
+//! (`knob`), a family gives the same queries to every engine that supports them. It compares the
+//! answers with a truth that none of them computed: the arbitrary-precision oracle, or a closed
+//! form.
 //!
-//! Each family also runs deliberately naive variants ([`whitstone_oracle::naive`]); where none of
-//! them fails, the family proves nothing and is itself reported as toothless.
+//! There are two error levels. An answer *passes* if it keeps Whitstone's promise, which is close
+//! to the rounding error of double precision. An answer is *usable* up to an error bound that is
+//! the same for every engine. That bound is so coarse that single precision meets it in easy cases.
+//! The *frontier* of an engine is the first step at which its answers are unusable. Without the
+//! second level, every single-precision engine would fail at the first step, and frontiers would be
+//! meaningless.
+//!
+//! Each family also runs naive variants ([`whitstone_oracle::naive`]), which are expected to fail.
+//! If none of them fails, the family proves nothing and is reported as toothless (vacuous).
 
 pub mod families;
 mod lab;
@@ -25,29 +28,29 @@ pub use report::{EngineReport, FamilyReport, Step, Verdict, headline, table};
 
 use serde::{Deserialize, Serialize};
 
-/// Who answers.
+/// A renderer or library under test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Engine {
-    /// The plugins, as a scene uses them.
+    /// Whitstone's plugins, as a scene uses them.
     #[serde(rename = "whitstone")]
     Whitstone,
     /// Mitsuba's own functions, in single precision.
     #[serde(rename = "mitsuba")]
     Mitsuba,
-    /// Embree over the same triangles, in single precision, where the program has it; all around it
-    /// is Whitstone.
+    /// Embree on the same triangles, in single precision, inside Whitstone; only if the program was
+    /// built with it.
     #[serde(rename = "embree")]
     Embree,
-    /// The textbook's, in double precision.
+    /// Textbook formulas in double precision.
     #[serde(rename = "naive f64")]
     NaiveF64,
-    /// The textbook's, in single precision.
+    /// Textbook formulas in single precision.
     #[serde(rename = "naive f32")]
     NaiveF32,
 }
 
 impl Engine {
-    /// Everyone, in the order of tables.
+    /// All engines, in the order of tables.
     pub const ALL: [Self; 5] = [
         Self::Whitstone,
         Self::Mitsuba,
@@ -56,7 +59,7 @@ impl Engine {
         Self::NaiveF32,
     ];
 
-    /// As people read it.
+    /// The name for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Whitstone => "whitstone",
@@ -68,49 +71,50 @@ impl Engine {
     }
 }
 
-/// What a family is about.
+/// Description of a family.
 #[derive(Clone, Copy, Debug)]
 pub struct About {
-    /// As it is called on the command line.
+    /// The name on the command line.
     pub name: &'static str,
-    /// Its numbers in the catalogue of `docs/stability.md`.
+    /// Numbers of the cases in the catalogue of `docs/stability.md`.
     pub catalogue: &'static [u32],
-    /// What is turned, with its unit.
+    /// The parameter that is swept, with its unit.
     pub knob: &'static str,
-    /// What `error` is.
+    /// The definition of `error`.
     pub measure: &'static str,
-    /// What Whitstone promises: the largest strict error, in words.
+    /// Whitstone's promise, the largest accepted strict error, as text.
     pub promise: &'static str,
-    /// The same as a number.
+    /// The promise as a number.
     pub pass: f64,
-    /// Largest error that is of use, the same for all engines.
+    /// Largest error that is usable, the same for all engines.
     pub usable: f64,
 }
 
-/// What one engine made of one step.
+/// Errors of one engine at one step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
-    /// Largest error, in the family's measure; of answers with the right class.
+    /// Largest error, in the family's measure, over answers of the right class.
     pub error: f64,
-    /// Largest error in the measure of the promise; the same where the family has one measure.
+    /// Largest error, in the measure of the promise. Equal to `error` if the family has only one
+    /// measure.
     pub strict: f64,
-    /// Answers of the wrong class: a hit instead of a miss, another count.
+    /// Answers of the wrong class: a hit instead of a miss, or a wrong count.
     pub failures: u64,
-    /// Answers that are not numbers.
+    /// Answers that are infinite or NaN.
     pub nonfinite: u64,
-    /// Nanoseconds for each operation, where it was timed.
+    /// Nanoseconds per operation, if it was timed.
     pub ns_per_op: Option<f64>,
 }
 
 impl Sample {
-    /// Of one measure.
+    /// A sample with this error in both measures.
     pub fn new(error: f64) -> Self {
         let mut sample = Self::default();
         sample.add(error);
         sample
     }
 
-    /// One more error.
+    /// Adds an error to both measures; one that is not finite is only counted.
     pub fn add(&mut self, error: f64) {
         if error.is_finite() {
             self.error = self.error.max(error);
@@ -120,7 +124,7 @@ impl Sample {
         }
     }
 
-    /// All of another one's answers too; of two times the longer one.
+    /// Merges another sample; keeps the longer of both times.
     pub fn join(&mut self, other: &Self) {
         self.error = self.error.max(other.error);
         self.strict = self.strict.max(other.strict);
@@ -133,26 +137,26 @@ impl Sample {
     }
 }
 
-/// Why an engine takes no part, or what it answered.
+/// The errors of an engine, or the reason why it takes no part.
 pub type Answer = Result<Sample, String>;
 
-/// A family of cases.
+/// A family of test cases.
 pub trait Family: Sync {
-    /// What it is about.
+    /// Its description.
     fn about(&self) -> About;
 
-    /// The values of the knob, from the easy to the stiff.
+    /// Values of the parameter, from easy to hard.
     fn knobs(&self) -> Vec<f64>;
 
-    /// Asks everyone.
+    /// Queries every engine at one value of the parameter.
     ///
     /// # Errors
     ///
-    /// If the case cannot be built, which is a fault of the family or of a plugin.
+    /// If the case cannot be built, which is a bug of the family or of a plugin.
     fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String>;
 }
 
-/// Powers of ten from `first` to `last`, both included.
+/// Powers of ten from `10^first` to `10^last`, both included.
 fn decades(first: i32, last: i32) -> Vec<f64> {
     let step = if first <= last { 1 } else { -1 };
     (0..=(last - first).abs())

@@ -1,10 +1,10 @@
-//! Pictures of a family: error against the knob, with the frontiers, and error against time, both
-//! with logarithmic axes.
+//! Plots of a family with logarithmic axes: error against the parameter, with the frontiers, and
+//! error against time.
 
 use crate::{Engine, EngineReport, FamilyReport};
 use whitstone_plot::{Axis, COLORS, Figure, HEIGHT, LEFT, SECOND, TOP, WIDTH};
 
-/// Entries of the legend side by side.
+/// Legend entries per line.
 const IN_A_LINE: usize = 4;
 
 fn color(engine: Engine) -> &'static str {
@@ -17,7 +17,7 @@ fn color(engine: Engine) -> &'static str {
     }]
 }
 
-/// As an SVG file.
+/// The plot as an SVG file.
 pub fn svg(report: &FamilyReport) -> String {
     let engines: Vec<&EngineReport> = report
         .engines
@@ -27,7 +27,7 @@ pub fn svg(report: &FamilyReport) -> String {
     let steps = || engines.iter().flat_map(|engine| &engine.steps);
     let bottom = TOP + HEIGHT;
     let mut knobs = Axis::around_all(report.knobs.iter().copied(), LEFT, LEFT + WIDTH);
-    // The stiff end is on the right, also where the knob goes down.
+    // The hard end is on the right, even if the parameter decreases.
     if report.knobs.first() > report.knobs.last() {
         knobs = knobs.reversed();
     }
@@ -58,8 +58,8 @@ pub fn svg(report: &FamilyReport) -> String {
                 step.error,
                 step.failures
             );
-            // Filled where it is of use, open where it is not: also where the class is wrong and
-            // the error says nothing.
+            // Filled if usable, otherwise open: also if the class is wrong, where the error is
+            // meaningless.
             figure.dot(at(step), ink, step.usable, &label);
             if let Some(ns) = step.ns_per_op {
                 let label = format!("{label}, {ns:.0} ns");

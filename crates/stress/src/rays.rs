@@ -1,5 +1,4 @@
-//! Families whose questions are rays at one shape: everyone says where each meets it first, and the
-//! oracle knows.
+//! Families that query the nearest hit of rays with one shape; the oracle gives the truth.
 
 use crate::lab::single;
 use crate::{About, Answer, Engine, Family, Lab, Sample};
@@ -11,20 +10,21 @@ use whitstone_oracle::agreement::{Agreement, Error};
 use whitstone_scene::Pipeline;
 use whitstone_testkit::Random;
 
-/// How often a family may refuse a ray before the step counts as impossible.
+/// Rejected rays per accepted ray before the step counts as impossible.
 const TRIES: usize = 1000;
 
-/// Rays at a shape. The strict measure is units in the last place of a double, over the condition.
+/// Rays at a shape. The strict measure is the error in units in the last place of a double, divided
+/// by the condition number.
 pub(crate) struct RayFamily {
     pub(crate) about: About,
     pub(crate) knobs: fn() -> Vec<f64>,
     /// A scene with one shape.
     pub(crate) scene: fn(f64) -> String,
-    /// A ray whose class is clear; `None` where it came out otherwise.
+    /// Generates a ray that clearly hits or clearly misses; `None` to reject it.
     pub(crate) ray: fn(f64, &mut Random) -> Option<Ray>,
     /// The unit of the error.
     pub(crate) unit: fn(f64, t: f64) -> f64,
-    /// Whether the strict measure is that of the error, not units in the last place.
+    /// Whether the strict measure equals the error measure, instead of units in the last place.
     pub(crate) one_measure: bool,
 }
 
@@ -133,8 +133,8 @@ impl RayFamily {
     }
 }
 
-/// Families that are about the same, one shape each, as one: what is worst of all shapes counts. An
-/// engine takes part that has all of them; Embree is asked for those of triangles.
+/// Several families with one shape each, reported as one: the worst shape counts. An engine takes
+/// part if it supports all shapes; Embree gets those of triangles.
 pub(crate) struct Several(pub(crate) &'static [RayFamily]);
 
 impl Family for Several {
@@ -164,7 +164,7 @@ impl Family for Several {
     }
 }
 
-/// Distances of the nearest hits, and nanoseconds for each.
+/// Distances of the nearest hits, and nanoseconds per ray.
 fn traced(pipeline: &Pipeline, rays: &[Ray]) -> (Vec<Option<f64>>, f64) {
     let accelerator = &pipeline.world.accelerator;
     timed(rays, |ray| {
@@ -173,7 +173,7 @@ fn traced(pipeline: &Pipeline, rays: &[Ray]) -> (Vec<Option<f64>>, f64) {
     })
 }
 
-/// All answers, and nanoseconds for each in the best of three runs.
+/// All answers, and nanoseconds per query in the best of three runs.
 fn timed<Q, A>(questions: &[Q], answer: impl Fn(&Q) -> A) -> (Vec<A>, f64) {
     let mut best = f64::INFINITY;
     let mut answers = Vec::new();
@@ -186,9 +186,9 @@ fn timed<Q, A>(questions: &[Q], answer: impl Fn(&Q) -> A) -> (Vec<A>, f64) {
     (answers, best * 1e9 / questions.len() as f64)
 }
 
-/// A ray in single precision from `origin` that passes a point at the distance `miss` from the
-/// centre, in a random direction around it; `None` where rounding brought it nearer than a
-/// hundredth part to `edge`, so that its class would not be clear.
+/// A ray in single precision from `origin` that passes `center` at the distance `miss`, in a random
+/// direction around it. `None` if the rounded distance is within 1 % of `edge`, where the class
+/// would not be clear.
 pub(crate) fn past(center: DVec3, origin: DVec3, miss: f64, edge: f64, random: &mut Random) -> Option<Ray> {
     let to = center - origin;
     let distance = to.length();
@@ -201,7 +201,7 @@ pub(crate) fn past(center: DVec3, origin: DVec3, miss: f64, edge: f64, random: &
     ((nearest / edge - 1.0).abs() > 0.01).then_some(ray)
 }
 
-/// In [0, 0.95) or, one time in four, in [1.05, 1.6).
+/// A number in [0, 0.95) or, one time in four, in [1.05, 1.6).
 pub(crate) fn clear(random: &mut Random) -> f64 {
     match random.below(4) {
         0 => 1.05 + 0.55 * random.unit(),

@@ -1,4 +1,4 @@
-//! What a family came to.
+//! Results of a family.
 
 use crate::{About, Engine, Family, Lab, Sample};
 use serde::{Deserialize, Serialize};
@@ -7,34 +7,35 @@ use std::fmt;
 /// One step of one engine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
-    /// Value of the knob.
+    /// Value of the parameter.
     pub knob: f64,
-    /// In the family's measure.
+    /// Error in the family's measure.
     pub error: f64,
-    /// In the measure of the promise.
+    /// Error in the measure of the promise.
     pub strict: f64,
     /// Answers of the wrong class.
     pub failures: u64,
-    /// Answers that are no numbers.
+    /// Answers that are infinite or NaN.
     pub nonfinite: u64,
-    /// Where it was timed.
+    /// Nanoseconds per operation, if it was timed.
     pub ns_per_op: Option<f64>,
     /// Whether it keeps the promise.
     pub passes: bool,
-    /// Whether it is of use.
+    /// Whether it is usable.
     pub usable: bool,
 }
 
 /// One engine over all steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EngineReport {
-    /// Which.
+    /// The engine.
     pub engine: Engine,
-    /// The first value of the knob at which it is not usable; none if it is at all of them.
+    /// The first value of the parameter at which it is not usable; `None` if it is usable at all of
+    /// them.
     pub frontier: Option<f64>,
-    /// How many steps come before the frontier.
+    /// Number of steps before the frontier.
     pub usable_steps: usize,
-    /// All that it answered; empty where it takes no part.
+    /// All results; empty if it takes no part.
     pub steps: Vec<Step>,
     /// Whether it keeps the promise at every step.
     pub passes: bool,
@@ -43,18 +44,18 @@ pub struct EngineReport {
     pub absent: Option<String>,
 }
 
-/// How a family ended.
+/// The result of a family.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Whitstone keeps the promise everywhere, its frontier is not nearer than Mitsuba's and
+    /// Whitstone keeps the promise everywhere, its frontier is at least as far as Mitsuba's and
     /// Embree's, and a naive variant fails.
     Pass,
     /// Whitstone breaks the promise.
     Fails,
     /// Mitsuba or Embree gets further.
     Behind,
-    /// No naive variant fails: the family proves nothing.
+    /// No naive variant fails: the family is vacuous.
     Toothless,
 }
 
@@ -65,21 +66,21 @@ pub struct FamilyReport {
     pub family: String,
     /// Its numbers in the catalogue.
     pub catalogue: Vec<u32>,
-    /// What is turned.
+    /// The parameter that is swept.
     pub knob: String,
-    /// What `error` is.
+    /// The definition of `error`.
     pub measure: String,
-    /// What is promised.
+    /// The promise.
     pub pass_level: String,
     /// Largest usable error.
     pub usable_level: f64,
-    /// Values of the knob.
+    /// Values of the parameter.
     pub knobs: Vec<f64>,
-    /// Whitstone first.
+    /// All engines, Whitstone first.
     pub engines: Vec<EngineReport>,
     /// Whether a naive variant fails.
     pub naive_fails: bool,
-    /// All in all.
+    /// The overall result.
     pub verdict: Verdict,
 }
 
@@ -123,8 +124,8 @@ impl FamilyReport {
                 .find(|report: &&EngineReport| report.engine == engine)
         };
         let takes_part = |report: &&EngineReport| !report.steps.is_empty();
-        // The textbook in single precision never keeps a promise that is made for doubles: what it
-        // must fail is to be usable.
+        // Textbook formulas in single precision never meet a promise made for doubles, so they only
+        // count as failing if they are unusable.
         let naive_fails = of(Engine::NaiveF64)
             .filter(takes_part)
             .is_some_and(|report| !report.passes)
@@ -164,13 +165,13 @@ impl FamilyReport {
         }
     }
 
-    /// Whether an engine answered.
+    /// Whether an engine took part.
     pub fn takes_part(&self, engine: Engine) -> bool {
         let mut all = self.engines.iter();
         all.any(|report| report.engine == engine && !report.steps.is_empty())
     }
 
-    /// What an engine's frontier is, in words.
+    /// The frontier of an engine as text.
     pub fn frontier(&self, engine: Engine) -> String {
         let report = self.engines.iter().find(|report| report.engine == engine);
         match report {
@@ -197,7 +198,7 @@ impl EngineReport {
     }
 
     fn conclude(&mut self) {
-        // Who cannot take every step takes no part: a frontier would say nothing.
+        // An engine that cannot take every step takes no part: its frontier would be meaningless.
         if self.absent.is_some() {
             self.steps.clear();
         }
@@ -246,25 +247,26 @@ impl Engine {
     }
 }
 
-/// Some engines, but Embree, which not every program has, only where a family asked it.
+/// Filters engines for a table: Embree, which is optional, appears only if it took part in a
+/// family.
 fn shown<const N: usize>(engines: [Engine; N], reports: &[FamilyReport]) -> Vec<Engine> {
     let asked = |engine| reports.iter().any(|report| report.takes_part(engine));
     let is_shown = |engine: &Engine| *engine != Engine::Embree || asked(*engine);
     engines.into_iter().filter(is_shown).collect()
 }
 
-/// Cells of a table in Markdown.
+/// A row of a Markdown table.
 fn row(cells: impl IntoIterator<Item = String>) -> String {
     let cells: Vec<String> = cells.into_iter().collect();
     format!("| {} |\n", cells.join(" | "))
 }
 
-/// The line under the heads of so many columns.
+/// The delimiter row of a Markdown table.
 fn rule(columns: usize) -> String {
     format!("|{}\n", "---|".repeat(columns))
 }
 
-/// The frontiers of all families as a table in Markdown.
+/// The frontiers of all families as a Markdown table.
 pub fn table(reports: &[FamilyReport]) -> String {
     let engines = shown(Engine::ALL, reports);
     let around = |first: [&str; 2], cells: Vec<String>, last: &str| {
@@ -284,7 +286,7 @@ pub fn table(reports: &[FamilyReport]) -> String {
     text
 }
 
-/// Frontiers of Whitstone and of the programs of others, in the families where one of these takes
+/// Frontiers of Whitstone and of the third-party engines, in the families where one of these takes
 /// part.
 pub fn headline(reports: &[FamilyReport]) -> String {
     let engines = shown([Engine::Whitstone, Engine::Mitsuba, Engine::Embree], reports);
@@ -311,8 +313,7 @@ pub fn headline(reports: &[FamilyReport]) -> String {
 mod tests {
     use super::*;
 
-    /// Engines that break the usable level at these errors, over a knob of three decades; all
-    /// promises are 1.
+    /// A report for engines with these errors at the three steps; all promises are 1.
     fn judged(errors: [(Engine, [f64; 3]); 3]) -> FamilyReport {
         struct Fixed([(Engine, [f64; 3]); 3]);
         impl Family for Fixed {
@@ -353,16 +354,16 @@ mod tests {
         assert_eq!(report.frontier(Whitstone), "none");
         assert_eq!(report.frontier(Mitsuba), "1e2");
         assert_eq!(report.frontier(NaiveF32), "1e1");
-        // A broken promise, also where it is still of use.
+        // A broken promise, even where the answer is still usable.
         let broken = (Whitstone, [0.0, 1.1, 1.0]);
         assert_eq!(
             judged([broken, (Mitsuba, [2.0; 3]), naive]).verdict,
             Verdict::Fails
         );
-        // No number is worse than any.
+        // NaN is worse than any number.
         let none = (Whitstone, [0.0, f64::NAN, 0.0]);
         assert_eq!(judged([none, (Mitsuba, [2.0; 3]), naive]).verdict, Verdict::Fails);
-        // Nothing that fails proves nothing.
+        // If nothing fails, the family proves nothing.
         assert_eq!(
             judged([good, (Mitsuba, [2.0; 3]), (NaiveF32, [9.0; 3])]).verdict,
             Verdict::Toothless

@@ -1,6 +1,4 @@
-"""The keys of the shapes that the driver intersects by itself (model §9): cylinder, cone, ... and
-csg.
-"""
+"""Keys of the shapes that the driver intersects itself (model §9): cylinder, cone, ... and csg."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ MAX_OPERANDS = 256
 MAX_NESTING = 16
 MAX_VERTICES = 4096
 
-# Level sets: POV-Ray has twins of them.
+# Level sets, whose twins are in POV-Ray.
 LEVEL_SETS = ("isosurface", "implicit", "fractal")
 
 
@@ -28,7 +26,7 @@ def _positive(number: float) -> bool:
 
 
 def scaled(matrix: np.ndarray, centre: Any, radii: Any) -> np.ndarray:
-    """The matrix after a ball of these radii about `centre` was made of the unit ball."""
+    """The matrix of the unit sphere, scaled to these radii and moved to `centre`."""
     placed = matrix.copy()
     placed[:3, 3] = matrix[:3, :3] @ np.asarray(centre, dtype=float) + matrix[:3, 3]
     placed[:3, :3] = matrix[:3, :3] * np.asarray(radii, dtype=float)
@@ -36,7 +34,7 @@ def scaled(matrix: np.ndarray, centre: Any, radii: Any) -> np.ndarray:
 
 
 def similar(fields: Fields, place: Any) -> None:
-    """The rule on the transforms of sphere, plane and torus."""
+    """Checks the model's rule on the transforms of sphere, plane and torus."""
     if transforms.similarity_scale(place.own) is None:
         fields.error("transform", "must be a similarity (rotation, reflection, translation, one scale for all axes)")
 
@@ -124,9 +122,7 @@ def _form(fields: Fields) -> np.ndarray:
 
 
 def _real(form: np.ndarray) -> bool:
-    """Whether the quadratic function is 0 somewhere: whether it takes both signs, or 0 as its
-    extreme.
-    """
+    """Whether the quadric has real points: its function takes both signs, or 0 as an extremum."""
     values, axes = np.linalg.eigh(form[:3, :3])
     linear = axes.T @ form[:3, 3]
     size = np.abs(form).max()
@@ -169,8 +165,8 @@ def _points(fields: Fields, key: str) -> np.ndarray:
 
 
 def edges_meet(vertices: np.ndarray) -> bool:
-    """Whether edges of a closed line in the plane meet elsewhere than where one ends and the next
-    begins: (n, 2) points.
+    """Whether the edges of a closed polyline in the plane, (n, 2) points, intersect anywhere but at
+    the end points of consecutive edges.
     """
     a, b = vertices, np.roll(vertices, -1, axis=0)
     if np.any(np.all(a == b, axis=1)):
@@ -184,7 +180,7 @@ def edges_meet(vertices: np.ndarray) -> bool:
 
     count = len(a)
     for number in range(count - 1):
-        # Two edges that follow each other meet in one point, unless the second folds back.
+        # Consecutive edges meet in one point, unless the second folds back.
         following = (number + 1) % count
         if side(a[number], b[number], b[following]) == 0 and np.dot(b[number] - a[number], b[following] - b[number]) < 0:
             return True
@@ -247,8 +243,8 @@ def _plane_operand(fields: Fields, place: Any, base: Folder) -> Surface:
 
 
 class Csg:
-    """Reads csg. `mesh` reads the triangles of a mesh: (positions, uvs, normals) of corners, or
-    None where there was a problem.
+    """Reads csg. `mesh` reads a triangle mesh: (positions, uvs, normals) of its vertices, or None
+    on errors.
     """
 
     def __init__(self, mesh: Callable[[Fields, Any, Folder], Optional[Tuple[np.ndarray, np.ndarray, Optional[np.ndarray]]]]) -> None:
@@ -288,8 +284,8 @@ class Csg:
         elif kind == "mesh":
             triangles = self.mesh(fields, place, base)
             if triangles is not None:
-                # One operation of one operand: inside where the number of times that the mesh goes
-                # around is positive.
+                # A union of one operand: inside is where the winding number of the mesh is
+                # positive.
                 surface = Solid(UNION, [surfaces.ClosedMesh(place.world, *triangles)])
         elif kind == "sphere":
             surface = _sphere_operand(fields, place, base)

@@ -1,4 +1,4 @@
-"""AOVs: what the first surface behind each pixel's centre is (model §11)."""
+"""AOVs: properties of the first surface behind each pixel's centre (model §11)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .samplers import CENTRE, Samples
 
 
 def render(tracer: Tracer, x: np.ndarray, y: np.ndarray) -> Dict[str, np.ndarray]:
-    """EXR channels, each (n,) float32, for the AOVs that the film asks for."""
+    """EXR channels, each (n,) float32, for the AOVs that the film requests."""
     wanted = tracer.document.aovs
     parts: Dict[str, list] = {}
     for first in range(0, len(x), LANES):

@@ -1,4 +1,6 @@
-"""Bodies that may overlap (model §8): which of them counts in front of a face and behind it."""
+"""Prioritised (nested) dielectrics (model §8): the dominant medium in front of a face and behind
+it.
+"""
 
 from __future__ import annotations
 
@@ -10,29 +12,29 @@ import numpy as np
 from .runtime import dr, mi
 from .shaders import Way
 
-# The place in the tables of what is in no body.
+# The table index of the surroundings, outside of all bodies.
 NONE = 64
 
 
 @dataclass
 class Face:
-    """A face as some rays come to it."""
+    """A face as rays hit it."""
 
-    # The bodies in front and behind, a bit for each.
+    # The bodies in front and behind, one bit each.
     before: Any
     behind: Any
     passed: Any
     # n_t/n_i.
     eta: Any
-    # Absorption behind it.
+    # Absorption behind the face.
     absorption: Any
 
     def branch(self, letter: str, si: Any) -> Way:
-        """The delta branch of a kind; of weight 0 where there is none."""
+        """The delta branch of a kind; its weight is 0 where it does not exist."""
         r, cos_t, _, eta_ti = mi.fresnel(dr.abs(si.wi.z), self.eta)
         if letter == "R":
             return Way(mi.Color3f(dr.select(self.passed, 0, r)), mi.reflect(si.wi))
-        # `cos_t` is that of a viewer above.
+        # `cos_t` holds for a viewer above.
         bent = mi.Vector3f(-eta_ti * si.wi.x, -eta_ti * si.wi.y, dr.select(si.wi.z < 0, -cos_t, cos_t))
         total = cos_t == 0
         weight = dr.select(self.passed, 1, dr.select(total, 0, (1 - r) * eta_ti * eta_ti))
@@ -40,16 +42,13 @@ class Face:
         return Way(mi.Color3f(weight), wo, self.passed, self.absorption, self.absorption, self.eta)
 
     def shadow(self, si: Any) -> Way:
-        """What a shadow ray keeps, where shadows are filtered: as seen from the side with the lower
-        index.
-        """
+        """Transmittance of a filtered shadow ray, as seen from the side with the lower index."""
         r = mi.fresnel(dr.abs(si.wi.z), dr.maximum(self.eta, 1 / self.eta))[0]
         return Way(mi.Color3f(dr.select(self.passed, 1, 1 - r)), None, self.passed, self.absorption, self.absorption)
 
 
 class Bodies:
-    """Tables by shape and by rank: the highest priority first, of equal ones the first in the
-    document.
+    """Tables by shape and by rank: the highest priority first, ties in the order of the document.
     """
 
     def __init__(self, shapes: Sequence[Any], materials: Sequence[Any]) -> None:
@@ -66,7 +65,7 @@ class Bodies:
         dr.eval(self._bits, self._ior, self._absorption)
 
     def face(self, shape: Any, inside: Any, from_outside: Any) -> Face:
-        """The faces of shapes with a priority, as rays in the bodies `inside` come to them."""
+        """The faces of shapes with a priority, for rays that are inside the bodies `inside`."""
         bit = dr.gather(mi.UInt64, self._bits, shape)
         without, within = inside & ~bit, inside | bit
         before, behind = dr.select(from_outside, without, within), dr.select(from_outside, within, without)

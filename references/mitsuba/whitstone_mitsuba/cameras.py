@@ -1,9 +1,9 @@
 """Cameras: perspective, orthographic, thin_lens and environment (model §4).
 
-Where Mitsuba has the same sensor, it makes the rays; a perspective window whose pixels are not
-square has no twin (`fov` fixes square pixels), nor has a lens behind a window that is not centred,
-nor the view all around: their rays come from the model's formula in float64. The near limit is the
-driver's own: Mitsuba's near clip is a plane only.
+If Mitsuba has the same sensor, it generates the rays. There is no native sensor for a perspective
+window with non-square pixels (`fov` implies square ones), a lens behind an off-centre window, or
+the environment camera: their rays come from the model's formula in float64. The driver implements
+the near limit itself, because Mitsuba's near clip is a plane only.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .errors import Unsupported
 from .fields import REQUIRED, Fields, nearest
 from .runtime import dr, mi
 
-# Mitsuba starts rays on the near clip; a power of two keeps taking it off again exact. The far clip
+# Mitsuba starts rays on the near clip plane; a power of two makes undoing this exact. The far clip
 # limits nothing here.
 NEAR = 2.0**-7
 FAR = 1e4
@@ -26,25 +26,25 @@ FAR = 1e4
 Hosted = Optional[Tuple[str, str]]
 
 KINDS = ("perspective", "orthographic", "thin_lens", "environment")
-# Those that look through a window at a distance.
+# Cameras with an image window at a distance.
 WINDOWED = ("perspective", "thin_lens")
 
 
 @dataclass(frozen=True)
 class Lens:
-    """Radius and distance of the plane in focus, in metres; n x n points."""
+    """Radius and focus distance in metres; n x n lens samples."""
 
     aperture: float
     focus: float
     n: int
 
     def squares(self) -> np.ndarray:
-        """(n², 2): the model's points before the map to the disk, in [0, 1]."""
+        """(n², 2): lens samples in the unit square, before the map to the disk."""
         steps = (np.arange(self.n) + 0.5) / self.n
         return np.column_stack([np.tile(steps, self.n), np.repeat(steps, self.n)])
 
     def points(self) -> np.ndarray:
-        """(n², 2): to the right and up, in metres."""
+        """(n², 2): lens samples to the right and up, in metres."""
         p, q = (2 * self.squares() - 1).T
         wide = np.abs(p) > np.abs(q)
         s = np.where(wide, p, q)
@@ -56,8 +56,8 @@ class Lens:
 
 @dataclass(frozen=True)
 class Camera:
-    """Eye, axes (columns u, v, w: right, up, backwards) and the window l, r, b, t at distance d, in
-    metres.
+    """Camera position, axes (columns u, v, w: right, up, backwards) and the window l, r, b, t at
+    distance d, in metres.
     """
 
     kind: str
@@ -80,7 +80,7 @@ class Camera:
         if self.kind == "environment":
             return False
         if self.lens is not None:
-            # Mitsuba's lens has a size, and looks straight ahead.
+            # Mitsuba's lens must have a positive size, and its window is centred.
             centred = abs(left + right) <= 1e-12 * (right - left) and abs(bottom + top) <= 1e-12 * (top - bottom)
             return self.lens.aperture > 0 and centred and self.square_pixels()
         return self.kind == "orthographic" or self.square_pixels()
@@ -95,12 +95,12 @@ class Camera:
         return None
 
     def plugin(self) -> dict:
-        """The native sensor (of an equivalent square-pixel window where it has none: for timing
-        only).
+        """The native sensor. If there is none, the sensor of an equivalent window with square
+        pixels, for timing only.
         """
         left, right, bottom, top, distance = self.window
         matrix = np.eye(4)
-        # Mitsuba's cameras look along +Z with +X to the left.
+        # Mitsuba's cameras look along +Z, with +X to the left.
         matrix[:3, :3] = self.axes * [-1, 1, -1]
         matrix[:3, 3] = self.origin
         if self.kind == "environment":
@@ -116,7 +116,7 @@ class Camera:
             sensor["principal_point_offset_x"] = (left + right) / 2 / (right - left)
             sensor["principal_point_offset_y"] = -(bottom + top) / 2 / (top - bottom)
         else:
-            # Its view is 2 wide and 2 * height / width high before the transform.
+            # Before the transform, its view is 2 wide and 2 * height / width high.
             centre = np.eye(4)
             centre[:2, 3] = -(left + right) / 2, (bottom + top) / 2
             scale = np.diag([(right - left) / 2, (top - bottom) / 2 * self.width / self.height, 1, 1])
@@ -125,7 +125,7 @@ class Camera:
         return sensor
 
     def build(self, samples: int = 1) -> "mi.Sensor":
-        """The native sensor with a film and a sampler that only `mi.render` looks at."""
+        """The native sensor, with a film and a sampler that only `mi.render` uses."""
         film = {
             "type": "hdrfilm",
             "width": self.width,
@@ -137,12 +137,12 @@ class Camera:
         return mi.load_dict({**self.plugin(), "film": film, "sampler": {"type": "independent", "sample_count": samples}})
 
     def lens_points(self) -> int:
-        """How many points of its lens the camera sees through; 0 without a lens."""
+        """Number of lens samples; 0 without a lens."""
         return 0 if self.lens is None else self.lens.n**2
 
     def formula(self, x: np.ndarray, y: np.ndarray, point: Optional[np.ndarray] = None) -> Tuple[np.ndarray, np.ndarray]:
-        """(3, n) float64: origins without a near limit, and directions, by the model; `point`
-        numbers the point of the lens.
+        """(3, n) float64: origins (before the near limit) and directions by the model; `point` is
+        the index of the lens sample.
         """
         fx, fy = x / self.width, y / self.height
         u, v, w = (self.axes[:, axis : axis + 1] for axis in range(3))
@@ -169,8 +169,8 @@ class Camera:
         return self.near / -(self.axes[:, 2] @ directions)
 
     def rays(self, sensor: Optional["mi.Sensor"], x: np.ndarray, y: np.ndarray, point: Optional[np.ndarray] = None) -> Tuple[Any, Any]:
-        """Origins and directions of the rays through raster positions (float64, pixels, y down) and
-        points of the lens.
+        """Origins and directions of rays through raster positions (float64, pixels, y down) and
+        lens samples.
         """
         o, d = self.formula(x, y, point)
         if sensor is not None:
@@ -183,7 +183,7 @@ class Camera:
                 aperture = mi.Point2f(mi.Float(np.ascontiguousarray(1 - square[:, 0])), mi.Float(np.ascontiguousarray(square[:, 1])))
             ray, _ = sensor.sample_ray(0.0, 0.5, film, aperture)
             if self.near == 0:
-                # The model's rays start at the eye or on the lens, not on the near clip.
+                # The model's rays start at the camera or on the lens, not on the near clip plane.
                 start = mi.Point3f(ray.o - NEAR * ray.d) if self.kind == "orthographic" else _points(o)
                 return start, mi.Vector3f(ray.d)
             d = mi.Vector3f(ray.d).numpy().astype(np.float64).reshape(3, -1)

@@ -1,8 +1,8 @@
-"""The driver against Mitsuba's own C++ integrators, on the driver's own camera rays (op `check`).
+"""Compares the driver with Mitsuba's own C++ integrators on the driver's camera rays (op `check`).
 
-`direct` integrates direct light by emitter sampling; with delta emitters that is exact, so it must
-agree with the driver's local terms (without the ambient one). `path` follows one branch a hit;
-where every hit has one branch (mirrors) it is exact as well.
+`direct` integrates direct light by emitter sampling. This is exact for delta emitters, so it must
+agree with the driver's local terms (without the ambient term). `path` follows one branch per hit.
+It is exact as well if every hit has only one branch (mirrors).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def run(built: Built, setting: Setting) -> Dict[str, Any]:
 
 
 class NotApplicable(Exception):
-    """An integrator that has nothing to say about a scene; the text says why."""
+    """Raised by an integrator that does not apply to a scene; the text gives the reason."""
 
 
 def _native_only(built: Built) -> None:
@@ -59,7 +59,7 @@ def _compare(ours: np.ndarray, theirs: np.ndarray) -> Dict[str, Any]:
 
 
 def _pixels(built: Built) -> Tuple[np.ndarray, np.ndarray]:
-    """All pixels, or an even choice of them where the image is large."""
+    """All pixels, or an even subset of them if the image is large."""
     count = built.document.width * built.document.height
     chosen = np.arange(0, count, max(1, -(-count // LANES)))
     return chosen % built.document.width, chosen // built.document.width
@@ -92,7 +92,7 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     bare.document = replace(document, integrator=replace(document.integrator, follow=False))
     bare.ambient_light = mi.Color3f(dr.opaque(mi.Float, 0.0))
     tracer = Tracer(bare, [setting])
-    tracer.native_uv = True  # Mitsuba's integrators know nothing of the model's uv
+    tracer.native_uv = True  # Mitsuba's integrators do not know the model's uv
     x, y = _pixels(built)
     rays = tracer.camera_rays(x, y, np.zeros(len(x), dtype=np.int64), _CENTRE)
     level, _ = tracer.level(rays, 0)
@@ -101,7 +101,7 @@ def _direct(built: Built, setting: Setting) -> Dict[str, Any]:
     lit = smooth[np.minimum(material, len(document.materials))]
     if not lit.any():
         raise NotApplicable("no pixel shows a surface that reflects the lights")
-    theirs = np.zeros((rays.real, 3), dtype=np.float32)  # added up as the driver does
+    theirs = np.zeros((rays.real, 3), dtype=np.float32)  # accumulated in the order of the driver
     # One emitter at a time: of several, the integrator would choose one at random.
     for emitter in built.emitters:
         scene, _ = load_shapes(document, built.bsdfs, setting, {"zz_emitter": emitter})
@@ -127,7 +127,7 @@ def _path(built: Built, setting: Setting) -> Dict[str, Any]:
     if max(document.lights.background) == 0:
         raise NotApplicable("there is no background to be seen in the mirrors")
     bare = copy.copy(built)
-    # Mitsuba sees black beyond the last bounce, and has no threshold.
+    # Mitsuba returns black beyond the last bounce, and has no contribution threshold.
     bare.document = replace(document, integrator=replace(document.integrator, limit_background=False, min_contribution=0.0))
     tracer = Tracer(bare, [setting])
     tracer.native_uv = True

@@ -1,5 +1,5 @@
-"""The same operations as commands for people:
-`python -m whitstone_mitsuba render SCENE.toml -o OUT.exr` and so on.
+"""The operations on the command line: `python -m whitstone_mitsuba render SCENE.toml -o OUT.exr`
+and so on.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def _pair(text: str) -> List[int]:
 
 
 def _request(arguments: argparse.Namespace) -> dict:
-    """The protocol's request for a command line."""
+    """The protocol request for a command line."""
     request: dict = {"op": arguments.op}
     if arguments.op == "hello":
         return request
@@ -80,8 +80,8 @@ def _request(arguments: argparse.Namespace) -> dict:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit codes as everywhere in Whitstone: 0 done, 2 the scene or the request is wrong, 3 this
-    machine cannot.
+    """Exit codes as everywhere in Whitstone: 0 success, 2 invalid scene or request, 3 this machine
+    cannot run the driver.
     """
     arguments = _parser().parse_args(argv)
     if arguments.op == "serve":

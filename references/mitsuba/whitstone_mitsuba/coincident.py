@@ -1,9 +1,10 @@
-"""Surfaces of different shapes that coincide (model §9): shapes are built anew with gaps.
+"""Coincident surfaces of different shapes (model §9): such shapes are rebuilt with gaps between
+them.
 
-The order along the common normal is the model's. Each flat face in a class of coincident ones moves
-along its normal by a number of gaps: bodies are inset, one of the open surfaces stays. A gap is
-2^-19 of the coordinates, 8 times the offset of a ray that leaves a surface (`spawn`), so that
-neither float32 nor that offset takes a ray across it. Scenes without coincident surfaces are built
+The model gives the order along the common normal. Each flat face in a class of coincident faces
+moves along its normal by a number of gaps: closed shapes are inset, and one of the open surfaces
+stays. A gap is 2^-19 of the coordinates, which is 8 times the spawn offset (`spawn`). So neither
+float32 rounding nor that offset takes a ray across it. Scenes without coincident surfaces are built
 once.
 """
 
@@ -18,28 +19,30 @@ import numpy as np
 from . import surfaces
 from .solids import Solid
 
-# The width of a gap, relative to the largest coordinate of the surfaces plus this coordinate (but
-# at most 1 m).
+# Width of a gap, relative to the largest coordinate of the surfaces plus this coordinate (but at
+# most 1 m).
 GAP = 2.0**-19
-# Model §9: planes at most this far apart coincide, relative to the largest coordinate.
+# Planes at most this far apart coincide, relative to the largest coordinate (model §9).
 APART = 16 * 2.0**-52
-# Faces near other shapes that are compared at most, and pairs of them.
+# Upper bounds on the faces near other shapes that are compared, and on pairs of them.
 MOST_FACES, MOST_PAIRS = 10000, 50000
-# A lamp lies in a plane that is at most this far away, relatively; shadow rays may come to it at a
-# slant.
+# A lamp lies in a plane at most this far away, relatively; shadow rays may arrive at a grazing
+# angle.
 NEAR_LAMP = 64 * 2.0**-52
 SLANT = 64.0
-# Planes are sorted by a number, and compared where it differs by less than this, relatively.
+# Planes are sorted by a key; those whose keys differ by less than this, relatively, are compared.
 ALIKE = 1e-10
-# Corners of the polygon that stands for a disk.
+# Vertices of the polygon that approximates a disk.
 ROUND = 48
 
 
 @dataclass
 class Face:
-    """A flat face in the world: its outward normal, and its corners (of a plane one point)."""
+    """A flat face in world space: its outward normal, and its vertices (a single point for a
+    plane).
+    """
 
-    # Which of the shape: the axis and side of a box, the cap of a cylinder, the triangle of a mesh.
+    # Part of the shape: axis and side of a box, cap of a cylinder, triangle of a mesh.
     part: int
     normal: np.ndarray
     corners: np.ndarray
@@ -52,28 +55,28 @@ class Face:
 
 @dataclass
 class Outline:
-    """What of a shape may coincide with others, and whether it is a solid or a closed mesh."""
+    """The surfaces of a shape that may coincide with others, and whether the shape is closed."""
 
     low: np.ndarray
     high: np.ndarray
     closed: Callable[[], bool]
-    # Flat faces; those of a mesh are made from its triangles.
+    # Flat faces; those of a mesh are derived from its triangles.
     faces: List[Face] = field(default_factory=list)
-    # Positions in the world and the corners of triangles.
+    # World-space positions and vertex indices of triangles.
     mesh: Optional[Tuple[np.ndarray, np.ndarray]] = None
-    # Centre or both ends of the axis, and radius.
+    # Centre, or both ends of the axis, and radius.
     ball: Optional[Tuple[np.ndarray, float]] = None
     tube: Optional[Tuple[np.ndarray, float]] = None
-    # Where the caps of a cylinder are in its own space.
+    # Positions of the caps of a cylinder in object space.
     z: Sequence[float] = (-1.0, 1.0)
-    # Whether it cannot be built anew with faces elsewhere.
+    # Whether it cannot be rebuilt with moved faces.
     rigid: bool = False
     endless: bool = False
 
 
 @dataclass
 class Change:
-    """How a shape is built anew: a map of the world, displaced vertices, other heights of caps."""
+    """How a shape is rebuilt: a map of world space, displaced vertices, or other cap positions."""
 
     world: np.ndarray = field(default_factory=lambda: np.eye(4))
     vertices: Optional[np.ndarray] = None
@@ -82,15 +85,15 @@ class Change:
 
 @dataclass
 class Found:
-    """Changes by the place of the shape, what is told of pairs, and planes with their gaps."""
+    """Changes by shape index, the reported pairs, and the planes with their gaps."""
 
     changes: Dict[int, Change] = field(default_factory=dict)
     told: List[dict] = field(default_factory=list)
-    # Normal, a point, and the room that the gaps take, in metres.
+    # Normal, a point, and the total width of the gaps in metres.
     planes: List[Tuple[np.ndarray, np.ndarray, float]] = field(default_factory=list)
 
     def margin(self, point: np.ndarray) -> float:
-        """How much earlier shadow rays end, so that no surface hides a lamp that it holds."""
+        """How much earlier shadow rays end, so that no coincident surface at a lamp blocks it."""
         size = float(np.abs(point).max())
         there = [room for normal, place, room in self.planes if abs((point - place) @ normal) <= NEAR_LAMP * max(size, float(np.abs(place).max()))]
         return SLANT * max(there, default=0.0)
@@ -108,7 +111,7 @@ def _points(world: np.ndarray, points: Any) -> np.ndarray:
 
 
 def _gradient(world: np.ndarray, axis: int) -> np.ndarray:
-    """The gradient of an object coordinate in the world."""
+    """The gradient of an object-space coordinate in world space."""
     return np.linalg.inv(world[:3, :3])[axis]
 
 
@@ -125,7 +128,7 @@ def _square(axis: int, at: float) -> np.ndarray:
 
 
 def _of_faces(faces: Sequence[Tuple[np.ndarray, np.ndarray]], closed: bool) -> Outline:
-    """Of normals and corners."""
+    """The outline of faces given by normals and vertices."""
     every = np.concatenate([corners for _, corners in faces])
     made = [Face(part, _unit(normal), corners) for part, (normal, corners) in enumerate(faces)]
     return Outline(every.min(axis=0), every.max(axis=0), lambda: closed, made)
@@ -153,7 +156,7 @@ def _of_triangles(positions: np.ndarray, faces: np.ndarray) -> Outline:
 
 
 def _of_round(surface: surfaces.Round, straight: bool) -> Outline:
-    """Cylinder, cone, paraboloid, hyperboloid."""
+    """The outline of a cylinder, cone, paraboloid or hyperboloid."""
     world, up = surface.matrix, _gradient(surface.matrix, 2)
     rings = [_circle(world, z, max(radius, 1e-9)) for z, radius in zip(surface.z, surface.radii)]
     outline_ = _of_faces([(-up, rings[0]), (up, rings[1])], surface.closed)
@@ -167,7 +170,7 @@ def _of_round(surface: surfaces.Round, straight: bool) -> Outline:
 
 
 def _operands(solid: Solid, sign: float) -> List[Tuple[np.ndarray, np.ndarray]]:
-    """Normals and corners of the flat faces of the operands of a csg."""
+    """Normals and vertices of the flat faces of the operands of a csg."""
     found: List[Tuple[np.ndarray, np.ndarray]] = []
     for number, operand in enumerate(solid.operands):
         side = -sign if solid.turned(number) else sign
@@ -181,7 +184,7 @@ def _operands(solid: Solid, sign: float) -> List[Tuple[np.ndarray, np.ndarray]]:
 
 
 def outline(kind: str, world: np.ndarray, what: Any, how: Any) -> Optional[Outline]:
-    """The outline of a shape as its reader gave it; None of what is not covered."""
+    """The outline of a shape as its reader returned it; None for unsupported shapes."""
     if kind == "box":
         return _of_box(world)
     if kind == "plane":
@@ -207,7 +210,7 @@ def outline(kind: str, world: np.ndarray, what: Any, how: Any) -> Optional[Outli
         return None
     if kind == "sphere":
         return Outline(ball[:3] - ball[3], ball[:3] + ball[3], lambda: True, ball=(ball[:3], float(ball[3])))
-    # An open cylinder of Mitsuba's: its texture coordinate along the axis is 0 and 1 at its ends.
+    # Mitsuba's open cylinder: its texture coordinate along the axis is 0 and 1 at the ends.
     ends = np.array([np.linalg.solve(what.wrap[:, :3], np.array([0, 0, v]) - what.wrap[:, 3]) for v in (0.0, 1.0)])
     low, high = ends.min(axis=0) - ball[3], ends.max(axis=0) + ball[3]
     return Outline(low, high, lambda: False, tube=(ends, float(ball[3])))
@@ -218,11 +221,11 @@ def outline(kind: str, world: np.ndarray, what: Any, how: Any) -> Optional[Outli
 
 @dataclass
 class Node:
-    """All that a shape has in one plane, or a round surface of it."""
+    """All faces of a shape in one plane, or one of its round surfaces."""
 
     shape: int
     form: str
-    # Of flat ones, by part; the first one's normal is the node's.
+    # Flat faces by part; the normal of the first one is the normal of the node.
     parts: Dict[int, Face] = field(default_factory=dict)
 
     @property
@@ -231,7 +234,7 @@ class Node:
 
 
 class _Classes:
-    """Nodes that coincide directly or through others."""
+    """Classes of nodes that coincide directly or transitively."""
 
     def __init__(self) -> None:
         self.nodes: Dict[Any, Node] = {}
@@ -249,13 +252,13 @@ class _Classes:
         return self.nodes.setdefault(key, Node(shape, form))
 
     def join(self, one: Any, other: Any) -> None:
-        """Says that two nodes coincide."""
+        """Records that two nodes coincide."""
         self.pairs.add((one, other))
         a, b = sorted((self._top(one), self._top(other)))
         self.lower[b] = a
 
     def all(self) -> List[Tuple[List[Node], List[Tuple[Node, Node]]]]:
-        """The classes, each with the pairs in it that coincide directly."""
+        """The classes, each with its pairs of nodes that coincide directly."""
         found: Dict[Any, Tuple[List[Node], List[Tuple[Node, Node]]]] = {}
         for key in sorted(self.nodes):
             found.setdefault(self._top(key), ([], []))[0].append(self.nodes[key])
@@ -265,7 +268,7 @@ class _Classes:
 
 
 def _near(outlines: Sequence[Tuple[int, Outline]], low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """(n, n): which boxes have a point in common, with room for roundings."""
+    """(n, n): which bounding boxes overlap, with a margin for rounding."""
     reach = np.maximum(np.abs(low), np.abs(high))
     room = 1e-9 * np.where(np.isfinite(reach), reach, 1.0).max(axis=1)[:, None]
     near = np.ones((len(outlines), len(outlines)), dtype=bool)
@@ -277,7 +280,9 @@ def _near(outlines: Sequence[Tuple[int, Outline]], low: np.ndarray, high: np.nda
 
 
 def _separate(a: np.ndarray, b: np.ndarray, normal: np.ndarray) -> bool:
-    """Whether two convex polygons in one plane have no area in common: by a side of either."""
+    """Whether two convex polygons in one plane do not overlap: an edge of one of them separates
+    them.
+    """
     scale = max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
     for one in (a, b):
         across = np.cross(np.roll(one, -1, axis=0) - one, normal)
@@ -299,7 +304,7 @@ def _coincide(one: Face, other: Face) -> bool:
         return away <= APART * float(np.abs([one.corners[0], other.corners[0]]).max())
     if one.endless or (not other.endless and np.ptp(one.corners, axis=0).max() > np.ptp(other.corners, axis=0).max()):
         one, other = other, one
-    # The corners of the smaller one above the plane of the larger one.
+    # Distance of the vertices of the smaller face from the plane of the larger one.
     apart = np.abs((one.corners - other.corners[0]) @ other.normal).max()
     if apart > APART * max(one.largest, other.largest):
         return False
@@ -308,7 +313,7 @@ def _coincide(one: Face, other: Face) -> bool:
 
 @dataclass
 class _Flats:
-    """Faces side by side: the shape, part, normal and one corner of each."""
+    """A structure of arrays of faces: shape, part, normal and one vertex of each."""
 
     shape: np.ndarray
     part: np.ndarray
@@ -316,7 +321,7 @@ class _Flats:
     corner: np.ndarray
 
     def keys(self) -> np.ndarray:
-        """Numbers that are nearly equal for faces in one plane."""
+        """Keys that are nearly equal for faces in one plane."""
         # Any direction that few normals are perpendicular to: opposite normals get one sign.
         sign = np.where(self.normal @ np.array([0.5377, 0.6271, 0.5636]) < 0, -1.0, 1.0)
         offset = (self.normal * self.corner).sum(axis=1)
@@ -324,7 +329,7 @@ class _Flats:
 
 
 def _flats(place: int, one: Outline, others: Sequence[Outline]) -> _Flats:
-    """The faces of a shape that lie near others."""
+    """The faces of a shape that lie near other shapes."""
     if one.mesh is None:
         faces = one.faces
         normals, corners = [face.normal for face in faces], [face.corners[0] for face in faces]
@@ -358,13 +363,13 @@ def _face(one: Outline, part: int, normal: np.ndarray) -> Face:
 
 
 def _flat(flats: _Flats, outlines: Dict[int, Outline], classes: _Classes) -> Optional[str]:
-    """Joins flat faces that coincide; gives the reason where there are too many."""
+    """Joins flat faces that coincide. Returns the reason if there are too many."""
     key = flats.keys()
     order = np.argsort(key, kind="stable")
     ends = np.flatnonzero(np.diff(key[order]) > ALIKE * (1 + np.abs(key[order][1:]))) + 1
     starts = np.concatenate([[0], ends])
     shapes = flats.shape[order]
-    # Only what has faces of several shapes.
+    # Only groups with faces of several shapes.
     several = np.minimum.reduceat(shapes, starts) != np.maximum.reduceat(shapes, starts)
     runs = [(begin, end) for begin, end, kept in zip(starts, np.append(ends, len(order)), several) if kept]
     if sum(end - begin for begin, end in runs) > MOST_FACES:
@@ -426,9 +431,10 @@ def _curved(outlines: Sequence[Tuple[int, Outline]], classes: _Classes) -> None:
 def _levels(
     nodes: List[Node], pairs: Sequence[Tuple[Node, Node]], shapes: Sequence[Any], closed: Dict[int, bool]
 ) -> Optional[List[Tuple[Node, int]]]:
-    """By how many gaps each node moves along its own normal: more than those behind it.
+    """The number of gaps by which each node moves along its own normal: more than the nodes behind
+    it.
 
-    None if two shapes that cannot be built anew would have to move.
+    None if two shapes that cannot be rebuilt would have to move.
     """
     across = nodes[0].normal
 
@@ -457,7 +463,8 @@ def _levels(
     levels: List[int] = []
     for others in behind:
         levels.append(max((levels[other] + 1 for other in others), default=0))
-    # What cannot be built anew stays; else an open surface, or the foremost of the bodies behind.
+    # A shape that cannot be rebuilt stays; otherwise an open surface, or the foremost of the closed
+    # shapes behind.
     ranks = [rank(node) for node in ordered]
     rigid = {level for node, level in zip(ordered, levels) if shapes[node.shape].outline.rigid}
     if len(rigid) > 1:
@@ -467,7 +474,7 @@ def _levels(
 
 
 def _gap(pairs: Sequence[Tuple[Node, Node]], shapes: Sequence[Any]) -> float:
-    """The width of the gaps of a class, by the coordinates where two surfaces coincide."""
+    """The width of the gaps of a class, from the coordinates where two surfaces coincide."""
 
     def largest(node: Node) -> float:
         if node.parts:
@@ -483,7 +490,7 @@ def _gap(pairs: Sequence[Tuple[Node, Node]], shapes: Sequence[Any]) -> float:
 
 
 def _change(kind: str, world: np.ndarray, outline_: Outline, moves: Sequence[Tuple[Node, float]]) -> Change:
-    """A shape whose surfaces move by these distances along their own normals."""
+    """The change of a shape whose surfaces move by these distances along their own normals."""
     if outline_.mesh is not None:
         return Change(vertices=_displaced(outline_.mesh, moves))
     if outline_.ball is not None:
@@ -494,7 +501,7 @@ def _change(kind: str, world: np.ndarray, outline_: Outline, moves: Sequence[Tup
         return Change(scaled)
     inner = np.eye(4)
     if kind in ("box", "cylinder", "cone", "paraboloid", "hyperboloid"):
-        # By the coordinates of the shape's own space, where its faces are.
+        # In the coordinates of the object space of the shape.
         ends = np.array([[-1.0, 1.0], [-1.0, 1.0], outline_.z])
         for node, by in moves:
             if node.form == "cylinder":
@@ -514,7 +521,7 @@ def _change(kind: str, world: np.ndarray, outline_: Outline, moves: Sequence[Tup
 def _displaced(mesh: Tuple[np.ndarray, np.ndarray], moves: Sequence[Tuple[Node, float]]) -> np.ndarray:
     """Displacements of the vertices, by least squares.
 
-    Faces move by these distances, the others at the same points do not.
+    The given faces move by these distances; other faces at the same vertices stay.
     """
     positions, faces = mesh
     point = np.unique(positions, axis=0, return_inverse=True)[1].reshape(-1)
@@ -531,7 +538,7 @@ def _displaced(mesh: Tuple[np.ndarray, np.ndarray], moves: Sequence[Tuple[Node, 
         length = np.linalg.norm(normals, axis=1)
         there = length > 0
         target = np.array([by_face.get(number, 0.0) for number in around])
-        # What has to move counts more than what should stay.
+        # Faces that must move have a larger weight than faces that should stay.
         weight = np.where(target != 0, 1e3, 1.0)[there]
         rows = normals[there] / length[there][:, None] * weight[:, None]
         result[point == place] = np.linalg.lstsq(rows, target[there] * weight, rcond=1e-6)[0]
@@ -539,12 +546,14 @@ def _displaced(mesh: Tuple[np.ndarray, np.ndarray], moves: Sequence[Tuple[Node, 
 
 
 def cut(surface: surfaces.Round, caps: Sequence[float]) -> None:
-    """Moves the caps, and nothing else."""
+    """Moves the caps and nothing else."""
     surface.planes = [((0.0, 0.0, -1.0), -caps[0]), ((0.0, 0.0, 1.0), caps[1])]
 
 
 def find(shapes: Sequence[Any]) -> Found:
-    """What of some shapes (`shapes.Shape` with outlines) coincides, and how they are built anew."""
+    """Finds coincident surfaces of shapes (`shapes.Shape` with outlines), and how to rebuild the
+    shapes.
+    """
     outlines = [(place, shape.outline) for place, shape in enumerate(shapes) if shape.outline is not None]
     if len(outlines) < 2:
         return Found()

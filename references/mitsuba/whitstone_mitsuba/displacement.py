@@ -1,5 +1,5 @@
-"""Heights over meshes (model §9, displacement): textures looked up in float64, for single precision
-would roughen the surface.
+"""Displacement maps of meshes (model §9). Textures are looked up in float64, because single
+precision would roughen the surface.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class _Frame:
 
 @dataclass
 class _Place:
-    """What mappings look at, with one column for each corner."""
+    """The point data that mappings need, one column per corner."""
 
     p: np.ndarray
     uv: np.ndarray
@@ -29,7 +29,7 @@ class _Place:
 
 
 def _index(place: np.ndarray, count: int, wrap: str) -> np.ndarray:
-    """The texel that is shown at a whole number."""
+    """The texel at an integer index."""
     place = place.astype(np.int64)
     if wrap == "clamp":
         return np.clip(place, 0, count - 1)
@@ -73,8 +73,8 @@ def _colors(texture: Any, q: np.ndarray) -> np.ndarray:
 
 
 def heights(texture: Any, points: np.ndarray, normals: np.ndarray, uvs: np.ndarray) -> np.ndarray:
-    """(n,): the first channel at corners with these positions, unit normals and texture
-    coordinates.
+    """(n,): the first channel of a texture at corners with these positions, unit normals and
+    texture coordinates.
     """
     if isinstance(texture, textures.Constant):
         return np.full(len(points), texture.value[0])
@@ -83,7 +83,7 @@ def heights(texture: Any, points: np.ndarray, normals: np.ndarray, uvs: np.ndarr
 
 
 def read(fields: Fields, library: Any, has_uv: bool) -> Heights:
-    """The key `displacement`: how far a corner moves along its normal."""
+    """The key `displacement`: a function for the distance that a corner moves along its normal."""
     inner = Fields(fields.take("displacement"), f"{fields.where}.displacement", fields.errors)
     height = library.value(inner, "height", REQUIRED, 0.0, float("inf"))
     scale, offset = inner.number("scale", 1.0), inner.number("offset", 0.0)

@@ -1,5 +1,5 @@
-"""The scene document (flattened TOML) read and checked, following `docs/whitted-model.md` §2-§10
-and nothing else.
+"""Reads and checks the scene document (flattened TOML), following `docs/whitted-model.md` §2-§10
+only.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TABLES = ("film", "camera", "sampler", "integrator", "accelerator", "light", "te
 
 @dataclass(frozen=True)
 class Integrator:
-    """Model §6."""
+    """The integrator (model §6)."""
 
     follow: bool
     max_depth: int
@@ -32,12 +32,12 @@ class Integrator:
     limit_background: bool
     shadows: bool
     gouraud: bool = False
-    # Whether what is transparent lets light through to the lights.
+    # Whether transparent surfaces attenuate shadow rays instead of blocking them.
     filtered: bool = False
 
     def bounces(self, directions: int) -> int:
-        """How often a ray goes on at most that does so each time in so many directions, with equal
-        shares.
+        """Upper bound on path length when every bounce splits into `directions` equally weighted
+        rays.
         """
         found, share = 0, 1 / directions
         while found < self.max_depth and share >= self.min_contribution and share > 0:
@@ -47,7 +47,7 @@ class Integrator:
 
 @dataclass(frozen=True)
 class Document:
-    """A scene as the document says it, with the model's defaults filled in."""
+    """The scene of a document, with the model's defaults filled in."""
 
     width: int
     height: int
@@ -59,13 +59,13 @@ class Document:
     materials: Tuple[materials.Material, ...]
     shapes: Tuple[shapes.Shape, ...]
     folder: Folder
-    # Whether a surface has a texture that is filtered by footprints.
+    # Whether a surface has a texture that is filtered over footprints.
     footprints: bool = False
-    # Which surfaces coincide: dictionaries of shapes, form and gap, or of not_examined.
+    # The coincident surfaces: dictionaries of shapes, form and gap, or of not_examined.
     coincident: Tuple[dict, ...] = ()
 
     def used(self) -> set:
-        """Numbers of the materials of shapes, with all that they are made of."""
+        """Indices of the materials of shapes, including their parts."""
         found: set = set()
         open_ = {shape.material for shape in self.shapes}
         while open_:
@@ -75,7 +75,9 @@ class Document:
         return found
 
     def hosted(self) -> List[dict]:
-        """What is not Mitsuba's own, and why: dictionaries of type, twin and reason."""
+        """The plugins that are not native to Mitsuba, with reasons: dictionaries of type, twin and
+        reason.
+        """
         found = {}
         used = self.used()
         sources = [self.materials[number].hosted() for number in sorted(used)] + [lamp.hosted() for lamp in self.lights.lamps]
@@ -120,7 +122,7 @@ class Document:
         return list(found.values())
 
     def twin(self) -> str:
-        """The least independent twin in use: native, hosted or formula."""
+        """The least independent kind of twin in use: native, hosted or formula."""
         kinds = {entry["twin"] for entry in self.hosted()}
         return next((kind for kind in ("formula", "hosted") if kind in kinds), "native")
 
@@ -161,7 +163,7 @@ def _integrator(table: Any, errors: List[str], unsupported: List[str]) -> Option
 
 
 def _only_triangles(tables: Any, camera: Optional[cameras.Camera], errors: List[str]) -> None:
-    """What a rasterizer can show."""
+    """Checks that a rasterizer can render the scene."""
     kinds = {table.get("type") for table in tables if isinstance(table, dict)} - {"triangle", "mesh", "heightfield"}
     if kinds:
         errors.append(f"integrator: a rasterizer shows triangles only, found {', '.join(sorted(map(str, kinds)))}")
@@ -170,7 +172,7 @@ def _only_triangles(tables: Any, camera: Optional[cameras.Camera], errors: List[
 
 
 def _ending(integrator: Integrator, all_materials: List[materials.Material], shape_list: List[shapes.Shape], errors: List[str]) -> None:
-    """That glossy reflections in glossy surfaces are not too many."""
+    """Checks that glossy reflections in glossy surfaces do not produce too many rays."""
     for number in sorted({shape.material for shape in shape_list}):
         spread = all_materials[number].spread if number < len(all_materials) else 1
         bounces = integrator.bounces(spread) if spread > 1 else 0
@@ -186,8 +188,8 @@ def _shared(value: Any, name: str, errors: List[str]) -> dict:
 
 
 def parse(text: str, base: str) -> Document:
-    """Reads a document. Raises `SceneError` with every problem, or `Unsupported` where only twins
-    are missing.
+    """Reads a document. Raises `SceneError` with every problem, or `Unsupported` if only twins are
+    missing.
     """
     try:
         root = tomllib.loads(text)
@@ -218,7 +220,7 @@ def parse(text: str, base: str) -> Document:
     if not errors and not unsupported:
         covered = footprints.used(material_reader.all, shape_list)
         unsupported += footprints.unsupported(material_reader.all, shape_list)
-    # A document can be wrong and unsupported at once: what it gets wrong comes first.
+    # A document can be both invalid and unsupported; errors take precedence.
     if errors:
         raise SceneError("\n".join(errors))
     if unsupported:

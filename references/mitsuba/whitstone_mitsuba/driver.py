@@ -1,16 +1,16 @@
-"""The Whitted driver: model §6 breadth first, on Mitsuba's intersections, BSDFs and emitters,
-without any random number.
+"""The Whitted tracer (model §6): breadth-first, with Mitsuba's intersections, BSDFs and emitters,
+without random numbers.
 
 All rays of one depth are traced together (a *level*), forward until no ray is left. Then radiance
-is gathered backward, from the deepest level to the camera, exactly as the model's recursion adds
-it: each node takes its reflected child first (of a glossy surface all of them in their order), then
-its transmitted one. No two lanes ever write to the same place, so the bytes do not depend on
-threads or on how the pixels were cut into chunks. (Embree's result for a ray does not depend on the
-rays next to it: measured, lane for lane.)
+is accumulated backward, from the deepest level to the camera, in the order of the model's
+recursion: each node adds its reflected child first (for a glossy surface all of them in order),
+then its transmitted one. No two lanes ever write to the same location, so the result is
+bit-identical for any number of threads and any division of the pixels into chunks. (Embree's result
+for a ray does not depend on the other rays in a packet; this was measured lane by lane.)
 
-Every number that can change from request to request enters as an evaluated array, never as a
-literal: literals become part of the kernel's code, and each new value would be compiled again.
-Arrays of one entry also make kernels of their own; index lists are therefore padded to two.
+Every number that can change between requests is passed as an evaluated array, never as a literal.
+Literals become part of the kernel's code, and each new value would be compiled again. Arrays with
+one entry also compile to separate kernels, so index lists are padded to two entries.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ from .samplers import Samples
 from .scene import NOTHING, Built, geometry
 from .settings import Setting
 
-# Lanes traced together at most. A level takes about 300 bytes for each.
+# Upper bound on lanes traced together. A level takes about 300 bytes per lane.
 LANES = 1 << 19
 
-# Lanes over all levels that wait for the way back, at most; about 70 bytes each. Where rays live
-# for thousands of levels (between facing mirrors), fewer pixels are traced together instead.
+# Upper bound on lanes over all levels that wait for the backward pass; about 70 bytes per lane. If
+# rays live for thousands of levels (between facing mirrors), fewer pixels are traced together
+# instead.
 RECORDS = 1 << 24
 
 _BRANCH_NUMBERS = {"R": 1, "T": 2}
@@ -40,28 +41,28 @@ _BRANCH_NUMBERS = {"R": 1, "T": 2}
 
 @dataclass
 class Rays:
-    """A level's rays, one lane each; all arrays evaluated. `real` counts those that are not
-    padding.
+    """The rays of a level, one lane each; all arrays are evaluated. `real` is the number of lanes
+    without padding.
     """
 
     o: Any
     d: Any
     throughput: Any
-    # Absorption per metre of the medium that the ray travels in.
+    # Absorption per metre of the ray's medium.
     medium: Any
-    # Hash of pixel and sample; hash of the branches taken; index of the setting.
+    # Hash of pixel and sample; hash of the path of branches; index of the setting.
     key: Any
     path: Any
     setting: Any
-    # The facet that the ray left: see `spawn.Spawned`.
+    # The facet that the ray leaves: see `spawn.Spawned`.
     left_shape: Any
     left_facet: Any
     left_within: Any
     left_push: Any
-    # The bodies that it is in, of those that may overlap: a bit for each.
+    # The prioritised dielectrics that the ray is in, one bit each.
     inside: Any
     real: int = 0
-    # (n, 2, 2, 3) float64 of NumPy, ray differentials: see `footprints`. None in documents without
+    # Ray differentials, (n, 2, 2, 3) float64 in NumPy: see `footprints`. None in documents without
     # textures that need them.
     spread: Optional[np.ndarray] = None
 
@@ -72,7 +73,7 @@ class Rays:
         ]  # fmt: skip
 
     def gather(self, indices: np.ndarray) -> "Rays":
-        """Some of the rays, in the order of `indices`."""
+        """A subset of the rays, in the order of `indices`."""
         lanes = pad(indices)
         spread = None if self.spread is None else self.spread[lanes.numpy()]
         taken = Rays(*[dr.gather(type(array), array, lanes) for array in self.arrays()], real=len(indices), spread=spread)
@@ -100,7 +101,7 @@ class Rays:
 
 @dataclass
 class Hits:
-    """The surfaces that a level's rays meet, after rules S of the model; all arrays evaluated."""
+    """The hits of a level, after rule S of the model; all arrays are evaluated."""
 
     valid: Any
     t: Any
@@ -112,21 +113,21 @@ class Hits:
     uv: Any
     shape: Any
     primitive: Any
-    # The part of the surface that a ray cannot meet again right after it left it: a flat face, or a
+    # The part of the surface that a ray cannot hit again right after it left it: a flat face, or a
     # whole sphere.
     facet: Any
     material: Any
-    # Transmittance of the segment travelled, and the throughput with it.
+    # Transmittance of the ray segment, and the throughput including it.
     transmittance: Any
     throughput: Any
-    # Background where nothing is hit; local terms are added here.
+    # The background on a miss; local terms are added here.
     local: Any
     rehit: Any
 
 
 @dataclass
 class Level:
-    """What the way back needs of a level, and (for `tree`) what was there to see."""
+    """The data of a level that the backward pass needs, and (for `tree`) the recorded details."""
 
     rays: Optional[Rays]
     hits: Optional[Hits]
@@ -134,16 +135,15 @@ class Level:
     transmittance: Any
     footprint: Optional[footprints.Footprint] = None
     # Per branch letter: parents (lane here), weights, children (lane in the next level); children
-    # None at the depth limit.
+    # are None at the depth limit.
     links: List[Tuple[str, np.ndarray, Any, Optional[np.ndarray], Any]] = field(default_factory=list)
-    # Per lamp (lanes, visible, contribution): kept only when recording.
+    # Per lamp (lanes, visible, contribution); only when recording.
     lamps: List[Tuple[np.ndarray, int, Any, Any]] = field(default_factory=list)
     ambient: List[Tuple[np.ndarray, Any]] = field(default_factory=list)
 
 
 class Tracer:
-    """Traces rays through one built scene under one or several settings (which may differ in all
-    but the geometry).
+    """Traces rays through one built scene, under one or several settings that share the geometry.
     """
 
     def __init__(self, built: Built, settings: Sequence[Setting], record: bool = False) -> None:
@@ -152,15 +152,15 @@ class Tracer:
         self.document = built.document
         self.settings = list(settings)
         self.record = record
-        # Mitsuba's own uv instead of the model's: for the check against its integrators.
+        # Use Mitsuba's own uv instead of the model's: for the check against its integrators.
         self.native_uv = False
         self.counts = Counts()
         self.levels: List[Level] = []
-        # How many branches there are in place of a reflected one, at most, and how many lanes
-        # become no more than LANES by them.
+        # Upper bound on the number of reflection rays per hit, and the number of lanes that stays
+        # below LANES after branching.
         self.spread = max((material.spread for material in self.document.materials), default=1)
         self.lanes = LANES // self.spread
-        # Whether some surface lets light through to the lights.
+        # Whether any surface lets shadow rays pass.
         integrator = self.document.integrator
         used = {shape.material for shape in self.document.shapes}
         self.through = integrator.shadows and any(built.shaders[number].passes(integrator.filtered) for number in used)
@@ -177,8 +177,8 @@ class Tracer:
     # --------------------------------------------------------------------------------------------------
 
     def pixels(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray) -> np.ndarray:
-        """(n, 3) float32: values of pixels (x[i], y[i]) under settings[setting[i]], the mean over
-        the sampler's positions.
+        """(n, 3) float32: values of pixels (x[i], y[i]) under settings[setting[i]], as the mean
+        over the sampler's positions.
         """
         samples = self.document.samples
         if samples.refinement is None:
@@ -189,13 +189,12 @@ class Tracer:
         return values.astype(np.float32)
 
     def _refined(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray) -> np.ndarray:
-        """(n, 3): the means of pixels that take as many samples again as they have, as long as the
-        model's rule says so.
+        """(n, 3): pixel values with adaptive sampling; pixels double their number of samples as
+        long as the model's rule requires.
         """
         samples, (width, height) = self.document.samples, (self.document.width, self.document.height)
         lens = max(samples.lens, 1)
-        # The first samples of all pixels and of their neighbours, of each once under the same
-        # setting.
+        # The first samples of all pixels and their neighbours, each pixel once per setting.
         offsets = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)])
         beside_x, beside_y = x[:, None] + offsets[:, 0], y[:, None] + offsets[:, 1]
         there = (beside_x >= 0) & (beside_x < width) & (beside_y >= 0) & (beside_y < height)
@@ -224,9 +223,7 @@ class Tracer:
             taken = until
 
     def _sums(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: Samples, start: Optional[np.ndarray] = None) -> Sums:
-        """The sums over these samples of each pixel, added to `start` if there is one, and their
-        extremes.
-        """
+        """The sum over these samples of each pixel, added to `start` if given, and the extremes."""
         step = max(1, self.lanes // len(samples))
         total = np.zeros((len(x), 3)) if start is None else start.copy()
         least, most = np.zeros((len(x), 3), dtype=np.float32), np.zeros((len(x), 3), dtype=np.float32)
@@ -253,8 +250,8 @@ class Tracer:
         return radiance.numpy().T[: len(x) * len(samples)].reshape(len(x), len(samples), 3)
 
     def camera_rays(self, x: np.ndarray, y: np.ndarray, setting: np.ndarray, samples: Samples) -> Rays:
-        """Rays of pixels, samples of a pixel side by side; where those name no point of a lens,
-        through its middle.
+        """Camera rays; the samples of a pixel are adjacent. If they have no lens sample, rays go
+        through the centre of the lens.
         """
         count = len(x) * len(samples)
         shift = np.array([(s.dx, s.dy) for s in self.settings])[setting]
@@ -276,7 +273,7 @@ class Tracer:
             o, d, mi.Color3f(dr.full(mi.Float, 1, width)), dr.zeros(mi.Color3f, width), key, dr.full(mi.UInt32, 1, width),
             mi.UInt32(which.astype(np.uint32)), *spawn.nowhere(width), dr.zeros(mi.UInt64, width), real=count,
         )  # fmt: skip
-        # Every lane its own memory: arrays of one value repeated would be another kind of kernel
+        # Every lane needs its own memory: arrays that repeat one value are another kind of kernel
         # input.
         for array in rays.arrays():
             dr.make_opaque(array)
@@ -309,7 +306,7 @@ class Tracer:
                 break
             depth += 1
             if children.real > self.lanes:
-                # Each part is followed to its end before the next one starts, which bounds the
+                # Each part is traced to its end before the next one starts, which bounds the
                 # memory.
                 pieces = [
                     self.trace(children.gather(np.arange(first, min(first + self.lanes, children.real))), depth)
@@ -324,7 +321,7 @@ class Tracer:
         return radiance
 
     def _backward(self, level: Level, deeper: Any) -> Any:
-        """The level's radiance from that of the next one: local terms, plus children by weight,
+        """The radiance of a level from that of the next one: local terms plus weighted children,
         times transmittance.
         """
         radiance = level.local
@@ -340,13 +337,13 @@ class Tracer:
         return radiance
 
     def level(self, rays: Rays, depth: int) -> Tuple[Level, Optional[Rays]]:
-        """Intersects and shades one level; gives the rays of the next one, or None."""
+        """Intersects and shades one level. Returns the rays of the next level, or None."""
         hits = self.intersect(rays)
         self.counts.closest += rays.real
         level = Level(rays, hits, hits.local, hits.transmittance)
         if rays.spread is not None:
             level.footprint = self.built.surfaces.meet(rays, hits)
-        # Lanes by material: a stable sort of their numbers.
+        # Group lanes by material: a stable sort of their numbers.
         numbers = hits.material.numpy()[: max(rays.real, 1)]
         order = np.argsort(numbers, kind="stable").astype(np.uint32)
         starts = np.searchsorted(numbers[order], np.arange(len(self.document.materials) + 1))
@@ -361,10 +358,10 @@ class Tracer:
         return level, children
 
     def intersect(self, rays: Rays) -> Hits:
-        """The nearest surfaces, with the model's normals, uv and numbers.
+        """The nearest hits, with the model's normals, uv and numbers.
 
-        A ray that meets the facet it has just left starts again from farther away; no other ray is
-        moved.
+        A ray that re-hits the facet that it left starts again with a larger offset; no other ray is
+        changed.
         """
         hits = self._nearest(rays)
         lanes = np.flatnonzero(hits.rehit.numpy()[: rays.real])
@@ -384,7 +381,7 @@ class Tracer:
         return hits
 
     def _nearest(self, rays: Rays) -> Hits:
-        """`intersect` of rays as they are."""
+        """`intersect` for unchanged ray origins."""
         b = self.built
         si = b.scene.ray_intersect(mi.Ray3f(rays.o, rays.d))
         valid = si.is_valid()
@@ -392,7 +389,7 @@ class Tracer:
         shape = dr.select(valid, dr.gather(mi.UInt32, b.shape_of_registry, registry, valid), NOTHING)
         n_g = mi.Vector3f(si.n) * dr.gather(mi.Float, b.flip, shape, valid)
         n_raw = dr.select(dr.gather(mi.UInt32, b.smooth_normals, shape, valid) == 1, mi.Vector3f(si.sh_frame.n), n_g)
-        # Rule S: seen from one side of n_g, n_s must be seen from the same.
+        # Rule S: the viewer must be on the same side of n_s as of n_g.
         n_s = dr.select(dr.dot(rays.d, n_raw) * dr.dot(rays.d, n_g) < 0, -n_raw, n_raw)
         rule = dr.gather(mi.UInt32, b.primitive_rule, shape, valid)
         primitive = dr.select(rule == 0, 0, si.prim_index // dr.maximum(rule, 1))
@@ -438,8 +435,8 @@ class Tracer:
         return hits
 
     def _interaction(self, level: Level, lanes: Any) -> Any:
-        """Mitsuba's surface interaction at some lanes, with the model's frame and uv, as BSDFs and
-        emitters want it.
+        """Mitsuba's surface interaction at some lanes, with the model's frame and uv, for BSDFs and
+        emitters.
         """
         hits = level.hits
         si = dr.zeros(mi.SurfaceInteraction3f, dr.width(lanes))
@@ -457,7 +454,9 @@ class Tracer:
     # ---------------------------------------------------------------------------------------------
 
     def _local(self, level: Level, groups: Dict[int, np.ndarray]) -> None:
-        """Adds ambient terms and lamps at the lanes of materials that are not purely specular."""
+        """Adds ambient terms and direct lighting at the lanes of materials that are not purely
+        specular.
+        """
         if not groups:
             return
         lanes_all = np.concatenate(list(groups.values()))
@@ -486,7 +485,7 @@ class Tracer:
             dr.eval(level.local)
 
     def _gouraud(self, level: Level, groups: Dict[int, np.ndarray]) -> None:
-        """Adds the interpolated local terms of the corners of the triangles."""
+        """Adds the interpolated local terms of the vertices of the triangles (Gouraud shading)."""
         hits, rays = level.hits, level.rays
         where = [array.numpy() for array in (hits.valid, hits.shape, hits.primitive)]
         points = np.array(hits.p).reshape(3, -1).T.astype(np.float64)
@@ -509,8 +508,8 @@ class Tracer:
         hits.local = level.local = total
 
     def _lamp(self, level: Level, number: int, lanes_here: np.ndarray) -> Tuple[Any, Any, Any]:
-        """(direction, irradiance, visible) of a lamp at some lanes; the irradiance is 0 where it
-        does not count (rule G).
+        """(direction, irradiance, visible) of a lamp at some lanes; the irradiance is 0 where rule
+        G excludes it.
         """
         lamp, emitter = self.document.lights.lamps[number], self.built.emitters[number]
         hits, rays = level.hits, level.rays
@@ -539,15 +538,14 @@ class Tracer:
             visible = counts & ~self._shadowed(level, lanes, number, si.p, n_g, l, goal, counts)
             self._count("shadow", counts, len(lanes_here))
         irradiance = dr.select(visible, irradiance, 0)
-        # Where the lamp does not count, the direction may be no number; the product with 0 must
-        # be 0.
+        # Where the lamp does not count, the direction may be NaN; the product with 0 must be 0.
         l = dr.select(counts, l, n)  # noqa: E741
         dr.eval(l, irradiance, visible)
         return l, irradiance, visible
 
     def _shadowed(self, level: Level, lanes: Any, number: int, p: Any, n_g: Any, l: Any, goal: Any, active: Any) -> Any:  # noqa: E741
-        """Whether something lies strictly between the surface and the lamp (at `goal`, or
-        infinitely far along `l`).
+        """Whether a surface lies strictly between the point and the lamp (at `goal`, or infinitely
+        far along `l`).
         """
         rays = level.rays
         setting = dr.gather(mi.UInt32, rays.setting, lanes)
@@ -568,7 +566,7 @@ class Tracer:
 
         shadowed = self.built.scene.ray_test(ray(left.o, l, goal, key, path, setting), active)
         dr.eval(shadowed, active, left.arrays())
-        # What is blocked by the very facet that it left starts again from farther away.
+        # Rays that are blocked by the facet that they left start again with a larger offset.
         blocked = np.flatnonzero((shadowed & active).numpy()[: len(lanes)])
         for attempt in range(spawn.ATTEMPTS + 1):
             if len(blocked) == 0:
@@ -590,7 +588,7 @@ class Tracer:
         return shadowed
 
     def _preliminary(self, ray: Any) -> spawn.Met:
-        """What a ray meets first, without its surface."""
+        """The first hit of a ray, without the surface data."""
         b = self.built
         pi = b.scene.ray_intersect_preliminary(ray)
         valid = pi.is_valid()
@@ -602,17 +600,19 @@ class Tracer:
     # ------------------------------------------------------------------------------------------------
 
     def _branches(self, level: Level, groups: Dict[int, np.ndarray], depth: int) -> Optional[Rays]:
-        """The level's delta branches: links back to it, and the next level's rays."""
+        """The delta branches of a level: links from children to parents, and the rays of the next
+        level.
+        """
         integrator = self.document.integrator
         last = depth >= integrator.max_depth
         if last and not integrator.limit_background:
             return None
         parts: List[Rays] = []
         weights: List[Any] = []
-        # Parents, and places in all parts together, by way.
+        # By branch: parents, and lane indices in the concatenated parts.
         found: Dict[str, List[Tuple[np.ndarray, np.ndarray]]] = {}
         offset = 0
-        # Reflections before transmissions, those of a glossy surface in their order.
+        # Reflections before transmissions; those of a glossy surface in order.
         for letter, which in [("R", which) for which in range(self.spread)] + [("T", 0)]:
             for number, lanes in groups.items():
                 material = self.document.materials[number]
@@ -652,8 +652,8 @@ class Tracer:
         return None if last else everything.gather(np.concatenate(chosen))
 
     def _branch(self, level: Level, number: int, letter: str, which: int, lanes: Any) -> Tuple[Rays, Any, Any]:
-        """One branch of one material at its lanes, of several reflections number `which`: (rays,
-        weight, which lanes to follow).
+        """One branch of one material at its lanes; `which` is the number of the reflection. Returns
+        rays, weight, and the lanes to follow.
         """
         hits, rays = level.hits, level.rays
         si = self._interaction(level, lanes)
@@ -672,7 +672,7 @@ class Tracer:
         throughput = dr.gather(mi.Color3f, hits.throughput, lanes) * weight
         strength = dr.max(throughput)
         keep = (strength > 0) & (strength >= self._cut) & ((leaving > 0) if letter == "R" else (leaving < 0))
-        # Also where it is the same at all lanes: one entry for each of them.
+        # One entry per lane, even if all are equal.
         weight = dr.select(keep, weight, 0)
         medium = dr.gather(mi.Color3f, rays.medium, lanes)
         if letter == "T" and way.straight is not True:
@@ -694,18 +694,17 @@ class Tracer:
     # -------------------------------------------------------------------------------------------------
 
     def leave(self, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, setting: Any) -> spawn.Spawned:
-        """Where a ray in this direction starts: `spawn.leave` with the setting's K."""
+        """The origin of a ray in this direction: `spawn.leave` with the setting's K."""
         left = spawn.leave(self.built, p, n_g, direction, shape, facet, dr.gather(mi.Float, self._k, setting))
         if self.built.host is not None:
             self.built.host.leave(left, p, n_g, direction)
         return left
 
     def _perturb(self, o: Any, d: Any, key: Any, path: Any, setting: Any) -> Tuple[Any, Any]:
-        """Origin and direction with each component times 1 + ulps * 2^-24 * r, r a hash in [-1, 1];
-        ulps = 0 is exact.
+        """Origin and direction with each component times 1 + ulps * 2^-24 * r, where r is a hash in
+        [-1, 1]; ulps = 0 is exact.
 
-        With `largest`, the largest component of the vector takes the place of each in what is
-        added.
+        With `largest`, the perturbation is relative to the largest component of the vector instead.
         """
         noise = dr.gather(mi.Float, self._noise, setting)
         largest = dr.gather(mi.Bool, self._largest, setting)
@@ -722,12 +721,13 @@ class Tracer:
         )
 
     def _count(self, name: str, mask: Any, real: int) -> None:
-        """Notes to add the lanes where `mask` holds; a single lane was padded by its own double."""
+        """Records that the lanes where `mask` holds are to be counted; a single lane was padded
+        with its own duplicate.
+        """
         self._pending.append((name, dr.count(mask), 2 if real == 1 else 1))
 
     def _settle(self) -> None:
-        """Adds up what was counted along the way (kept lazy so as not to wait for it in between).
-        """
+        """Evaluates the recorded counts (they stay lazy until here, to avoid waiting)."""
         for name, count, copies in self._pending:
             setattr(self.counts, name, getattr(self.counts, name) + int(count[0]) // copies)
         self._pending.clear()

@@ -10,18 +10,18 @@ class DriverError(Exception):
 
 
 class SceneError(DriverError):
-    """The document is wrong: the text lists every problem found, one a line."""
+    """The document is invalid: the text lists every problem, one per line."""
 
     kind = "scene"
 
 
 class Unsupported(DriverError):
-    """The document may be right, but something in it has no Mitsuba twin here."""
+    """The document may be valid, but something in it has no Mitsuba twin."""
 
     kind = "unsupported"
 
 
 class EnvironmentFailure(DriverError):
-    """This machine cannot run the driver; the text says what to do."""
+    """This machine cannot run the driver; the text explains how to fix this."""
 
     kind = "internal"

@@ -1,7 +1,7 @@
 """Writes OpenEXR: scan lines, ZIP, float32, named channels (model §12).
 
-Mitsuba's `Bitmap` can only write PIZ, and puts a comment into the header; this writer gives the
-same bytes for the same values. Source: the OpenEXR file layout,
+Mitsuba's `Bitmap` can only write PIZ, and adds a comment to the header. This writer gives the same
+bytes for the same values. Source: the OpenEXR file layout,
 https://openexr.com/en/latest/OpenEXRFileLayout.html.
 """
 
@@ -15,7 +15,7 @@ from typing import Dict
 
 import numpy as np
 
-_LINES_PER_BLOCK = 16  # of ZIP_COMPRESSION
+_LINES_PER_BLOCK = 16  # lines per block of ZIP_COMPRESSION
 _ZIP = 3
 _FLOAT = 2
 
@@ -25,8 +25,8 @@ def _attribute(name: str, kind: str, value: bytes) -> bytes:
 
 
 def _compress(raw: bytes) -> bytes:
-    """OpenEXR's ZIP: even bytes before odd ones, differences, deflate; as it was where that does
-    not help.
+    """OpenEXR's ZIP: even bytes before odd ones, differences, deflate; uncompressed if that is not
+    smaller.
     """
     data = np.frombuffer(raw, dtype=np.uint8)
     data = np.concatenate([data[0::2], data[1::2]])
@@ -56,7 +56,7 @@ def encode(channels: Dict[str, np.ndarray]) -> bytes:
             b"\0",
         ]
     )
-    # In a block: line by line, in a line channel by channel.
+    # In a block: line by line, and in each line channel by channel.
     planes = np.stack([np.asarray(channels[name], dtype="<f4") for name in names], axis=1)
     blocks = []
     for first in range(0, height, _LINES_PER_BLOCK):
@@ -70,14 +70,15 @@ def encode(channels: Dict[str, np.ndarray]) -> bytes:
 
 
 def write(path: str, channels: Dict[str, np.ndarray]) -> None:
-    """Writes through a temporary file in the same folder, so that nobody ever sees half an image.
+    """Writes to a temporary file in the same folder and renames it, so that no reader sees an
+    incomplete image.
     """
     folder = os.path.dirname(os.path.abspath(path))
     handle, temporary = tempfile.mkstemp(prefix=".whitstone-", suffix=".exr", dir=folder)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(encode(channels))
-        # mkstemp makes files that only their owner can read; an image is like any other file.
+        # mkstemp restricts access to the owner; an image gets the usual permissions.
         mask = os.umask(0)
         os.umask(mask)
         os.chmod(temporary, 0o666 & ~mask)

@@ -1,8 +1,8 @@
-"""Strict reading of one TOML table: every key is taken by name, checked, and what is left over is
-an error.
+"""Strict reader of a TOML table: every key is taken by name and checked; keys that remain are
+errors.
 
-Problems are collected, not raised, so that one run reports them all; a value that cannot be read is
-replaced by a harmless stand-in, which nobody sees because the document is refused in the end.
+Problems are collected instead of raised, so that one run reports them all. An invalid value is
+replaced by a harmless default; this has no effect, because the document is refused in the end.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ REQUIRED: Any = object()
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
-    """Text for an unknown name: the nearest known one, and all of them."""
+    """The hint for an unknown name: the nearest known one, and all of them."""
     close = difflib.get_close_matches(name, known, 1)
     hint = f"did you mean {close[0]!r}? " if close else ""
     return f"{hint}known: {', '.join(sorted(known)) or 'none'}"
 
 
 def is_number(value: Any) -> bool:
-    """A finite TOML integer or float (TOML booleans are Python ints: not these)."""
+    """A finite TOML integer or float. (TOML booleans are Python ints; they do not count.)"""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
@@ -60,13 +60,13 @@ class Fields:
         return default
 
     def close(self) -> None:
-        """Complains about keys that nobody took."""
+        """Reports keys that were not taken."""
         for key in self._table:
             if key not in self._seen:
                 self.error(key, f"unknown key; {nearest(key, self._seen)}")
 
     def kind(self) -> Optional[str]:
-        """The plugin's `type`; None (and an error) where it is missing or not a text."""
+        """The plugin's `type`; None (and an error) if it is missing or not a string."""
         value = self.take("type", REQUIRED)
         if value is not None and not isinstance(value, str):
             self.error("type", f"expected a text, found {value!r}")
@@ -96,7 +96,7 @@ class Fields:
         return value
 
     def choice(self, key: str, default: Any, options: Sequence[str]) -> str:
-        """One out of some words."""
+        """One of the given words."""
         value = self.take(key, default)
         if value is None:
             return options[0]
@@ -106,7 +106,7 @@ class Fields:
         return value
 
     def string(self, key: str, default: Any) -> str:
-        """A text that is not empty."""
+        """A non-empty string."""
         value = self.take(key, default)
         if value is None:
             return ""
@@ -126,7 +126,7 @@ class Fields:
         return tuple(float(number) for number in value)
 
     def vectors(self, key: str, count: int, size: int, default: Any = None) -> Optional[List[Vector]]:
-        """`count` arrays of `size` numbers, or None where the key is absent."""
+        """`count` arrays of `size` numbers, or None if the key is missing."""
         value = self.take(key, default)
         if value is None:
             return None
@@ -162,5 +162,5 @@ def as_color(value: Any) -> Optional[Vector]:
 
 
 def range_text(low: float, high: float) -> str:
-    """A range in words."""
+    """A range as text."""
     return f">= {low:g}" if math.isinf(high) else f"from {low:g} to {high:g}"

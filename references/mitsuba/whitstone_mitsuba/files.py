@@ -1,4 +1,4 @@
-"""The files that a document names, and whether they have changed since they were read."""
+"""The files that a document refers to, and whether they changed after they were read."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def _stamp(path: str) -> Optional[Tuple[int, int]]:
 
 
 class Folder:
-    """The folder that `file` paths are relative to; remembers which files were asked for and how
-    they were then.
+    """The folder that `file` paths are relative to. It records the requested files and their state
+    at that time.
     """
 
     def __init__(self, base: str) -> None:
@@ -24,11 +24,11 @@ class Folder:
         self._stamps: Dict[str, Optional[Tuple[int, int]]] = {}
 
     def path(self, name: str) -> str:
-        """Where the file called `name` lies."""
+        """The path of the file `name`."""
         path = os.path.join(self._base, name)
         self._stamps[path] = _stamp(path)
         return path
 
     def unchanged(self) -> bool:
-        """Whether every file asked for is as it was."""
+        """Whether every requested file is unchanged."""
         return all(_stamp(path) == stamp for path, stamp in self._stamps.items())

@@ -1,9 +1,8 @@
-"""Ray differentials (model §10, *Footprints*): what a sample covers of a surface, for textures that
-are filtered by it.
+"""Ray differentials (model §10, *Footprints*): the footprint of a sample, for filtered textures.
 
-They are exact first derivatives (Igehy 1999), per sample to the right and per sample below, carried
-next to the rays as float64 arrays of NumPy. Documents without such a texture never get here: their
-rays have no column for it, and their kernels are those that they would be without this file.
+They are exact first derivatives (Igehy 1999), per sample to the right and per sample below. They
+are stored next to the rays as float64 NumPy arrays. Documents without filtered textures do not use
+this module: their rays have no column for it, and their kernels are the same as without it.
 
 Textures find the footprint in four fields of Mitsuba's surface interaction: `duv_dx` and `duv_dy`
 as Mitsuba uses them, and `dp_du` and `dp_dv`, which none of the BSDFs in use reads, as the steps of
@@ -21,15 +20,15 @@ import numpy as np
 from .cameras import Camera
 from .runtime import mi
 
-# The least cosine between a ray and the normal by which a step is prolonged.
+# The least cosine between a ray and the normal by which a step in the tangent plane is lengthened.
 GRAZING = 2.0**-20
-# The longest derivative of a branch's direction, in radians per sample.
+# Upper bound on the derivative of a branch direction, in radians per sample.
 WIDEST = 1.0
 
-# Filters that show a mean over the footprint.
+# Filters that average over the footprint.
 FILTERS = ("trilinear", "ewa")
 
-# Shapes whose derivatives are known here.
+# Shapes whose derivatives are implemented.
 SHAPES = ("sphere", "plane", "rectangle", "disk", "box", "triangle", "mesh", "heightfield")
 
 
@@ -55,12 +54,12 @@ def _filtered(materials: Sequence[Any], number: int) -> bool:
 
 
 def used(materials: Sequence[Any], shapes: Sequence[Any]) -> bool:
-    """Whether a surface has a texture that shows a mean over the footprint."""
+    """Whether a surface has a texture that is filtered over the footprint."""
     return any(_filtered(materials, number) for number in {shape.material for shape in shapes})
 
 
 def unsupported(materials: Sequence[Any], shapes: Sequence[Any]) -> List[str]:
-    """What a document with such a texture has that no derivative is known of here."""
+    """The reasons why the derivatives of such a document are not available."""
     if not used(materials, shapes):
         return []
     found = []
@@ -87,10 +86,10 @@ def _normalised(q: np.ndarray, change: np.ndarray) -> Tuple[np.ndarray, np.ndarr
 
 
 def of_camera(camera: Camera, x: np.ndarray, y: np.ndarray, point: Any, distance: float) -> np.ndarray:
-    """(n, 2, 2, 3): of rays through these raster positions, to the right and below, the derivatives
-    of origin and direction.
+    """(n, 2, 2, 3): for rays through these raster positions, the derivatives of origin and
+    direction, to the right and below.
 
-    `distance` is that of samples, in pixels.
+    `distance` is the sample distance in pixels.
     """
     u, v, w = camera.axes.T
     found = np.zeros((len(x), 2, 2, 3))
@@ -116,7 +115,7 @@ def of_camera(camera: Camera, x: np.ndarray, y: np.ndarray, point: Any, distance
         if camera.spherical:
             found[:, side, 0] = camera.near * found[:, side, 1]
         else:
-            # Where the ray crosses the plane at the near limit.
+            # The intersection of the ray with the plane at the near limit.
             found[:, side, 0] = camera.near / depth * change
     return found * distance
 
@@ -127,7 +126,7 @@ def of_camera(camera: Camera, x: np.ndarray, y: np.ndarray, point: Any, distance
 
 @dataclass
 class Footprint:
-    """Of each lane, to the right and below: the steps of the point, of (u, v) and of n_s."""
+    """Steps of the point, of (u, v) and of n_s for each lane, to the right and below."""
 
     # (n, 2, 3)
     position: np.ndarray
@@ -137,26 +136,26 @@ class Footprint:
     normal: np.ndarray
 
     def put(self, si: Any, lanes: np.ndarray) -> None:
-        """Shows some lanes to textures."""
+        """Stores the footprint of some lanes for textures."""
         uv, position = self.uv[lanes].astype(np.float32), self.position[lanes].astype(np.float32)
         si.duv_dx, si.duv_dy = (mi.Vector2f(np.ascontiguousarray(uv[:, side].T)) for side in (0, 1))
         si.dp_du, si.dp_dv = (mi.Vector3f(np.ascontiguousarray(position[:, side].T)) for side in (0, 1))
 
 
 def _rows(array: Any) -> np.ndarray:
-    """Vectors of Dr.Jit as rows in float64."""
+    """Dr.Jit vectors as float64 rows."""
     return np.array(array, dtype=np.float64).T
 
 
 class Surfaces:
-    """The derivatives of (u, v) and n_s on the shapes of a scene."""
+    """Derivatives of (u, v) and n_s on the shapes of a scene."""
 
     def __init__(self, shapes: Sequence[Any], built: Sequence[Any]) -> None:
         self._shapes, self._built = shapes, built
         self._meshes: Dict[int, Any] = {}
 
     def _mesh(self, number: int) -> Dict[str, np.ndarray]:
-        """Corners of the triangles of a mesh."""
+        """Vertices of the triangles of a mesh."""
         if number not in self._meshes:
             parameters = mi.traverse(self._built[number])
             faces = np.array(parameters["faces"]).reshape(-1, 3)
@@ -171,7 +170,7 @@ class Surfaces:
         return self._meshes[number]
 
     def meet(self, rays: Any, hits: Any) -> Footprint:
-        """Where rays with differentials meet surfaces; zero where they meet none."""
+        """Footprints of rays with differentials at their hits; zero on a miss."""
         valid, shape, primitive = (array.numpy() for array in (hits.valid, hits.shape, hits.primitive))
         d, n_g, p = (_rows(array) for array in (rays.d, hits.n_g, hits.p))
         t = np.where(valid, np.array(hits.t, dtype=np.float64), 0.0)
@@ -188,13 +187,13 @@ class Surfaces:
                 self._on_triangles(number, lanes, primitive[lanes], p[lanes], found)
             else:
                 self._on_curve(self._shapes[number], lanes, p[lanes], found)
-        # Rule S turns the normal, and its derivative with it.
+        # Rule S flips the normal, and its derivative with it.
         turned = _dot(_rows(hits.n_s), _rows(hits.n_raw)) < 0
         found.normal = np.where(turned[:, :, None], -found.normal, found.normal)
         return found
 
     def _on_curve(self, shape: Any, lanes: np.ndarray, p: np.ndarray, found: Footprint) -> None:
-        """On what Mitsuba has as a whole: sphere, plane, rectangle, disk."""
+        """On Mitsuba's analytic shapes: sphere, plane, rectangle, disk."""
         rules = shape.rules
         linear, origin = rules.object_from_world[:, :3], rules.object_from_world[:, 3]
         q, step = p @ linear.T + origin, found.position[lanes] @ linear.T
@@ -215,12 +214,12 @@ class Surfaces:
 
     def _on_triangles(self, number: int, lanes: np.ndarray, primitive: np.ndarray, p: np.ndarray, found: Footprint) -> None:
         mesh = self._mesh(number)
-        # Of a face of a box, which is two triangles, the first; both have the same derivatives.
+        # The first of the two triangles of a box face; both have the same derivatives.
         triangle = primitive * max(self._shapes[number].rules.primitive, 1)
         a, b, c = np.moveaxis(mesh["points"][triangle], 1, 0)
         normal = np.cross(b - a, c - a)
-        # A point's barycentric coordinates of b and c are its products with these, the dual basis
-        # of both edges.
+        # The barycentric coordinates of b and c are the products of the point with these vectors,
+        # the dual basis of both edges.
         dual = np.stack([np.cross(c - a, normal), np.cross(normal, b - a)], axis=1) / _dot(normal, normal)[:, None]
         step = np.einsum("nsi,nki->nsk", found.position[lanes], dual)
 

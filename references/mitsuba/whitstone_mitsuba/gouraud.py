@@ -1,4 +1,5 @@
-"""The corners of the triangles that were hit, and how much each counts (model §6, rasterizer)."""
+"""Vertices of the triangles that were hit, with their barycentric weights (model §6, rasterizer).
+"""
 
 from __future__ import annotations
 
@@ -9,14 +10,12 @@ import numpy as np
 from .runtime import mi
 from .scene import Built
 
-# Position, normal (zero where there is none), texture coordinates and weight: one row a lane.
+# Position, normal (zero if there is none), texture coordinates and weight: one row per lane.
 Corner = Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def corners(built: Built, valid: np.ndarray, shape: np.ndarray, primitive: np.ndarray, p: np.ndarray) -> List[Corner]:
-    """Three corners for each lane, which hit this triangle of this shape at p; weights are 0 where
-    nothing is hit.
-    """
+    """The three vertices of the triangle that each lane hit at p; weights are 0 on a miss."""
     count = len(valid)
     found = [(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2)), np.zeros(count)) for _ in range(3)]
     for number in np.unique(shape[valid]):
@@ -33,7 +32,7 @@ def corners(built: Built, valid: np.ndarray, shape: np.ndarray, primitive: np.nd
         size = np.einsum("ij,ij->i", across, across)
         for corner, (positions, normals, uvs, weights) in enumerate(found):
             after, last = points[:, (corner + 1) % 3], points[:, (corner + 2) % 3]
-            # The part of the triangle that is opposite to the corner.
+            # Area of the sub-triangle opposite the vertex.
             part = np.cross(after - p[lanes], last - p[lanes])
             weights[lanes] = np.einsum("ij,ij->i", part, across) / size
             positions[lanes] = points[:, corner]

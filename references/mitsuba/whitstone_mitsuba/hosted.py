@@ -1,9 +1,9 @@
-"""What rays meet of the shapes that the driver intersects by itself (`surfaces`), next to those of
+"""Hits of the shapes that the driver intersects itself (`surfaces`), combined with those of
 Mitsuba's scene.
 
-Everything here is float64 until the result. Rays that leave such a surface start on it: they need
-no offset, since the part that they leave and the side that they go to are known, and the root at
-the start is divided out (`surfaces.Start`).
+All of it is float64, except for the result. Rays that leave such a surface start on it without an
+offset: the part that they leave and the side that they go to are known, and the root at the start
+is divided out (`surfaces.Start`).
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from .surfaces import Start, Surface, Vector
 
 _NOTHING = 0xFFFFFFFF
 
-# Rays that are treated together.
+# Number of rays that are processed together.
 CHUNK = 1 << 15
 
 
 @dataclass
 class Found:
-    """The nearest hosted surfaces, a lane each; t is infinite where there is none."""
+    """The nearest hosted surfaces, one lane each; t is infinite on a miss."""
 
     t: np.ndarray
     p: np.ndarray
@@ -42,7 +42,7 @@ def _columns(value: Any) -> np.ndarray:
 
 
 class Host:
-    """The hosted shapes of a scene, by their places in the document."""
+    """The hosted shapes of a scene, by their index in the document."""
 
     def __init__(self, surfaces: Sequence[Tuple[int, Surface]], shapes: int) -> None:
         self.surfaces = list(surfaces)
@@ -62,14 +62,12 @@ class Host:
         q = o - centre[:, None]
         along, length = (q * d).sum(axis=0), (d * d).sum(axis=0)
         away = (q * q).sum(axis=0)
-        # Rounding of the difference of large squares must lose no ray.
+        # The rounding error of a difference of large squares must not lose a ray.
         margin = radius * radius * (1 + 1e-6) + 1e-9 * away
         return np.flatnonzero((away - along * along / length <= margin) & ((along < 0) | (away <= margin)))
 
     def _hits(self, number: int, lanes: np.ndarray, o: np.ndarray, d: np.ndarray, left: Any) -> Tuple[np.ndarray, np.ndarray]:
-        """(t, code) of the nearest crossing in front of the start; t is infinite where there is
-        none.
-        """
+        """(t, code) of the nearest crossing in front of the start; t is infinite on a miss."""
         place, surface = self.surfaces[number]
         shape, facet = left[0][lanes], left[1][lanes].astype(np.int64)
         started = shape == place
@@ -77,17 +75,17 @@ class Host:
         found = surface.crossings(tuple(o[:, lanes]), tuple(d[:, lanes]), start)
         ahead = found.t > 0
         if surface.closed:
-            # From outside a line goes in first, from inside out.
+            # A line from outside first enters the shape, one from inside first leaves it.
             first = np.where(start.outward, 1, -1)[:, None]
             ahead &= ~started[:, None] | (found.step == first)
         t = np.where(ahead, found.t, np.inf)
-        # The lower code of equal ones: crossings of one line are few.
+        # The lower code wins ties; a line has few crossings.
         best = np.lexsort((found.code, t), axis=1)[:, 0]
         rows = np.arange(len(lanes))
         return t[rows, best], found.code[rows, best]
 
     def nearest(self, o: np.ndarray, d: np.ndarray, left: Tuple[np.ndarray, np.ndarray]) -> Found:
-        """What rays meet first. `left`: the shape and the facet of each that it left."""
+        """The first hits of rays. `left`: the shape and the facet that each ray leaves."""
         parts = []
         for first in range(0, o.shape[1], CHUNK):
             span = slice(first, first + CHUNK)
@@ -125,7 +123,7 @@ class Host:
     # --------------------------------------------------------------------------------------------------
 
     def combine(self, rays: Any, valid: Any, values: Sequence[Any]) -> Tuple[Any, List[Any]]:
-        """(valid, values) with the hosted surfaces where they are nearer than Mitsuba's.
+        """(valid, values) with hosted surfaces where they are nearer than Mitsuba's.
 
         `values` are t, p, n_g, n_s, n_raw, uv, shape, primitive, facet. At equal distance the shape
         with the lower number wins.
@@ -144,7 +142,7 @@ class Host:
         return valid | hosted, [dr.select(hosted, own, value) for own, value in zip(mine, values)]
 
     def occluded(self, o: Any, d: Any, reach: Any, left: Any) -> Any:
-        """Whether rays meet a hosted surface before `reach`."""
+        """Whether rays hit a hosted surface before `reach`."""
         dr.eval(o, d, reach, left.shape, left.facet)
         origin, way, limit = _columns(o), _columns(d), np.array(reach, dtype=np.float64)
         shape, facet = np.array(left.shape, dtype=np.int64), np.array(left.facet, dtype=np.int64)
@@ -160,8 +158,8 @@ class Host:
         return mi.Bool(blocked)
 
     def leave(self, spawned: Any, p: Any, n_g: Any, direction: Any) -> None:
-        """Rays that leave hosted surfaces start on them: their facet says also to which side they
-        go (the lowest bit).
+        """Moves the origins of rays that leave hosted surfaces onto them. The lowest bit of the
+        facet tells the side that they go to.
         """
         hosted = dr.gather(mi.UInt32, self.hosts, spawned.shape) == 1
         side = dr.select(dr.dot(n_g, direction) > 0, mi.UInt32(1), mi.UInt32(0))

@@ -18,7 +18,7 @@ def srgb_to_linear(value: np.ndarray) -> np.ndarray:
 
 
 def _pick_rgb(pixels: np.ndarray, names: list, path: str) -> np.ndarray:
-    """Three colour channels out of whatever the file has: alpha ignored, grey repeated."""
+    """The three colour channels of any file: alpha is ignored, grey is repeated."""
     where = {name.split(".")[-1].upper(): index for index, name in enumerate(names)}
     if all(name in where for name in "RGB"):
         return pixels[:, :, [where["R"], where["G"], where["B"]]]
@@ -28,7 +28,7 @@ def _pick_rgb(pixels: np.ndarray, names: list, path: str) -> np.ndarray:
 
 
 def _pick_alpha(pixels: np.ndarray, names: list, path: str) -> np.ndarray:
-    """The alpha channel, three times."""
+    """The alpha channel, repeated three times."""
     where = {name.split(".")[-1].upper(): index for index, name in enumerate(names)}
     if "A" not in where:
         raise SceneError(f"{path}: expected a channel A, found {', '.join(names)}")
@@ -36,7 +36,7 @@ def _pick_alpha(pixels: np.ndarray, names: list, path: str) -> np.ndarray:
 
 
 def codes(path: str) -> np.ndarray:
-    """(height, width, 3) codes of a file of 8 bits."""
+    """(height, width, 3) codes of an 8-bit file."""
     if not os.path.isfile(path):
         raise SceneError(f"{path}: there is no such file")
     try:
@@ -51,8 +51,8 @@ def codes(path: str) -> np.ndarray:
 
 
 def load(path: str, color_space: str, alpha: bool = False) -> np.ndarray:
-    """(height, width, 3) float32, top row first. `color_space`: "auto", "srgb", "linear"; alpha
-    counts as linear whatever it says.
+    """(height, width, 3) float32, top row first. `color_space` is "auto", "srgb" or "linear"; alpha
+    is always linear.
     """
     extension = os.path.splitext(path)[1].lower()
     if extension not in EXTENSIONS:
@@ -65,7 +65,7 @@ def load(path: str, color_space: str, alpha: bool = False) -> np.ndarray:
         pixels = np.atleast_3d(np.array(bitmap))
     except Exception as error:  # Mitsuba raises RuntimeError with its own text
         raise SceneError(f"{path}: cannot be read as an image: {error}") from error
-    # Integer texels are fractions of the type's largest value; float32 ones are values.
+    # Integer texels are fractions of the largest value of their type; float32 texels are values.
     scale = float(np.iinfo(pixels.dtype).max) if np.issubdtype(pixels.dtype, np.integer) else 1.0
     pick = _pick_alpha if alpha else _pick_rgb
     values = pick(pixels, names, path).astype(np.float64) / scale

@@ -1,4 +1,4 @@
-"""What the driver counts and adds up, and lists of lanes."""
+"""Counters, sums and lists of lanes of the driver."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .runtime import mi
 
 
 def way_name(letter: str, spread: int, number: int) -> str:
-    """As in the paths of `tree`: where a reflection is spread over directions, with two digits."""
+    """The name of a branch in the paths of `tree`; several reflections have a two-digit number."""
     return f"{letter}{number:02}" if letter == "R" and spread > 1 else letter
 
 
@@ -25,7 +25,7 @@ def mix(h: Any) -> Any:
 
 
 def pad(indices: np.ndarray) -> "mi.UInt32":
-    """An index list for Dr.Jit; a single index twice (writing the same value twice changes
+    """An index list for Dr.Jit. A single index is repeated (writing the same value twice changes
     nothing).
     """
     if len(indices) == 1:
@@ -35,22 +35,24 @@ def pad(indices: np.ndarray) -> "mi.UInt32":
 
 @dataclass
 class Sums:
-    """Of samples of pixels: their sum and the least and largest of each channel, all (n, 3)."""
+    """Over the samples of pixels: the sum, and the smallest and largest value of each channel, all
+    (n, 3).
+    """
 
     total: np.ndarray
     least: np.ndarray
     most: np.ndarray
 
     def ranges(self) -> np.ndarray:
-        """(n,): from the least to the largest, of the channel where that is most."""
+        """(n,): the largest range of any channel."""
         return (self.most.astype(np.float64) - self.least).max(axis=1)
 
     def of(self, which: np.ndarray) -> "Sums":
-        """Those of some of the pixels."""
+        """The sums of some of the pixels."""
         return Sums(self.total[which], self.least[which], self.most[which])
 
     def with_(self, more: "Sums") -> "Sums":
-        """Of both, where the sum of `more` is that of all."""
+        """Merges both; the sum in `more` already includes this one."""
         return Sums(more.total, np.minimum(self.least, more.least), np.maximum(self.most, more.most))
 
 
@@ -60,8 +62,8 @@ class TooDeep(Exception):
 
 @dataclass
 class Counts:
-    """Rays traced; those that were spawned anew, farther from the surface that they met again; and
-    those that still met it.
+    """Numbers of rays traced, of rays that were spawned again because of a re-hit, and of rays that
+    still re-hit.
     """
 
     closest: int = 0

@@ -2,9 +2,10 @@
 
 Each lamp that has a direction becomes a Mitsuba emitter whose `sample_direction` gives direction,
 distance and irradiance. `falloff = "none"` has no native twin: the emitter is a Python plugin that
-undoes the native one's inverse square. An area light is as many native point lights as it has
-points, each with the cosine to its normal. A projector is Mitsuba's own with a white slide, which
-says what is in the frame, where in it, and how much arrives; the driver looks the slide up there.
+cancels the inverse square of the native one. An area light is a set of native point lights, one per
+sample point, each multiplied by the cosine to its normal. A projector is Mitsuba's own with a white
+slide: it tells whether a point is in the frame, at which image position, and how much light
+arrives. The driver looks up the slide there.
 """
 
 from __future__ import annotations
@@ -22,9 +23,7 @@ from .runtime import dr, mi
 
 
 class NoFalloff(mi.Emitter):
-    """A point or spot light whose irradiance does not fall with the distance: the nested native
-    emitter's, times d².
-    """
+    """A point or spot light without falloff: the nested native emitter, times d²."""
 
     def __init__(self, props: "mi.Properties") -> None:
         mi.Emitter.__init__(self, props)
@@ -55,7 +54,7 @@ mi.register_emitter("whitstone_no_falloff", lambda props: NoFalloff(props))
 
 
 class Facing(NoFalloff):
-    """A point light of a surface: the nested native emitter's, times the cosine to the surface's
+    """A sample point of an area light: the nested native emitter, times the cosine to the surface's
     normal.
     """
 
@@ -78,7 +77,7 @@ mi.register_emitter("whitstone_facing", lambda props: Facing(props))
 
 
 class Slide(NoFalloff):
-    """The nested native projector, whose slide is white, times a texture where it says, and a
+    """The nested native projector with a white slide, times a texture at the image position, and a
     colour.
     """
 
@@ -89,7 +88,7 @@ class Slide(NoFalloff):
 
     def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
         ds, value = self.inner.sample_direction(it, sample, active)
-        # Outside of the frame, and at the light, the place may be no number.
+        # Outside of the frame and at the light, the image position may be NaN.
         seen = dr.max(value) > 0
         u, v = dr.select(seen, ds.uv.x, 0.5), dr.select(seen, 1 - ds.uv.y, 0.5)
         dr.eval(u, v)
@@ -124,17 +123,19 @@ class Lamp:
     finite: bool
     falloff: bool
     type: str
-    # Of a point of a surface: its normal, and how far off the surface shadow rays are aimed.
+    # For a sample point of a surface: its normal, and the offset of the target of shadow rays from
+    # the surface.
     normal: Optional[Vector] = None
     off: float = 0.0
-    # Of a projector: what it throws, and its intensity.
+    # For a projector: its slide and its intensity.
     slide: Optional[Any] = None
     intensity: Vector = (1.0, 1.0, 1.0)
-    # How many metres before the lamp shadow rays end, where it lies in coincident surfaces.
+    # Distance in metres before the lamp at which shadow rays end, if it lies in coincident
+    # surfaces.
     margin: float = 0.0
 
     def place(self) -> Optional[np.ndarray]:
-        """Where it is; None of lamps that are infinitely far away."""
+        """Its position; None for lamps at infinity."""
         if not self.finite:
             return None
         if "position" in self.plugin:
@@ -142,7 +143,7 @@ class Lamp:
         return np.array(self.plugin["to_world"].matrix, dtype=float)[:3, 3]
 
     def hosted(self) -> Hosted:
-        """(plugin type, reason) where the twin is not Mitsuba's own."""
+        """(plugin type, reason) if the twin is not native."""
         if self.normal is not None:
             return self.type, "the points of a surface are Python emitters around native point lights"
         if self.slide is not None:
@@ -162,13 +163,13 @@ class Lamp:
 
 @dataclass(frozen=True)
 class Lights:
-    """All lights of a scene: lamps in the document's order, the sums of the others."""
+    """All lights of a scene: lamps in the document's order, and the sums of the others."""
 
     lamps: Tuple[Lamp, ...]
     ambient: Vector
     ambients: Tuple[Tuple[int, Vector], ...]
     background: Vector
-    # Textures on the sphere of directions, seen behind everything.
+    # Textures on the sphere of directions, visible behind everything.
     environments: Tuple[Any, ...] = ()
 
     def background_emitter(self) -> "mi.Emitter":
@@ -176,8 +177,8 @@ class Lights:
 
 
 def place(directions: np.ndarray, known: Optional[np.ndarray] = None) -> Any:
-    """Where (n, 3) directions are on the sphere of an environment, as an interaction that textures
-    look at; `known`: their (n, 2) coordinates.
+    """(n, 3) directions on an environment, as an interaction for texture lookups; `known`: their
+    (n, 2) coordinates.
     """
     x, y, z = directions.T.astype(np.float64)
     if known is None:
@@ -192,7 +193,7 @@ def place(directions: np.ndarray, known: Optional[np.ndarray] = None) -> Any:
     return si
 
 
-# Of a direction (x, y, z), what runs to the right and up on each face: axis and sign.
+# For a direction (x, y, z), the axes to the right and up on each face: axis and sign.
 FACES = {
     "px": ((2, 1), (1, 1)),
     "nx": ((2, -1), (1, 1)),
@@ -204,8 +205,8 @@ FACES = {
 
 
 def on_cube(directions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """The number of the face that each of (n, 3) directions meets, and the (n, 2) coordinates on
-    its picture.
+    """The index of the face that each of (n, 3) directions hits, and (n, 2) coordinates on its
+    image.
     """
     lanes, axis = np.arange(len(directions)), np.argmax(np.abs(directions), axis=1)
     m = directions[lanes, axis]
@@ -216,7 +217,7 @@ def on_cube(directions: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
 
 
 class CubeLookup:
-    """Six native bitmaps, of which each direction looks at one."""
+    """Six native bitmaps; each direction looks up one of them."""
 
     def __init__(self, faces: Sequence["mi.Texture"]) -> None:
         self.faces = faces
@@ -286,10 +287,9 @@ def _environment(fields: Fields, index: int, reader: Any, base: Folder) -> Tuple
 
 
 def _sky(radiance: Any, uv: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """(n, 3) radiances at (n, 2) coordinates, where the directions are also given.
+    """(n, 3) radiances at (n, 2) coordinates, for which the directions are given as well.
 
-    Pictures are looked up in double precision: between a sun and the sky next to it, single
-    precision would misplace light.
+    Images are looked up in double precision: next to a sun, single precision would misplace light.
     """
     if isinstance(radiance, Cube):
         which, places = on_cube(directions)
@@ -304,8 +304,7 @@ def _sky(radiance: Any, uv: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 
 def facing(forward: np.ndarray) -> np.ndarray:
-    """A 3x3 rotation whose third column is `forward` (unit length); the other two are any that fit.
-    """
+    """A 3x3 rotation whose third column is `forward` (unit length); the other two are arbitrary."""
     helper = np.eye(3)[np.argmin(np.abs(forward))]
     x = np.cross(helper, forward)
     x /= np.linalg.norm(x)
@@ -373,11 +372,11 @@ def _projector(fields: Fields, index: int, reader: Any) -> Lamp:
         right = np.array([1.0, 0.0, 0.0])
     right /= np.linalg.norm(right)
     matrix = np.eye(4)
-    # Mitsuba's x runs to the left. A white slide is square for it: what is wider than high is
-    # stretched across.
+    # Mitsuba's x runs to the left. It treats a white slide as square, so a wider frame is stretched
+    # horizontally.
     matrix[:3, :3] = np.column_stack([-right, np.cross(right, forward) / aspect, forward])
     matrix[:3, 3] = position
-    # It gives pi times its scale on a screen across the axis at 1 m.
+    # It gives pi times its scale on a screen perpendicular to the axis at 1 m.
     plugin = {
         "type": "projector",
         "to_world": mi.ScalarTransform4f(matrix),
@@ -388,11 +387,11 @@ def _projector(fields: Fields, index: int, reader: Any) -> Lamp:
     return Lamp(index, plugin, True, True, "projector", slide=slide, intensity=intensity)
 
 
-# Shadow rays are aimed at points this part of a light's size off its surface, so that a shape in
-# its place does not hide it.
+# Offset of the targets of shadow rays from the light's surface, relative to its size, so that a
+# shape at the same place does not block it.
 OFF_SURFACE = 2.0**-19
 
-# Most points of a mesh that shines.
+# Upper bound on the sample points of a mesh light.
 MOST_POINTS = 4096
 
 
@@ -471,7 +470,7 @@ LAMPS = {"point": _point, "directional": _directional, "spot": _spot}
 
 
 def read(tables: Any, reader: Any, base: Folder, errors: List[str], unsupported: List[str]) -> Lights:
-    """The `[[light]]` tables."""
+    """Reads the `[[light]]` tables."""
     lamps: List[Lamp] = []
     ambients: List[Tuple[int, Vector]] = []
     background = np.zeros(3)

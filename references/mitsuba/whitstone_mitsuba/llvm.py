@@ -1,9 +1,9 @@
 """Finds a libLLVM that Dr.Jit can use, before Dr.Jit is imported.
 
 Dr.Jit loads the library named by `DRJIT_LIBLLVM_PATH`. Versions below 16 crash it (Debian's default
-is 14), and some files called `libLLVM*.so` are linker scripts of a few bytes, not libraries (the
-Rust toolchain has one). So each candidate is loaded in a child process, which asks it for its
-version: a library that crashes takes the child with it, not us.
+is 14). Some files called `libLLVM*.so` are linker scripts of a few bytes, not libraries (the Rust
+toolchain has one). So each candidate is loaded in a child process, which queries its version. A
+library that crashes then takes down only the child.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from .errors import EnvironmentFailure
 MINIMUM_MAJOR = 16
 VARIABLE = "DRJIT_LIBLLVM_PATH"
 
-# Run in a child: prints "22.1.0", or nothing where the library is too old to have the function (it
-# came with LLVM 16).
+# Runs in a child process: prints "22.1.0", or nothing if the library is too old to have the
+# function (added in LLVM 16).
 _ASK_VERSION = """
 import ctypes, sys
 library = ctypes.CDLL(sys.argv[1])
@@ -35,15 +35,14 @@ print(".".join(str(number.value) for number in numbers))
 
 @dataclass(frozen=True)
 class Llvm:
-    """A libLLVM that was loaded once and told its version."""
+    """A libLLVM that was loaded successfully, with its version."""
 
     path: str
     version: str
 
 
 def version_of(path: str) -> Optional[str]:
-    """The version of the LLVM library at `path`, or None where it cannot be loaded or is too old.
-    """
+    """The version of the LLVM library at `path`, or None if it cannot be loaded or is too old."""
     try:
         with open(path, "rb") as file:
             if file.read(4) not in (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe"):
@@ -72,7 +71,7 @@ def _rust_libraries() -> Iterator[str]:
     sysroot = child.stdout.strip()
     if child.returncode == 0 and sysroot:
         for pattern in ("libLLVM*.so*", "libLLVM*.dylib"):
-            # Largest first: next to the library lies a linker script of the same name.
+            # Largest first: a linker script of the same name lies next to the library.
             yield from sorted(glob.glob(os.path.join(sysroot, "lib", pattern)), key=os.path.getsize, reverse=True)
 
 
@@ -98,7 +97,7 @@ def _system_libraries() -> Iterator[str]:
 
 
 def candidates() -> Iterator[str]:
-    """Every path worth trying, in the order of preference."""
+    """All candidate paths in order of preference."""
     named = os.environ.get(VARIABLE)
     if named:
         yield named
@@ -107,7 +106,7 @@ def candidates() -> Iterator[str]:
 
 
 def find() -> Llvm:
-    """The first usable libLLVM; raises `EnvironmentFailure` with what to do where there is none."""
+    """The first usable libLLVM. Raises `EnvironmentFailure` with instructions if there is none."""
     tried = []
     for path in candidates():
         version = version_of(path)
@@ -122,7 +121,7 @@ def find() -> Llvm:
 
 
 def prepare() -> Llvm:
-    """Finds the library and names it to Dr.Jit; must run before `import drjit`."""
+    """Finds the library and passes its path to Dr.Jit; must run before `import drjit`."""
     llvm = find()
     os.environ[VARIABLE] = llvm.path
     return llvm

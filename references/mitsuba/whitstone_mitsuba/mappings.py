@@ -1,4 +1,4 @@
-"""The point of texture space that belongs to a point of a surface (model §10, `mapping`), in
+"""Texture mappings (model §10, `mapping`): the point of texture space for a surface point, in
 float64.
 """
 
@@ -42,18 +42,19 @@ def project(projection: str, q: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Mapping:
-    """Projection, transform and sharpness as read."""
+    """Projection, transform and sharpness of a mapping."""
 
     projection: str
     matrix: np.ndarray = field(default_factory=lambda: np.eye(4))
     sharpness: float = 4.0
 
     def usual(self) -> bool:
-        """Whether it is that of textures of (u, v), which Mitsuba's own do by themselves."""
+        """Whether it is the default mapping by (u, v), which Mitsuba's textures apply themselves.
+        """
         return self.projection == "uv" and np.array_equal(self.matrix, np.eye(4))
 
     def weights(self, normal: np.ndarray) -> np.ndarray:
-        """(n, 3): how much each projection of "triplanar" counts, by n_s."""
+        """(n, 3): blend weights of the projections of "triplanar", by n_s."""
         normal = np.abs(normal @ np.linalg.inv(self.matrix[:3, :3]))
         with np.errstate(invalid="ignore"):
             return (normal / normal.max(axis=1, keepdims=True)) ** self.sharpness
@@ -78,7 +79,7 @@ class Mapping:
 
 
 def read(fields: Fields, usual: str) -> Mapping:
-    """The key `mapping`; `usual` is the projection where none is written."""
+    """The key `mapping`; `usual` is the default projection."""
     table = fields.take("mapping")
     if table is None:
         return Mapping(usual)
@@ -93,14 +94,14 @@ def read(fields: Fields, usual: str) -> Mapping:
 
 
 class Mapped(mi.Texture):
-    """A texture of Mitsuba's, looked up where a mapping says."""
+    """A native texture, looked up at the point that a mapping gives."""
 
     def __init__(self, inner: "mi.Texture", mapping: Mapping) -> None:
         mi.Texture.__init__(self, mi.Properties())
         self.inner, self.mapping = inner, mapping
 
     def values(self, si: Any, place: Any) -> np.ndarray:
-        """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` as `si` has them."""
+        """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` like `si`."""
 
         def at(points: np.ndarray) -> np.ndarray:
             beside = mi.SurfaceInteraction3f(si)

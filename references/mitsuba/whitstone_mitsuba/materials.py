@@ -1,10 +1,10 @@
-"""Materials (model §8), as they are read, and their BSDFs.
+"""Readers of materials (model §8), and their BSDFs.
 
-Matte, mirror, conductor, dielectric and thin_dielectric are Mitsuba's own BSDFs. The phong family
-and the constant k_refl / k_refr of the lectures are one Python BSDF, `PhongFamily`: hosted by
-Mitsuba's geometry and frames, but its formulas are ours. Ambient terms have no twin in Mitsuba at
-all and are computed by the driver from the reflectance texture. What is made of other materials has
-no BSDF: see `shaders.py`.
+Matte, mirror, conductor, dielectric and thin_dielectric are Mitsuba's own BSDFs. The Phong family
+and the constant k_refl / k_refr of the lectures are one Python BSDF, `PhongFamily`: it is hosted by
+Mitsuba's geometry and frames, but its formulas are ours. Ambient terms have no twin in Mitsuba; the
+driver computes them from the reflectance texture. Composite materials have no BSDF: see
+`shaders.py`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class PhongFamily(mi.BSDF):
     """k_d [n.l]+ + k_s lobe^exponent, and delta branches of constant weight; `eval` includes the
     cosine where the model has it.
 
-    Works in the local frame of the shading normal; Mitsuba's `wi` is the model's v, `wo` its l.
-    Both sides show.
+    It works in the local frame of the shading normal; Mitsuba's `wi` is the model's v, `wo` its l.
+    It is two-sided.
     """
 
     def __init__(self, props: "mi.Properties") -> None:
@@ -66,9 +66,7 @@ class PhongFamily(mi.BSDF):
         return self.eval(ctx, si, wo, active), mi.Float(0)
 
     def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
-        """One delta branch, the one that `ctx.type_mask` asks for, with its whole weight
-        (probability 1).
-        """
+        """The delta branch that `ctx.type_mask` requests, with its full weight (probability 1)."""
         _, cos_t, eta_it, eta_ti = mi.fresnel(mi.Frame3f.cos_theta(si.wi), self.eta)
         total = cos_t == 0
         k_refl, k_refr = self.k_refl.eval(si, active), self.k_refr.eval(si, active)
@@ -96,39 +94,39 @@ mi.register_bsdf("whitstone_phong_family", lambda props: PhongFamily(props))
 
 @dataclass(frozen=True)
 class Material:
-    """A material as read: its twin is made by `build`."""
+    """A material from the document; `build` creates its twin."""
 
     type: str
-    # The texture that is multiplied with the ambient light; None where there is no ambient term.
+    # The texture that is multiplied by the ambient light; None if there is no ambient term.
     ambient: Optional[Any] = None
-    # Which delta branches it can have, in the model's order.
+    # The delta branches it can have, in the model's order.
     branches: Tuple[str, ...] = ()
     smooth: bool = False
-    # Absorption coefficients, per metre: of the medium inside and of the one outside.
+    # Absorption coefficients per metre, of the medium inside and of the one outside.
     interior: Vector = BLACK
     exterior: Vector = BLACK
     textures: Dict[str, Any] = field(default_factory=dict)
     numbers: Dict[str, float] = field(default_factory=dict)
-    # The materials that it is made of, by their numbers.
+    # Indices of the materials that it is composed of.
     parts: Tuple[int, ...] = ()
-    # Whether its way through the surface may be bent.
+    # Whether it can refract rays.
     refracts: bool = False
-    # Whether it is shaded by other normals than those of the shape.
+    # Whether it replaces the shading normal.
     detailed: bool = False
-    # Of a normal map, and of bumps by vectors: the tangent, or what the tangent goes around.
+    # For a normal map and a vector bump map: the tangent, or the axis that the tangent goes around.
     direction: Vector = (1.0, 0.0, 0.0)
     around: bool = False
-    # Whether bumps by vectors are along that tangent, instead of along the axes of the world.
+    # Whether a vector bump map is relative to that tangent instead of in world space.
     tangent: bool = False
-    # Of a conductor, as colours.
+    # For a conductor: eta and k as colours.
     index: Tuple[Vector, Vector] = (BLACK, BLACK)
-    # Of a body that may overlap others.
+    # For a prioritised dielectric.
     priority: Optional[int] = None
-    # How many directions its reflected branch is spread over at most.
+    # Maximum number of reflection rays per hit.
     spread: int = 1
 
     def hosted(self) -> Optional[Tuple[str, str]]:
-        """(plugin type, reason) where the twin is not Mitsuba's own."""
+        """(plugin type, reason) if the twin is not native."""
         if self.type in ("phong", "blinn_phong", "whitted"):
             return self.type, "its reflection formula is a Python BSDF; Mitsuba has none like it"
         if self.type in COMPOSITES:
@@ -155,7 +153,7 @@ class Material:
             plugin = {"type": "thindielectric", "int_ior": ior["interior_ior"], "ext_ior": ior["exterior_ior"]}
             return mi.load_dict({**plugin, "specular_transmittance": built["tint"]})
         if self.type in COMPOSITES:
-            # What hangs on Mitsuba's shape; never asked.
+            # The BSDF of Mitsuba's shape; it is never evaluated.
             return mi.load_dict({"type": "diffuse"})
         if self.type == "dielectric":
             ior = self.numbers
@@ -242,7 +240,7 @@ def _dielectric(fields: Fields, textures: Textures) -> Material:
     return Material("dielectric", None, (REFLECT, TRANSMIT), False, interior, exterior, {}, ior, refracts=True, priority=priority)
 
 
-# eta and k of measured metals, as the model lists them.
+# eta and k of measured metals, as listed in the model.
 METALS = {
     "Ag": ((0.15528, 0.11673, 0.13839), (4.82835, 3.12222, 2.14690)),
     "Al": ((1.65750, 0.88040, 0.52124), (9.22381, 6.26950, 4.83700)),
@@ -280,7 +278,7 @@ def _thin_dielectric(fields: Fields, textures: Textures) -> Material:
 
 
 def _made_of(kind: str, parts: Sequence[Material], **more: Any) -> Material:
-    """A material that can do what any of its parts can."""
+    """A composite material with the capabilities of all its parts."""
     branches = tuple(letter for letter in (REFLECT, TRANSMIT) if any(letter in part.branches for part in parts))
     return Material(kind, None, branches, any(part.smooth for part in parts), refracts=any(part.refracts for part in parts),
         detailed=any(part.detailed for part in parts), spread=max([part.spread for part in parts], default=1), **more)
@@ -356,8 +354,7 @@ def _bump(fields: Fields, textures: Textures, parts: List[Material]) -> Material
     return replace(made, detailed=True)
 
 
-# What is made of other materials: reader, the keys under which they stand, and whether these may be
-# left out.
+# Composite materials: reader, the keys of their parts, and whether these are optional.
 COMPOSITES: Dict[str, Tuple[Any, Tuple[str, ...], bool]] = {
     "emissive": (_emissive, ("material",), True),
     "mask": (_mask, ("material",), False),
@@ -381,7 +378,7 @@ READERS = {
 
 
 class Materials:
-    """Reads materials; equal ones become one, so that the driver shades them together."""
+    """Reads materials. Equal ones are merged, so that the driver shades them together."""
 
     def __init__(self, shared: Dict[str, Any], textures: Textures, errors: List[str], unsupported: List[str]) -> None:
         self._textures = textures
@@ -390,7 +387,7 @@ class Materials:
         self._numbers: Dict[str, int] = {}
         self.all: List[Material] = []
         self._tables = shared
-        # Names of shared materials that are being read: one of them again is a cycle.
+        # Names of shared materials that are being read; a repeated name is a cycle.
         self._open: List[str] = []
         for name in shared:
             self.number(name, f"material.{name}")

@@ -1,9 +1,9 @@
-"""Reads OBJ and PLY files into triangles exactly as the model says (§9): file order, polygons as
-fans, nothing dropped or merged.
+"""Reads triangles from OBJ and PLY files exactly as the model specifies (§9): in file order,
+polygons as fans, nothing dropped or merged.
 
-Mitsuba's own loaders are not used, because triangle numbers and missing normals must be the
-model's: they add smooth normals where a file has none, flip v in OBJ files and split groups. A test
-compares the two on files where both must agree.
+Mitsuba's own loaders are not used, because triangle numbers and missing normals must follow the
+model: these loaders add smooth normals to files without any, flip v in OBJ files and split groups.
+A test compares both on files where they must agree.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .errors import SceneError
 
 @dataclass
 class Triangles:
-    """Vertices (n, 3) float64, triangles (m, 3), and per vertex normals and uv where the file has
+    """Vertices (n, 3) float64, triangles (m, 3), and normals and uv per vertex if the file has
     them.
     """
 
@@ -31,9 +31,7 @@ class Triangles:
 
 
 def load(path: str) -> Triangles:
-    """The triangles of an .obj or .ply file; the last few files are kept, as long as they do not
-    change.
-    """
+    """The triangles of an .obj or .ply file. The last few files are cached until they change."""
     if os.path.splitext(path)[1].lower() not in _READERS:
         raise SceneError(f"{path}: expected a file ending in .obj or .ply")
     try:
@@ -45,7 +43,7 @@ def load(path: str) -> Triangles:
 
 @functools.lru_cache(maxsize=8)
 def _load(path: str, modified: int, size: int) -> Triangles:
-    """Reads the file; `modified` and `size` are only part of the key."""
+    """Reads the file; `modified` and `size` are only part of the cache key."""
     reader = _READERS[os.path.splitext(path)[1].lower()]
     try:
         with open(path, "rb") as file:
@@ -73,7 +71,7 @@ def _obj(data: bytes) -> Triangles:
     corners: List[Tuple[int, int, int]] = []
 
     def corner(text: str) -> Tuple[int, int, int]:
-        """Indices into v, vt, vn, counted from 0; -1 where absent. Negative ones in the file count
+        """Indices into v, vt, vn, counted from 0; -1 if missing. Negative ones in the file count
         from the end.
         """
         found = [-1, -1, -1]
@@ -108,8 +106,7 @@ def _obj(data: bytes) -> Triangles:
     if not has_uv and not has_normals:
         return Triangles(np.array(points), indices[:, 0].reshape(-1, 3))
     if has_normals and (indices[:, 2] < 0).any():
-        # A triangle that lacks normals in a file that has some: its own geometric normal serves,
-        # one new entry each.
+        # In a file with normals, a triangle without them gets its geometric normal, as a new entry.
         flat = np.flatnonzero((indices[:, 2].reshape(-1, 3) < 0).any(axis=1))
         a, b, c = (np.array(points)[indices[:, 0].reshape(-1, 3)[flat, k]] for k in range(3))
         new = np.cross(b - a, c - a)
@@ -134,7 +131,7 @@ _PLY_TYPES = {
 
 
 def _ply_header(data: bytes) -> Tuple[str, List[Tuple[str, int, List[Tuple[str, ...]]]], int]:
-    """Format, elements (name, count, properties) and where the body starts."""
+    """Format, elements (name, count, properties) and the offset of the body."""
     end = data.find(b"end_header")
     if not data.startswith(b"ply") or end < 0:
         raise ValueError("not a PLY header")
@@ -184,7 +181,7 @@ def _ply(data: bytes) -> Triangles:
                 columns = read
             continue
         if words is None and len(lists) == 1 and name == "face":
-            # The usual case, at once: every face a triangle.
+            # Fast path for the common case: every face is a triangle.
             kind = np.dtype(
                 [
                     item
@@ -236,7 +233,7 @@ def _ply(data: bytes) -> Triangles:
 def _ply_values(
     data: bytes, words: Optional[List[bytes]], position: int, order: str, kind: str, count: int
 ) -> Tuple[np.ndarray, int]:
-    """The next `count` numbers and the position after them."""
+    """The next `count` numbers, and the offset after them."""
     if words is not None:
         if position + count > len(words):
             raise ValueError("the file ends too early")
@@ -260,7 +257,7 @@ def _words(values: np.ndarray) -> np.ndarray:
 
 
 def heightfield(columns: int, rows: int, amplitude: float, hills: int, octaves: int, seed: int) -> Triangles:
-    """The model's generated landscape."""
+    """The model's procedural height field."""
     i, j = np.arange(columns + 1), np.arange(rows + 1)
     z = np.zeros((rows + 1, columns + 1))
     for k in range(octaves):

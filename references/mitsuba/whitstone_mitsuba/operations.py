@@ -1,4 +1,4 @@
-"""The operations of PROTOCOL.md: a request in, an answer out, both as plain dictionaries."""
+"""The operations of PROTOCOL.md: each maps a request to an answer, both plain dictionaries."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _scenes = Cache(8)
 
 
 def _get(request: Request, key: str, kind: type, default: Any = None) -> Any:
-    """A key of the request, of the right kind; required where there is no default."""
+    """A key of the request, with the required type; mandatory if there is no default."""
     value = request.get(key, default)
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         raise DriverError(f"{key}: expected {kind.__name__}, found {value!r}")
@@ -34,7 +34,7 @@ def _get(request: Request, key: str, kind: type, default: Any = None) -> Any:
 
 
 def _parse(request: Request) -> document.Document:
-    """The request's document, from the cache where neither its text nor its files changed."""
+    """The request's document; cached until its text or its files change."""
     key = (_get(request, "scene", str), _get(request, "base", str, "."))
     parsed = _documents.get(key, lambda: document.parse(*key))
     if not parsed.folder.unchanged():
@@ -44,13 +44,13 @@ def _parse(request: Request) -> document.Document:
 
 
 def _load(request: Request, setting: Setting) -> Built:
-    """The request's scene, from the cache where it did not change."""
+    """The request's scene; cached until it changes."""
     parsed = _parse(request)
     if setting.vertices:
-        # Of use once, and there may be many seeds: not kept.
+        # Used only once, and there may be many seeds: not cached.
         return Built(parsed, setting)
-    # Keyed by identity: a document read again is another one. (The entry keeps the document alive,
-    # so ids are not reused.)
+    # Keyed by identity: a document that is read again is a new key. (The entry keeps the document
+    # alive, so ids are not reused.)
     return _scenes.get((id(parsed), setting.robust), lambda: Built(parsed, setting))
 
 
@@ -89,7 +89,7 @@ def _cpu() -> str:
 
 
 def render(request: Request) -> Answer:
-    """Traces all pixels and writes the EXR."""
+    """Renders all pixels and writes the EXR."""
     setting = Setting.read(request.get("setting"))
     out = _get(request, "out", str)
     _threads(request)
@@ -125,7 +125,8 @@ def render(request: Request) -> Answer:
 
 
 def stock_(request: Request) -> Answer:
-    """All pixels by Mitsuba's own integrators, with their noise, into an EXR."""
+    """Renders all pixels with Mitsuba's own integrators, including their noise, and writes the EXR.
+    """
     setting = Setting.read(request.get("setting"))
     out = _get(request, "out", str)
     repeats = _get(request, "repeats", int, 16)
@@ -198,14 +199,14 @@ def tree_(request: Request) -> Answer:
 
 
 def check_(request: Request) -> Answer:
-    """The driver against Mitsuba's own integrators."""
+    """Compares the driver with Mitsuba's own integrators."""
     setting = Setting.read(request.get("setting"))
     _threads(request)
     return check.run(_load(request, setting), setting)
 
 
 def time_(request: Request) -> Answer:
-    """Warm run times."""
+    """Run times after warm-up."""
     setting = Setting.read(request.get("setting"))
     _threads(request)
     repeats = _get(request, "repeats", int, 3)
@@ -229,7 +230,7 @@ def occluded(request: Request) -> Answer:
 
 
 def walk(request: Request) -> Answer:
-    """Mitsuba's spawned rays, one after the other."""
+    """Numbers of surfaces along Mitsuba's successively spawned rays."""
     built = _load(request, Setting.read(request.get("setting")))
     return {"counts": probes.walk(built, _get(request, "rays", list), _get(request, "mode", str), _get(request, "limit", int))}
 
@@ -263,9 +264,7 @@ OPERATIONS: Dict[str, Callable[[Request], Answer]] = {
 
 
 def plain(value: Any) -> Any:
-    """The answer as JSON can hold it: numpy's numbers as Python's, numbers that are not finite as
-    texts.
-    """
+    """Converts the answer for JSON: numpy numbers to Python's, non-finite numbers to strings."""
     if isinstance(value, dict):
         return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
@@ -279,7 +278,7 @@ def plain(value: Any) -> Any:
 
 
 def answer(request: Any) -> Answer:
-    """Carries out one request; never raises."""
+    """Executes one request; never raises."""
     try:
         if not isinstance(request, dict):
             raise DriverError(f"expected a JSON object, found {type(request).__name__}")

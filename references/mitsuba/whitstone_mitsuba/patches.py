@@ -1,8 +1,8 @@
-"""Bicubic Bezier patches as triangles (model §9): Mitsuba has no patches.
+"""Bicubic Bézier patches as triangles (model §9): Mitsuba has no patches.
 
 Every patch becomes level x level squares of two triangles, with the points, normals and parameters
-of the surface at the vertices. The discretisation error falls with the square of the level; the
-tests measure it: near level 256, 4e-6 of the size in place and 1e-5 in normals.
+of the surface at the vertices. The discretisation error falls with the square of the level. The
+tests measure it: near level 256, 4e-6 of the size in position and 1e-5 in normals.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from . import rounding
 from .fields import Fields, is_number
 from .meshes import Triangles
 
-# Squares along each side of a patch: so many, or fewer for many patches, which are smaller.
+# Squares along each side of a patch; fewer if there are many patches, which are smaller.
 LEVEL = 256
-# Triangles of one shape.
+# Upper bound on the triangles of one shape.
 TRIANGLES = 2**20
-# With fewer squares a patch is no reference.
+# With fewer squares, a patch is no reference.
 LEAST_LEVEL = 64
 
 MOST_PATCHES, MOST_VERTICES = 4096, 65536
 
 
 def level(patches: int) -> int:
-    """Squares along each side of so many patches."""
+    """Squares along each side, for this number of patches."""
     return min(LEVEL, math.isqrt(TRIANGLES // (2 * patches)))
 
 
@@ -71,16 +71,18 @@ def bernstein(x: np.ndarray, order: int = 0) -> np.ndarray:
 
 
 def derivative(points: np.ndarray, u: np.ndarray, v: np.ndarray, by_u: int, by_v: int) -> np.ndarray:
-    """Of one patch (4, 4, 3), at all pairs: (len(v), len(u), 3)."""
+    """A derivative of one patch (4, 4, 3) at all parameter pairs: (len(v), len(u), 3)."""
     return np.einsum("ai,ijk,bj->abk", bernstein(v, by_v), points, bernstein(u, by_u))
 
 
 def normals(points: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Unit normals of the surface, at all pairs; on collapsed edges their limits from inside."""
+    """Unit normals of the surface at all parameter pairs; on collapsed edges their limits from
+    inside.
+    """
     along_u, along_v = derivative(points, u, v, 1, 0), derivative(points, u, v, 0, 1)
     found = np.cross(along_u, along_v)
     mixed = derivative(points, u, v, 1, 1)
-    # How the vector changes on the way in, from the end of v or of u.
+    # Derivatives of the normal along u and v, for the limit from inside.
     by_v = np.cross(mixed, along_v) + np.cross(along_u, derivative(points, u, v, 0, 2))
     by_u = np.cross(derivative(points, u, v, 2, 0), along_v) + np.cross(along_u, mixed)
     by_v *= np.where(v < 0.5, 1.0, -1.0)[:, None, None]
@@ -88,7 +90,7 @@ def normals(points: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     at_v = (np.isin(v, (0.0, 1.0)))[:, None, None]
     size = np.linalg.norm(np.ptp(points.reshape(16, 3), axis=0))
     nothing = np.linalg.norm(found, axis=2, keepdims=True) <= 1e-12 * size * size
-    # In a corner, the way along the collapsed edge says nothing.
+    # In a corner, the direction along the collapsed edge gives no information.
     at_v = at_v & (np.linalg.norm(by_v, axis=2, keepdims=True) > 1e-9 * size * size)
     found = np.where(nothing, np.where(at_v, by_v, by_u), found)
     lengths = np.linalg.norm(found, axis=2, keepdims=True)
@@ -96,10 +98,11 @@ def normals(points: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def spacing(squares: int, rounded: rounding.Rounding) -> np.ndarray:
-    """The parameters at which patches are cut: evenly, or, where numbers are rounded otherwise
-    (setting `vertices`), unevenly.
+    """The parameters at which patches are split: evenly or, with stochastic rounding (setting
+    `vertices`), unevenly.
 
-    So the discretisation error varies as roundings do. Alike from both ends: edges still join.
+    So the discretisation error varies along with the rounding. The parameters are symmetric, so
+    that edges of adjacent patches still match.
     """
     steps = np.arange(squares + 1) / squares
     if rounded is rounding.nearest:
@@ -114,7 +117,7 @@ def spacing(squares: int, rounded: rounding.Rounding) -> np.ndarray:
 
 
 def tessellate(patches: np.ndarray, steps: np.ndarray) -> Triangles:
-    """All patches, one behind the other, cut at these parameters; two triangles a square."""
+    """All patches in order, split at these parameters, with two triangles per square."""
     level = len(steps) - 1
     grid = np.arange((level + 1) ** 2).reshape(level + 1, level + 1)
     a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]

@@ -1,4 +1,5 @@
-"""Textures that Mitsuba lacks, as formulas of the point of texture space (model §10), in float64.
+"""Formulas for the textures that Mitsuba lacks, as functions of the point of texture space (model
+§10), in float64.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from . import mappings
 from .fields import Vector
 from .runtime import mi
 
-# The permutation that the model lists for noise without a seed.
+# The model's permutation for noise without a seed.
 PERMUTATION = np.array(
     """
 151 160 137 91 90 15 131 13 201 95 96 53 194 233 7 225 140 36 103 30 69 142 8 99 37 240 21 10 23 190 6 148
@@ -27,7 +28,7 @@ PERMUTATION = np.array(
     dtype=np.int64,
 )
 
-# The directions that the model lists, by number.
+# The model's gradient directions, by index.
 GRADIENTS = np.array(
     [
         (1, 1, 0), (-1, 1, 0), (1, -1, 0), (-1, -1, 0), (1, 0, 1), (-1, 0, 1), (1, 0, -1), (-1, 0, -1),
@@ -38,7 +39,7 @@ GRADIENTS = np.array(
 
 
 def _hash(x: np.ndarray) -> np.ndarray:
-    """The model's m (§9), of uint32."""
+    """The model's hash m (§9), of uint32."""
     x = np.asarray(x, dtype=np.uint32)
     x = (x ^ (x >> np.uint32(16))) * np.uint32(0x7FEB352D)
     x = (x ^ (x >> np.uint32(15))) * np.uint32(0x846CA68B)
@@ -51,12 +52,12 @@ def _sum(a: np.ndarray, b: int) -> np.ndarray:
 
 
 def hash32(x: int) -> int:
-    """m of one whole number, modulo 2^32."""
+    """m of one integer, modulo 2^32."""
     return int(_hash(np.array([x % 2**32], dtype=np.uint32))[0])
 
 
 def permutation(seed: Optional[int]) -> np.ndarray:
-    """P of the model."""
+    """The permutation P of the model."""
     if seed is None:
         return PERMUTATION
     table = list(range(256))
@@ -67,13 +68,13 @@ def permutation(seed: Optional[int]) -> np.ndarray:
 
 
 def gradient_noise(p: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """N of the model at (n, 3) points."""
+    """The noise N of the model at (n, 3) points."""
     cell = np.floor(p)
     f = p - cell
     c = np.mod(cell, 256).astype(np.int64)
     s = f**3 * (6 * f**2 - 15 * f + 10)
     total = 0.0
-    # The interpolation multiplied out: each corner by its three shares.
+    # Trilinear interpolation, expanded: each corner has the product of three weights.
     for corner in np.ndindex(2, 2, 2):
         i, j, k = corner
         h = table[(c[:, 0] + i) % 256]
@@ -110,7 +111,7 @@ class GridLines:
 
 @dataclass(frozen=True)
 class Noise:
-    """Perlin's noise and what is made of it."""
+    """Perlin noise and the patterns that are based on it."""
 
     kind: str
     a: Vector
@@ -127,7 +128,7 @@ class Noise:
         return min(self.a + self.b), max(self.a + self.b)
 
     def _mean(self, p: np.ndarray, absolute: bool) -> np.ndarray:
-        """S of the model, or A."""
+        """The sum S of the model, or A of absolute values."""
         total, strengths = 0.0, 0.0
         for k in range(self.octaves):
             value = gradient_noise(self.lacunarity**k * p, self.table)
@@ -155,7 +156,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Worley:
-    """Distances to scattered points."""
+    """Worley noise: distances to feature points."""
 
     value: str
     a: Vector
@@ -168,8 +169,8 @@ class Worley:
         return min(self.a + self.b), max(self.a + self.b)
 
     def nearest(self, p: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """F1 and F2. Two cells either way suffice: the own cell and the nearest beside it have
-        points within sqrt(3), others are 2 away.
+        """F1 and F2. Two cells in each direction suffice: the own cell and the nearest adjacent one
+        have points within sqrt(3), all others are at least 2 away.
         """
         cell = np.floor(p)
         f = p - cell
@@ -199,7 +200,7 @@ class Worley:
 
 @dataclass(frozen=True)
 class Solid:
-    """A block of voxels: `voxels` is (n_z, n_y, n_x, 3)."""
+    """A block of voxels; `voxels` is (n_z, n_y, n_x, 3)."""
 
     voxels: np.ndarray
     filter: str
@@ -210,7 +211,7 @@ class Solid:
         return float(self.voxels.min()), float(self.voxels.max())
 
     def _index(self, place: np.ndarray, count: int) -> np.ndarray:
-        """The voxel that stands at whole numbers."""
+        """The voxel at integer coordinates."""
         if self.wrap == "clamp":
             return np.clip(place, 0, count - 1).astype(np.int64)
         if self.wrap == "repeat":
@@ -239,19 +240,19 @@ class Solid:
 
 
 def _cell(x: np.ndarray) -> np.ndarray:
-    """c of the model: the number of the cell, whose borders are moved a little."""
+    """c of the model: the index of the cell, with slightly shifted borders."""
     return np.floor(x + 1 / 4096)
 
 
 @dataclass(frozen=True)
 class Layers:
-    """`checker3d`, `stripes` and `rings`: colour b where a sum of cell numbers is odd."""
+    """`checker3d`, `stripes` and `rings`: colour b where a sum of cell indices is odd."""
 
     kind: str
     a: Vector
     b: Vector
     scale: float
-    # Three numbers of checker3d, else one.
+    # Three numbers for checker3d, otherwise one.
     offset: Vector
     mapping: mappings.Mapping
 
@@ -274,9 +275,9 @@ class Layers:
 
 @dataclass(frozen=True)
 class Gradient:
-    """A ramp of colours along the first axis."""
+    """A colour ramp along the first axis."""
 
-    # Places in ascending order, and the colour at each.
+    # Stop positions in ascending order, and their colours.
     places: Tuple[float, ...]
     colors: Tuple[Vector, ...]
     scale: float
@@ -293,7 +294,7 @@ class Gradient:
             x = np.maximum(x - _cell(x), 0)
         elif self.wrap == "mirror":
             x = 1 - np.abs(np.mod(x, 2) - 1)
-        # Beyond its ends NumPy's interpolation stays at them: that is "clamp".
+        # Beyond the ends NumPy's interpolation is constant: that is "clamp".
         channels = np.array(self.colors).T
         return np.column_stack([np.interp(x, self.places, channel) for channel in channels])
 
@@ -310,17 +311,17 @@ HOSTED = (GridLines, Noise, Worley, Solid, Layers, Gradient)
 
 
 class Formula(mi.Texture):
-    """A pattern as a texture of Mitsuba's."""
+    """A pattern as a Mitsuba texture."""
 
     def __init__(self, pattern: Any) -> None:
         mi.Texture.__init__(self, mi.Properties())
         self.pattern = pattern
 
     def values(self, si: Any, place: Any) -> np.ndarray:
-        """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` as `si` has them."""
+        """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` like `si`."""
 
         def at(points: np.ndarray) -> np.ndarray:
-            # Lanes without a hit may hold anything.
+            # Lanes without a hit may hold any value.
             return self.pattern.at(np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0))
 
         return self.pattern.mapping.values(place, at)

@@ -1,9 +1,9 @@
-"""Real roots of polynomials in an interval, for many polynomials at once, in float64.
+"""Real roots of many polynomials at once in intervals, in float64.
 
-The roots of the derivative cut the interval into pieces in which the polynomial is monotone. A
+The roots of the derivative split the interval into pieces in which the polynomial is monotonic. A
 piece whose ends have different signs holds one root, which Newton's method finds inside its
 bracket. So a root is found exactly if the polynomial changes its sign there. Each polynomial is
-treated by itself: its roots do not depend on the others in the arrays.
+treated separately: its roots do not depend on the others in the arrays.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
-# Newton's steps converge in fewer; a bracket is halved where a step would leave it.
+# Newton's method converges in fewer steps; the bracket is bisected if a step would leave it.
 MOST_STEPS = 100
 
 
 def value(coefficients: Sequence[np.ndarray], x: np.ndarray) -> np.ndarray:
-    """The polynomials at x; coefficients in ascending order."""
+    """The values at x; coefficients in ascending order."""
     found = coefficients[-1] + np.zeros_like(x)
     for coefficient in reversed(coefficients[:-1]):
         found = found * x + coefficient
@@ -33,8 +33,8 @@ def _bracketed(coefficients: Sequence[np.ndarray], low: np.ndarray, high: np.nda
     """The root in each [low, high], at whose ends the signs differ."""
     slope = derivative(coefficients)
     low, high = low.copy(), high.copy()
-    # Closer than this, places differ by rounding; closer than the other, steps that do not become
-    # smaller are rounding.
+    # Points closer than the first bound differ by rounding; below the second one, steps that do not
+    # shrink are rounding.
     far = np.maximum(np.abs(low), np.abs(high))
     close, near, last = 2e-16 * far, 1e-7 * far, high - low
     x = 0.5 * (low + high)
@@ -61,7 +61,7 @@ def _bracketed(coefficients: Sequence[np.ndarray], low: np.ndarray, high: np.nda
 def real_roots(
     coefficients: Sequence[np.ndarray], low: np.ndarray, high: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """(roots, rising), both (n, degree): roots in ascending order, infinite where there are fewer;
+    """(roots, rising), both (n, degree): roots in ascending order, padded with infinity, and
     whether the value rises there.
     """
     degree = len(coefficients) - 1

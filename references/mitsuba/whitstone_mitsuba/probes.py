@@ -1,8 +1,8 @@
-"""Mitsuba's own answers to single questions, for stress tests: its `ray_intersect`, its spawned
-rays, its Fresnel term.
+"""Mitsuba's own results for single queries, for stress tests: `ray_intersect`, spawned rays, and
+the Fresnel term.
 
-Nothing of this package's way of tracing takes part: `spawn_ray` and `spawn_ray_to` are Mitsuba's,
-with its own offset.
+The driver's own code takes no part: `spawn_ray` and `spawn_ray_to` are Mitsuba's, with its own
+offset.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ def _rays(rows: Any) -> "mi.Ray3f":
     return mi.Ray3f(mi.Point3f(*columns[:3]), mi.Vector3f(*columns[3:]))
 
 
-# So many rays that starting a kernel costs little beside them.
+# Enough rays to make the launch cost of a kernel negligible.
 TIMED = 1 << 18
 
 
 def closest(built: Built, rows: Any) -> Tuple[List[float], float]:
-    """Ray parameters of the nearest hits, infinite for a miss, and nanoseconds a ray of a second,
-    warm query of many copies of them.
+    """Ray parameters of the nearest hits, infinite for a miss; and nanoseconds per ray, from a
+    second, warm query with many copies.
     """
 
     built.native_only("closest")
@@ -68,8 +68,8 @@ def occluded(built: Built, rows: Any, target: Any) -> List[Optional[bool]]:
 
 
 def walk(built: Built, rows: Any, mode: str, limit: int) -> List[int]:
-    """How many surfaces each ray meets, one after the other, until it leaves the scene or has met
-    `limit`: straight on ("through"), or as mirrors send it ("reflect").
+    """Number of surfaces that each ray hits in succession, until it leaves the scene or reaches
+    `limit`. It continues straight ("through"), or as if reflected by mirrors ("reflect").
     """
     if mode not in ("through", "reflect"):
         raise DriverError(f'mode: expected "through" or "reflect", found {mode!r}')
@@ -91,8 +91,8 @@ def walk(built: Built, rows: Any, mode: str, limit: int) -> List[int]:
 
 
 def fresnel(cosines: Any, ior: float) -> Tuple[List[float], List[float]]:
-    """Reflectances of a dielectric, and cosines of transmission (0 for total reflection), by
-    Mitsuba's `fresnel`.
+    """Reflectances of a dielectric, and cosines of the transmitted rays (0 for total internal
+    reflection), by Mitsuba's `fresnel`.
     """
     (cosine,) = _columns(cosines, 1, "cosines")
     reflectance, transmitted, _, _ = mi.fresnel(cosine, mi.Float(np.float32(ior)))
@@ -103,8 +103,8 @@ def fresnel(cosines: Any, ior: float) -> Tuple[List[float], List[float]]:
 
 
 def camera(built: Built, positions: Any) -> List[List[float]]:
-    """Directions of rays through places of the film, [0, 1] x [0, 1] from the top left, by
-    Mitsuba's own sensor.
+    """Directions of rays through film positions, [0, 1] x [0, 1] from the top left, by Mitsuba's
+    own sensor.
     """
     if built.sensor is None:
         raise Unsupported("camera: Mitsuba has no such sensor")

@@ -1,5 +1,4 @@
-"""Pictures filtered by what a sample covers (model §10, *Levels*, *Trilinear*, *EWA*), in float64
-on the host.
+"""Mipmap filters over footprints (model §10, *Levels*, *Trilinear*, *EWA*), in float64 on the host.
 """
 
 from __future__ import annotations
@@ -11,10 +10,10 @@ import numpy as np
 from . import footprints, mappings
 from .runtime import mi
 
-# (x, y) places or steps with the picture as the unit square, rows counted from the top: (n, 2).
+# (x, y) positions or steps in the unit square of the image, rows counted from the top: (n, 2).
 Place = np.ndarray
 
-# Texels that are weighted at once, at most.
+# Upper bound on texels that are weighted at once.
 _AT_ONCE = 1 << 20
 
 _Q = np.exp(-2.0)
@@ -23,8 +22,8 @@ RADIUS = float(np.sqrt((1 - 3 * _Q) / (3 * (1 - 5 * _Q))))
 
 
 def _cover(many: int, few: int) -> np.ndarray:
-    """(few, many): how much each of `few` equal parts of a line covers of each of `many`, as shares
-    of the former.
+    """(few, many): the overlap of each of `few` equal parts of a line with each of `many`, as
+    fractions of the former.
     """
     edges, ends = np.arange(many + 1) / many, np.arange(few + 1) / few
     low = np.maximum(edges[None, :-1], ends[:-1, None])
@@ -33,14 +32,14 @@ def _cover(many: int, few: int) -> np.ndarray:
 
 
 def _shrunk(values: np.ndarray, few: int) -> np.ndarray:
-    """Along the first axis: `few` means, each over its part."""
+    """Averages along the first axis to `few` values."""
     if len(values) == 2 * few:
         return (values[0::2] + values[1::2]) / 2
     return np.tensordot(_cover(len(values), few), values, axes=1)
 
 
 def levels(picture: np.ndarray) -> List[np.ndarray]:
-    """The picture and all coarser ones, down to a single texel."""
+    """The image and all coarser levels, down to a single texel."""
     found = [picture.astype(np.float64)]
     while found[-1].shape[:2] != (1, 1):
         height, width = found[-1].shape[:2]
@@ -50,7 +49,7 @@ def levels(picture: np.ndarray) -> List[np.ndarray]:
 
 
 def wrapped(place: np.ndarray, count: int, rule: str) -> np.ndarray:
-    """The texels at places counted in whole numbers."""
+    """The texels at integer positions, with the wrap mode applied."""
     if rule == "clamp":
         return np.clip(place, 0, count - 1).astype(np.int64)
     if rule == "repeat":
@@ -60,7 +59,7 @@ def wrapped(place: np.ndarray, count: int, rule: str) -> np.ndarray:
 
 
 class Pyramid:
-    """A picture with its levels."""
+    """An image with its mipmap levels."""
 
     def __init__(self, picture: np.ndarray, wrap: Tuple[str, str]) -> None:
         self.levels = levels(picture)
@@ -79,7 +78,7 @@ class Pyramid:
         return picture[wrapped(row, picture.shape[0], self.wrap[1]), wrapped(column, picture.shape[1], self.wrap[0])]
 
     def bilinear(self, level: int, place: Place) -> np.ndarray:
-        """Between the four nearest middles of texels."""
+        """Bilinear interpolation."""
         x = place * self._size(level) - 0.5
         low = np.floor(x)
         part = x - low
@@ -90,8 +89,8 @@ class Pyramid:
         return total
 
     def between(self, x: np.ndarray, of: Callable[[int, np.ndarray], np.ndarray]) -> np.ndarray:
-        """Values between levels; `of` gives those of some lanes at a level. What is no number is
-        beyond the last level.
+        """Interpolates between levels; `of` gives the values of some lanes at a level. NaN counts
+        as beyond the last level.
         """
         last = len(self.levels) - 1
         x = np.where(x < last, x, last)
@@ -133,22 +132,23 @@ class Pyramid:
 
     def elliptical(self, level: int, place: Place, axes: np.ndarray) -> np.ndarray:
         """The weighted mean of the texels of a level in ellipses with these half axes (n, 2, 2), in
-        texels of the picture.
+        texels of the image.
         """
         if level == len(self.levels) - 1:
-            # A single texel, however many times the ellipse holds it.
+            # A single texel, no matter how often the ellipse covers it.
             return np.broadcast_to(self.levels[level][0, 0], (len(place), 3))
         size = self._size(level)
         middle = place * size - 0.5
         axes = axes * (size / self.size)
         axes = axes * np.maximum(1 / np.linalg.norm(axes, axis=2, keepdims=True), 1)
-        # Its points are those whose image under the inverse matrix lies in the unit disk.
+        # The ellipse contains the points whose image under the inverse matrix lies in the unit
+        # disk.
         inverse = np.linalg.inv(np.swapaxes(axes, 1, 2))
         reach = np.linalg.norm(axes, axis=1)
         total, weights = np.zeros((len(place), 3)), np.zeros(len(place))
         low, high = np.ceil(middle - reach), np.floor(middle + reach)
         counts = np.prod(high - low + 1, axis=1).astype(np.int64)
-        # As many ellipses at a time as their boxes have room.
+        # Process as many ellipses at a time as fit.
         ends = np.cumsum(counts)
         first = 0
         while first < len(place):
@@ -173,7 +173,8 @@ def ellipse(steps: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """Unit axes (n, 2, 2) and half lengths (n, 2), longest first, of the ellipses of samples with
     these steps (n, 2, 2) in texels.
 
-    By the singular values of the matrix of both steps: it maps the unit circle to the ellipse.
+    They come from the singular value decomposition of the matrix of both steps, which maps the unit
+    circle to the ellipse.
     """
     _, lengths, axes = np.linalg.svd(steps)
     return axes, RADIUS * lengths
@@ -201,7 +202,7 @@ def project_step(projection: str, q: np.ndarray, step: np.ndarray) -> np.ndarray
 
 
 class Filtered(mi.Texture):
-    """A picture with one of the filters by footprints as a texture of Mitsuba's."""
+    """An image with a footprint filter as a Mitsuba texture."""
 
     def __init__(self, image: Any) -> None:
         mi.Texture.__init__(self, mi.Properties())
@@ -209,10 +210,10 @@ class Filtered(mi.Texture):
         self.pyramid = Pyramid(image.pixels, image.wrap)
 
     def _over(self, points: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """(n, 3) colours at points of texture space with the steps to the neighbours there."""
+        """(n, 3) colours at points of texture space, with the steps to the neighbours there."""
         scale = np.array(self.image.scale)
         place = points * scale + np.array(self.image.offset)
-        # Rows go down where v goes up.
+        # Rows count downwards, v upwards.
         place[:, 1] = 1 - place[:, 1]
         place = np.nan_to_num(place, nan=0.0, posinf=0.0, neginf=0.0)
         steps = steps * (scale * np.array([1.0, -1.0]))
@@ -221,8 +222,8 @@ class Filtered(mi.Texture):
         return self.pyramid.ewa(place, steps, float(self.image.max_anisotropy))
 
     def values(self, si: Any, place: Any) -> np.ndarray:
-        """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` as `si` has them, with
-        the footprint of `si`.
+        """(n, 3) colours at `place`, which has `p`, `uv` and `sh_frame.n` like `si`, with the
+        footprint of `si`.
         """
         mapping = self.image.mapping
         width = max(len(np.array(place.p[0])), len(np.array(place.uv[0])))
@@ -238,7 +239,7 @@ class Filtered(mi.Texture):
             source, steps = (np.concatenate([array, np.zeros_like(array[..., :1])], axis=-1) for array in (source, steps))
         linear = mapping.matrix[:3, :3]
         q = source @ linear.T + mapping.matrix[:3, 3]
-        # What is not finite stays so.
+        # Values that are not finite stay so.
         with np.errstate(invalid="ignore"):
             steps = steps @ linear.T
         if mapping.projection != "triplanar":

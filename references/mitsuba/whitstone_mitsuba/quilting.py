@@ -1,6 +1,4 @@
-"""Pictures quilted out of pieces of a sample, and brought nearer to it (model §10, `synthesized`),
-in whole numbers.
-"""
+"""Image quilting and texture optimization (model §10, `synthesized`), in integers."""
 
 from __future__ import annotations
 
@@ -12,7 +10,9 @@ from .patterns import hash32
 
 
 def _seam(d: np.ndarray) -> List[int]:
-    """The path along the first axis of least sum; steps across the second of at most 1."""
+    """The path of least sum along the first axis; it moves by at most 1 per step across the second
+    one.
+    """
     sums = [d[0]]
     for row in d[1:]:
         padded = np.pad(sums[-1], 1, constant_values=np.iinfo(np.int64).max)
@@ -25,7 +25,7 @@ def _seam(d: np.ndarray) -> List[int]:
 
 
 def quilt(sample: np.ndarray, size: Tuple[int, int], block: int, overlap: int, tolerance: float, seed: int) -> np.ndarray:
-    """(H, W, 3) codes out of (h, w, 3)."""
+    """(H, W, 3) codes, quilted from a sample of (h, w, 3)."""
     step = block - overlap
     columns, rows = (1 + -(-max(0, length - block) // step) for length in size)
     canvas = np.zeros(((rows - 1) * step + block, (columns - 1) * step + block, 3), dtype=np.int64)
@@ -55,16 +55,16 @@ def quilt(sample: np.ndarray, size: Tuple[int, int], block: int, overlap: int, t
     return canvas[: size[1], : size[0]]
 
 
-# Numbers in a table of pieces: 64 MiB.
+# Upper bound on the numbers in a table of pieces: 64 MiB.
 MOST_NUMBERS = 1 << 23
 
 
 def _nearest(squares: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-    """For each square the number of the piece with the least sum of squared differences, the lowest
-    of several.
+    """For each square, the index of the piece with the least sum of squared differences; the lowest
+    index wins ties.
 
-    In double precision for the sake of its matrix products: all sums are whole numbers below 2^53,
-    so exact in any order.
+    It uses matrix products in double precision. All sums are integers below 2^53, so they are exact
+    in any order.
     """
     high, wide = pieces.shape[:2]
     squares = squares.astype(np.float64)
@@ -85,7 +85,7 @@ def _nearest(squares: np.ndarray, pieces: np.ndarray) -> np.ndarray:
 
 
 def optimized(picture: np.ndarray, sample: np.ndarray, side: int, iterations: int) -> np.ndarray:
-    """(H, W, 3) codes, changed so often."""
+    """(H, W, 3) codes after this number of iterations."""
     height, width = picture.shape[:2]
     pieces = np.lib.stride_tricks.sliding_window_view(sample, (side, side), axis=(0, 1))
     wide = pieces.shape[1]

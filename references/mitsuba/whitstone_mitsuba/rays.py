@@ -1,5 +1,5 @@
-"""Single rays: what Mitsuba's own `ray_intersect` says of them, for a program that runs this
-package inside itself.
+"""Nearest hits of single rays by Mitsuba's own `ray_intersect`, for a program that embeds this
+package.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ def closest(text: str, folder: Union[str, os.PathLike], rays: bytes) -> bytes:
     """The ray parameters (float32) of the nearest hits with the shapes of a document, infinite for
     a miss.
 
-    `rays` holds six numbers each (float32): origin and direction.
+    `rays` holds six numbers per ray (float32): origin and direction.
     """
     built = scene.Built(document.parse(text, os.fspath(folder)), Setting())
     built.native_only("closest")

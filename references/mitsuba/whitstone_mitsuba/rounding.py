@@ -1,5 +1,5 @@
-"""From float64 to the float32 numbers of a mesh: to the nearest, or otherwise, to see what that
-rounding does (setting `vertices`).
+"""Conversion of mesh data from float64 to float32: to the nearest or, to measure the effect of this
+rounding, stochastically (setting `vertices`).
 """
 
 from __future__ import annotations
@@ -8,21 +8,21 @@ from typing import Callable, Optional
 
 import numpy as np
 
-# Gives float32 numbers for float64 ones.
+# Converts float64 numbers to float32.
 Rounding = Callable[[np.ndarray], np.ndarray]
 
 
 def nearest(values: np.ndarray) -> np.ndarray:
-    """As every float32 program rounds."""
+    """Rounds to the nearest, as every float32 program does."""
     return np.asarray(values, dtype=np.float64).astype(np.float32)
 
 
 def by_hash(seed: int) -> Rounding:
-    """Down or up, as a hash of seed and number says: each with the probability of its nearness
-    (stochastic rounding).
+    """Rounds down or up by a hash of seed and number, with the probabilities of stochastic
+    rounding.
 
-    Equal numbers give equal ones, so that vertices at one place stay at one place and no gap opens
-    between triangles; what float32 holds exactly stays as it is.
+    Equal numbers give equal results, so that vertices at one position stay together and no gap
+    opens between triangles. Numbers that are exact in float32 do not change.
     """
 
     def rounded(values: np.ndarray) -> np.ndarray:
@@ -32,14 +32,14 @@ def by_hash(seed: int) -> Rounding:
         other = np.nextafter(near, side)
         bits = _mix(exact.view(np.uint64) ^ _mix(np.array([seed + 1], dtype=np.uint64)))
         chance = (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53
-        # Multiplied out, because the gap underflows where the numbers do.
+        # Compared without a quotient, because the gap underflows where the numbers do.
         return np.where(np.abs(exact - near) > chance * np.abs(other.astype(np.float64) - near), other, near)
 
     return rounded
 
 
 def of(seed: Optional[int]) -> Rounding:
-    """To the nearest without a seed."""
+    """The rounding for a seed; to the nearest if it is None."""
     return nearest if seed is None else by_hash(seed)
 
 

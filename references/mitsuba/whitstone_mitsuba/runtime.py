@@ -1,4 +1,4 @@
-"""The one place that imports Dr.Jit and Mitsuba, once a usable LLVM is named to them."""
+"""The only module that imports Dr.Jit and Mitsuba, after it has found a usable LLVM."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ VARIANT = "llvm_ad_rgb"
 mi.set_variant(VARIANT)
 mi.set_log_level(mi.LogLevel.Error)
 
-# One relative unit of the driver's offsets and perturbations: half the spacing of float32 numbers
+# The relative unit of the driver's offsets and perturbations: half the spacing of float32 numbers
 # just above 1.
 ULP = 2.0**-24
 
 
 def set_threads(count: int) -> None:
-    """Worker threads of Dr.Jit; 0 means one for each processor."""
+    """Number of Dr.Jit's worker threads; 0 means one per processor."""
     import os
 
     dr.set_thread_count(count if count > 0 else (os.cpu_count() or 1))

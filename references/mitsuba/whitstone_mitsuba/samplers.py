@@ -1,4 +1,4 @@
-"""Where in a pixel samples lie: model §5."""
+"""Samplers: sample positions in a pixel (model §5)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ TYPES = ("adaptive", "center", "grid", "sobol", "stratified")
 
 
 def _u(value: int) -> np.ndarray:
-    """A number for arithmetic modulo 2^32: numpy warns of scalars that wrap, not of arrays."""
+    """A number for arithmetic modulo 2^32. It is an array, because numpy warns of overflow in
+    scalars only.
+    """
     return np.array([[value]], dtype=np.uint32)
 
 
 def _hash(h: np.ndarray) -> np.ndarray:
-    """m of the model's §9."""
+    """The hash m of the model's §9."""
     h = h ^ (h >> _u(16))
     h = h * _u(0x7FEB352D)
     h = h ^ (h >> _u(15))
@@ -27,7 +29,7 @@ def _hash(h: np.ndarray) -> np.ndarray:
 
 
 def _pixel(seed: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The number of a pixel."""
+    """The index of a pixel, hashed with the seed."""
     return _hash(_hash(_hash(_u(seed)) + y.astype(np.uint32)) + x.astype(np.uint32))
 
 
@@ -51,7 +53,7 @@ class Fixed:
 
 @dataclass(frozen=True)
 class Stratified:
-    """One position at random in each cell of a grid."""
+    """One random position in each cell of a grid."""
 
     n: int
     seed: int
@@ -68,9 +70,7 @@ class Stratified:
 
 
 def _reverse(bits: np.ndarray) -> np.ndarray:
-    """The 32 bits from the last to the first: neighbours change places, then pairs, fours, bytes,
-    halves.
-    """
+    """Reverses the 32 bits: swaps neighbours, then pairs, nibbles, bytes and halves."""
     for width, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF)):
         bits = (bits >> _u(width) & _u(mask)) | (bits & _u(mask)) << _u(width)
     return bits
@@ -99,7 +99,7 @@ def scramble(bits: np.ndarray, seed: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Sobol:
-    """Sobol' points with Owen's scrambling."""
+    """Sobol' points with Owen scrambling."""
 
     samples: int
     seed: int
@@ -116,14 +116,14 @@ class Sobol:
 
 @dataclass(frozen=True)
 class Refinement:
-    """Which pixels take more samples than the first ones."""
+    """The rule by which pixels take more samples."""
 
     first: int
     threshold: float
 
     def goes_on(self, taken: int, own: np.ndarray, near: np.ndarray) -> np.ndarray:
-        """Whether the estimate of the error is above the threshold: by the range of a pixel's
-        samples, and that of its neighbours' first ones.
+        """Whether the error estimate is above the threshold. It uses the range of a pixel's
+        samples, and that of its neighbours' first samples.
         """
         return np.maximum(0.3 * own / taken**0.75, 0.15 * near / taken) > self.threshold
 
@@ -137,8 +137,8 @@ class Adaptive(Sobol):
 
 @dataclass(frozen=True)
 class Samples:
-    """The samples of a pixel, in the model's order: each position, for a lens through each of its
-    `lens` points.
+    """The samples of a pixel in the model's order: for each position, each of the `lens` lens
+    samples.
     """
 
     sampler: Any
@@ -147,35 +147,35 @@ class Samples:
 
     @staticmethod
     def all(sampler: Any, lens: int = 0) -> "Samples":
-        """All of them; `lens` is 0 for a camera without one."""
+        """All samples; `lens` is 0 for a camera without a lens."""
         return Samples(sampler, lens, np.arange(sampler.count * max(lens, 1)))
 
     def __len__(self) -> int:
         return len(self.numbers)
 
     def only(self, number: int) -> "Samples":
-        """One of them."""
+        """The sample with this number."""
         return replace(self, numbers=self.numbers[number : number + 1])
 
     def between(self, first: int, end: int) -> "Samples":
-        """Some of them, one after another."""
+        """The samples from `first` to before `end`."""
         return replace(self, numbers=self.numbers[first:end])
 
     @property
     def refinement(self) -> Optional[Refinement]:
-        """Which pixels take more than the first ones; None if each takes all."""
+        """The rule of adaptive sampling; None if all pixels take all samples."""
         return getattr(self.sampler, "refinement", None)
 
     def at_first(self) -> int:
-        """How many positions a pixel has, of adaptive at first."""
+        """Number of positions per pixel; for adaptive sampling, of the first pass."""
         return self.sampler.count if self.refinement is None else self.refinement.first
 
     def positions(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(pixels, samples, 2): from the left top corner of each pixel."""
+        """(pixels, samples, 2): offsets from the top left corner of each pixel."""
         return self.sampler.at(x[:, None], y[:, None], self.numbers[None, :] // max(self.lens, 1))
 
     def points(self) -> Optional[np.ndarray]:
-        """The point of the lens of each sample; None without a lens."""
+        """The lens sample of each sample; None without a lens."""
         return self.numbers % self.lens if self.lens > 0 else None
 
 

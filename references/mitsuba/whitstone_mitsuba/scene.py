@@ -1,5 +1,4 @@
-"""A document turned into Mitsuba objects, and the tables that give the model's surface from
-Mitsuba's.
+"""Converts a document to Mitsuba objects, with tables that map Mitsuba's surfaces to the model's.
 """
 
 from __future__ import annotations
@@ -20,11 +19,11 @@ NOTHING = 0xFFFFFFFF
 
 
 def _anchors() -> "mi.Scene":
-    """Two shapes of every kind that the driver can use, kept alive for the life of the process.
+    """Two shapes of every kind that the driver can use, which live as long as the process.
 
-    `ray_intersect` compiles code for every kind of shape that exists, whatever the scene. With
-    these always there, that code never changes, so that one kernel, compiled once and found in
-    Dr.Jit's cache, serves all scenes.
+    `ray_intersect` compiles code for every kind of shape that exists in the process, whatever the
+    scene. Because of these shapes, that code never changes. So one kernel, compiled once and found
+    in Dr.Jit's cache, serves all scenes.
     """
     points, faces, uvs = np.eye(3), np.array([[0, 1, 2]]), np.zeros((3, 2))
     flat = [shape_module.make_mesh(points, faces, uvs, None, None) for _ in range(2)]
@@ -35,12 +34,12 @@ def _anchors() -> "mi.Scene":
 
 
 _ANCHORS: Optional["mi.Scene"] = None
-# Cylinders are rare: their code is part of kernels only once there was one.
+# Cylinders are rare: their code is part of kernels only after the first one.
 _CYLINDERS: Optional["mi.Scene"] = None
 
 
 def load_shapes(document: Document, bsdfs: Sequence["mi.BSDF"], setting: Setting, extra: Optional[dict] = None) -> Any:
-    """(scene, shapes in the document's order, copies one by one, None for hosted ones).
+    """(scene, shapes in the document's order, with instances expanded, None for hosted ones).
 
     `extra`: emitters or a sensor for the check against Mitsuba's integrators.
     """
@@ -70,13 +69,13 @@ def _integers(values: Any) -> "mi.UInt32":
 
 
 def geometry(setting: Setting) -> Tuple[bool, Optional[int]]:
-    """What of a setting the built scene depends on; all else is the tracer's."""
+    """The part of a setting that the built scene depends on; the rest only affects the tracer."""
     return setting.robust, setting.vertex_seed
 
 
 class Built:
-    """A scene ready to be traced. Tables end with a spare entry, so that they never have the size 1
-    (another kernel).
+    """A scene that is ready for tracing. Tables end with a spare entry, so that their size is never
+    1 (another kernel).
     """
 
     def __init__(self, document: Document, setting: Setting) -> None:
@@ -91,18 +90,20 @@ class Built:
         self.sensor = document.camera.build() if document.camera.native() else None
         self.scene, self._shapes = load_shapes(document, self.bsdfs, setting)
         surfaces = [(place, shape.surface) for place, shape in enumerate(document.shapes) if shape.surface is not None]
-        # What the driver intersects by itself; None where Mitsuba has all shapes.
+        # The shapes that the driver intersects itself; None if Mitsuba has all shapes.
         self.host = Host(surfaces, len(document.shapes)) if surfaces else None
         self.surfaces = footprints.Surfaces(document.shapes, self._shapes)
         self._tables()
 
     def native_only(self, what: str) -> None:
-        """Refuses what only Mitsuba's own scene can answer, where it lacks some of the shapes."""
+        """Refuses an operation that needs Mitsuba's own scene, if that scene lacks some of the
+        shapes.
+        """
         if self.host is not None:
             raise Unsupported(f"{what}: Mitsuba's own scene lacks the shapes that the driver intersects by itself")
 
     def behind(self, directions: Any) -> Any:
-        """Radiance of what lies behind everything, in unit directions."""
+        """Background radiance in unit directions."""
         count = dr.width(directions)
         radiance = self.background.eval(dr.zeros(mi.SurfaceInteraction3f, count))
         if self.environments:
@@ -120,9 +121,10 @@ class Built:
     def _tables(self) -> None:
         shapes = self.document.shapes
         rules = [shape.rules for shape in shapes] + [shape_module.Rules()] * 2
-        # The model's numbers: all copies of a shape have the same.
+        # The model's numbers: all instances of a shape have the same one.
         self.numbers = np.array([shape.number for shape in shapes] + [NOTHING], dtype=np.uint32)
-        # Dr.Jit numbers all shapes of the process; this gives back the place in the document.
+        # Dr.Jit numbers all shapes of the process; this maps its numbers to indices in the
+        # document.
         native = [place for place, shape in enumerate(self._shapes) if shape is not None]
         registry = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(self._shapes[place]))[0]) for place in native]
         number_of = np.full(max(registry, default=0) + 2, NOTHING, dtype=np.uint32)
@@ -136,7 +138,7 @@ class Built:
         self.plane_rows = _floats(planes)
         flats = [np.zeros(4) if rule.project is None else rule.project for rule in rules]
         self.flats = _floats(flats)
-        # Of each shape the largest coordinate, at most 1 m; of what has no end, 1 m.
+        # The largest coordinate of each shape, at most 1 m; 1 m for unbounded shapes.
         boxes = [None if shape is None else shape.bbox() for shape in self._shapes]
         reach = [0.0 if box is None else np.abs(np.array([box.min, box.max], dtype=np.float64)).max(initial=0.0) for box in boxes]
         self.sizes = _floats([min(size, 1.0) for size in reach] + [1.0, 1.0])
@@ -150,8 +152,8 @@ class Built:
 
 
 class Cache:
-    """The scenes used last, so that probing after rendering is cheap. Bounded: Embree's structures
-    can be large.
+    """The most recently used scenes, so that probing after rendering is cheap. The number is
+    bounded, because Embree's structures can be large.
     """
 
     def __init__(self, size: int = 8) -> None:
@@ -159,8 +161,8 @@ class Cache:
         self._entries: dict = {}
 
     def get(self, key: Any, make: Any) -> Any:
-        """The entry for `key`, made by `make()` where it is new; the least recently used one goes
-        first.
+        """The entry for `key`, created by `make()` if it is new; the least recently used entry is
+        evicted.
         """
         if key in self._entries:
             self._entries[key] = self._entries.pop(key)

@@ -1,4 +1,4 @@
-"""Serve mode: one JSON object a line in, one a line out (PROTOCOL.md)."""
+"""Serve mode: reads and writes JSON lines (PROTOCOL.md)."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .errors import DriverError
 
 
 def _answerer(twins: Sequence[str]) -> Callable[[Any], dict]:
-    """`operations.answer`, or where Mitsuba or a twin cannot run, a function that says why to every
-    request.
+    """`operations.answer`; or, if Mitsuba or a twin cannot run, a function that answers every
+    request with the reason.
     """
     try:
         from .operations import answer
@@ -26,9 +26,9 @@ def _answerer(twins: Sequence[str]) -> Callable[[Any], dict]:
 
 
 def run(twins: Sequence[str]) -> int:
-    """Answers requests until the input ends. `twins`: files of plugins from outside."""
-    # Libraries print to file descriptor 1; answers must stay alone there. So keep it for ourselves,
-    # and give them 2 in its place.
+    """Answers requests until the end of input. `twins`: files with twins of out-of-tree plugins."""
+    # Libraries print to file descriptor 1, which is reserved for answers. So duplicate it for our
+    # own use, and redirect it to 2.
     out = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
     os.dup2(2, 1)
     answer = _answerer(twins)

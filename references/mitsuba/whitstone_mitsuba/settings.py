@@ -1,4 +1,4 @@
-"""How to trace: the *setting* objects of PROTOCOL.md."""
+"""The *setting* objects of PROTOCOL.md, which control the tracing."""
 
 from __future__ import annotations
 
@@ -24,12 +24,14 @@ class Setting:
 
     @property
     def vertex_seed(self) -> Optional[int]:
-        """Seed of the rounding of vertices; None for the usual one."""
+        """Seed of the stochastic rounding of vertices; None for rounding to the nearest."""
         return self.seed if self.vertices else None
 
     @staticmethod
     def read(value: Optional[Any]) -> "Setting":
-        """From a request; absent keys take their defaults, unknown ones are refused."""
+        """Reads a setting from a request; missing keys take their defaults, unknown ones are
+        refused.
+        """
         if value is None:
             return Setting()
         if not isinstance(value, dict):
@@ -46,5 +48,5 @@ class Setting:
         return Setting(**value)
 
     def to_json(self) -> dict:
-        """All keys, defaults filled in."""
+        """All keys, with defaults filled in."""
         return asdict(self)

@@ -1,8 +1,7 @@
-"""What surfaces answer, piece by piece (model §8): leaves are BSDFs of Mitsuba, the others are made
-of them by formula.
+"""Shaders (model §8): leaves wrap Mitsuba's BSDFs, composite ones combine other shaders by formula.
 
-A shader gets Mitsuba's surface interaction with the model's frame. Weights of both delta branches
-are whole: Mitsuba's own `mask` and `blendbsdf` would choose one of them at random.
+A shader gets Mitsuba's surface interaction with the model's frame. Both delta branches have their
+full weights: Mitsuba's own `mask` and `blendbsdf` would choose one at random.
 """
 
 from __future__ import annotations
@@ -17,30 +16,30 @@ from .runtime import dr, mi
 
 FLAGS = {
     "R": mi.BSDFFlags.DeltaReflection,
-    # A pane without thickness is a `Null` for Mitsuba: what goes through keeps its direction.
+    # A thin pane is a `Null` for Mitsuba: transmitted rays keep their direction.
     "T": mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.Null,
 }
 
 
 def opaque_color(value: Sequence[float]) -> Any:
-    """A colour that does not become part of the kernel."""
+    """A colour that does not become a constant of the kernel."""
     return mi.Color3f(*[dr.opaque(mi.Float, float(component)) for component in value])
 
 
 @dataclass
 class Way:
-    """A delta branch, or what a shadow ray meets: the factor, and the media inside and outside of
-    the body behind the surface.
+    """A delta branch or the transmittance of a shadow ray: the factor, and the media inside and
+    outside of the body behind the surface.
     """
 
     weight: Any
     # In the local frame; None for a shadow ray.
     wo: Any = None
-    # Whether there is no body: the ray stays in its medium.
+    # Whether there is no interface: the ray stays in its medium.
     straight: Any = True
     inside: Any = None
     outside: Any = None
-    # n_t/n_i of what is bent.
+    # n_t/n_i of a refracted ray.
     eta: Any = None
 
 
@@ -49,14 +48,14 @@ def _black() -> Any:
 
 
 class Shader:
-    """Answers nothing."""
+    """The default shader, which reflects and emits nothing."""
 
     def ambient(self, si: Any) -> Any:
         """The factor of the ambient light."""
         return _black()
 
     def emission(self, si: Any) -> Any:
-        """Radiance of the surface itself."""
+        """Emitted radiance."""
         return _black()
 
     def local(self, si: Any, wo: Any) -> Any:
@@ -64,13 +63,13 @@ class Shader:
         return _black()
 
     def branch(self, letter: str, si: Any, number: int = 0) -> Optional[Way]:
-        """The delta branch of a kind, of several reflections that of a number; None where there is
-        none at all.
+        """The delta branch of a kind; `number` selects one of several reflections. None if there is
+        no such branch.
         """
         return None
 
     def shadow(self, si: Any, filtered: bool) -> Way:
-        """What a shadow ray keeps; it comes from `si.wi`."""
+        """Transmittance of a shadow ray, which comes from `si.wi`."""
         return Way(_black())
 
     def passes(self, filtered: bool) -> bool:
@@ -79,7 +78,7 @@ class Shader:
 
 
 class Leaf(Shader):
-    """A material with a BSDF of its own."""
+    """A material with its own BSDF."""
 
     def __init__(self, material: Any, bsdf: Any) -> None:
         self.material, self.bsdf = material, bsdf
@@ -116,7 +115,7 @@ class Leaf(Shader):
             r = mi.fresnel(cosine, self._eta)[0]
             return Way(self._tint.eval(si) * ((1 - r) / (1 + r)))
         if self.material.type == "dielectric":
-            # As seen from the side with the lower index, where there is no total reflection.
+            # Seen from the side with the lower index, where there is no total internal reflection.
             weight = mi.Color3f(1 - mi.fresnel(cosine, self._upward)[0])
         else:
             weight = mi.Color3f(self._k_refr.eval(si))
@@ -126,12 +125,13 @@ class Leaf(Shader):
         return filtered and "T" in self.material.branches
 
 
-# What turns with the normal and the mirror direction: an axis and a vector across it.
+# The frame that is rotated to the normal and the mirror direction: an axis and a vector
+# perpendicular to it.
 AXIS, ACROSS = (0.48, 0.64, 0.6), (0.8, -0.6, 0.0)
 
 
 def lobe(n: int, exponent: float) -> np.ndarray:
-    """(n², 3): directions about +z through the middles of parts of equal share of the lobe
+    """(n², 3): directions about +z through the centres of strata with equal shares of the lobe
     cos^exponent.
     """
     points = Lens(1.0, 1.0, n).points()
@@ -144,14 +144,14 @@ def lobe(n: int, exponent: float) -> np.ndarray:
 
 
 def carried(q: Any, a: Any, b: Any) -> Any:
-    """The model's C: `q`, a vector across `a`, as it is across `b`."""
+    """The model's C: rotates `q`, perpendicular to `a`, so that it is perpendicular to `b`."""
     m = a + b
     length = dr.dot(m, m)
     return dr.select(length > 0, q - m * (2 * dr.dot(q, m) / length), q)
 
 
 class Glossy(Leaf):
-    """A mirror whose branch is spread over directions."""
+    """A mirror whose reflection is spread over directions."""
 
     def __init__(self, material: Any, bsdf: Any) -> None:
         Leaf.__init__(self, material, bsdf)
@@ -166,7 +166,7 @@ class Glossy(Leaf):
         r = mi.Vector3f(si.to_world(mirrored.wo))
         axis, across = (mi.Vector3f(opaque_color(vector)) for vector in (AXIS, ACROSS))
         x = carried(carried(across, axis, n), n, r)
-        # Across already, but for rounding next to the pole.
+        # Already perpendicular, except for rounding next to the pole.
         x = dr.normalize(x - dr.dot(x, r) * r)
         y = dr.cross(r, x)
         a, b, c = opaque_color(self.lobe[number])
@@ -174,7 +174,7 @@ class Glossy(Leaf):
 
 
 class Emissive(Shader):
-    """Radiance over another material."""
+    """Emission on top of another material."""
 
     def __init__(self, radiance: Any, under: Shader) -> None:
         self.radiance, self.under = radiance.build(), under
@@ -203,7 +203,7 @@ def _straight(si: Any, weight: Any) -> Way:
 
 
 class Mask(Shader):
-    """A share of a material; the rest goes straight on."""
+    """A material with an opacity; the rest of the light passes straight through."""
 
     def __init__(self, opacity: Any, inner: Shader) -> None:
         self.opacity, self.inner = opacity.build(), inner
@@ -236,7 +236,7 @@ class Mask(Shader):
 
 
 class Mix(Shader):
-    """Two materials by their shares."""
+    """A weighted mixture of two materials."""
 
     def __init__(self, weight: Any, a: Shader, b: Shader) -> None:
         self.weight, self.parts = weight.build(), (a, b)
@@ -258,7 +258,7 @@ class Mix(Shader):
         there = [way for way in ways if way is not None]
         if not there:
             return None
-        # Either both go in one direction, or there is one only.
+        # Either both bend rays to the same direction, or only one of them bends rays.
         bent = [way for way in there if way.straight is not True]
         chosen = (bent or there)[0]
         weight = self._sum(si, [_black() if way is None else way.weight for way in ways])
@@ -268,7 +268,7 @@ class Mix(Shader):
         return self._ways(si, [part.branch(letter, si, number) for part in self.parts])
 
     def shadow(self, si: Any, filtered: bool) -> Way:
-        # Of an opaque part, what lies behind counts for nothing.
+        # The medium behind an opaque part does not count.
         ways = [part.shadow(si, filtered) if part.passes(filtered) else None for part in self.parts]
         return self._ways(si, ways) or Way(_black())
 
@@ -277,7 +277,7 @@ class Mix(Shader):
 
 
 class TwoSided(Shader):
-    """One material where the viewer is outside, another one inside."""
+    """One material for the outside, another one for the inside."""
 
     def __init__(self, front: Shader, back: Shader) -> None:
         self.parts = front, back
@@ -330,7 +330,7 @@ class Detailed(Shader):
         self.inner = inner
 
     def normal(self, si: Any, n: Any) -> Any:
-        """The normal in the place of `n`; of no length where there is none."""
+        """The normal that replaces `n`; zero if there is none."""
         raise NotImplementedError
 
     def _turned(self, si: Any) -> Any:
@@ -369,7 +369,7 @@ class Detailed(Shader):
 
 
 class NormalMap(Detailed):
-    """Normals as colours."""
+    """Normals encoded as colours."""
 
     def __init__(self, map_: Any, direction: Sequence[float], around: bool, inner: Shader) -> None:
         Detailed.__init__(self, inner)
@@ -384,7 +384,7 @@ class NormalMap(Detailed):
 
 
 class BumpVectors(NormalMap):
-    """Vectors as colours, added to the normal: along the axes of the world, or as those of a normal
+    """Vectors encoded as colours, added to the normal: in world space, or in the frame of a normal
     map.
     """
 
@@ -401,7 +401,7 @@ class BumpVectors(NormalMap):
 
 @dataclass
 class _Place:
-    """What mappings look at, in double precision."""
+    """The point data that mappings need, in double precision."""
 
     p: Any
     uv: Any
@@ -409,7 +409,7 @@ class _Place:
 
 
 class Bump(Detailed):
-    """A height by the place in the world."""
+    """A bump map: a height as a function of the world-space position."""
 
     def __init__(self, height: Any, scale: float, step: float, inner: Shader) -> None:
         Detailed.__init__(self, inner)
@@ -436,7 +436,7 @@ class Bump(Detailed):
 
 
 def build(materials: Sequence[Any], bsdfs: Sequence[Any]) -> Tuple[Shader, ...]:
-    """A shader for each material; parts come before what is made of them."""
+    """A shader for each material; parts come before the composites that use them."""
     built: list = []
     for material, bsdf in zip(materials, bsdfs):
         parts = [built[number] for number in material.parts]

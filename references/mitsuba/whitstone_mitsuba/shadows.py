@@ -1,4 +1,4 @@
-"""Shadow rays that surfaces weaken instead of stopping (model §7)."""
+"""Shadow rays that surfaces attenuate instead of blocking (model §7)."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import numpy as np
 
 from .runtime import ULP, dr, mi
 
-# Less than this in every channel is no light.
+# Less than this in every channel counts as blocked.
 CUT = 0.002
 
-# A shadow ray that has gone through so many surfaces is hidden.
+# A shadow ray that has crossed this many surfaces counts as blocked.
 MOST_CROSSINGS = 1000
 
-# Shadow rays end this much (relative) before a lamp: rounding must not put a surface at the lamp in
-# front of it.
+# Shadow rays end before a lamp by this relative margin: rounding must not put a surface at the lamp
+# in front of it.
 BEFORE_LAMP = 1 - 4 * ULP
 
 
 def end_before(lamp: Any, reach: Any) -> Any:
-    """Where shadow rays to a lamp at this distance end."""
+    """The length of shadow rays to a lamp at this distance."""
     end = reach * BEFORE_LAMP
     return end - dr.opaque(mi.Float, lamp.margin) if lamp.margin > 0 else end
 
 
 def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, l: Any, goal: Any, counts: Any) -> Any:  # noqa: E741
-    """The share of a lamp's light that arrives (Color3f); `lanes` are places in the level, all else
-    is one entry for each of them.
+    """The share of a lamp's light that arrives (Color3f). `lanes` are indices in the level; all
+    other arrays have one entry per lane.
     """
     from .driver import Level, Rays, mix, pad
 
@@ -43,7 +43,7 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
     inside = dr.gather(mi.UInt64, rays.inside, lanes)
     shape, facet = dr.gather(mi.UInt32, level.hits.shape, lanes), dr.gather(mi.UInt32, level.hits.facet, lanes)
     left = mi.Color3f(dr.full(mi.Float, 1, width))
-    # Which lanes these are of `share`.
+    # The indices of these lanes in `share`.
     home = np.flatnonzero(counts.numpy()[:width])
     real = home
     state = [p, n_g, shape, facet, l, goal if goal is not None else p, setting, key, path, medium, left, inside]
@@ -72,7 +72,7 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
         tracer.counts.shadow += len(real)
         hits = tracer.intersect(ray)
         blocked = hits.valid & (hits.t < reach)
-        # A segment that ends at the lamp.
+        # The last segment, which ends at the lamp.
         last = dr.select(medium == 0, mi.Color3f(1), dr.exp(-medium * reach))
         arrived = dr.select(blocked, mi.Color3f(0), left * last)
         dr.eval(arrived, blocked)
@@ -84,7 +84,7 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
         stopped = np.flatnonzero(blocked.numpy()[: len(real)])
         if len(stopped) == 0:
             break
-        # What the surfaces leave of it, by material.
+        # Transmittance of the surfaces, by material.
         kept = dr.zeros(mi.Color3f, dr.width(o))
         behind = mi.Color3f(medium)
         entered = mi.UInt64(inside)
@@ -98,7 +98,7 @@ def through(tracer: Any, level: Any, lanes: Any, number: int, p: Any, n_g: Any, 
                 continue
             some = pad(stopped[numbers == material])
             si = tracer._interaction(stage, some)
-            # The ray goes inside where it comes from outside.
+            # The ray enters the body if it comes from outside.
             enters = dr.dot(mi.Vector3f(si.n), si.to_world(si.wi)) > 0
             if tracer.document.materials[int(material)].priority is None:
                 way = shader.shadow(si, filtered)

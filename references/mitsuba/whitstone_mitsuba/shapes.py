@@ -1,9 +1,9 @@
-"""Shapes of the model's §9: those on Mitsuba's geometry by their own readers, those that the driver
-intersects by `analytic`'s.
+"""Shapes (model §9): readers for those with Mitsuba geometry; `analytic` reads those that the
+driver intersects.
 
-Transforms are composed in float64 and handed over once. What Mitsuba's surface differs in from the
-model (normals of mirrored shapes, v of the sphere, uv of the plane, numbers of primitives) stands
-in each shape's `Rules`, which the driver applies.
+Transforms are composed in float64 and passed on once. Where Mitsuba's surface differs from the
+model (normals of mirrored shapes, v of the sphere, uv of the plane, primitive numbers), each
+shape's `Rules` record it, and the driver applies them.
 """
 
 from __future__ import annotations
@@ -20,59 +20,59 @@ from .fields import REQUIRED, Fields, nearest
 from .files import Folder
 from .runtime import mi
 
-# Mitsuba has no endless plane: a disk of this radius in metres is one. (A huge rectangle is a mesh
-# and loses rows at the horizon.)
+# Mitsuba has no infinite plane: a disk of this radius in metres replaces it. (A huge rectangle is a
+# mesh and loses rows at the horizon.)
 PLANE_RADIUS = 1e7
 
 UV_NATIVE, UV_SPHERE, UV_PLANE = 0, 1, 2
-# How many of Mitsuba's triangles are one of the model's primitives; 0 where all are.
+# Number of Mitsuba's triangles per primitive of the model; 0 if all triangles are one primitive.
 PRIMITIVE_ZERO, PRIMITIVE_NATIVE, PRIMITIVE_HALF = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class Rules:
-    """How to get the model's surface from Mitsuba's."""
+    """How to derive the model's surface from Mitsuba's."""
 
-    # Mitsuba's geometric normal points inward: under mirroring transforms its own orientation rules
-    # differ.
+    # Mitsuba's geometric normal points inward: its own orientation rules differ for mirroring
+    # transforms.
     flip: bool = False
     # Interpolated shading normals; otherwise n_s = n_g.
     smooth: bool = False
     uv: int = UV_NATIVE
     primitive: int = PRIMITIVE_ZERO
-    # World (n, c) of the flat surface n . p = c onto which hit points are moved. Mitsuba leaves a
-    # disk's hit at ray(t), off the surface by the rounding of t, which grows with the distance:
-    # shadow rays then start below the surface and hit it again.
+    # World-space (n, c) of the plane n . p = c that hit points are projected onto. Mitsuba leaves
+    # the hit of a disk at ray(t), off the surface by the rounding of t, which grows with the
+    # distance. Shadow rays would then start below the surface and hit it again.
     project: Optional[np.ndarray] = None
-    # Of a sphere, its centre and radius in the world; of a cylinder, a point of its axis and the
-    # radius.
+    # World-space centre and radius of a sphere; a point of the axis and the radius of a cylinder.
     ball: Optional[np.ndarray] = None
-    # Of a cylinder, the direction of its axis in the world.
+    # World-space direction of the axis of a cylinder.
     axis: Optional[np.ndarray] = None
-    # Of a cylinder, 3x4: object x and y and the texture coordinate v from world coordinates.
+    # For a cylinder, 3x4: object-space x and y and the texture coordinate v from world-space
+    # coordinates.
     wrap: Optional[np.ndarray] = None
-    # Of what is no mesh, from world space to the space of Mitsuba's shape (of the model's, of a
-    # plane): 3x4.
+    # For non-meshes, 3x4: from world space to the space of Mitsuba's shape (for a plane, of the
+    # model's).
     object_from_world: Optional[np.ndarray] = None
-    # For UV_PLANE: 2x4, object x and y from world coordinates.
+    # For UV_PLANE, 2x4: object-space x and y from world-space coordinates.
     plane: Optional[np.ndarray] = None
 
 
-# (bsdf, how to round the numbers of a mesh) -> Mitsuba shape
+# (bsdf, rounding of the mesh data) -> Mitsuba shape
 Builder = Callable[["mi.BSDF", rounding.Rounding], "mi.Shape"]
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a copy of a shape stands: the shape's own transform, and that of all instances around
-    it.
+    """The transforms of one instance of a shape: its own, and the product of all enclosing
+    instances.
     """
 
     own: np.ndarray
     around: np.ndarray
-    # Problems with the twin of this copy; the document itself may be right.
+    # Problems with the twin of this instance; the document itself may be valid.
     unsupported: List[str]
-    # What reads the values of textures.
+    # Reader of texture values.
     textures: Any = None
     # Displacements of the vertices of a mesh, in world space.
     vertices: Optional[np.ndarray] = None
@@ -90,29 +90,29 @@ class Place:
 
 @dataclass(frozen=True)
 class Shape:
-    """A shape as read, or a copy of one in a group."""
+    """A shape from the document, or an instance of one in a group."""
 
     type: str
-    # The model's `shape_id`, the same for all copies.
+    # The model's `shape_id`, the same for all instances.
     number: int
     material: int
     rules: Rules
-    # Makes the Mitsuba shape; None where the driver intersects `surface` by itself, for this
-    # reason.
+    # Creates the Mitsuba shape; None if the driver intersects `surface` itself, for this reason.
     build: Optional[Builder]
     surface: Optional[surfaces.Surface] = None
     reason: str = ""
-    # Its place in the list of the document, then for each instance in that of its group.
+    # Its index in the list of the document, then for each instance the index in the list of its
+    # group.
     path: Tuple[int, ...] = ()
     world: Optional[np.ndarray] = None
-    # What of it may coincide with other shapes.
+    # The surfaces that may coincide with other shapes.
     outline: Optional[coincident.Outline] = None
-    # Reads it once more, with a change: (rules, builder) or (surface, reason).
+    # Reads it again with a change: (rules, builder) or (surface, reason).
     again: Optional[Callable[[coincident.Change], Tuple[Any, Any]]] = None
 
     @staticmethod
     def of(what: Any, how: Any, **more: Any) -> "Shape":
-        """From what a reader gives."""
+        """Builds a shape from the result of a reader."""
         if isinstance(what, surfaces.Surface):
             return Shape(rules=Rules(), build=None, surface=what, reason=how, **more)
         return Shape(rules=what, build=how, **more)
@@ -126,7 +126,7 @@ def make_mesh(
     bsdf: Optional["mi.BSDF"],
     rounded: rounding.Rounding = rounding.nearest,
 ) -> "mi.Mesh":
-    """A Mitsuba mesh from arrays, in world space. It always has uv, so that all meshes run the same
+    """A Mitsuba mesh from arrays in world space. It always has uv, so that all meshes run the same
     two kernels.
     """
     props = mi.Properties()
@@ -153,7 +153,7 @@ def _native(plugin: str, matrix: np.ndarray, **keys: Any) -> Builder:
 
 @dataclass(frozen=True)
 class _Mesh:
-    """Builds a mesh out of arrays in world space."""
+    """Builder of a mesh from arrays in world space."""
 
     positions: np.ndarray
     faces: np.ndarray
@@ -165,7 +165,7 @@ class _Mesh:
 
 
 def _triangles(triangles: meshes.Triangles, place: Place, smooth: bool) -> Builder:
-    """Triangles in object space, transformed in float64."""
+    """Builder of triangles from object space, transformed in float64."""
     matrix = place.world
     linear = matrix[:3, :3]
     positions = triangles.positions @ linear.T + matrix[:3, 3]
@@ -173,24 +173,24 @@ def _triangles(triangles: meshes.Triangles, place: Place, smooth: bool) -> Build
         positions = positions + place.vertices
     faces = triangles.faces
     if transforms.mirrors(matrix):
-        # The model keeps outside outside; the winding would turn it in.
+        # The model keeps the outside when mirroring; the winding would turn it inside.
         faces = faces[:, [0, 2, 1]]
     normals = None
     if smooth and triangles.normals is not None:
-        # Inverse transpose, normalised at the vertices; after the interpolation Mitsuba normalises
-        # once more.
+        # Inverse transpose, normalised at the vertices; Mitsuba normalises again after the
+        # interpolation.
         normals = triangles.normals @ np.linalg.inv(place.own[:3, :3])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-        # Instances transform what is interpolated. That is linear up to its length, so it can be
-        # done before.
+        # Instances transform the interpolated normal. That is linear up to its length, so it can be
+        # done before interpolating.
         normals = normals @ np.linalg.inv(place.around[:3, :3])
     uvs = triangles.uvs if triangles.uvs is not None else np.zeros((len(positions), 2))
     return _Mesh(positions, faces, uvs, normals)
 
 
 def _similarity(fields: Fields, place: Place) -> float:
-    """The shape's own scale; that of the whole where there is one."""
+    """The shape's own scale, or that of the whole transform if it has one."""
     scale = transforms.similarity_scale(place.own)
     if scale is None:
         fields.error("transform", "must be a similarity (rotation, reflection, translation, one scale for all axes)")
@@ -220,7 +220,7 @@ def _flat(matrix: np.ndarray) -> np.ndarray:
 
 
 def _sheared(place: Place) -> bool:
-    """Mitsuba's disks may be stretched along their own axes, not sheared."""
+    """Whether a disk is sheared; Mitsuba's disks can only be stretched along their own axes."""
     first, second = place.world[:3, 0], place.world[:3, 1]
     return bool(abs(first @ second) > 1e-9 * np.linalg.norm(first) * np.linalg.norm(second))
 
@@ -254,7 +254,7 @@ def _disk(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
 
 
 def _cylinder(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
-    """Mitsuba's cylinders are open, and not stretched."""
+    """An open cylinder without non-uniform scale is Mitsuba's; all others are hosted."""
     found = analytic.cylinder(fields, place, base)
     scale = transforms.similarity_scale(place.world)
     if found.closed or scale is None:
@@ -269,8 +269,8 @@ def _cylinder(fields: Fields, place: Place, base: Folder) -> Tuple[Any, Any]:
 
 
 def box_triangles() -> meshes.Triangles:
-    """The cube [-1, 1]^3 as twelve triangles, two for each face of the model, in its order, with
-    its uv.
+    """The cube [-1, 1]^3 as twelve triangles, two per face, in the order and with the uv of the
+    model.
     """
     positions, uvs, faces = [], [], []
     for face in range(6):
@@ -334,14 +334,14 @@ def _mesh(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
 
 
 def _mesh_operand(fields: Fields, place: Place, base: Folder) -> Optional[Tuple[np.ndarray, np.ndarray, Optional[np.ndarray]]]:
-    """The corners of the triangles of an operand of csg: positions, texture coordinates, normals if
-    they are interpolated.
+    """The vertices of the triangles of a csg operand: positions, texture coordinates, and normals
+    if they are interpolated.
     """
     before = len(fields.errors)
     triangles, smooth = _mesh_triangles(fields, place, base)
     if len(fields.errors) > before:
         return None
-    # The same number for vertices at the same place.
+    # Vertices at the same position get the same number.
     place_of = np.unique(triangles.positions, axis=0, return_inverse=True)[1].reshape(-1)
     edges = [place_of[triangles.faces[:, [k, (k + 1) % 3]]] for k in range(3)]
     there = np.concatenate(edges)
@@ -386,7 +386,8 @@ def _patch(fields: Fields, place: Place, base: Folder) -> Tuple[Rules, Any]:
     return Rules(smooth=True, primitive=2 * level * level), build
 
 
-# (rules, builder) of what Mitsuba intersects, (surface, reason) of what the driver does.
+# (rules, builder) of a shape that Mitsuba intersects, (surface, reason) of one that the driver
+# intersects.
 READERS: Dict[str, Callable[[Fields, Place, Folder], Tuple[Any, Any]]] = {
     "sphere": _sphere,
     "plane": _plane,
@@ -411,18 +412,18 @@ READERS["cylinder"] = _cylinder
 READERS["csg"] = _hosted(analytic.Csg(_mesh_operand).read)
 
 
-# More than this in one landscape is no work for this driver.
+# Upper bound on the quads of a height field.
 MAX_QUADS = 2**22
-# Bodies that may overlap (model §8).
+# Upper bound on prioritised dielectrics (model §8).
 MAX_BODIES = 64
-# Groups may be nested so deep (model §9).
+# Upper bound on the nesting depth of groups (model §9).
 MAX_NESTING = 16
-# More copies than this are no work for one scene of Mitsuba shapes.
+# Upper bound on the shape instances in one Mitsuba scene.
 MAX_COPIES = 4096
 
 
 class _Reader:
-    """Walks through the `[[shape]]` tables and the groups that instances among them place."""
+    """Traverses the `[[shape]]` tables and the groups that they instance."""
 
     def __init__(self, groups: Any, materials: Any, textures: Any, base: Folder, errors: List[str], unsupported: List[str]) -> None:
         self.groups = groups
@@ -445,12 +446,13 @@ class _Reader:
         return tables
 
     def placed(self, tables: List[Any]) -> List[str]:
-        """The groups that instances among some shapes place."""
+        """The groups that some shapes instance."""
         names = [table.get("group") for table in tables if isinstance(table, dict) and table.get("type") == "instance"]
         return [name for name in names if isinstance(name, str) and name in self.groups]
 
     def number(self, tables: List[Any]) -> None:
-        """Gives every group in use its numbers: behind the document's own shapes, by ID."""
+        """Numbers the shapes of every group in use, after the document's own shapes, ordered by ID.
+        """
         used: List[str] = []
         waiting = self.placed(tables)
         while waiting:
@@ -464,7 +466,7 @@ class _Reader:
             following += len(self.tables(self.groups[name], f"group.{name}."))
 
     def walk(self, tables: List[Any], where: str, first: int, around: np.ndarray, path: Tuple[int, ...] = ()) -> None:
-        """Shapes of one list; the first has the number `first`."""
+        """Reads the shapes of one list; the first has the number `first`."""
         names: Dict[str, int] = {}
         for index, table in enumerate(tables):
             fields = Fields(table, f"{where}shape[{index}]", self.errors)
@@ -494,7 +496,7 @@ class _Reader:
             self.shapes.append(Shape.of(what, how, again=again, **more))
 
     def again(self, kind: str, table: Any, place: Place, change: coincident.Change) -> Tuple[Any, Any]:
-        """A shape that was read without a problem, read once more with a change."""
+        """Reads a shape again with a change; it was valid the first time."""
         changed = replace(place, around=change.world @ place.around, vertices=change.vertices)
         what, how = READERS[kind](Fields(table, "", []), changed, self.base)
         if change.caps is not None and isinstance(what, surfaces.Round):
@@ -502,7 +504,7 @@ class _Reader:
         return what, how
 
     def draw_apart(self) -> coincident.Found:
-        """Builds shapes anew whose surfaces coincide with others; gives what was found."""
+        """Rebuilds shapes whose surfaces coincide with others. Returns the findings."""
         outlined = [
             replace(shape, outline=coincident.outline(shape.type, shape.world, shape.surface or shape.rules, shape.build))
             for shape in self.shapes
@@ -515,7 +517,7 @@ class _Reader:
         return found
 
     def instance(self, fields: Fields, around: np.ndarray, path: Tuple[int, ...]) -> None:
-        """A copy of all shapes of a group."""
+        """Adds an instance of all shapes of a group."""
         name = fields.string("group", REQUIRED)
         if name is None:
             return
@@ -544,9 +546,9 @@ class _Reader:
 def read(
     document: Any, groups: Any, materials: Any, textures: Any, base: Folder, errors: List[str], unsupported: List[str]
 ) -> Tuple[List[Shape], coincident.Found]:
-    """The `[[shape]]` tables in the document's order, and which of their surfaces coincide.
+    """The `[[shape]]` tables in the document's order, and their coincident surfaces.
 
-    In the place of an instance are the shapes of its group.
+    An instance is replaced by the shapes of its group.
     """
     reader = _Reader(groups, materials, textures, base, errors, unsupported)
     tables = reader.tables(document, "")
@@ -555,7 +557,7 @@ def read(
     bodies = [shape for shape in reader.shapes if shape.material < len(materials.all) and materials.all[shape.material].priority is not None]
     if len(bodies) > MAX_BODIES:
         errors.append(f"shape: at most {MAX_BODIES} shapes with a priority, found {len(bodies)}")
-    # Each copy of a table tells the same again.
+    # Each instance of a table reports the same problems.
     for problems in (errors, unsupported):
         problems[:] = list(dict.fromkeys(problems))
     found = coincident.Found() if errors or unsupported else reader.draw_apart()

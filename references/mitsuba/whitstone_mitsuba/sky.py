@@ -1,8 +1,7 @@
-"""The directions from which an environment lights (model §7, sky light).
+"""Directional lights that approximate an environment (model §7, sky light).
 
-The integral over a region of a function that is constant on each cell is found from four values of
-its integral from the first corner of the sphere on (a summed-area table), which is bilinear inside
-a cell.
+The integrand is constant on each cell. Its integral over a region follows from four values of a
+summed-area table, which is bilinear inside a cell.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ Region = Tuple[float, float, float, float]
 
 
 def parts(radiance: Any, faces: Optional[Sequence[Any]] = None) -> int:
-    """How many lookups along each axis make a cell: more than 1 for large pictures."""
+    """Number of lookups per cell along each axis: more than 1 for large images."""
     if faces is not None:
         return max(-(-faces[0].pixels.shape[0] // 512), 1)
     if not hasattr(radiance, "pixels"):
@@ -28,7 +27,9 @@ def parts(radiance: Any, faces: Optional[Sequence[Any]] = None) -> int:
 
 
 class Integral:
-    """Of (rows, columns, n) values per unit of `across` and `along`, functions of y and of phi."""
+    """Integral of (rows, columns, n) values per unit of `across` and `along`, functions of y and of
+    phi.
+    """
 
     def __init__(self, values: np.ndarray, y: np.ndarray, phi: np.ndarray, across: Callable[[Any], Any], along: Callable[[Any], Any]) -> None:
         self.y, self.phi, self.across, self.along = y, phi, across, along
@@ -38,13 +39,14 @@ class Integral:
         self.sums[1:, 1:] = cells.cumsum(axis=0).cumsum(axis=1)
 
     def row(self, y: float) -> np.ndarray:
-        """Up to y, for each edge of a column."""
+        """The integral up to y, for each edge of a column."""
         index = min(max(int(np.searchsorted(self.y, y, "right")) - 1, 0), len(self.y) - 2)
         part = (self.across(y) - self.rows[index]) / (self.rows[index + 1] - self.rows[index])
         return self.sums[index] + part * (self.sums[index + 1] - self.sums[index])
 
     def column(self, phi: float, of: np.ndarray) -> np.ndarray:
-        """Up to phi, of what is given for each edge of a column (on the last axis but one)."""
+        """The integral up to phi, given the values at each column edge (on the last axis but one).
+        """
         index = min(max(int(np.searchsorted(self.phi, phi, "right")) - 1, 0), len(self.phi) - 2)
         part = (self.along(phi) - self.columns[index]) / (self.columns[index + 1] - self.columns[index])
         return of[..., index, :] + part * (of[..., index + 1, :] - of[..., index, :])
@@ -100,14 +102,14 @@ def table(s: int, look: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.nd
 
 
 def directions(n: int, s: int, look: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Tuple[np.ndarray, np.ndarray]:
-    """Directions and irradiances of the light of `look`, a function of (n, 2) coordinates and
+    """Directions and irradiances of the lights of `look`, a function of (n, 2) coordinates and
     (n, 3) directions.
     """
     radiance = table(s, look)
     most = radiance.max()
     if not most > 0:
         return np.zeros((0, 3)), np.zeros((0, 3))
-    # So that sums of the brightest numbers stay finite.
+    # Normalised, so that sums of the largest values stay finite.
     radiance = radiance / most
     y, phi = np.sin(np.pi * (np.arange(ROWS + 1) / ROWS - 0.5)), 2 * np.pi * (np.arange(COLUMNS + 1) / COLUMNS - 0.5)
     luminance = radiance @ LUMINANCE
@@ -124,7 +126,7 @@ def directions(n: int, s: int, look: Callable[[np.ndarray, np.ndarray], np.ndarr
     )
     irradiance = np.maximum([energy.over(region) for region in regions], 0)
     moment = np.array([[float(part.over(region)[0]) for part in moments] for region in regions])
-    # Black regions hold no more than rounding errors.
+    # Black regions contain only rounding errors.
     lit = irradiance.max(axis=1) > 1e-13 * irradiance.max()
     length = np.linalg.norm(moment, axis=1, keepdims=True)
     directed = np.where(length > 0, moment / np.where(length > 0, length, 1), [0.0, 1.0, 0.0])

@@ -1,8 +1,8 @@
-"""Constructive solid geometry (model §9, csg): all crossings of the operands along a line, in their
-order, decide what is inside.
+"""Constructive solid geometry (model §9, csg) by merging the sorted crossings of the operands along
+a line.
 
-A line starts outside of everything. Each crossing of an operand takes the line in or out of that
-operand; where this changes whether the line is inside of the result, the result is crossed.
+A line starts outside of all operands. Each crossing enters or leaves one operand. If this changes
+whether the line is inside the result, it is a crossing of the result.
 """
 
 from __future__ import annotations
@@ -13,20 +13,19 @@ import numpy as np
 
 from .surfaces import Crossings, Points, Start, Surface, Vector
 
-# Crossings as near as this, relative to their distance, are at one place: nothing thinner is a
-# solid.
+# Crossings this close, relative to their distance, count as equal: no solid is thinner.
 SAME = 1e-13
 
 UNION, INTERSECTION, DIFFERENCE = "union", "intersection", "difference"
 
 
 class Solid(Surface):
-    """The result of one operation. Codes of its parts are those of the operands, one operand after
-    the other.
+    """The result of one operation. The codes of its parts are those of the operands, one operand
+    after the other.
     """
 
     def __init__(self, operation: str, operands: Sequence[Surface]) -> None:
-        # The operands stand in world space already.
+        # The operands are in world space already.
         Surface.__init__(self, np.eye(4))
         self.operation, self.operands = operation, operands
         self.first = np.concatenate([[0], np.cumsum([operand.codes for operand in operands])])
@@ -79,7 +78,7 @@ class Solid(Surface):
         result_t, result_step, result_code = np.full(t.shape, np.inf), np.zeros(t.shape, dtype=np.int64), np.zeros(t.shape, dtype=np.int64)
         for number in range(events):
             here = t[:, number]
-            # Of what is crossed at one place, the first operand gives the surface.
+            # Of several crossings at one point, the first operand determines the surface.
             there = here < np.inf
             better = there & (code[:, number] < name)
             name, at = np.where(better, code[:, number], name), np.where(better, here, at)
@@ -115,7 +114,7 @@ class Solid(Surface):
 
 
 def _shortened(crossings: Crossings) -> Crossings:
-    """Without the columns that no line uses; crossings come first."""
+    """Drops the columns that no line uses; crossings come first."""
     order: np.ndarray = np.argsort(crossings.t, axis=1, kind="stable")
     # Crossings at -inf mark lines that come from inside.
     used = max(int((crossings.step != 0).sum(axis=1).max(initial=0)), 1)

@@ -1,11 +1,11 @@
-"""Where rays that leave a surface start, so that they do not meet it again.
+"""Origins of rays that leave a surface, chosen to avoid self-intersection.
 
-Mitsuba's own `spawn_ray` moves origins by about 1500 units of float32, which is an error of several
-per cent in glass. Here the point of the hit is made as exact as float32 allows (`Balls`), and the
-origin is moved K units along the geometric normal. A ray that meets the facet that it left, where
-geometry rules that out, is spawned again with twice the offset, by itself: a flat face is met once
-by a line, a sphere not at all by a ray that leaves it outward, and half a chord later at the
-earliest by one that goes inward.
+Mitsuba's own `spawn_ray` offsets origins by about 1500 float32 units, which is an error of several
+per cent in glass. Here the hit point is computed as exactly as float32 allows (`Balls`), and the
+origin is moved by K units along the geometric normal. If a ray re-hits the facet that it left,
+where geometry rules that out, only this ray is spawned again with twice the offset. Geometry rules
+it out as follows: a line meets a flat face once. A ray that leaves a sphere outward never meets it
+again. One that goes inward meets it half a chord later at the earliest.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from .runtime import dr, mi
 ATTEMPTS = 10
 
 _NOTHING = 0xFFFFFFFF
-# How many of Mitsuba's triangles are a flat face of a box: `shapes.PRIMITIVE_HALF`.
+# Number of Mitsuba's triangles per flat face of a box: `shapes.PRIMITIVE_HALF`.
 _HALF = 2
 
 
 @dataclass
 class Met:
-    """The first thing that a ray meets."""
+    """The first hit of a ray."""
 
     valid: Any
     t: Any
@@ -37,22 +37,22 @@ class Met:
 
 @dataclass
 class Spawned:
-    """Rays as they leave a surface, one lane each."""
+    """Rays that leave a surface, one lane each."""
 
     o: Any
-    # The copy of a shape and its facet that are left, and the distance below which to meet them
-    # again is impossible.
+    # The shape instance and facet that the ray leaves, and the distance below which a re-hit is
+    # impossible.
     shape: Any
     facet: Any
     within: Any
-    # By how much `o` is off the surface.
+    # The offset of `o` from the surface.
     push: Any
 
     def arrays(self) -> List[Any]:
         return [self.o, self.shape, self.facet, self.within, self.push]
 
     def gather(self, lanes: Any) -> "Spawned":
-        """Some of them."""
+        """A subset of the rays."""
         return Spawned(*[dr.gather(type(array), array, lanes) for array in self.arrays()])
 
 
@@ -63,20 +63,20 @@ def nowhere(width: int) -> Tuple[Any, Any, Any, Any]:
 
 
 def facet(rule: Any, index: Any) -> Any:
-    """The flat face that Mitsuba's primitive of this number belongs to; 0 where the whole shape is
-    one. `rule` is that of `shapes.Rules.primitive`.
+    """The flat face that this primitive of Mitsuba belongs to; 0 if the whole shape is one face.
+    `rule` is that of `shapes.Rules.primitive`.
     """
     return dr.select(rule == 0, 0, dr.select(rule == _HALF, index >> 1, index))
 
 
 def farther(o: Any, push: Any, attempt: int) -> Any:
-    """Origins that are 2^attempt times as far from their surface."""
+    """Origins with 2^attempt times the offset from their surface."""
     return mi.Point3f(o + push * dr.opaque(mi.Float, 2.0**attempt - 1.0))
 
 
 def leave(built: Any, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, k: Any) -> Spawned:
-    """Rays from `p` in `direction`, from a point K units away along n_g, on the side that they
-    leave to.
+    """Rays from `p` in `direction`; the origin is K units from `p` along n_g, on the side that they
+    go to.
 
     A unit is 2^-24 of the largest coordinate of the point plus the size of the shape, at most 1 m:
     intersections round numbers of that size.
@@ -88,18 +88,19 @@ def leave(built: Any, p: Any, n_g: Any, direction: Any, shape: Any, facet: Any, 
 
 
 class Balls:
-    """The spheres and cylinders of a scene in float64: Mitsuba leaves their hits at ray(t), off the
+    """The spheres and cylinders of a scene in float64. Mitsuba leaves their hits at ray(t), off the
     surface by the rounding of t.
     """
 
     def __init__(self, balls: np.ndarray, axes: np.ndarray, wraps: np.ndarray) -> None:
-        """`balls`: (n, 4), centre and radius of each shape, the radius 0 of what is neither.
+        """`balls`: (n, 4), centre and radius of each shape; the radius is 0 for other shapes.
 
-        `axes`, (n, 3), and `wraps`, (n, 3, 4), are those of cylinders (`shapes.Rules`), else 0.
+        `axes`, (n, 3), and `wraps`, (n, 3, 4), belong to cylinders (`shapes.Rules`) and are 0
+        otherwise.
         """
         self._balls = mi.Float64(np.ascontiguousarray(np.ravel(balls), dtype=np.float64))
         self._any = bool((balls[:, 3] > 0).any())
-        # Scenes without cylinders do not compute with axes.
+        # Scenes without cylinders skip the computations with axes.
         self._axes = mi.Float64(np.ascontiguousarray(np.ravel(axes), dtype=np.float64)) if axes.any() else None
         self._wraps = mi.Float64(np.ascontiguousarray(np.ravel(wraps), dtype=np.float64))
 
@@ -108,15 +109,15 @@ class Balls:
         return mi.Point3d(*entry[:3]), entry[3]
 
     def _across(self, vector: Any, shape: Any, valid: Any) -> Any:
-        """The part of a vector that is across the axis of the shape."""
+        """The component of a vector perpendicular to the axis of the shape."""
         if self._axes is None:
             return vector
         axis = mi.Vector3d(*[dr.gather(mi.Float64, self._axes, shape * 3 + number, valid) for number in range(3)])
         return vector - axis * dr.dot(axis, vector)
 
     def refine(self, o: Any, d: Any, shape: Any, valid: Any, t: Any, p: Any, n_g: Any, n_s: Any, n_raw: Any) -> Tuple[Any, ...]:
-        """(t, p, n_g, n_s, n_raw) with those of round shapes computed again: of the two roots the
-        one next to Mitsuba's t.
+        """(t, p, n_g, n_s, n_raw) with the hits of round shapes recomputed: of the two roots, the
+        one nearest to Mitsuba's t.
         """
         if not self._any:
             return t, p, n_g, n_s, n_raw
@@ -135,7 +136,7 @@ class Balls:
         if self._axes is not None:
             # And along the axis.
             place = place + (whole - start) + (direction - way) * root
-        # n_s is n_g turned to the same side, if at all.
+        # n_s is n_g, flipped to the same side if needed.
         turned = dr.select(dr.dot(n_s, n_g) < 0, -normal, normal)
         return (
             dr.select(round_, mi.Float(root), t),
@@ -146,8 +147,7 @@ class Balls:
         )
 
     def wrapped(self, shape: Any, valid: Any, p: Any, uv: Any) -> Any:
-        """Texture coordinates with those of cylinders computed again, from the point as it is now.
-        """
+        """Texture coordinates, with those of cylinders recomputed from the refined point."""
         if self._axes is None:
             return uv
         place = mi.Point3d(p)
@@ -162,8 +162,8 @@ class Balls:
         return dr.select(tube, mi.Point2f(mi.Float(turn), mi.Float(rows[2])), uv)
 
     def chord(self, p: Any, direction: Any, shape: Any) -> Any:
-        """Up to which distance the shape cannot be met again: half the chord of a round shape that
-        the ray goes into, else infinite.
+        """The distance below which the shape cannot be hit again: half the chord if the ray goes
+        into a round shape, otherwise infinite.
         """
         endless = dr.full(mi.Float, dr.inf, dr.width(p))
         if not self._any:

@@ -1,17 +1,16 @@
-"""Images by Mitsuba's own C++ integrators, along the driver's camera rays (op `stock`).
+"""Images by Mitsuba's own C++ integrators on the driver's camera rays (op `stock`).
 
-Stock sensors jitter their rays, so `Integrator.sample` gets those of the model. All else is
-Mitsuba's: intersections, offsets of spawned rays, emitter sampling and, for native materials,
+Stock sensors jitter their rays, so `Integrator.sample` gets the rays of the model. Everything else
+is Mitsuba's: intersections, offsets of spawned rays, emitter sampling and, for native materials,
 BSDFs.
 
-- Where every surface is lit directly, the image is the sum of `direct` with each light alone (of
+- If every surface is lit directly only, the image is the sum of `direct` with each light alone (of
   several, the integrator would choose one at random) and of the directly visible background (`path`
   of depth 1).
-- Where every surface only reflects or refracts, it is `path`, which follows one branch a hit at
-  random.
+- If every surface only reflects or refracts, it is `path`, which follows one random branch per hit.
 
-Other scenes have no stock integrator: `path` adds light between diffuse surfaces, `direct` follows
-no reflections.
+Other scenes have no stock integrator: `path` adds light between diffuse surfaces, and `direct`
+follows no reflections.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from .scene import Built, load_shapes
 from .settings import Setting
 from .textures import Constant
 
-# Materials whose whole light comes from the lights, and those that only send rays on.
+# Materials that are lit by the lights only, and those that only reflect or refract rays.
 LIT = ("matte", "phong", "blinn_phong", "whitted")
 SPECULAR = ("mirror", "conductor", "dielectric", "thin_dielectric")
 
@@ -45,7 +44,7 @@ class Term:
 
 @dataclass
 class Image:
-    """Means and variances of one sample, (n, 3) float64, with what made them."""
+    """Means and variances of one sample, (n, 3) float64, with their origin."""
 
     mean: np.ndarray
     variance: np.ndarray
@@ -54,7 +53,7 @@ class Image:
 
 
 def why_not(document: Document) -> List[str]:
-    """What of a scene keeps Mitsuba's own integrators from rendering it."""
+    """The reasons why Mitsuba's own integrators cannot render a scene."""
     reasons: List[str] = []
     if any(shape.surface is not None for shape in document.shapes):
         reasons.append("shape: Mitsuba's own scene lacks the shapes that the driver intersects by itself")
@@ -101,10 +100,10 @@ def why_not(document: Document) -> List[str]:
 
 
 def check(document: Document) -> None:
-    """Refuses what Mitsuba's own integrators cannot render.
+    """Refuses scenes that Mitsuba's own integrators cannot render.
 
-    To be called before the scene is built: Dr.Jit records the code of all objects of the process,
-    so that a texture in Python that was only built would break the integrators too.
+    Call it before the scene is built. Dr.Jit records the code of all objects of the process, so a
+    Python texture that merely exists would break the integrators too.
     """
     reasons = why_not(document)
     if reasons:
@@ -112,9 +111,7 @@ def check(document: Document) -> None:
 
 
 def _is_python(texture: Any) -> bool:
-    """Whether the twin of a texture leaves Dr.Jit for NumPy, which code that is being recorded
-    cannot.
-    """
+    """Whether the twin of a texture uses NumPy, which code that Dr.Jit records cannot."""
     if isinstance(texture, Constant):
         return False
     return isinstance(texture, patterns.HOSTED) or not texture.mapping.usual() or getattr(texture, "folded", False)
@@ -127,7 +124,7 @@ def _lies_by_uv(texture: Any) -> bool:
 
 
 def _terms(built: Built) -> Tuple[str, List[Term]]:
-    """The name of the integrator that decides, and all terms."""
+    """The name of the integrator, and all terms."""
     document = built.document
     sky = [built.background] if max(document.lights.background) > 0 else []
     branches = any(document.materials[number].branches for number in document.used())
@@ -142,11 +139,11 @@ def _terms(built: Built) -> Tuple[str, List[Term]]:
 
 
 def render(built: Built, setting: Setting, repeats: int) -> Image:
-    """The image of a scene that `check` lets through."""
+    """The image of a scene that passes `check`."""
     document = built.document
     name, terms = _terms(built)
     if name == "direct":
-        # Nothing in it is random: lights are points, and each is sampled alone.
+        # Nothing in it is random: lights are points, and each is sampled separately.
         repeats = min(repeats, 2)
     loaded = []
     for term in terms:
@@ -168,7 +165,7 @@ def render(built: Built, setting: Setting, repeats: int) -> Image:
             squares[pixels] += value * value
     mean = total / repeats
     variance = np.maximum(squares - repeats * mean * mean, 0) / max(1, repeats - 1)
-    # What rounding leaves of equal values is no noise.
+    # A variance that comes from rounding equal values is no noise.
     variance[variance < 1e-12 * mean * mean] = 0
     return Image(mean, variance, repeats, name)
 

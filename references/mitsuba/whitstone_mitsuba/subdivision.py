@@ -1,5 +1,5 @@
-"""Loop's subdivision surfaces (model §9), by matrices: every level is one sparse linear map of the
-points; then displaced.
+"""Loop subdivision (model §9) by sparse matrices, one linear map of the points per level; then
+displacement.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ Heights = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 def loop(mesh: Triangles, levels: int, rise: Optional[Heights] = None) -> Triangles:
-    """The mesh after some levels, moved along its normals by `rise` (in metres), with normals."""
-    # -0 and 0 are one number.
+    """The mesh after some levels, displaced along its normals by `rise` (in metres), with normals.
+    """
+    # -0 and 0 are equal.
     points, point_of = np.unique(mesh.positions + 0.0, axis=0, return_inverse=True)
     faces = np.asarray(point_of).reshape(-1)[mesh.faces]
     real = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
@@ -41,7 +42,7 @@ def loop(mesh: Triangles, levels: int, rise: Optional[Heights] = None) -> Triang
 
 
 def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """At each point the sum over its triangles, not normalised."""
+    """The sum of triangle normals at each point, not normalised."""
     normals = np.zeros_like(points)
     a, b, c = (points[faces[:, corner]] for corner in range(3))
     across = np.cross(b - a, c - a)
@@ -51,8 +52,8 @@ def _normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _rises(points: np.ndarray, faces: np.ndarray, uvs: Optional[np.ndarray], rise: Heights) -> np.ndarray:
-    """(n, 3): how far each point moves, by the mean over the corners of triangles at it; `uvs` is
-    (triangles, 3, 2).
+    """(n, 3): displacement of each point, the mean over its triangle corners; `uvs` is (triangles,
+    3, 2).
     """
     normals = _normals(points, faces)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -65,23 +66,23 @@ def _rises(points: np.ndarray, faces: np.ndarray, uvs: Optional[np.ndarray], ris
 
 
 def _edges(faces: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """(edges, 2) ends, and (triangles, 3) numbers of the edges ab, bc, ca."""
+    """(edges, 2) end points, and (triangles, 3) indices of the edges ab, bc, ca."""
     sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     edges, of_side = np.unique(sides, axis=0, return_inverse=True)
     return edges, np.asarray(of_side).reshape(-1, 3)
 
 
 def _points(points: np.ndarray, faces: np.ndarray, edges: np.ndarray, of_side: np.ndarray) -> np.ndarray:
-    """Vertex points, then edge points."""
+    """The vertex points, then the edge points."""
     smooth = np.bincount(of_side.ravel(), minlength=len(edges)) == 2
-    # The sum of all that is opposite to an edge: of a smooth one, both.
+    # The sum of all vertices opposite an edge; a smooth edge has two.
     opposite = np.zeros((len(edges), 3))
     np.add.at(opposite, of_side.ravel(), points[np.roll(faces, 1, axis=1).ravel()])
     ends = points[edges[:, 0]] + points[edges[:, 1]]
     edge_points = np.where(smooth[:, None], 3 / 8 * ends + opposite / 8, ends / 2)
 
     def gather(chosen: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """For each point the sum of the other ends of some edges, and how many."""
+        """For each point the sum of the other end points of the chosen edges, and their number."""
         total = np.zeros_like(points)
         np.add.at(total, chosen[:, 0], points[chosen[:, 1]])
         np.add.at(total, chosen[:, 1], points[chosen[:, 0]])
@@ -98,7 +99,7 @@ def _points(points: np.ndarray, faces: np.ndarray, edges: np.ndarray, of_side: n
 
 
 def _split(faces: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Four triangles for each, side by side."""
+    """Four triangles for each, in sequence."""
     (a, b, c), (ab, bc, ca) = faces.T, edges.T
     four = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     return np.stack([np.stack(triangle, axis=1) for triangle in four], axis=1).reshape(-1, 3)

@@ -1,11 +1,12 @@
-"""Shapes that the driver intersects by itself, in float64: quadrics cut by planes, torus, flat
-shapes, closed meshes (model §9).
+"""Shapes that the driver intersects itself, in float64: clipped quadrics, torus, flat shapes,
+closed meshes (model §9).
 
-Rays come in world space. Each surface turns them into its own space with the inverse of its matrix,
-which keeps the ray parameter t. It answers with all its crossings along the whole line, also those
-behind the start: `csg` needs them. A ray that starts on a surface does so at t = 0 exactly: that
-root is divided out of the equation, so no rounding of the start can make it appear again. Sums are
-written out, term by term: matrix products of NumPy round differently in arrays of different sizes.
+Rays are given in world space. Each surface transforms them to its object space with the inverse of
+its matrix, which preserves the ray parameter t. It returns all its crossings along the whole line,
+including those behind the origin, which `csg` needs. A ray that starts on a surface does so at
+exactly t = 0. That root is divided out of the equation, so that rounding of the origin cannot make
+it reappear. Sums are written out term by term, because matrix products of NumPy round differently
+in arrays of different sizes.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ import numpy as np
 
 from . import polynomials
 
-# Three coordinates, an array each.
+# Three coordinates, one array each.
 Vector = Tuple[np.ndarray, np.ndarray, np.ndarray]
 
-# Pairs of rays and triangles that are examined together.
+# Number of pairs of rays and triangles that are processed together.
 PAIRS = 1 << 21
 
 
@@ -33,7 +34,7 @@ def cross(a: Sequence, b: Sequence) -> Vector:
 
 
 def turn(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The angle about the z axis as a part of a full turn, in [0, 1)."""
+    """The angle about the z axis as a fraction of a full turn, in [0, 1)."""
     phi = np.arctan2(y, x) / (2 * np.pi)
     phi = np.where(phi < 0, phi + 1, phi)
     return np.where(phi >= 1, 0.0, phi)
@@ -41,8 +42,8 @@ def turn(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Start:
-    """Where rays leave a surface: the code of the part of it, -1 for rays that start elsewhere, and
-    whether they go outside.
+    """For rays that leave a surface: the code of the part that they start on (-1 for other rays),
+    and whether they go outside.
     """
 
     code: np.ndarray
@@ -54,10 +55,9 @@ class Start:
 
 @dataclass
 class Crossings:
-    """Where lines cross a surface: (n, m) each, in no order; places that are not used have t = inf.
+    """Crossings of lines with a surface: (n, m) each, in no order; unused entries have t = inf.
 
-    `step` is 1 where the line goes inside, -1 where it goes outside. `code` names the part of the
-    surface.
+    `step` is 1 where the line enters, -1 where it leaves. `code` names the part of the surface.
     """
 
     t: np.ndarray
@@ -67,8 +67,8 @@ class Crossings:
 
 @dataclass
 class Points:
-    """The surface at some points, in world space: outward normals (not normalised), texture
-    coordinates, number of the primitive.
+    """Surface data at some points, in world space: outward normals (not normalised), texture
+    coordinates, primitive number.
     """
 
     n_g: Vector
@@ -79,19 +79,19 @@ class Points:
 
 
 class Surface:
-    """A surface at a place in the world. Closed ones have an inside, so a line crosses them inwards
-    and outwards by turns.
+    """A surface in world space. Closed ones have an inside, so lines enter and leave them
+    alternately.
     """
 
     closed = True
-    # How many parts have codes of their own: 0, 1, ...
+    # Number of parts with their own codes: 0, 1, ...
     codes = 1
 
     def __init__(self, matrix: np.ndarray) -> None:
         self.matrix, self.inverse = matrix, np.linalg.inv(matrix)
 
     def local(self, p: Vector, translate: bool = True) -> Vector:
-        """Points (or directions) of world space in the surface's own space."""
+        """Transforms points (or directions) from world space to object space."""
         rows = self.inverse
         moved = [dot(rows[axis, :3], p) for axis in range(3)]
         if translate:
@@ -99,46 +99,44 @@ class Surface:
         return moved[0], moved[1], moved[2]
 
     def outward(self, n: Vector) -> Vector:
-        """A normal of the surface's own space in world space: by the inverse transpose, so that
-        outside stays outside.
+        """Transforms a normal from object space to world space by the inverse transpose, so that it
+        still points outside.
         """
         columns = self.inverse[:3, :3].T
         return dot(columns[0], n), dot(columns[1], n), dot(columns[2], n)
 
     def bounds(self) -> Tuple[np.ndarray, float]:
-        """Centre and radius of a ball of world space around the surface; the radius may be
-        infinite.
-        """
+        """World-space centre and radius of a bounding sphere; the radius may be infinite."""
         centre, radius = self.own_bounds()
         size = np.linalg.svd(self.matrix[:3, :3], compute_uv=False)[0]
         return self.matrix[:3, :3] @ centre + self.matrix[:3, 3], float(size * radius * (1 + 1e-9))
 
     def own_bounds(self) -> Tuple[np.ndarray, float]:
-        """As `bounds`, in the surface's own space."""
+        """As `bounds`, in object space."""
         raise NotImplementedError
 
     def crossings(self, o: Vector, d: Vector, start: Start) -> Crossings:
-        """All crossings of lines of world space."""
+        """All crossings of lines in world space."""
         raise NotImplementedError
 
     def points(self, p: Vector, code: np.ndarray) -> Points:
-        """The surface at points of world space that lie on its parts `code`."""
+        """The surface at world-space points that lie on its parts `code`."""
         raise NotImplementedError
 
 
 def _middle(o: Vector, d: Vector, started: np.ndarray) -> np.ndarray:
-    """The parameter nearest to the origin of the space: crossings are computed from there. 0 where
+    """The parameter nearest to the origin of object space, from where crossings are computed. 0 if
     the ray starts on the surface.
     """
     return np.where(started, 0.0, -dot(o, d) / dot(d, d))
 
 
 class Cut(Surface):
-    """The set f <= 0 of a quadratic function, cut by planes n . p <= c. Without a function it is
-    what the planes leave of space.
+    """The set f <= 0 of a quadratic function, clipped by planes n . p <= c. Without a function, the
+    intersection of the half-spaces.
 
-    Its parts are the quadric (code 0) and the planes (from 1 on). If it is not closed, only the
-    quadric is there.
+    Its parts are the quadric (code 0) and the planes (from 1 on). If it is not closed, it consists
+    of the quadric only.
     """
 
     def __init__(self, matrix: np.ndarray, planes: Sequence[Tuple[Sequence[float], float]], closed: bool) -> None:
@@ -158,19 +156,20 @@ class Cut(Surface):
         return dot(a[0], p) + b[0], dot(a[1], p) + b[1], dot(a[2], p) + b[2]
 
     def _inside(self, o: Vector, d: Vector, start: Start) -> List[Tuple[np.ndarray, np.ndarray]]:
-        """The up to two intervals of the lines in which f <= 0."""
+        """The at most two intervals of each line where f <= 0."""
         c2 = dot(tuple(dot(row, d) for row in self.a), d)
         gradient = self.half_gradient(o)
         c1, c0 = dot(gradient, d), dot(gradient, o) + dot(self.b, o) + self.c
         here = start.code == 0
         c0 = np.where(here, 0.0, c0)
-        # f grows outwards: rounding of the start must not turn a ray that grazes the surface.
+        # f grows outwards: rounding of the origin must not flip the side of a ray that grazes the
+        # surface.
         c1 = np.where(here, np.where(start.outward, np.maximum(c1, 0.0), np.minimum(c1, 0.0)), c1)
         inner = c1 * c1 - c2 * c0
         with np.errstate(divide="ignore", invalid="ignore"):
             q = -(c1 + np.where(c1 < 0, -1.0, 1.0) * np.sqrt(np.maximum(inner, 0.0)))
             first, second = q / c2, np.where(q == 0, 0.0, c0 / q)
-        # The start is one of the two: exactly 0.
+        # One of the two roots is the start: exactly 0.
         other = np.where(c2 == 0, np.inf, -2 * c1 / np.where(c2 == 0, 1.0, c2))
         first, second = np.where(here, other, first), np.where(here, 0.0, second)
         low, high = np.minimum(first, second), np.maximum(first, second)
@@ -196,8 +195,8 @@ class Cut(Surface):
         middle = _middle(o, d, start.code >= 0)
         o = tuple(o[axis] + middle * d[axis] for axis in range(3))
         count = len(middle)
-        # What the planes leave of the line, and which of them end it; the first of several at one
-        # place.
+        # The interval inside all planes, and the planes that bound it; the first of several at one
+        # point.
         enter, leave = np.full(count, -np.inf), np.full(count, np.inf)
         enter_code, leave_code = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         for number, (normal, offset) in enumerate(self.planes):
@@ -216,7 +215,7 @@ class Cut(Surface):
         t, step, code = [], [], []
         for begin, end in intervals:
             if self.closed:
-                # At a rim the quadric counts.
+                # On the rim the quadric wins.
                 low, high = np.maximum(begin, enter), np.minimum(end, leave)
                 there = [low <= high, low <= high]
                 codes = [np.where(enter > begin, enter_code, 0), np.where(leave < end, leave_code, 0)]
@@ -242,7 +241,7 @@ class Cut(Surface):
                 n[axis] = np.where(flat, apex, gradient[axis])
         q = list(p)
         for number, (normal, offset) in enumerate(self.planes):
-            # Exactly on the plane: textures may have an edge there.
+            # Project onto the plane exactly: textures may have an edge there.
             away = dot(normal, p) - offset
             for axis in range(3):
                 n[axis] = np.where(code == number + 1, normal[axis], n[axis])
@@ -253,7 +252,7 @@ class Cut(Surface):
         return Points(outward, outward, u, v, primitive)
 
     def apex(self) -> Sequence[float]:
-        """The normal where the gradient is 0."""
+        """The normal at a point where the gradient is 0."""
         return 0.0, 0.0, 1.0
 
     def coordinates(self, p: Vector, code: np.ndarray, side: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -278,7 +277,7 @@ class Ball(Cut):
 
 class Round(Cut):
     """Cylinder, cone, paraboloid, hyperboloid: x² + y² <= a z² + 2 b z + c between two planes
-    across the z axis.
+    perpendicular to the z axis.
     """
 
     def __init__(self, matrix: np.ndarray, profile: Tuple[float, float, float], z: Sequence[float], caps: bool) -> None:
@@ -292,8 +291,8 @@ class Round(Cut):
         return 0.0, 0.0, -1.0 if self.radii[0] < self.radii[1] else 1.0
 
     def own_bounds(self) -> Tuple[np.ndarray, float]:
-        # Between the ends the radius is at most the larger one: profiles are convex, or straight,
-        # or open upwards.
+        # Between the ends the radius is at most the larger one: profiles are convex, straight or
+        # open upwards.
         return np.array([0.0, 0.0, 0.5 * (self.z[0] + self.z[1])]), float(np.hypot(max(self.radii), 0.5 * (self.z[1] - self.z[0])))
 
     def coordinates(self, p: Vector, code: np.ndarray, side: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -305,7 +304,7 @@ class Round(Cut):
 
 
 class Quadric(Cut):
-    """Any quadric in a box."""
+    """Any quadric, clipped by a box."""
 
     def __init__(self, matrix: np.ndarray, form: np.ndarray, box: np.ndarray, caps: bool) -> None:
         planes = []
@@ -342,7 +341,7 @@ class Box(Cut):
 
 
 class HalfSpace(Cut):
-    """What is below z = 0: a plane as an operand."""
+    """The half-space z < 0: a plane as an operand."""
 
     def __init__(self, matrix: np.ndarray) -> None:
         Cut.__init__(self, matrix, [((0.0, 0.0, 1.0), 0.0)], True)
@@ -402,7 +401,7 @@ class Torus(Surface):
         x, y, z = self.local(p)
         ring = np.sqrt(x * x + y * y)
         out = ring - 1.0
-        # From the circle in the middle of the tube; x/ring and y/ring are the direction to it.
+        # From the centre circle of the tube; x/ring and y/ring are the direction to it.
         n = self.outward((out * x / ring, out * y / ring, z))
         return Points(n, n, turn(x, y), turn(out, z), np.zeros(len(code), dtype=np.int64))
 
@@ -446,7 +445,7 @@ class Flat(Surface):
 
 
 class Polygon(Surface):
-    """What a closed line of edges in a plane encloses."""
+    """The region enclosed by a closed polyline in a plane."""
 
     closed = False
 
@@ -455,7 +454,7 @@ class Polygon(Surface):
         self.vertices, self.middle = vertices, vertices.mean(axis=0)
         self.normal = normal / np.linalg.norm(normal)
         size = np.abs(normal)
-        # The axis along which the normal is largest, the lowest of several.
+        # The axis along which the normal is largest; the lowest one wins ties.
         self.axis = int(np.flatnonzero(size >= size.max() * (1 - 1e-9))[0])
 
     def own_bounds(self) -> Tuple[np.ndarray, float]:
@@ -472,7 +471,7 @@ class Polygon(Surface):
         lanes = np.flatnonzero(np.isfinite(t))
         inside = np.zeros(len(lanes), dtype=bool)
         x, y = p[b][lanes], p[c][lanes]
-        # How often a line along x crosses the edges: an odd number inside.
+        # Number of edges that a half-line along x crosses: odd inside.
         for first, second in zip(self.vertices, np.roll(self.vertices, -1, axis=0)):
             if first[c] == second[c]:
                 continue
@@ -491,12 +490,10 @@ class Polygon(Surface):
 
 
 class ClosedMesh(Surface):
-    """A closed mesh as an operand: inside is where its triangles go around a point more often
-    outwards than inwards.
-    """
+    """A closed mesh as an operand: inside is where its winding number is positive."""
 
     def __init__(self, matrix: np.ndarray, corners: np.ndarray, uvs: np.ndarray, normals: Optional[np.ndarray]) -> None:
-        """Per triangle and corner: positions (n, 3, 3), texture coordinates (n, 3, 2), normals (n,
+        """Per triangle and vertex: positions (n, 3, 3), texture coordinates (n, 3, 2), normals (n,
         3, 3) in object space.
         """
         Surface.__init__(self, matrix)
@@ -514,7 +511,7 @@ class ClosedMesh(Surface):
         step = max(1, PAIRS // self.codes)
         found = [self._pairs([axis[first : first + step] for axis in (*o, *d)], first) for first in range(0, count, step)]
         lane, t, code, way = (np.concatenate([part[number] for part in found]) for number in range(4))
-        # The start is at 0; where rounding has lost it, nothing is to be done about it.
+        # The start is at 0; if rounding lost it, it cannot be recovered.
         t = np.where(start.code[lane] == code, 0.0, t)
         order = np.lexsort((code, t, lane))
         lane, t, code, way = lane[order], t[order], code[order], way[order]
@@ -527,9 +524,9 @@ class ClosedMesh(Surface):
     def _pairs(self, rays: List[np.ndarray], first: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(ray, t, triangle, step) of all crossings of some rays."""
         o, d = [axis[:, None] for axis in rays[:3]], [axis[:, None] for axis in rays[3:]]
-        # Corners from the start of the ray, sheared along its direction: the ray is the axis then.
-        # Two triangles at an edge compute the same numbers of it, so none of them loses a ray to
-        # the other.
+        # Vertices relative to the ray origin, sheared along its direction, so that the ray is the
+        # axis. Two triangles that share an edge compute the same numbers for it, so no ray slips
+        # between them.
         longest = np.argmax(np.abs(np.column_stack(rays[3:])), axis=1)[:, None]
 
         def along(vector: List[np.ndarray], offset: int) -> np.ndarray:
@@ -567,7 +564,7 @@ class ClosedMesh(Surface):
         n_s = n_g
         if self.normals is not None:
             n = (weight * self.normals[code]).sum(axis=1)
-            # Where there is no normal, it is that of the triangle.
+            # If there is no normal, use that of the triangle.
             n = np.where((n == 0).all(axis=1)[:, None], across, n)
             n_s = self.outward((n[:, 0], n[:, 1], n[:, 2]))
         return Points(n_g, n_s, uv[:, 0], uv[:, 1], code)

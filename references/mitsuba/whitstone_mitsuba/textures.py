@@ -1,9 +1,9 @@
 """Textures (model §10): constant, checker and image with their native Mitsuba twins; those of
 `patterns` are formulas.
 
-`read` gives a small value that knows its range (to check against the material that uses it) and how
-to build the twin. Coordinates are the model's, v up; what Mitsuba has otherwise (v down in bitmaps)
-goes into the twin's `to_uv`.
+`read` returns a small object that knows its range of values (to check it against the material that
+uses it) and how to build the twin. Coordinates are the model's, v up; differences (v down in
+bitmaps) go into the twin's `to_uv`.
 """
 
 from __future__ import annotations
@@ -26,20 +26,22 @@ def _to_uv(scale: Vector, offset: Vector) -> "mi.ScalarTransform3f":
 
 
 def _mapped(texture: "mi.Texture", mapping: mappings.Mapping) -> "mi.Texture":
-    """The texture itself where it lies by (u, v)."""
+    """The texture itself if it is mapped by (u, v), otherwise wrapped in its mapping."""
     return texture if mapping.usual() else mappings.Mapped(texture, mapping)
 
 
 def _color(value: Vector) -> Dict[str, Any]:
-    """A colour without an upper limit (Mitsuba's plain `rgb` refuses more than 1 where it expects a
-    reflectance).
+    """A colour without an upper limit. (Mitsuba's plain `rgb` refuses more than 1 where it expects
+    a reflectance.)
     """
     return {"type": "srgb", "color": mi.ScalarColor3f(*value), "unbounded": True}
 
 
 @dataclass(frozen=True)
 class Constant:
-    """The same colour everywhere. Twin: `srgb` (what Mitsuba makes of `rgb` in an RGB variant)."""
+    """The same colour everywhere. Twin: `srgb` (which is how Mitsuba reads `rgb` in an RGB
+    variant).
+    """
 
     value: Vector
 
@@ -84,27 +86,27 @@ class Image:
     scale: Vector
     offset: Vector
     mapping: mappings.Mapping
-    # Whether it is not a file as it is, but quilted in Python.
+    # Whether it is quilted in Python instead of a plain file.
     quilted: bool = False
-    # Of the filter "ewa".
+    # For the filter "ewa".
     max_anisotropy: int = 16
 
     @property
     def covers(self) -> bool:
-        """Whether it shows a mean over the footprint."""
+        """Whether it is filtered over the footprint."""
         return self.filter in footprints.FILTERS
 
     @property
     def folded(self) -> bool:
-        """Whether its axes are wrapped by different rules."""
+        """Whether its axes have different wrap modes."""
         return self.wrap[0] != self.wrap[1]
 
     def range(self) -> Tuple[float, float]:
         return float(self.pixels.min()), float(self.pixels.max())
 
     def precise(self, uv: np.ndarray) -> np.ndarray:
-        """(n, 3) colours at (n, 2) coordinates by the formulas of §10, in double precision. The
-        mapping plays no part.
+        """(n, 3) colours at (n, 2) coordinates by the formulas of §10, in double precision, without
+        the mapping.
         """
         height, width = self.pixels.shape[:2]
         place = uv * np.array(self.scale) + np.array(self.offset)
@@ -126,8 +128,8 @@ class Image:
     def build(self) -> "mi.Texture":
         if self.covers:
             return pyramid.Filtered(self)
-        # A bitmap has one rule for both axes. The one that needs the other end of the picture is
-        # Mitsuba's; the other axis is folded before.
+        # A bitmap has one wrap mode for both axes. Mitsuba handles the axis that needs the opposite
+        # end of the image; the other axis is folded before the lookup.
         to_uv = _to_uv((self.scale[0], -self.scale[1]), (self.offset[0], 1 - self.offset[1]))
         bitmap = mi.load_dict(
             {
@@ -143,7 +145,7 @@ class Image:
 
 
 def _wrapped(index: np.ndarray, count: int, rule: str) -> np.ndarray:
-    """The texel that stands for one which may lie beyond the picture."""
+    """The texel for an index that may lie outside of the image."""
     if rule == "repeat":
         index = index % count
     elif rule == "mirror":
@@ -153,7 +155,7 @@ def _wrapped(index: np.ndarray, count: int, rule: str) -> np.ndarray:
 
 
 class Folded(mi.Texture):
-    """A bitmap of Mitsuba's, each axis of which is wrapped by its own rule; all but repeat are done
+    """A Mitsuba bitmap with a separate wrap mode for each axis; all modes except repeat are applied
     here.
     """
 
@@ -171,7 +173,7 @@ class Folded(mi.Texture):
             if image.wrap[axis] == "mirror":
                 x = 1 - np.abs(x % 2 - 1)
             if image.wrap[axis] != "repeat":
-                # Beyond the middle of the last texel it stays the same, as it does next to its
+                # Beyond the centre of the last texel the value is constant, as it is next to a
                 # mirror image.
                 x = np.clip(x, 0.5 / count, 1 - 0.5 / count)
             places.append(x)
@@ -184,7 +186,7 @@ class Folded(mi.Texture):
 
 
 class Textures:
-    """Reads texture values, resolving names of shared ones; each shared texture is read once."""
+    """Reads texture values and resolves names of shared ones; each shared texture is read once."""
 
     def __init__(self, shared: Dict[str, Any], base: Folder, errors: List[str], unsupported: List[str]) -> None:
         self._tables = shared
@@ -196,10 +198,10 @@ class Textures:
             self._read[name] = self._table(table, f"texture.{name}")
 
     def value(self, fields: Fields, key: str, default: Any, low: float, high: float) -> Any:
-        """The texture under `key`: a number, a colour, a name or an inline table; its values within
+        """The texture under `key`: a number, a colour, a name or an inline table, with values in
         [low, high].
 
-        Of textures that vary only the lower end is checked: the model leaves the upper one open
+        For varying textures only the lower bound is checked: the model leaves the upper one open
         (§8).
         """
         raw = fields.take(key, default)
@@ -241,7 +243,7 @@ class Textures:
 
 
 def _pair(fields: Fields, key: str, default: Vector, number_allowed: bool) -> Vector:
-    """Two numbers; one number means both, where the model says so."""
+    """Two numbers; a single number stands for both, where the model allows it."""
     raw = fields.take(key, default)
     if number_allowed and is_number(raw):
         return (float(raw), float(raw))
@@ -249,7 +251,7 @@ def _pair(fields: Fields, key: str, default: Vector, number_allowed: bool) -> Ve
 
 
 def _filter(fields: Fields) -> Tuple[str, int]:
-    """The filter of a picture, and the bound on its anisotropy."""
+    """The filter of an image, and its maximum anisotropy."""
     found = fields.choice("filter", "bilinear", ("bilinear", "nearest", *footprints.FILTERS))
     if fields.has("max_anisotropy") and found != "ewa":
         fields.error("max_anisotropy", 'only the filter "ewa" has this key')
@@ -260,7 +262,7 @@ WRAPS = ("repeat", "clamp", "mirror")
 
 
 def _wrap(fields: Fields) -> Tuple[str, str]:
-    """One word for both axes, or two."""
+    """One wrap mode for both axes, or one for each."""
     value = fields.take("wrap", "repeat")
     pair = value if isinstance(value, list) else [value, value]
     if len(pair) != 2 or not all(word in WRAPS for word in pair):
@@ -305,7 +307,7 @@ def _image(fields: Fields, base: Folder) -> Any:
 
 
 def _optimize(fields: Fields) -> Tuple[int, int]:
-    """Side of the neighbourhoods and number of iterations; 0 where nothing is done."""
+    """Side length of the neighbourhoods, and number of iterations; 0 if it is disabled."""
     if not fields.has("optimize"):
         return 0, 0
     inner = Fields(fields.take("optimize"), f"{fields.where}.optimize", fields.errors)

@@ -1,4 +1,5 @@
-"""Warm run times of the driver and of Mitsuba's C++ `path` on the same scene (op `time`)."""
+"""Run times after warm-up of the driver and of Mitsuba's C++ `path` on the same scene (op `time`).
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from .settings import Setting
 
 
 def _median(repeats: int, run: Callable[[], Any]) -> float:
-    """Median seconds of `run`, after one run that does not count (it compiles)."""
+    """Median seconds of `run`, after one warm-up run (which compiles)."""
     seconds = []
     for number in range(repeats + 1):
         begin = time.perf_counter()

@@ -1,5 +1,4 @@
-"""Transforms as the document writes them: a list of steps, applied in the order written (model §9),
-in float64.
+"""Transforms of the document: a list of steps, applied in the order written (model §9), in float64.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ def _step(value: Any, where: str, errors: List[str]) -> np.ndarray:
 
 
 def read(value: Any, where: str, errors: List[str]) -> np.ndarray:
-    """`world_from_object` as a 4x4 matrix (float64); the identity where `value` is None."""
+    """`world_from_object` as a 4x4 matrix (float64); the identity if `value` is None."""
     matrix = np.eye(4)
     if value is None:
         return matrix
@@ -87,13 +86,13 @@ def alike(columns: np.ndarray) -> bool:
 
 
 def similarity_scale(matrix: np.ndarray) -> Optional[float]:
-    """The scale of a similarity (rotation or reflection, times one positive number), or None where
-    it is not one.
+    """The scale of a similarity (rotation or reflection, times a positive number), or None for
+    other transforms.
     """
     linear = matrix[:3, :3]
     return float(np.linalg.norm(linear[:, 0])) if alike(linear) else None
 
 
 def mirrors(matrix: np.ndarray) -> bool:
-    """Whether the transform changes left and right."""
+    """Whether the transform swaps left and right."""
     return bool(np.linalg.det(matrix[:3, :3]) < 0)

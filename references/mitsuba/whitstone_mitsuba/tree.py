@@ -22,8 +22,8 @@ def _find(lanes: np.ndarray, lane: int) -> Optional[int]:
 
 
 def _lights(tracer: Tracer, level: Level, lane: int) -> List[Dict[str, Any]]:
-    """Contributions of the lights to the local term, by their number in the document (a background
-    is no light here).
+    """Contributions of the lights to the local term, by their number in the document (backgrounds
+    are not lights here).
     """
     found: List[Dict[str, Any]] = []
     for lanes, index, visible, value in level.lamps:
@@ -56,8 +56,8 @@ def grow(built: Built, setting: Setting, x: int, y: int, sample: int) -> List[Di
     rays = tracer.camera_rays(np.array([x]), np.array([y]), one, document.samples.only(sample))
     tracer.trace(rays, 0)
     nodes: List[Dict[str, Any]] = []
-    # An explicit stack: a path can be longer than Python recurses. (depth, lane, path) or a
-    # finished leaf.
+    # An explicit stack, since a path can be longer than Python's recursion limit. Entries are
+    # (depth, lane, path) or a finished leaf.
     stack: List[Any] = [(0, 0, "")]
     while stack:
         top = stack.pop()

@@ -1,8 +1,7 @@
-"""Twins of plugins from outside: Python files that `serve --twin FILE` runs before the first
-request.
+"""Twins of out-of-tree plugins: Python files that `serve --twin FILE` runs before the first request.
 
-A file gives the reader of a type by a decorator; it gets the keys of the table (`Fields`) and must
-use all that it allows:
+A file registers the reader of a type with a decorator. The reader gets the keys of the table
+(`Fields`) and must take every key that it allows:
 
     from whitstone_mitsuba import twins
     from whitstone_mitsuba.surfaces import Surface
@@ -11,8 +10,8 @@ use all that it allows:
     def read(fields, place, base):
         return Superquadric(place.world, fields.vector("radii", (1, 1, 1)))
 
-A twin is written from what its plugin promises, by another method than the plugin's: two copies of
-one mistake agree.
+Write a twin from the specification of its plugin, and use another method than the plugin: two
+copies of the same mistake agree.
 """
 
 from __future__ import annotations
@@ -36,7 +35,9 @@ def _add(readers: Dict[str, Any], family: str, kind: str, reader: Reader) -> Non
 
 
 def shape(kind: str) -> Callable[[Reader], Reader]:
-    """Of a reader `(fields, place, base) -> surfaces.Surface`, in world space by `place.world`."""
+    """Registers a reader `(fields, place, base) -> surfaces.Surface`, in world space by
+    `place.world`.
+    """
 
     def add(reader: Reader) -> Reader:
         def read(fields: Any, place: Any, base: Any) -> Tuple[Any, str]:
@@ -49,7 +50,7 @@ def shape(kind: str) -> Callable[[Reader], Reader]:
 
 
 def material(kind: str) -> Callable[[Reader], Reader]:
-    """Of a reader `(fields, textures) -> materials.Material`."""
+    """Registers a reader `(fields, textures) -> materials.Material`."""
 
     def add(reader: Reader) -> Reader:
         _add(materials.READERS, "material", kind, reader)
@@ -59,8 +60,8 @@ def material(kind: str) -> Callable[[Reader], Reader]:
 
 
 def texture(kind: str) -> Callable[[Reader], Reader]:
-    """Of a reader `(fields, base)` that returns an object with `range()` and `build()`, such as
-    `textures.Constant`.
+    """Registers a reader `(fields, base)` that returns an object with `range()` and `build()`, such
+    as `textures.Constant`.
     """
 
     def add(reader: Reader) -> Reader:
@@ -71,7 +72,7 @@ def texture(kind: str) -> Callable[[Reader], Reader]:
 
 
 def light(kind: str) -> Callable[[Reader], Reader]:
-    """Of a reader `(fields, index) -> lights.Lamp`."""
+    """Registers a reader `(fields, index) -> lights.Lamp`."""
 
     def add(reader: Reader) -> Reader:
         _add(lights.LAMPS, "light", kind, reader)
@@ -81,7 +82,7 @@ def light(kind: str) -> Callable[[Reader], Reader]:
 
 
 def load(paths: Sequence[str]) -> None:
-    """Runs the files. Raises `DriverError` with the file's name where one cannot be run."""
+    """Runs the files. Raises `DriverError` with the file's name if one cannot be run."""
     for number, path in enumerate(paths):
         name = f"whitstone_twin_{number}_{os.path.splitext(os.path.basename(path))[0]}"
         spec = importlib.util.spec_from_file_location(name, path)
@@ -89,5 +90,5 @@ def load(paths: Sequence[str]) -> None:
             raise DriverError(f"{path}: a twin is a Python file")
         try:
             spec.loader.exec_module(importlib.util.module_from_spec(spec))
-        except Exception as error:  # whatever a stranger's file raises
+        except Exception as error:  # anything that an out-of-tree file may raise
             raise DriverError(f"the twin {path} cannot be used: {type(error).__name__}: {error}") from error

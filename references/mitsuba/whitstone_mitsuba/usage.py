@@ -1,4 +1,4 @@
-"""What the system says of this process's memory."""
+"""Memory usage of this process, as the system reports it."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from typing import Optional
 
 
 class Memory:
-    """How much the process grows from here on, at its highest."""
+    """Peak growth of the process from here on."""
 
     def __init__(self) -> None:
         try:
             with open("/proc/self/clear_refs", "w", encoding="ascii") as file:
-                file.write("5")  # the highest so far is forgotten
+                file.write("5")  # resets the recorded peak
         except OSError:
             self._before: Optional[int] = None
         else:
             self._before = _status("VmRSS:")
 
     def grown(self) -> Optional[int]:
-        """Bytes; None where the system does not tell."""
+        """Growth in bytes; None if the system does not report it."""
         highest = _status("VmHWM:")
         return None if self._before is None or highest is None else max(0, highest - self._before)
 

@@ -1,8 +1,8 @@
-"""What only POV-Ray itself can find out about a scene: where the glass is.
+"""Checks that only POV-Ray itself can do: where the transparent shapes are.
 
-POV-Ray keeps a list of the media that a ray is in, the model takes each surface at its word. The
-two agree unless transparent shapes overlap or touch, or the camera is inside one. A program in
-POV-Ray's language looks for that before the scene is rendered, and stops with an error.
+POV-Ray keeps a list of the media that a ray is in; the model uses the indices of each surface as
+given. The two agree unless transparent shapes overlap or touch, or the camera is inside one. A
+program in POV-Ray's language checks this before the scene is rendered, and stops with an error.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import List
 
-# Rays along each axis through what the bounding boxes of two bodies have in common, each way.
+# Rays along each axis through the intersection of the bounding boxes of two bodies, in each
+# direction.
 RAYS = 24
 
-# How the program says that something is wrong: this, and the number of a comment in it that says
-# what.
+# Prefix of the program's error messages; the number of the comment with the explanation follows.
 MARK = "WHITSTONE-"
 
 _MACROS = """
@@ -78,7 +78,7 @@ _PAIRS = """
 
 @dataclass(frozen=True)
 class Body:
-    """A placed object that light enters: the place of its table, its name, and where it stands."""
+    """A placed object that light can enter: position of its table, its name, and its transform."""
 
     where: str
     name: str
@@ -86,7 +86,7 @@ class Body:
 
 
 def program(head: str, declarations: List[str], bodies: List[Body], origins: str) -> str:
-    """Empty where there is nothing to find out."""
+    """The program; empty if there is nothing to check."""
     if not bodies:
         return ""
     inside = "POV-Ray does not refract where the camera is inside of what refracts"

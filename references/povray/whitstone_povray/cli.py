@@ -1,5 +1,5 @@
-"""The same operations as commands for people:
-`python -m whitstone_povray render SCENE.toml -o OUT.exr` and so on.
+"""The operations on the command line: `python -m whitstone_povray render SCENE.toml -o OUT.exr` and
+so on.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit codes as everywhere in Whitstone: 0 done, 2 the scene or the request is wrong, 3 this
-    machine cannot.
+    """Exit codes as everywhere in Whitstone: 0 success, 2 invalid scene or request, 3 this machine
+    cannot run it.
     """
     arguments = _parser().parse_args(argv)
     if arguments.op == "serve":

@@ -1,5 +1,5 @@
-"""The scene document (flattened TOML) as a scene of POV-Ray, following `docs/whitted-model.md` and
-nothing else.
+"""Translates the scene document (flattened TOML) to a POV-Ray scene, following
+`docs/whitted-model.md` only.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from .textures import Library
 TABLES = ("film", "camera", "sampler", "integrator", "accelerator", "light", "texture", "material", "group", "shape", "expect")
 # POV-Ray's own limit on `max_trace_level`.
 MAX_LEVEL = 256
-# Groups may be nested so deep (model §9).
+# Upper bound on the nesting depth of groups (model §9).
 MAX_NESTING = 16
-# More copies than this are no work for one scene file.
+# Upper bound on the shape instances in one scene file.
 MAX_COPIES = 20000
 
 
@@ -31,20 +31,20 @@ class Document:
 
     width: int
     height: int
-    # Positions inside the pixel, x to the right, y down, and numbers of points of the lens.
+    # Positions inside the pixel, x to the right, y down, and indices of lens samples.
     samples: List[Tuple[float, float, int]]
     camera: cameras.Camera
     setting: Setting
     head: str
     body: str
-    # What POV-Ray's own model lacks, by plugin: (type, reason).
+    # Plugins that are composed of POV-Ray features by formula: (type, reason).
     formulas: List[Tuple[str, str]]
-    # What only POV-Ray can find out about this scene: a program to be run once, or nothing.
+    # A program with the checks that only POV-Ray can do, to be run once; may be empty.
     check: str
 
     def write(self, sample: Tuple[float, float, int]) -> str:
-        """In POV-Ray's scene language, through one position in every pixel and one point of the
-        lens. POV-Ray looks through the middle by itself.
+        """The scene in POV-Ray's language, for one position in every pixel and one lens sample.
+        POV-Ray itself samples the pixel centre.
         """
         dx, dy = sample[0] - 0.5 + self.setting.dx, sample[1] - 0.5 + self.setting.dy
         return "\n".join([self.head, self.camera.write(self.setting, dx, dy, sample[2]), self.body, ""])
@@ -52,7 +52,7 @@ class Document:
 
 @dataclass
 class _Scene:
-    """Gathers objects while the shapes are walked through."""
+    """Collects objects while the shapes are traversed."""
 
     context: Context
     materials: Materials
@@ -61,14 +61,14 @@ class _Scene:
     declarations: List[str] = field(default_factory=list)
     objects: List[str] = field(default_factory=list)
     used: List[Material] = field(default_factory=list)
-    # By the place of a shape's table: its name, its twin, its material. Copies share them.
+    # By position of a shape's table: its name, its twin, its material. Instances share them.
     known: Dict[str, Optional[Tuple[str, Solid, Material]]] = field(default_factory=dict)
     open: List[str] = field(default_factory=list)
-    # Placed objects that light enters.
+    # Placed objects that light can enter.
     entered: List[checks.Body] = field(default_factory=list)
 
     def walk(self, tables: Any, where: str, around: transforms.Matrix) -> None:
-        """The shapes of one list."""
+        """Adds the shapes of one list."""
         if not isinstance(tables, list):
             self.context.errors.append(f"{where}shape: expected an array of tables")
             return
@@ -98,10 +98,10 @@ class _Scene:
         if material.transparent and not solid.closed:
             fields.unsupported("POV-Ray has no twin of what light enters and leaves through a shape that is not closed, or inside out")
         if material.branches and solid.smooth:
-            # The model drops a branch that leaves for the wrong side of the surface (rule G).
+            # The model drops a branch to the wrong side of the surface (rule G).
             fields.unsupported("POV-Ray bends reflections back that interpolated normals send into the surface; the model drops them")
         if solid.smooth and not (self.shadows and solid.closed):
-            # With shadows a closed surface itself is in the way of such light (rule G).
+            # With shadows, a closed surface blocks such light itself (rule G).
             fields.unsupported("POV-Ray lights by interpolated normals even from behind the surface; the model does not")
         if solid.matrix is None:
             solid = replace(solid, matrix=own)
@@ -114,7 +114,7 @@ class _Scene:
         return name, solid, material
 
     def put(self, name: str, solid: Solid, material: Material, around: transforms.Matrix, place: str) -> None:
-        """An instance of a shape; `place` is that of its table."""
+        """Adds an instance of a shape; `place` is the position of its table."""
         scale = self.context.setting.scale
         moves = " ".join(transforms.write(matrix, scale) for matrix in (solid.matrix or transforms.IDENTITY, around))
         dark = not self.shadows or material.transparent
@@ -130,7 +130,7 @@ class _Scene:
             raise Unsupported(f"shape: POV-Ray has no twin of more than {MAX_COPIES} copies of shapes")
 
     def instance(self, fields: Fields, around: transforms.Matrix) -> None:
-        """The shapes of a group, placed."""
+        """Adds an instance of the shapes of a group."""
         fields.take("type")
         fields.text("id")
         own = transforms.read(fields.take("transform"), f"{fields.where}.transform", self.context)
@@ -176,7 +176,7 @@ def _sampler(table: Any, context: Context) -> List[Tuple[float, float]]:
 class _Integrator:
     level: int
     shadows: bool
-    # Whether what lies beyond the depth limit shows the background.
+    # Whether the background shows beyond the depth limit.
     limit_shown: bool
 
 
@@ -207,8 +207,8 @@ def _integrator(table: Any, context: Context) -> _Integrator:
 
 
 def _check_media(used: List[Material], context: Context) -> None:
-    """In a ray that leaves one object for another around it, POV-Ray 3.7 takes their relative index
-    for 1 in Fresnel's formula.
+    """Refuses nested media. If a ray leaves one object for an enclosing one, POV-Ray 3.7 computes
+    the Fresnel reflectance for a relative index of 1.
     """
     outsides = sorted({material.outside for material in used if material.outside is not None})
     if len(outsides) > 1:
@@ -218,7 +218,8 @@ def _check_media(used: List[Material], context: Context) -> None:
 
 
 def _formulas(root: Dict[str, Any]) -> List[Tuple[str, str]]:
-    """What is built of POV-Ray's parts by formula, because its own differs."""
+    """The plugins that are composed of POV-Ray features by formula, because POV-Ray's own differ.
+    """
     found = []
     kinds = [light.get("type") for light in root.get("light", []) if isinstance(light, dict)]
     if "spot" in kinds:
@@ -231,7 +232,7 @@ def _formulas(root: Dict[str, Any]) -> List[Tuple[str, str]]:
 
 
 def parse(text: str, base: str, setting: Setting, channel: Optional[int] = None) -> Document:
-    """Reads a document. Raises `SceneError` with every problem, `Unsupported` where only twins are
+    """Reads a document. Raises `SceneError` with every problem, or `Unsupported` if only twins are
     missing.
     """
     try:

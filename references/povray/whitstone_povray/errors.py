@@ -10,20 +10,20 @@ class DriverError(Exception):
 
 
 class SceneError(DriverError):
-    """The document is wrong: the text lists every problem found, one a line."""
+    """The document is invalid: the text lists every problem, one per line."""
 
     kind = "scene"
 
 
 class Unsupported(DriverError):
-    """The document may be right, but POV-Ray cannot show something in it: one a line, each led by
-    its place.
+    """The document may be valid, but POV-Ray cannot render something in it: one problem per line,
+    each preceded by its position.
     """
 
     kind = "unsupported"
 
 
 class NeedsChannels(Exception):
-    """POV-Ray has a number where the model has a colour: the scene must be rendered once for red,
-    green and blue each.
+    """POV-Ray has a number where the model has a colour: red, green and blue must be rendered
+    separately.
     """

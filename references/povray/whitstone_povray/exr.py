@@ -19,7 +19,7 @@ def _attribute(name: str, kind: str, value: bytes) -> bytes:
 
 
 def _compress(raw: bytes) -> bytes:
-    """Even bytes before odd ones, differences, deflate; as it was where that does not help."""
+    """Even bytes before odd ones, differences, deflate; uncompressed if that is not smaller."""
     data = raw[0::2] + raw[1::2]
     differences = data[:1] + bytes((b - a + 128) & 255 for a, b in zip(data, data[1:]))
     packed = zlib.compress(differences, 4)
@@ -60,12 +60,14 @@ def encode(rows: List[List[Sequence[float]]]) -> bytes:
 
 
 def write(path: str, rows: List[List[Sequence[float]]]) -> None:
-    """Through a temporary file in the same folder, so that nobody ever sees half an image."""
+    """Writes to a temporary file in the same folder and renames it, so that no reader sees an
+    incomplete image.
+    """
     handle, temporary = tempfile.mkstemp(prefix=".whitstone-", suffix=".exr", dir=os.path.dirname(os.path.abspath(path)))
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(encode(rows))
-        # mkstemp makes files that only their owner can read; an image is like any other file.
+        # mkstemp restricts access to the owner; an image gets the usual permissions.
         mask = os.umask(0)
         os.umask(mask)
         os.chmod(temporary, 0o666 & ~mask)

@@ -1,4 +1,4 @@
-"""One table of the document, read strictly: a key that no one takes is an error, since its effect
+"""Strict reader of a table of the document: a key that is not taken is an error, since its effect
 would be missing from the twin.
 """
 
@@ -18,30 +18,30 @@ REQUIRED: Any = object()
 
 @dataclass
 class Context:
-    """What all readers of one document share."""
+    """State shared by all readers of a document."""
 
     base: str
     setting: Setting
-    # Of red, green, blue: the only one that is rendered; None for all at once.
+    # The only colour channel to render (red, green or blue); None for all at once.
     channel: Optional[int] = None
     errors: List[str] = field(default_factory=list)
-    # Each led by the place in the document, as `shape[3]: ...`.
+    # Each preceded by the position in the document, as `shape[3]: ...`.
     unsupported: List[str] = field(default_factory=list)
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
-    """Text for an unknown name."""
+    """The hint for an unknown name."""
     close = difflib.get_close_matches(name, known, 1)
     return (f"did you mean {close[0]!r}? " if close else "") + f"known: {', '.join(sorted(known))}"
 
 
 def is_number(value: Any) -> bool:
-    """A finite number, which TOML's booleans are not."""
+    """A finite number; TOML's booleans do not count."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 class Fields:
-    """The keys of one table; `where` is its place in the document."""
+    """The keys of one table; `where` is its position in the document."""
 
     def __init__(self, table: Any, where: str, context: Context) -> None:
         self.where = where
@@ -53,19 +53,19 @@ class Fields:
         self._table = table
 
     def error(self, key: str, text: str) -> None:
-        """The document is wrong."""
+        """Records that the document is invalid."""
         self.context.errors.append(f"{self.where}.{key}: {text}" if key else f"{self.where}: {text}")
 
     def unsupported(self, text: str, key: str = "") -> None:
-        """The document may be right, but has no twin."""
+        """Records that something in the document has no twin."""
         self.context.unsupported.append(f"{self.where}.{key}: {text}" if key else f"{self.where}: {text}")
 
     def has(self, key: str) -> bool:
-        """Whether the document gives it."""
+        """Whether the document contains the key."""
         return key in self._table
 
     def take(self, key: str, default: Any = None) -> Any:
-        """The value as it is written."""
+        """The raw value, marked as read."""
         self._taken.append(key)
         if key in self._table:
             return self._table[key]
@@ -75,13 +75,13 @@ class Fields:
         return default
 
     def close(self) -> None:
-        """Complains of what no one took."""
+        """Reports keys that were not taken."""
         for key in self._table:
             if key not in self._taken:
                 self.error(key, f"unknown key; {nearest(key, self._taken)}")
 
     def _checked(self, key: str, default: Any, good: Callable[[Any], bool], expected: str, stand_in: Any) -> Any:
-        """A value that passes, or one that does no harm until the document is refused."""
+        """A valid value, or a harmless default until the document is refused."""
         value = self.take(key, default)
         if value is None and (default is None or default is REQUIRED):
             return stand_in
@@ -106,22 +106,22 @@ class Fields:
         return self._checked(key, default, lambda value: isinstance(value, bool), "true or false", default)
 
     def choice(self, key: str, default: str, words: Sequence[str]) -> str:
-        """One of some words."""
+        """One of the given words."""
         return self._checked(key, default, lambda value: value in words, f"one of {', '.join(words)}", words[0])
 
     def text(self, key: str, default: Any = None) -> str:
-        """A text; empty where there is none."""
+        """A string; empty if it is missing."""
         return self._checked(key, default, lambda value: isinstance(value, str) and value != "", "a text", "")
 
     def vector(self, key: str, default: Any, size: int = 3) -> Vector:
-        """So many finite numbers."""
+        """An array of `size` finite numbers."""
         def good(value: Any) -> bool:
             return isinstance(value, (list, tuple)) and len(value) == size and all(map(is_number, value))
 
         return tuple(float(number) for number in self._checked(key, default, good, f"{size} finite numbers", (1.0,) * size))
 
     def vectors(self, key: str, count: int, size: int) -> Optional[List[Vector]]:
-        """`count` of them, or None where the key is absent."""
+        """`count` vectors, or None if the key is missing."""
         def good(value: Any) -> bool:
             rows = isinstance(value, list) and len(value) == count
             return rows and all(isinstance(row, list) and len(row) == size and all(map(is_number, row)) for row in value)
@@ -130,7 +130,9 @@ class Fields:
         return None if rows is None else [tuple(float(number) for number in row) for row in rows]
 
     def color(self, key: str, default: Any, high: float = math.inf) -> Vector:
-        """A colour from 0 to `high`: of all channels, or three times the one that is rendered."""
+        """A colour in [0, `high`]: all channels, or the channel that is rendered, repeated three
+        times.
+        """
         found = self._checked(key, default, lambda value: as_color(value) is not None, "a number or three", 0.0)
         color = as_color(found) or (0.0, 0.0, 0.0)
         if not all(0 <= component <= high for component in color):
@@ -138,12 +140,12 @@ class Fields:
         return self.seen(color)
 
     def seen(self, color: Vector) -> Vector:
-        """A colour as it takes part in this rendering."""
+        """A colour as this rendering uses it."""
         channel = self.context.channel
         return color if channel is None else (color[channel],) * 3
 
     def path(self, key: str) -> str:
-        """Where a file lies."""
+        """The path of a file."""
         return os.path.join(self.context.base, self.text(key, REQUIRED))
 
 

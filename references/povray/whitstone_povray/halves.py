@@ -1,5 +1,5 @@
-"""Reads the OpenEXR files that POV-Ray writes: scan lines, ZIP, half floats R, G, B; and what a
-half says about the value before.
+"""Reads the OpenEXR files that POV-Ray writes (scan lines, ZIP, half floats R, G, B), and the range
+of values that round to a half float.
 
 Source: the OpenEXR file layout, https://openexr.com/en/latest/OpenEXRFileLayout.html.
 """
@@ -15,14 +15,14 @@ from typing import Dict, List, Sequence, Tuple
 from .errors import DriverError
 
 Color = Tuple[float, float, float]
-# Left, top, right, bottom in pixels; right and bottom are outside.
+# Left, top, right, bottom in pixels; right and bottom are exclusive.
 Window = Tuple[int, int, int, int]
 
 _ZIP, _HALF, _LINES = 3, 1, 16
 
 
 def read(path: str, window: Window) -> List[List[Color]]:
-    """Rows of colours inside a window, which the file must hold."""
+    """Rows of colours inside a window, which the file must contain."""
     with open(path, "rb") as file:
         data = file.read()
     attributes, at = _header(data)
@@ -34,7 +34,7 @@ def read(path: str, window: Window) -> List[List[Color]]:
     blocks = (y1 - y0) // _LINES + 1
     rows: Dict[int, List[Color]] = {}
     for offset in struct.unpack_from(f"<{blocks}Q", data, at):
-        # POV-Ray leaves out the lines above a window, and offsets of what was not written are 0.
+        # POV-Ray omits the lines above a window; offsets of omitted lines are 0.
         if offset == 0:
             continue
         first, size = struct.unpack_from("<2i", data, offset)
@@ -72,8 +72,8 @@ def _channels(listing: bytes) -> List[Tuple[str, int]]:
 
 
 def _block(packed: bytes, size: int) -> Sequence[float]:
-    """OpenEXR's ZIP: deflated differences of even bytes before odd ones; as it was where that did
-    not help.
+    """OpenEXR's ZIP: deflated differences of even bytes before odd ones; uncompressed if that was
+    not smaller.
     """
     if len(packed) < size:
         differences = zlib.decompress(packed)
@@ -85,7 +85,7 @@ def _block(packed: bytes, size: int) -> Sequence[float]:
 
 
 def bracket(half: float) -> Tuple[float, float]:
-    """The smallest and the largest number that are rounded to this half."""
+    """The smallest and the largest number that round to this half."""
     if half == 0:
         return -(2.0**-25), 2.0**-25
     if not math.isfinite(half):

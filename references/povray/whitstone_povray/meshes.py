@@ -1,4 +1,4 @@
-"""Files of triangles as the model says (§9): OBJ and PLY."""
+"""Mesh files as the model specifies them (§9): OBJ and PLY."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Corner = Optional[Tuple[int, int, int]]
 
 @dataclass(frozen=True)
 class Mesh:
-    """Vertices, normals and texture coordinates, each with the corners of all triangles in it (None
-    where a face names none).
+    """Vertices, normals and texture coordinates, each with the indices of the corners of all
+    triangles (None if a face has none).
     """
 
     positions: List[Tuple[float, ...]]
@@ -29,7 +29,7 @@ class Mesh:
 
 
 def load(path: str) -> Mesh:
-    """By the extension."""
+    """Reads a file; the extension determines the format."""
     readers: Dict[str, Callable[[bytes], Mesh]] = {".obj": _obj, ".ply": _ply}
     extension = path[path.rfind(".") :].lower()
     if extension not in readers:
@@ -128,8 +128,8 @@ def _ply(data: bytes) -> Mesh:
 
 
 def closed(mesh: Mesh) -> bool:
-    """Whether every edge is passed once in each direction, by the places of its ends, and the
-    outside is outside.
+    """Whether the mesh is closed and oriented outwards: every edge, identified by the positions of
+    its ends, occurs once in each direction.
     """
     places: Dict[Tuple[float, ...], int] = {}
     number = [places.setdefault(position, len(places)) for position in mesh.positions]
@@ -145,8 +145,8 @@ def closed(mesh: Mesh) -> bool:
 
 
 def rounding(setting: Setting) -> Callable[[float], float]:
-    """How a number goes to single precision: as it is, for POV-Ray to round, or down or up at
-    random, equal numbers alike.
+    """How a number is converted to single precision: unchanged, for POV-Ray to round, or randomly
+    down or up (equal numbers alike).
     """
     if not setting.vertices:
         return lambda value: value

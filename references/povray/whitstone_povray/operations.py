@@ -1,5 +1,5 @@
-"""The operations of PROTOCOL.md that POV-Ray can carry out: a request in, an answer out, both as
-plain dictionaries.
+"""The operations of PROTOCOL.md that POV-Ray supports: each maps a request to an answer, both plain
+dictionaries.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def _cpu() -> str:
 
 
 def render(request: Request) -> Answer:
-    """Renders all pixels and writes the EXR. POV-Ray's exact counts of rays are of no use here: it
-    is run several times.
+    """Renders all pixels and writes the EXR. POV-Ray's ray counts are not reported, because it runs
+    several times.
     """
     setting = Setting.read(request.get("setting"))
     out = _get(request, "out", str)
@@ -73,7 +73,9 @@ def render(request: Request) -> Answer:
 
 
 def probe(request: Request) -> Answer:
-    """Some pixels under some settings. POV-Ray renders rectangles: that around the pixels."""
+    """Some pixels under some settings. POV-Ray renders rectangles, so it renders the bounding
+    rectangle of the pixels.
+    """
     pixels = _get(request, "pixels", list)
     settings = [Setting.read(value) for value in _get(request, "settings", list, [None])]
     if not pixels or not settings:
@@ -91,8 +93,8 @@ def probe(request: Request) -> Answer:
 
 
 def write(request: Request) -> Answer:
-    """The scene in POV-Ray's language: for each channel that is rendered alone, or all at once, the
-    first sample.
+    """The scene in POV-Ray's language for the first sample: one text per separately rendered
+    channel, or one for all.
     """
     setting = Setting.read(request.get("setting"))
     found = tracing.documents(_scene(request), setting)
@@ -103,7 +105,7 @@ OPERATIONS: Dict[str, Callable[[Request], Answer]] = {"hello": hello, "render": 
 
 
 def plain(value: Any) -> Any:
-    """The answer as JSON can hold it: numbers that are not finite as texts."""
+    """Converts the answer for JSON: non-finite numbers to strings."""
     if isinstance(value, dict):
         return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
@@ -114,7 +116,7 @@ def plain(value: Any) -> Any:
 
 
 def answer(request: Any) -> Answer:
-    """Carries out one request; never raises."""
+    """Executes one request; never raises."""
     try:
         if not isinstance(request, dict):
             raise DriverError(f"expected a JSON object, found {type(request).__name__}")
@@ -124,6 +126,6 @@ def answer(request: Any) -> Answer:
         return {"ok": True, **plain(operation(request))}
     except DriverError as error:
         return {"ok": False, "kind": error.kind, "error": str(error)}
-    except Exception as error:  # the process must survive whatever a scene brings about
+    except Exception as error:  # the process must survive any error
         print(f"whitstone_povray: {type(error).__name__}: {error}", file=sys.stderr)
         return {"ok": False, "kind": "internal", "error": f"{type(error).__name__}: {error}"}

@@ -1,4 +1,4 @@
-"""The program `povray` as a child process."""
+"""Runs the program `povray` as a child process."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import List
 from . import checks, halves
 from .errors import DriverError, Unsupported
 
-# One rendering may take so long, in seconds. The harness has a limit of its own.
+# Time limit of one rendering in seconds. The harness has its own limit.
 _LIMIT = 3600
 
 
 def program() -> str:
-    """Where it is: `WHITSTONE_POVRAY`, else on the path."""
+    """The path of the program: `WHITSTONE_POVRAY`, otherwise the one on the search path."""
     named = os.environ.get("WHITSTONE_POVRAY")
     found = shutil.which(named or "povray")
     if found is None:
@@ -26,7 +26,7 @@ def program() -> str:
 
 
 def version() -> str:
-    """Such as 3.7.0.10."""
+    """The version, such as 3.7.0.10."""
     said = subprocess.run([program(), "--version"], capture_output=True, text=True, timeout=60, check=False)
     match = re.search(r"POV-Ray (\d+\.\d+[\w.]*)", said.stdout + said.stderr)
     if match is None:
@@ -48,7 +48,7 @@ def render(scene: str, width: int, height: int, window: halves.Window) -> List[L
         if window != (0, 0, width, height):
             # Counted from 1, both ends included.
             command += [f"+SC{left + 1}", f"+SR{top + 1}", f"+EC{right}", f"+ER{bottom}"]
-        # The user's own settings must not count.
+        # Ignore the user's own settings.
         environment = {key: value for key, value in os.environ.items() if key != "POVINI"}
         environment.update(HOME=folder, LC_ALL="C")
         try:
@@ -61,7 +61,7 @@ def render(scene: str, width: int, height: int, window: halves.Window) -> List[L
         path = os.path.join(folder, "image.exr")
         mark = re.search(checks.MARK + r"\d+", said) if done.returncode != 0 else None
         if mark is not None:
-            # Its number is that of a comment in the scene.
+            # The number refers to a comment in the scene.
             raise Unsupported(scene.split(f"// {mark.group()}: ", 1)[1].split("\n", 1)[0])
         if done.returncode != 0 or not os.path.isfile(path):
             raise DriverError(f"povray ended with {done.returncode}: {_problem(said)}")
@@ -69,7 +69,7 @@ def render(scene: str, width: int, height: int, window: halves.Window) -> List[L
 
 
 def _problem(said: str) -> str:
-    """The part of POV-Ray's long talk that tells what is wrong."""
+    """The part of POV-Ray's output that describes the error."""
     at = said.find("Parse Error")
     start = said.rfind("File '", 0, at) if at >= 0 else -1
     return said[max(start, 0) :].strip()[-1500:] if at >= 0 else said.strip()[-1500:]

@@ -1,5 +1,5 @@
-"""Twins by name: the twin of the shape `sphere` is the function `twin` of `shapes/sphere.py`, and
-so for all families.
+"""Finds twins by name: the twin of the shape `sphere` is the function `twin` of `shapes/sphere.py`,
+and so on for all families.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def names(family: str) -> List[str]:
 
 
 def find(family: str, fields: Fields) -> Optional[Callable[..., Any]]:
-    """The twin of the table's `type`; None, with a reason in the context, where there is none."""
+    """The twin of the table's `type`; None, with a reason in the context, if there is none."""
     kind = fields.take("type")
     known = names(family)
     if not isinstance(kind, str):

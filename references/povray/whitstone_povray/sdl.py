@@ -1,4 +1,4 @@
-"""Numbers as POV-Ray's scene language writes them."""
+"""Numbers in the syntax of POV-Ray's scene language."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Iterable
 
 
 def number(value: float) -> str:
-    """Digits from which a double is read back exactly."""
+    """A decimal number that reads back as exactly this double."""
     return repr(float(value) + 0.0)
 
 
@@ -16,7 +16,7 @@ def vector(values: Iterable[float]) -> str:
 
 
 def rgb(color: Iterable[float]) -> str:
-    """A colour that nothing passes through."""
+    """An opaque colour."""
     return "rgb " + vector(color)
 
 

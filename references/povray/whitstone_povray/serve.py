@@ -1,4 +1,4 @@
-"""Serve mode: one JSON object a line in, one a line out (PROTOCOL.md)."""
+"""Serve mode: reads and writes JSON lines (PROTOCOL.md)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .operations import answer
 
 
 def run() -> int:
-    """Answers requests until the input ends."""
+    """Answers requests until the end of input."""
     for line in sys.stdin:
         if not line.strip():
             continue

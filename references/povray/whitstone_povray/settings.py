@@ -1,4 +1,4 @@
-"""How to trace: the *setting* objects of PROTOCOL.md, as far as POV-Ray can vary."""
+"""The *setting* objects of PROTOCOL.md, as far as POV-Ray supports them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 
 from .errors import DriverError
 
-# POV-Ray's guards against self-intersection are lengths (1e-3 for shadows), not relative. The scene
-# is made larger, so that they are small beside it; by a power of two, which leaves the numbers of
-# meshes, in single precision, as they are.
+# POV-Ray's self-intersection thresholds are absolute lengths (1e-3 for shadows). The scene is
+# scaled up, so that they are relatively small. The factor is a power of two, so that the
+# single-precision mesh data does not change.
 _SCALE_TIMES_K = 4096.0
 
 
@@ -17,31 +17,35 @@ _SCALE_TIMES_K = 4096.0
 class Setting:
     """See README.md; `dx`, `dy` are in pixels."""
 
-    # POV-Ray's guards, in units of 1e-3/4096 m; the default is 1e-6 m.
+    # POV-Ray's self-intersection threshold, in units of 1e-3/4096 m; the default is 1e-6 m.
     k: float = 4.0
     dx: float = 0.0
     dy: float = 0.0
-    # Of the rounding of vertices.
+    # Seed of the rounding of vertices.
     seed: int = 0
-    # Whether the vertices of meshes are rounded to single precision at random, not to the nearest.
+    # Whether mesh vertices are rounded stochastically to single precision, instead of to the
+    # nearest.
     vertices: bool = False
-    # All light is made so many times brighter and the image darker again: other roundings to half
+    # A factor on all light, divided out of the image again: it changes the rounding to half
     # precision.
     exposure: float = 1.0
 
     @property
     def scale(self) -> float:
-        """POV-Ray's units in a metre."""
+        """POV-Ray units per metre."""
         return _SCALE_TIMES_K / self.k
 
     @staticmethod
     def read(value: Any) -> "Setting":
-        """From a request; absent keys take their defaults, unknown ones are refused."""
+        """Reads a setting from a request; missing keys take their defaults, unknown ones are
+        refused.
+        """
         if value is None:
             return Setting()
         if not isinstance(value, dict):
             raise DriverError(f"setting: expected an object, found {value!r}")
-        # POV-Ray computes in double precision: it has no traversal and no roundings to vary.
+        # POV-Ray computes in double precision and has no robust traversal, so these settings are
+        # dropped at their neutral values.
         value = {key: entry for key, entry in value.items() if (key, entry) not in (("robust", True), ("ulps", 0))}
         unknown = sorted(set(value) - set(asdict(Setting())))
         if unknown:
@@ -52,5 +56,5 @@ class Setting:
         return setting
 
     def to_json(self) -> dict:
-        """All keys, defaults filled in."""
+        """All keys, with defaults filled in."""
         return asdict(self)

@@ -1,10 +1,10 @@
-"""Images of a scene by POV-Ray: all channels, all samples, and exposures that bracket what half
-floats round away.
+"""Renders a scene with POV-Ray: all channels, all samples, and several exposures to recover what
+half floats round away.
 
-POV-Ray writes half floats, whose rounding is up to 2^-11 of the value. All of it is linear in the
-brightness of the lights, so the same scene with brighter lights is the same image with other
-roundings: each rendering gives a range in which the value lies. EXPOSURES of them, each brighter by
-that part of a unit in the last place, leave that part of the range.
+POV-Ray writes half floats, which are rounded by up to 2^-11 of the value. The image is linear in
+the brightness of the lights. So the same scene with brighter lights is the same image with
+different rounding, and each rendering gives a range that contains the value. With n = EXPOSURES
+renderings, each brighter by 1/n of a unit in the last place, the range shrinks to 1/n.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from .document import Document, parse
 from .errors import NeedsChannels
 from .settings import Setting
 
-# Of a sample. The mean of many samples needs fewer: their roundings are their own.
+# Exposures per sample. The mean of many samples needs fewer, because their rounding errors are
+# independent.
 EXPOSURES = 8
-# Binary digits of an image: two more than the exposures tell.
+# Binary digits of an image: two more than the exposures resolve.
 DIGITS = 16
 
 Image = List[List[halves.Color]]
@@ -31,14 +32,14 @@ Image = List[List[halves.Color]]
 
 @dataclass(frozen=True)
 class Scene:
-    """What is to be rendered."""
+    """The scene to render."""
 
     text: str
     base: str
 
 
 def documents(scene: Scene, setting: Setting) -> List[Document]:
-    """One for all channels, or one for each of the three."""
+    """One document for all channels, or one for each of the three."""
     try:
         return [parse(scene.text, scene.base, setting)]
     except NeedsChannels:
@@ -47,13 +48,13 @@ def documents(scene: Scene, setting: Setting) -> List[Document]:
 
 @functools.lru_cache(16)
 def _check(program: str) -> None:
-    """Refuses what only POV-Ray can tell that it would show otherwise."""
+    """Refuses a scene that fails the checks of POV-Ray's own program."""
     if program:
         povray.render(program, 1, 1, (0, 0, 1, 1))
 
 
-# What the brightest pixel of an image may be, so that halves are precise below it and do not
-# overflow: powers of two. The step is their ratio.
+# Bounds on the brightest pixel of an image, both powers of two: between them, half floats are
+# precise and do not overflow. The step is their ratio.
 DIMMEST, BRIGHTEST = 2.0**-6, 2.0**14
 STEP = BRIGHTEST / DIMMEST
 
@@ -64,7 +65,7 @@ def _brightening(scene: Scene) -> float:
     floats.
     """
     factor = 1.0
-    # A black image stays black, however bright: it is tried a few times.
+    # A black image stays black at any brightness: try a few times only.
     for _ in range(6):
         image = images(scene, [Setting(exposure=factor)], 1, None, 1.0)[0]
         brightest = max(abs(component) for row in image for color in row for component in color) * factor
@@ -77,14 +78,14 @@ def _brightening(scene: Scene) -> float:
 
 
 def _workers() -> int:
-    # POV-Ray spends most of a small picture waiting for itself.
+    # For small images, POV-Ray spends most of its time waiting.
     return 4 * (os.cpu_count() or 1)
 
 
 def brightness(exposures: int) -> List[float]:
     """Factors on the light: a unit in the last place is between 2^-11 and 2^-10 of the value.
 
-    Values that are halves themselves, as those of backgrounds often are, come to lie in the middle
+    Values that are exact half floats, as those of backgrounds often are, come to lie in the middle
     of their range.
     """
     return [1.0] if exposures == 1 else [1.0 + (step + 0.5) * 2.0**-10 / exposures for step in range(exposures)]
@@ -97,11 +98,11 @@ def images(
     window: Optional[halves.Window] = None,
     brighter: Optional[float] = None,
 ) -> List[Image]:
-    """The mean over the samples of every pixel of a window, one image a setting. Equal scenes are
+    """The mean over the samples of every pixel of a window, one image per setting. Equal scenes are
     rendered once.
 
-    All light is multiplied by `brighter`, by what the scene needs where it is None; the image is
-    the same.
+    All light is multiplied by `brighter`, or by the factor that the scene needs if it is None; this
+    does not change the image.
     """
     brighter = _brightening(scene) if brighter is None else brighter
     factors = [brighter * factor for factor in brightness(exposures)]
@@ -119,13 +120,14 @@ def images(
 
 
 def _image(brackets: List[List[Document]], rendered: Dict[str, Image]) -> Image:
-    """All exposures, channels and samples of one setting."""
+    """Combines all exposures, channels and samples of one setting."""
     exposures = [channels[0].setting.exposure for channels in brackets]
     samples = brackets[0][0].samples
     total: Image = []
     for sample in samples:
         planes = [[rendered[document.write(sample)] for document in channels] for channels in brackets]
-        # The channel c of colour images is in the only one, of grey ones in the one of its own.
+        # Channel c of colour renderings is in the only image; with separate channels, in the image
+        # of that channel.
         sources = [[images[c if len(images) > 1 else 0] for images in planes] for c in range(3)]
         values = [[[_bracketed(colors, exposures, c) for colors in zip(*rows)] for rows in zip(*sources[c])] for c in range(3)]
         image = [list(zip(*rows)) for rows in zip(*values)]
@@ -139,7 +141,7 @@ def _sum(a: halves.Color, b: halves.Color) -> halves.Color:
 
 
 def _bracketed(colors: Sequence[halves.Color], exposures: Sequence[float], channel: int) -> float:
-    """The middle of what all exposures allow."""
+    """The middle of the intersection of all ranges."""
     if len(colors) == 1:
         return colors[0][channel] / exposures[0]
     low, high = -math.inf, math.inf
@@ -149,12 +151,12 @@ def _bracketed(colors: Sequence[halves.Color], exposures: Sequence[float], chann
             return 0.0
         bottom, top = halves.bracket(half)
         low, high = max(low, bottom / exposure), min(high, top / exposure)
-    # POV-Ray's colours have single precision, so the ranges may just miss each other.
+    # POV-Ray's colours are single precision, so the ranges may just miss each other.
     return 0.5 * (low + high)
 
 
 def render(scene: Scene, setting: Setting) -> Tuple[Image, Document]:
-    """The image as exactly as POV-Ray tells it."""
+    """The image with the highest precision that POV-Ray allows."""
     document = documents(scene, setting)[0]
     count = max(4, min(EXPOSURES, 4 * EXPOSURES // len(document.samples)))
     rows = images(scene, [setting], count)[0]
@@ -162,6 +164,6 @@ def render(scene: Scene, setting: Setting) -> Tuple[Image, Document]:
 
 
 def _short(value: float) -> float:
-    """Without digits that mean nothing: stored images are smaller without them."""
+    """Rounds off meaningless digits, which makes stored images smaller."""
     mantissa, exponent = math.frexp(value)
     return math.ldexp(round(math.ldexp(mantissa, DIGITS)), exponent - DIGITS)

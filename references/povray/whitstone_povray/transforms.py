@@ -26,7 +26,7 @@ def point(matrix: Matrix, p: Sequence[float]) -> Tuple[float, ...]:
 
 
 def cofactors(matrix: Matrix) -> List[Tuple[float, ...]]:
-    """Of the linear part: rows that map normals up to their length, and up to the sign of the
+    """Cofactors of the linear part: rows that map normals up to their length and the sign of the
     determinant.
     """
     a, b, c = (row[:3] for row in matrix)
@@ -34,35 +34,35 @@ def cofactors(matrix: Matrix) -> List[Tuple[float, ...]]:
 
 
 def determinant(matrix: Matrix) -> float:
-    """Of the linear part."""
+    """Determinant of the linear part."""
     return dot(matrix[0][:3], cofactors(matrix)[0])
 
 
 def normal(matrix: Matrix, n: Sequence[float]) -> Tuple[float, ...]:
-    """A normal by the inverse transpose, normalised; a zero stays zero."""
+    """Transforms a normal by the inverse transpose and normalises it; zero stays zero."""
     sign = math.copysign(1.0, determinant(matrix))
     return unit([sign * dot(row, n) for row in cofactors(matrix)])
 
 
 def inverse(matrix: Matrix) -> Matrix:
-    """What takes a transform back."""
+    """The inverse transform."""
     columns, size = cofactors(matrix), determinant(matrix)
     linear = [[column[row] / size for column in columns] for row in range(3)]
     return tuple((*row, -sum(a * line[3] for a, line in zip(row, matrix))) for row in linear)
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
-    """Of three numbers."""
+    """Dot product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Sequence[float], b: Sequence[float]) -> Tuple[float, ...]:
-    """Right-handed."""
+    """Cross product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def unit(a: Sequence[float]) -> Tuple[float, ...]:
-    """Of length 1; zero stays zero."""
+    """The vector scaled to length 1; zero stays zero."""
     length = math.hypot(*a)
     return tuple(component / length for component in a) if length > 0 else (0.0, 0.0, 0.0)
 
@@ -73,8 +73,8 @@ def sub(a: Sequence[float], b: Sequence[float]) -> Tuple[float, ...]:
 
 
 def write(matrix: Matrix, scale: float) -> str:
-    """POV-Ray's `matrix`, whose rows are the columns, for lengths that are `scale` times ours;
-    nothing for the identity.
+    """POV-Ray's `matrix`, whose rows are our columns, for lengths multiplied by `scale`; empty for
+    the identity.
     """
     if matrix == IDENTITY:
         return ""
@@ -130,7 +130,7 @@ def read(value: Any, where: str, context: Context) -> Matrix:
 
 
 def similarity(matrix: Matrix) -> Optional[float]:
-    """The one scale of a similarity; None where it is none."""
+    """The scale of a similarity; None for other transforms."""
     columns = [[row[k] for row in matrix] for k in range(3)]
     lengths = [math.hypot(*column) for column in columns]
     if any(abs(length - lengths[0]) > 1e-9 * lengths[0] for length in lengths):

@@ -1,5 +1,5 @@
-//! Quadrics: the formula of school for `f(o + t d) = 0`, and planes that cut. Glassner (ed.) 1989,
-//! ch. 2, 5.
+//! Quadrics by the textbook quadratic formula for `f(o + t d) = 0`, with clipping planes. Glassner
+//! (ed.) 1989, ch. 2, 5.
 
 use super::{Real, Roots, Textbook, Vector, at};
 use crate::shapes::cone::Cone;
@@ -12,7 +12,7 @@ use crate::shapes::quadric::Quadric;
 /// Coefficients of x², y², z², xy, xz, yz, x, y, z and 1.
 pub(super) struct Conic<R> {
     coefficients: [R; 10],
-    /// For each axis from where to where.
+    /// Lower and upper clipping plane of each axis.
     slabs: [Option<[R; 2]>; 3],
     caps: bool,
 }
@@ -84,7 +84,7 @@ impl<R: Real> Conic<R> {
         within(0) && within(1) && within(2)
     }
 
-    /// Calls with all places, in no order.
+    /// Calls `found` with every root, in no order.
     #[inline]
     fn each(&self, o: Vector<R>, d: Vector<R>, mut found: impl FnMut(R)) {
         let [a, b, c, xy, xz, yz, g, h, i, _] = self.coefficients;

@@ -1,4 +1,4 @@
-//! Roth 1982: lists of roots, joined.
+//! Constructive solid geometry by combining sorted lists of roots (Roth 1982).
 
 use super::{Real, Textbook, Vector};
 use crate::shapes::csg::Operation;
@@ -14,7 +14,7 @@ impl<R: Real> Csg<R> {
         Self { operation, operands }
     }
 
-    /// Calls with every end until told to stop.
+    /// Calls `found` with each boundary of the solid along the line, until it returns false.
     fn each(&self, o: Vector<R>, d: Vector<R>, mut found: impl FnMut(R) -> bool) {
         let mut inside: SmallVec<[bool; 8]> = SmallVec::new();
         let mut ends: SmallVec<[(R, usize); 16]> = SmallVec::new();

@@ -2,7 +2,7 @@
 
 use super::{Real, Roots, Textbook, Vector, at, cross, dot, minus, vector};
 
-/// z = 0.
+/// The plane z = 0.
 pub(super) struct Plane;
 
 #[inline]
@@ -81,7 +81,8 @@ impl<R: Real> Textbook<R> for Triangles<R> {
     }
 }
 
-/// The plane, and edges that cross a half-line: Glassner (ed.) 1989, ch. 2, 3.2.
+/// Intersects the plane, then counts the edges that cross a half-line. Glassner (ed.) 1989, ch. 2,
+/// 3.2.
 pub(super) struct Polygon<R> {
     vertices: Vec<Vector<R>>,
     normal: Vector<R>,

@@ -1,20 +1,19 @@
-//! Level sets by marching: steps of one length along the ray until the sign changes, then
-//! bisection.
+//! Level sets by ray marching: constant steps along the ray until the sign changes, then bisection.
 //!
-//! Hart, Sandin and Kauffman 1989, *Ray tracing deterministic 3-D fractals*, name it as what is
-//! used where nothing better is known; what is thinner than a step is passed by.
+//! Hart, Sandin and Kauffman 1989, *Ray tracing deterministic 3-D fractals*, name it as the
+//! method that is used if nothing better is known. Features thinner than a step are missed.
 
 use super::{Real, Textbook, Vector, at, dot};
 use crate::shapes::level::{Jet, Level, LevelSet, Number};
 use std::cmp::Ordering;
 
-/// Along the part of the ray in a ball around the surface.
+/// Number of steps over the part of the ray inside a ball around the surface.
 const STEPS: u32 = 256;
 const BISECTIONS: u32 = 40;
 
 pub(super) struct March<L>(pub(super) LevelSet<L>);
 
-/// A number that is taken for exact.
+/// A plain number instead of an interval, as if it were exact.
 #[derive(Clone, Copy)]
 struct Plain<R>(R);
 
@@ -71,7 +70,7 @@ impl<R: Real> Number for Plain<R> {
 }
 
 impl<L: Level> March<L> {
-    /// Whether the function is negative, within the box.
+    /// Whether the function is negative at `p` and `p` lies in the bounding box.
     fn inside<R: Real>(&self, p: Vector<R>) -> bool {
         let (bounds, _) = self.0.0.bounds();
         let beyond = |[min, max]: [whitstone_core::DVec3; 2]| {

@@ -1,8 +1,9 @@
-//! Textbook forms of every intersection, which are wrong on purpose: in single or double precision,
-//! written as they are found in books, without a thought for rounding.
+//! Textbook intersection formulas in single or double precision, deliberately without care for
+//! rounding errors.
 //!
-//! Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2 and 3, and what the files name.
-//! They are what a benchmark compares with, and what every test of accuracy must find fault with.
+//! Sources: Glassner (ed.), *An Introduction to Ray Tracing* (1989), ch. 2 and 3, and those named
+//! in the files. Benchmarks use them as the baseline. Every accuracy test must find them
+//! inaccurate.
 
 mod conic;
 mod csg;
@@ -36,9 +37,9 @@ pub trait Real:
     + Mul<Output = Self>
     + Div<Output = Self>
 {
-    /// Rounded.
+    /// The nearest number of this precision.
     fn of(x: f64) -> Self;
-    /// Exactly.
+    /// The same number as a double, exact.
     fn to_f64(self) -> f64;
     /// Square root.
     fn sqrt(self) -> Self;
@@ -46,9 +47,9 @@ pub trait Real:
     fn abs(self) -> Self;
     /// Cube root.
     fn cbrt(self) -> Self;
-    /// Cosine of an angle.
+    /// Cosine of an angle in radians.
     fn cos(self) -> Self;
-    /// Angle of a cosine.
+    /// Arc cosine in radians.
     fn acos(self) -> Self;
 }
 
@@ -124,24 +125,24 @@ fn at<R: Real>(o: Vector<R>, d: Vector<R>, t: R) -> Vector<R> {
 /// Roots in ascending order.
 type Roots<R> = SmallVec<[R; 8]>;
 
-/// A textbook intersection.
+/// A textbook intersection routine.
 pub trait Textbook<R: Real>: Send + Sync {
-    /// The least positive ray parameter.
+    /// The least positive ray parameter of a hit.
     fn closest(&self, o: Vector<R>, d: Vector<R>) -> Option<R>;
 
-    /// All places where the line meets it, in order: every other one is an entry. Only solids need
-    /// it.
+    /// All roots on the line in ascending order, entries and exits by turns. Only solids need to
+    /// implement it.
     fn roots(&self, o: Vector<R>, d: Vector<R>) -> SmallVec<[R; 8]> {
         self.closest(o, d).into_iter().collect()
     }
 
-    /// Whether the line comes from inside.
+    /// Whether the line is inside the solid at t = -infinity.
     fn starts_inside(&self, _: Vector<R>, _: Vector<R>) -> bool {
         false
     }
 }
 
-/// The lesser one that is positive; the first is not greater than the second.
+/// The smaller one that is positive. `first` must not be greater than `second`.
 #[inline]
 fn first_positive<R: Real>(first: R, second: R) -> Option<R> {
     let zero = R::of(0.0);
@@ -154,7 +155,7 @@ fn first_positive<R: Real>(first: R, second: R) -> Option<R> {
     }
 }
 
-/// Rows of the matrix into object space, rounded, and its translation.
+/// The matrix from world space to object space by rows, with its translation, rounded.
 struct IntoObject<R>([[R; 4]; 3]);
 
 impl<R: Real> IntoObject<R> {
@@ -178,7 +179,7 @@ impl<R: Real> IntoObject<R> {
     }
 }
 
-/// A shape of object space, behind a transform.
+/// A shape in object space with its transform.
 struct Placed<R, S> {
     into: IntoObject<R>,
     shape: S,
@@ -201,7 +202,7 @@ impl<R: Real, S: Textbook<R>> Textbook<R> for Placed<R, S> {
     }
 }
 
-/// The textbook form of a shape of a scene.
+/// The textbook implementation of a shape of a scene.
 ///
 /// # Errors
 ///
@@ -232,7 +233,7 @@ fn of_table<R: Real>(
         "sphere" => {
             let sphere: sphere::Sphere = decode(table)?;
             let lengths = [0, 1, 2].map(|axis| map.matrix3.col(axis).length());
-            // What is stretched is no sphere in the world.
+            // Under a non-uniform scale it is no sphere in world space.
             if lengths
                 .iter()
                 .any(|length| (length / lengths[0] - 1.0).abs() > 1e-12)
@@ -312,7 +313,7 @@ fn of_table<R: Real>(
     })
 }
 
-/// One after the other.
+/// Several shapes; the nearest hit wins.
 struct Several<R>(Vec<Box<dyn Textbook<R>>>);
 
 impl<R: Real> Textbook<R> for Several<R> {

@@ -1,12 +1,12 @@
-//! Patches: Newton's steps from nine places. Toth, *On ray tracing parametric surfaces*, SIGGRAPH
-//! 1985, without what makes it certain.
+//! Bicubic patches by Newton's method from nine starting points. Toth, *On ray tracing parametric
+//! surfaces*, SIGGRAPH 1985, without its proof of convergence.
 
 use super::{Real, Textbook, Vector, cross, dot, minus, vector};
 
-/// Steps from one place.
+/// Newton steps from each starting point.
 const STEPS: usize = 8;
 
-/// How near the residual must come, relative to the size of the direction.
+/// Largest residual of a root, relative to the length of the direction.
 const NEAR: f64 = 1e-5;
 
 pub(super) struct Patches<R>(Vec<[Vector<R>; 16]>);
@@ -17,7 +17,7 @@ impl<R: Real> Patches<R> {
     }
 }
 
-/// A point and both derivatives.
+/// The point and both partial derivatives.
 #[inline]
 fn surface<R: Real>(net: &[Vector<R>; 16], u: R, v: R) -> [Vector<R>; 3] {
     let basis = |t: R| {

@@ -1,5 +1,5 @@
-//! Roots of polynomials of third and fourth degree by formulas: Schwarze, *Cubic and quartic
-//! roots*, Graphics Gems (1990).
+//! Closed-form roots of cubic and quartic polynomials: Schwarze, *Cubic and quartic roots*,
+//! Graphics Gems (1990).
 
 use super::{Real, Roots};
 

@@ -3,7 +3,7 @@
 use super::quartic::quartic;
 use super::{Real, Roots, Textbook, Vector, dot, first_positive, minus, vector};
 
-/// Glassner (ed.) 1989, ch. 2, 2.1: the formula of school.
+/// The textbook quadratic formula: Glassner (ed.) 1989, ch. 2, 2.1.
 pub(super) struct Sphere<R> {
     center: Vector<R>,
     radius: R,
@@ -43,7 +43,7 @@ impl<R: Real> Textbook<R> for Sphere<R> {
     }
 }
 
-/// Glassner (ed.) 1989, ch. 3, 5: a polynomial of fourth degree, by formulas.
+/// A quartic polynomial, solved in closed form: Glassner (ed.) 1989, ch. 3, 5.
 pub(super) struct Torus<R> {
     major: R,
     minor: R,

@@ -2,7 +2,7 @@
 
 use super::{Real, Roots, Textbook, Vector, first_positive};
 
-/// Slabs: Kay and Kajiya 1986, in Glassner (ed.) 1989, ch. 2, 4.1.
+/// The slab test: Kay and Kajiya 1986, in Glassner (ed.) 1989, ch. 2, 4.1.
 pub(super) struct Cuboid;
 
 impl Cuboid {

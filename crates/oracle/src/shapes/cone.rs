@@ -30,7 +30,7 @@ impl Surface for Cone {
     fn meet(&self, line: &Line) -> Decided<Roots> {
         let [r0, r1] = self.radii.map(|radius| line.number(radius));
         let [z0, z1] = self.z.map(|z| line.number(z));
-        // Times (z1 - z0)²: the radius is (rise z + rest)/height.
+        // Multiplied by (z1 - z0)²: the radius is (rise z + rest)/height.
         let (height, rise) = (&z1 - &z0, &r1 - &r0);
         let rest = &r0 * &height - &rise * &z0;
         let (square, product) = (height.squared(), &rise * &rest);
@@ -40,7 +40,7 @@ impl Surface for Cone {
             -rest.squared(),
         );
         conic.meet(line, &Cut::between(self.z, self.caps), |p| {
-            // The radius follows from four numbers, each with its share.
+            // The radius depends on four numbers; each contributes its share.
             let ([r0, r1], [z0, z1]) = (self.radii, self.z);
             let height = z1 - z0;
             let up = (p.z - z0) / height;

@@ -1,5 +1,5 @@
-//! What the quadrics have in common: a function of second degree, where it is zero, cut by planes
-//! across the axes.
+//! The common part of all quadrics: the zero set of a function of second degree, clipped by
+//! axis-aligned planes.
 
 use crate::interval::{Decided, Interval, Undecided};
 use crate::quadratic;
@@ -8,27 +8,27 @@ use crate::vector::{Line, Vector};
 use std::cmp::Ordering;
 use whitstone_core::DVec3;
 
-/// Where a quadric is cut, and whether faces close it there.
+/// The clipping planes of a quadric, and whether caps close it there.
 pub(super) struct Cut {
-    /// For each axis from where to where.
+    /// Lower and upper clipping plane of each axis.
     pub(super) slabs: [Option<[f64; 2]>; 3],
     pub(super) caps: bool,
-    /// The axis whose lower face has the number 1.
+    /// The axis whose lower cap has primitive number 1.
     pub(super) first_axis: usize,
 }
 
 /// `f = sum of square_i p_i² + xy p_x p_y + xz p_x p_z + yz p_y p_z + sum of linear_i p_i +
-/// constant`; inside it is at most zero.
+/// constant`. The inside is where f is at most zero.
 pub(super) struct Conic {
     pub(super) square: Vector,
-    /// xy, xz, yz.
+    /// Coefficients of xy, xz, yz.
     pub(super) mixed: Vector,
     pub(super) linear: Vector,
     pub(super) constant: Interval,
 }
 
 impl Conic {
-    /// Nothing mixed.
+    /// A quadric without mixed terms.
     pub(super) fn straight(square: [Interval; 3], linear_z: Interval, constant: Interval) -> Self {
         let zero = constant.like(0.0);
         let zeros = Vector([zero.clone(), zero.clone(), zero.clone()]);
@@ -40,7 +40,7 @@ impl Conic {
         }
     }
 
-    /// The gradient of the terms of second degree at `u`.
+    /// The gradient of the second-degree terms at `u`.
     fn twice(&self, u: &Vector) -> Vector {
         let ([x, y, z], [xy, xz, yz]) = (&u.0, &self.mixed.0);
         let [a, b, c] = [0, 1, 2].map(|i| &self.square.0[i] * &u.0[i]);
@@ -51,14 +51,14 @@ impl Conic {
         ])
     }
 
-    /// Twice the function.
+    /// Twice the value of the function.
     fn twice_at(&self, p: &Vector) -> Interval {
         let rest = self.linear.dot(p) + &self.constant;
         self.twice(p).dot(p) + &rest + &rest
     }
 
-    /// Where the line meets the surface within the cut, and its caps. `moves` says by how much the
-    /// function changes at a point for a relative change of one of its own numbers.
+    /// Intersects the line with the clipped surface and its caps. `moves` gives the change of the
+    /// function at a point for a relative change of one of its own numbers.
     pub(super) fn meet(&self, line: &Line, cut: &Cut, moves: impl Fn(DVec3) -> f64) -> Decided<Roots> {
         let (o, d) = (&line.origin, &line.direction);
         let a = self.twice(d).dot(d);
@@ -82,13 +82,13 @@ impl Conic {
         Ok(Roots::new(all))
     }
 
-    /// Where the line meets the face across an axis.
+    /// Intersects the line with the cap at `height` across an axis.
     fn cap(&self, line: &Line, cut: &Cut, axis: usize, height: f64, side: f64) -> Decided<Option<Root>> {
         let (o, d) = (&line.origin.0[axis], &line.direction.0[axis]);
         let above = line.number(height) - o;
         if d.sign()? == Ordering::Equal {
             return match above.sign()? {
-                // The line lies in the plane of the face.
+                // The line lies in the plane of the cap.
                 Ordering::Equal => Err(Undecided),
                 _ => Ok(None),
             };
@@ -106,14 +106,14 @@ impl Conic {
 }
 
 impl Cut {
-    /// No cut at all.
+    /// No clipping.
     pub(super) const NONE: Self = Self {
         slabs: [None; 3],
         caps: false,
         first_axis: 0,
     };
 
-    /// At two heights.
+    /// Clipping between two heights in z.
     pub(super) fn between(z: [f64; 2], caps: bool) -> Self {
         Self {
             slabs: [None, None, Some(z)],
@@ -122,7 +122,8 @@ impl Cut {
         }
     }
 
-    /// Whether a point is within; `but` is the axis of the face that it is on.
+    /// Whether a point lies between the clipping planes. `but` is the axis to skip, because the
+    /// point lies on a cap across it.
     fn holds(&self, p: &Vector, but: Option<usize>) -> Decided<bool> {
         for (axis, slab) in self.slabs.iter().enumerate() {
             let Some([low, high]) = slab.filter(|_| but != Some(axis)) else {

@@ -31,7 +31,7 @@ pub(crate) struct Csg {
 }
 
 impl Config {
-    /// The tables of the operands and their own transforms.
+    /// The tables of the operands, each with its own transform.
     pub(crate) fn operands<'s>(
         &self,
         description: &Description<'s>,
@@ -52,7 +52,7 @@ impl Config {
 }
 
 impl Operation {
-    /// Whether what is inside these operands, or not, is inside the whole.
+    /// Whether a point is inside the result, given for each operand whether the point is inside.
     pub(crate) fn inside(self, inside: &[bool]) -> bool {
         let mut each = inside.iter().copied();
         match self {
@@ -90,7 +90,7 @@ impl Surface for Csg {
         }
         let from_inside = self.operation.inside(&inside);
         let (mut all, mut was) = (Vec::new(), from_inside);
-        // Everything at one place happens at once.
+        // Roots at equal t are processed together.
         let mut ends = sorted(ends)?.into_iter().peekable();
         while let Some((mut first, mut here)) = ends.next() {
             inside[first] = here.enters;
@@ -117,8 +117,8 @@ impl Surface for Csg {
     }
 }
 
-/// The places where a solid is entered and left by turns. Where several triangles are met at once
-/// they must agree, and no part of a solid may be in another one.
+/// Reduces the roots of a solid to alternating entries and exits. Roots at equal t, such as those
+/// of several triangles, must agree. Nested or overlapping parts of a solid are undecided.
 fn alternating(roots: Roots) -> Decided<Vec<Root>> {
     let mut found: Vec<Root> = Vec::new();
     for (_, root) in sorted(roots.all.into_iter().map(|root| (0, root)))? {
@@ -138,7 +138,7 @@ fn alternating(roots: Roots) -> Decided<Vec<Root>> {
     Ok(found)
 }
 
-/// In ascending order, if that is known.
+/// Sorts by t, if the order is certain.
 fn sorted(ends: impl IntoIterator<Item = (usize, Root)>) -> Decided<Vec<(usize, Root)>> {
     let mut sorted: Vec<(usize, Root)> = Vec::new();
     for end in ends {

@@ -1,5 +1,5 @@
-//! The box: the surface of `[-1,1]³`, which rays in its faces, along its edges and through its
-//! corners hit.
+//! The box: the surface of `[-1,1]³`. Rays in its faces, along its edges and through its corners
+//! hit it.
 
 use super::Surface;
 use crate::interval::{Decided, Interval};
@@ -13,15 +13,15 @@ use whitstone_core::DVec3;
 #[serde(deny_unknown_fields)]
 pub(crate) struct Cuboid {}
 
-/// An end of the part of the line between two faces.
+/// One end of the segment between a pair of opposite faces.
 struct End {
     t: Interval,
     axis: usize,
 }
 
 impl End {
-    /// The later one of entries, the sooner one of exits (`later` = false). Where both are at one
-    /// place, or not told apart, the place is what both say.
+    /// The later of two entries, or the earlier of two exits (`later` = false). If both are equal
+    /// or cannot be told apart, t encloses both.
     fn decisive(self, other: Self, later: bool) -> Self {
         let (t, axis) = if later {
             (

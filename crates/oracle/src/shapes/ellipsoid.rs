@@ -21,11 +21,11 @@ fn ones() -> [f64; 3] {
 
 impl Surface for Ellipsoid {
     fn meet(&self, line: &Line) -> Decided<Roots> {
-        // Times (a b c)², without quotients.
+        // Multiplied by (a b c)², to avoid quotients.
         let [a, b, c] = self.radii.map(|radius| line.number(radius).squared());
         let all = &a * &b * &c;
         let conic = Conic::straight([&b * &c, &a * &c, &a * &b], line.number(0.0), -&all);
-        // Twice: of the sum of the squares, which is 1, and as many roundings as squares have.
+        // Twice the sum of the squares, which is 1: squares double relative changes.
         let moves = 2.0 * all.nearest();
         conic.meet(line, &Cut::NONE, |_| moves)
     }

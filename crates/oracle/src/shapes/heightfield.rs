@@ -1,5 +1,5 @@
-//! A generated landscape; its vertices are those that the model computes in doubles and rounds to
-//! single precision.
+//! A procedural height field. Its vertices are computed in doubles and rounded to single precision,
+//! as the model specifies.
 
 use super::triangle::Triangles;
 use serde::Deserialize;
@@ -37,7 +37,7 @@ fn octaves() -> u32 {
     8
 }
 
-/// The model's hash.
+/// The integer hash of the model.
 pub(crate) fn m(mut x: u32) -> u32 {
     x ^= x >> 16;
     x = x.wrapping_mul(0x7feb_352d);
@@ -71,7 +71,7 @@ impl Heightfield {
         [across(i, self.columns), across(j, self.rows), z].map(|x| f64::from(x as f32))
     }
 
-    /// `N_k`.
+    /// The noise `N_k` of the model.
     fn noise(&self, k: u32, p: f64, q: f64) -> f64 {
         let s = m(self.seed.wrapping_add(m(k)));
         let (column, row) = (p.floor() as u32, q.floor() as u32);

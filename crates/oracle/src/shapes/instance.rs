@@ -1,4 +1,4 @@
-//! A copy of a group of shapes.
+//! An instance of a group of shapes.
 
 use super::{Placed, Surface, surface};
 use crate::interval::Decided;
@@ -18,7 +18,7 @@ pub(crate) struct Config {
 pub(crate) struct Instance(Vec<Placed>);
 
 impl Instance {
-    /// The scene must have been planned: then no group contains itself.
+    /// The scene must have passed the planner: then no group contains itself.
     pub(crate) fn new(description: &Description<'_>, config: &Config) -> Result<Self, SceneErrors> {
         let Some(group) = description.groups.get(&config.group.id) else {
             return Err(SceneError::at(config.group.span.clone(), "no such group").into());

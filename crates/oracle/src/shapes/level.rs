@@ -1,11 +1,11 @@
-//! Level sets: the boundary of where a function is negative.
+//! Level sets: the boundary of the region where a function is negative.
 //!
-//! Along a line the function becomes one of the ray parameter. Where an interval of that certainly
-//! holds no zero of it, or where the function certainly only rises or only falls in it, so that the
-//! signs at both ends tell of one root or none, it is done with; other intervals are cut in two
-//! (Moore, Kearfott, Cloud 2009, ch. 8; Snyder 1992, *Interval analysis for computer graphics*).
-//! Doubles with outward rounding are enough for most of that. Only where they are not, and to
-//! narrow the roots, it takes many digits.
+//! Along a line the function depends on the ray parameter only. An interval of it is finished if
+//! the function certainly has no zero in it. It is also finished if the function is certainly
+//! monotonic in it, because the signs at both ends then tell whether there is one root or none. All
+//! other intervals are bisected (Moore, Kearfott, Cloud 2009, ch. 8; Snyder 1992, *Interval
+//! analysis for computer graphics*). Doubles with outward rounding decide most intervals. Arbitrary
+//! precision is used only for the rest, and to narrow the roots.
 
 pub(crate) mod fractal;
 pub(crate) mod implicit;
@@ -23,36 +23,36 @@ pub(crate) use number::Number;
 use std::cmp::Ordering;
 use whitstone_core::DVec3;
 
-/// Intervals are cut here: not where symmetric shapes are likely to be met.
+/// Where intervals are split: not in the middle, where symmetric shapes are often hit.
 const CUT: f64 = 0.487_3;
-/// Relative to where on the line it is, an interval of doubles that is not decided at this length
-/// takes more digits.
+/// An undecided interval of doubles of this length, relative to its distance along the line, is
+/// repeated in arbitrary precision.
 const FAST: f64 = 1e-9;
-/// The same for the most digits: the line touches the surface.
+/// The same limit for arbitrary precision: below it, the line touches the surface.
 const LEAST: f64 = 1e-25;
 
 /// A function that is negative inside.
 pub(crate) trait Level: Send + Sync {
-    /// Its value and derivative at a place.
+    /// Value and derivative at a point.
     fn at<N: Number>(&self, p: &[Jet<N>; 3]) -> Jet<N>;
 
-    /// The box that the surface is in, if it is cut off by one; and a radius around the origin
-    /// beyond which the function is positive, if that is known.
+    /// The box that clips the surface, if any; and a radius around the origin beyond which the
+    /// function is positive, if known.
     fn bounds(&self) -> (Option<[DVec3; 2]>, Option<f64>);
 }
 
-/// As a shape.
+/// A level function as a shape.
 pub(crate) struct LevelSet<L>(pub(crate) L);
 
 impl<L: Level> LevelSet<L> {
-    /// A radius around the origin that holds all of the surface, where one is known.
+    /// A radius around the origin that contains the whole surface, if known.
     pub(crate) fn reach(&self) -> Option<f64> {
         let (bounds, radius) = self.0.bounds();
         let boxed = bounds.map(|[min, max]| min.abs().max(max.abs()).length());
         boxed.into_iter().chain(radius).reduce(f64::min)
     }
 
-    /// Along the line, between two parameters.
+    /// The function at parameter `t` of the line; `t` may be an interval.
     fn along<N: Number>(&self, [origin, direction]: [&[N; 3]; 2], t: &N) -> Jet<N> {
         let t = Jet::variable(t.clone());
         let p = [0, 1, 2].map(|axis| {
@@ -62,7 +62,7 @@ impl<L: Level> LevelSet<L> {
         self.0.at(&p)
     }
 
-    /// Intervals with one root each, in ascending order.
+    /// Intervals between two parameters with one root each, in ascending order.
     fn isolate(&self, line: &Line, from: f64, to: f64) -> Decided<Vec<[f64; 2]>> {
         let fast = [&line.origin, &line.direction].map(|v| v.0.each_ref().map(Fast::of));
         let exact = [&line.origin.0, &line.direction.0];
@@ -96,7 +96,7 @@ impl<L: Level> LevelSet<L> {
         Ok(found)
     }
 
-    /// Narrows the one root between two parameters by Newton's method for intervals.
+    /// Narrows the only root between two parameters by the interval Newton method.
     fn narrow(&self, line: &Line, [a, b]: [f64; 2]) -> Decided<(Interval, Ordering)> {
         let at = |t: &Interval| self.along([&line.origin.0, &line.direction.0], t);
         let rising = at(&line.number(b)).value.sign()?;
@@ -135,7 +135,7 @@ enum Look {
     Cut,
 }
 
-/// What is known of a function between two parameters.
+/// Bounds the number of roots of a function between two parameters.
 fn look<N: Number>(at: &dyn Fn(&N) -> Jet<N>, [a, b]: [f64; 2], number: impl Fn(f64) -> N) -> Look {
     let [first, last] = [a, b].map(&number);
     let whole = first.hull(&last);
@@ -154,7 +154,7 @@ fn look<N: Number>(at: &dyn Fn(&N) -> Jet<N>, [a, b]: [f64; 2], number: impl Fn(
             _ => Look::Cut,
         };
     }
-    // The mean value form: the value in the middle, and how far it may be left on the way.
+    // The mean value form: the value in the middle, plus the largest possible change from there.
     let middle = number(a + (b - a) * CUT);
     let rest = whole.plus(&middle.negated());
     match at(&middle).value.plus(&slope.times(&rest)).has_zero() {
@@ -166,7 +166,7 @@ fn look<N: Number>(at: &dyn Fn(&N) -> Jet<N>, [a, b]: [f64; 2], number: impl Fn(
 impl<L: Level> Surface for LevelSet<L> {
     fn meet(&self, line: &Line) -> Decided<Roots> {
         let (o, d) = (line.origin.nearest(), line.direction.nearest());
-        // A part of the line that certainly holds all of it.
+        // A segment of the line that certainly contains every intersection.
         let reach = 1.001 * self.reach().ok_or(Undecided)? + 1e-9 * o.length();
         let middle = -o.dot(d) / d.length_squared();
         let away = (o + middle * d).length();
@@ -205,7 +205,7 @@ impl<L: Level> Surface for LevelSet<L> {
     }
 }
 
-/// Whether a place is in a box, which is closed.
+/// Whether a point lies in a closed box.
 fn is_inside(p: &[Interval; 3], [min, max]: &[DVec3; 2]) -> Decided<bool> {
     for (axis, x) in p.iter().enumerate() {
         if x.compare(&x.like(min[axis]))? == Ordering::Less

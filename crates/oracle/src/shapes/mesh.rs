@@ -1,4 +1,4 @@
-//! The triangles of OBJ and PLY files, with the normals and texture coordinates of their corners.
+//! Triangles of OBJ and PLY files, with the normals and texture coordinates of their vertices.
 
 mod displacement;
 mod obj;
@@ -21,7 +21,7 @@ pub(crate) struct Config {
 }
 
 impl Config {
-    /// What a light reads.
+    /// The mesh of a file as a light uses it, without subdivision or displacement.
     pub(crate) fn of(file: FilePath) -> Self {
         Self {
             file,
@@ -32,23 +32,23 @@ impl Config {
     }
 }
 
-/// Loop's is the one scheme.
+/// Loop subdivision, the only scheme.
 #[derive(Debug, Deserialize)]
 struct Subdivision {
     levels: u32,
 }
 
-/// By triangle, in the order of the file.
+/// Attributes by triangle, in the order of the file.
 #[derive(Debug, Default)]
 pub(crate) struct Mesh {
     pub(crate) triangles: Vec<[[f64; 3]; 3]>,
-    /// Of those whose corners have normals.
+    /// Normals of the triangles whose vertices have them.
     pub(crate) normals: Vec<Option<[[f64; 3]; 3]>>,
-    /// Of those whose corners have texture coordinates.
+    /// Texture coordinates of the triangles whose vertices have them.
     pub(crate) uvs: Vec<Option<[[f64; 2]; 3]>>,
 }
 
-/// A corner of a face.
+/// A vertex of a face.
 #[derive(Clone, Copy)]
 struct Corner {
     place: [f64; 3],
@@ -57,7 +57,7 @@ struct Corner {
 }
 
 impl Mesh {
-    /// A face is a fan from its first corner.
+    /// Adds a face as a triangle fan from its first vertex.
     fn add(&mut self, corners: &[Corner]) {
         for pair in corners.windows(2).skip(1) {
             let three = [corners[0], pair[0], pair[1]];

@@ -1,4 +1,4 @@
-//! Where lines meet each shape of the model, section 9. One file is one shape.
+//! Intersections of a line with each shape of the model (section 9), one file per shape.
 
 pub(crate) mod cone;
 mod conic;
@@ -29,7 +29,7 @@ use whitstone_core::config::{Table, decode};
 use whitstone_core::{DAffine3, DVec3, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
-/// The types that the oracle knows.
+/// The types of shapes that the oracle supports.
 pub(crate) const KNOWN: [&str; 22] = [
     "box",
     "cone",
@@ -55,27 +55,27 @@ pub(crate) const KNOWN: [&str; 22] = [
     "triangle",
 ];
 
-/// A shape in its own space.
+/// A shape in its object space.
 pub(crate) trait Surface: Send + Sync {
-    /// All places where a line meets it.
+    /// All intersections with a line.
     fn meet(&self, line: &Line) -> Decided<Roots>;
 
-    /// Centre and radius of a ball around all of it, as good as doubles are; `None` where it is
-    /// endless, or has none at hand.
+    /// Centre and radius of a bounding sphere, in double precision. `None` if the shape is
+    /// unbounded or has no simple bound.
     fn ball(&self) -> Option<(DVec3, f64)> {
         None
     }
 }
 
-/// Whether a line certainly passes by a ball: by far more than the rounding of these few
-/// operations. `size` bounds the numbers that the ball comes from.
+/// Whether a line certainly misses a sphere, by much more than the rounding error of these few
+/// operations. `size` bounds the numbers that the sphere was computed from.
 pub(crate) fn passes_by((center, radius): (DVec3, f64), size: f64, o: DVec3, d: DVec3) -> bool {
     let across = (center - o).cross(d).length();
     let rounding = 1e-9 * (size + o.length()) * d.length();
     across > 1.000_001 * radius * d.length() + rounding
 }
 
-/// A shape and where it stands.
+/// A shape with its transform.
 pub(crate) struct Placed {
     pub(crate) surface: Box<dyn Surface>,
     pub(crate) map: DAffine3,
@@ -103,14 +103,14 @@ impl Surface for Placed {
     fn ball(&self) -> Option<(DVec3, f64)> {
         let (center, radius) = self.surface.ball()?;
         let matrix = self.map.matrix3;
-        // Nothing is stretched by more than the root of the sum of all squares.
+        // No direction is stretched by more than the root of the sum of all squares.
         let stretch = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::length_squared);
         let stretch = stretch.iter().sum::<f64>().sqrt();
         Some((self.map.transform_point3(center), radius * stretch))
     }
 }
 
-/// The shape of a table.
+/// The shape that a table describes.
 pub(crate) fn surface(
     description: &Description<'_>,
     plugin: &PluginTable<'_>,

@@ -1,11 +1,12 @@
-//! Bicubic Bezier patches.
+//! Bicubic Bézier patches.
 //!
-//! A line is two planes that hold it, so the patch is met where two bicubic functions are zero at
-//! once. A piece of the patch on which all control values of one of them, or of a combination of
-//! both, have one sign holds no root. One on which the functions, combined so that they are nearly
-//! the parameters themselves, have opposite signs on opposite sides (Miranda's theorem) holds
-//! exactly one. Others are cut in two. The one root is enclosed by Krawczyk's operator (Moore,
-//! Kearfott, Cloud, *Introduction to Interval Analysis*, 2009, 8.2 and 8.3).
+//! A line is the intersection of two planes, so it meets the patch where two bicubic functions are
+//! zero at once. A piece of the patch holds no root if all control values of one function, or of a
+//! combination of both, have the same sign. Otherwise the functions are combined to approximate the
+//! parameters themselves. If each combination has opposite signs on opposite sides (Miranda's
+//! theorem), the piece holds exactly one root. Other pieces are split in two. Krawczyk's operator
+//! encloses the root (Moore, Kearfott, Cloud, *Introduction to Interval Analysis*, 2009, 8.2 and
+//! 8.3).
 
 use super::Surface;
 use crate::interval::{Decided, Interval, Undecided};
@@ -15,11 +16,11 @@ use serde::Deserialize;
 use std::cmp::Ordering;
 use whitstone_core::{DVec3, SceneError, SceneErrors};
 
-/// Where pieces are cut: not where control points are likely to be met.
+/// Where pieces are split: not where control points are often hit.
 const CUT: f64 = 0.4853515625;
 
-/// Pieces of one patch that are looked at before giving up; a line that passes an edge or touches
-/// needs more than any number.
+/// Number of pieces of one patch to examine before giving up. A line that passes an edge or touches
+/// the patch would need infinitely many.
 const MOST_PIECES: usize = 600;
 
 #[derive(Debug, Deserialize)]
@@ -30,7 +31,7 @@ pub(crate) struct Patches {
     patches: Option<Vec<Vec<usize>>>,
 }
 
-/// Control points, sixteen a patch.
+/// Control points, sixteen per patch.
 pub(crate) struct Nets(pub(crate) Vec<[[f64; 3]; 16]>);
 
 impl Patches {
@@ -62,8 +63,8 @@ impl Surface for Nets {
 
 fn meet(points: &[[f64; 3]; 16], number: u32, line: &Line) -> Decided<Vec<Root>> {
     let points: Vec<Vector> = points.iter().map(|point| line.point(*point)).collect();
-    // Two vectors across the line, by its largest component: their products with what is on the
-    // line are exactly zero.
+    // Two vectors perpendicular to the line, built from its largest component: their products with
+    // the direction are exactly zero.
     let d = line.direction.nearest().abs();
     let axis = d.max_position();
     let across = [1, 2].map(|k| {
@@ -97,7 +98,7 @@ fn meet(points: &[[f64; 3]; 16], number: u32, line: &Line) -> Decided<Vec<Root>>
     Err(Undecided)
 }
 
-/// The place on the line, from the parameters.
+/// The point on the line at these parameters.
 fn root(surface: &[Net; 3], u: &Interval, v: &Interval, number: u32, line: &Line) -> Decided<Root> {
     let at = |along: Option<Way>| {
         Vector([0, 1, 2].map(|axis| match along {
@@ -108,7 +109,7 @@ fn root(surface: &[Net; 3], u: &Interval, v: &Interval, number: u32, line: &Line
     let d = &line.direction;
     let t = at(None).minus(&line.origin).dot(d).over(&d.dot(d))?;
     let normal = at(Some(Way::U)).cross(&at(Some(Way::V)));
-    // By the weights of the control points.
+    // Weighted by the control points.
     let weighted = [0, 1, 2].map(|axis| surface[axis].map(Interval::abs).at(u, v).nearest());
     let n = normal.nearest();
     let root = Root::new(
@@ -124,18 +125,18 @@ fn root(surface: &[Net; 3], u: &Interval, v: &Interval, number: u32, line: &Line
     })
 }
 
-/// Along which parameter.
+/// A parameter direction of the patch.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Way {
     U,
     V,
 }
 
-/// Control values of a bicubic function: rows along u, one behind the other along v.
+/// Control values of a bicubic function; each row runs along u, the rows follow each other along v.
 #[derive(Clone)]
 struct Net(Vec<Interval>);
 
-/// A Bernstein polynomial at a point or on an interval, by de Casteljau's steps.
+/// A Bernstein polynomial at a point or over an interval, by de Casteljau's algorithm.
 fn casteljau(mut row: Vec<Interval>, t: &Interval) -> Interval {
     while row.len() > 1 {
         row = row
@@ -155,7 +156,7 @@ impl Net {
         Self(self.0.iter().map(f).collect())
     }
 
-    /// Four rows of four along a way, each with its place in the net.
+    /// The four rows of four control values along a direction, by their index in the net.
     fn rows(&self, way: Way) -> [[usize; 4]; 4] {
         let step = |row: usize, k: usize| match way {
             Way::U => 4 * row + k,
@@ -182,13 +183,13 @@ impl Net {
             .collect()
     }
 
-    /// Everything that the derivative is on the net.
+    /// Encloses the derivative over the net.
     fn slope(&self, way: Way) -> Interval {
         let differences = self.rows(way).into_iter().flat_map(|row| self.differences(row));
         differences.reduce(|a, b| a.hull(&b)).expect("a net has rows")
     }
 
-    /// The sign of all values, if they have one.
+    /// The common sign of all values, if they have one.
     fn sign(values: impl IntoIterator<Item = Interval>) -> Option<Ordering> {
         let mut signs = values
             .into_iter()
@@ -197,14 +198,14 @@ impl Net {
         signs.all(|sign| sign == Some(first)).then_some(first)
     }
 
-    /// The values on one side of the square: at the low or at the high end of a way.
+    /// The values on one side of the square: at the low or the high end of a direction.
     fn side(&self, way: Way, high: bool) -> impl Iterator<Item = Interval> {
         let rows = self.rows(way);
         rows.map(|row| self.0[row[if high { 3 } else { 0 }]].clone())
             .into_iter()
     }
 
-    /// Both parts, by de Casteljau's steps.
+    /// Splits the net in two by de Casteljau's algorithm.
     fn cut(&self, way: Way, at: &Interval) -> [Self; 2] {
         let (mut low, mut high) = (self.clone(), self.clone());
         for places in self.rows(way) {
@@ -222,27 +223,27 @@ impl Net {
     }
 }
 
-/// A part of a patch: two functions of two parameters from 0 to 1, and from where to where those
-/// are.
+/// A piece of a patch: two functions of two parameters in [0, 1], and the range of the patch
+/// parameters that these cover.
 struct Piece {
     seen: [Net; 2],
     u: [Interval; 2],
     v: [Interval; 2],
 }
 
-/// The point at a part of the way.
+/// The point at the fraction `at` between both.
 fn between([from, to]: &[Interval; 2], at: &Interval) -> Interval {
     from + (to - from) * at
 }
 
 enum Look {
     Nothing,
-    /// The same with combined functions.
+    /// Exactly one root; the piece holds the combined functions.
     One(Box<Piece>),
     Cut,
 }
 
-/// Rows that combine both functions.
+/// The matrix that combines both functions.
 type Combination = [[Interval; 2]; 2];
 
 impl Piece {
@@ -273,7 +274,7 @@ impl Piece {
             let side = |high| Net::sign(straight[k].side(ways[k], high));
             matches!((side(false), side(true)), (Some(low), Some(high)) if low != high)
         });
-        // Nearly the parameters themselves, so that steps contract fourfold.
+        // Nearly equal to the parameters themselves, so that each step contracts fourfold.
         let quarter = slopes[0][0].like(0.25);
         let straightened = (0..2).all(|k| {
             let own = straight[k].slope(ways[k]) - quarter.like(1.0);
@@ -290,12 +291,12 @@ impl Piece {
         }))
     }
 
-    /// The derivatives of both functions by both parameters, everywhere on the piece.
+    /// Encloses the derivatives of both functions by both parameters over the piece.
     fn slopes(&self) -> Combination {
         [0, 1].map(|k| [self.seen[k].slope(Way::U), self.seen[k].slope(Way::V)])
     }
 
-    /// In two, across the longer way.
+    /// Splits the piece in two across its longer direction.
     fn cut(&self) -> [Self; 2] {
         let length = |[from, to]: &[Interval; 2]| to - from;
         let longer_v = length(&self.u).compare(&length(&self.v)) == Ok(Ordering::Less);
@@ -316,14 +317,14 @@ impl Piece {
         [piece(f0, g0, u0, v0), piece(f1, g1, u1, v1)]
     }
 
-    /// What lies between two places along a way, the second of which is not 0.
+    /// The part between two parameters along a direction; `to` must not be 0.
     fn part(&self, way: Way, from: &Interval, to: &Interval) -> Decided<Self> {
         let [low, _] = self.cut_at(way, to);
         let [_, part] = low.cut_at(way, &from.over(to)?);
         Ok(part)
     }
 
-    /// The parameters of the only root, on the whole patch.
+    /// The patch parameters of the only root.
     fn refine(mut self) -> Decided<[Interval; 2]> {
         let zero = self.u[0].like(0.0);
         let unit = zero.hull(&zero.like(1.0));
@@ -335,7 +336,7 @@ impl Piece {
             let mut at = [unit.clone(), unit.clone()];
             for k in 0..2 {
                 let [a, b] = &inverse[k];
-                // m - Y f(m) + (1 - Y F'(X)) (X - m).
+                // Krawczyk's operator: m - Y f(m) + (1 - Y F'(X)) (X - m).
                 let mut next = &half - (a * &values[0] + b * &values[1]);
                 for j in 0..2 {
                     let same = zero.like(f64::from(u8::from(j == k)));
@@ -343,7 +344,8 @@ impl Piece {
                 }
                 at[k] = unit.common(&next).ok_or(Undecided)?;
             }
-            // No better than three quarters: that is all that these digits give.
+            // A step that keeps three quarters of the width has reached the limit of this
+            // precision.
             let stuck = |at: &Interval| at.width().compare(&zero.like(0.75)) != Ok(Ordering::Less);
             if at.iter().all(stuck) {
                 return Ok([&self.u, &self.v].map(|[from, to]| from.hull(to)));
@@ -355,8 +357,8 @@ impl Piece {
     }
 }
 
-/// The inverse of the middle of a matrix of intervals, in doubles: any would do, a good one makes
-/// bounds narrow.
+/// The inverse of the midpoint of an interval matrix, in doubles. Any matrix is valid; a good one
+/// gives narrow bounds.
 fn inverse(matrix: &Combination) -> Option<Combination> {
     let [[a, b], [c, d]] = [0, 1].map(|i| [0, 1].map(|j| matrix[i][j].nearest()));
     let determinant = a * d - b * c;

@@ -1,4 +1,4 @@
-//! z = 0, endless; as an operand all that is below it.
+//! The infinite plane z = 0; as a CSG operand, the half-space below it.
 
 use super::Surface;
 use crate::interval::{Decided, Interval, Undecided};
@@ -12,7 +12,7 @@ use whitstone_core::DVec3;
 #[serde(deny_unknown_fields)]
 pub(crate) struct Plane {}
 
-/// Where a line meets the plane z = 0; a line within it meets it nowhere in particular.
+/// The intersection of a line with the plane z = 0. Undecided if the line lies in it.
 pub(super) fn meet(line: &Line) -> Decided<Option<Interval>> {
     let (height, slope) = (&line.origin.0[2], &line.direction.0[2]);
     if slope.sign()? != Ordering::Equal {
@@ -24,8 +24,7 @@ pub(super) fn meet(line: &Line) -> Decided<Option<Interval>> {
     }
 }
 
-/// The place where a line meets the plane z = 0, if it is one of those that `holds` says of its x
-/// and y.
+/// The intersection with the part of the plane z = 0 whose x and y satisfy `holds`.
 pub(super) fn part(line: &Line, holds: impl Fn(&Interval, &Interval) -> Decided<bool>) -> Decided<Roots> {
     let Some(t) = meet(line)? else {
         return Ok(Roots::default());
@@ -40,7 +39,8 @@ pub(super) fn part(line: &Line, holds: impl Fn(&Interval, &Interval) -> Decided<
 impl Surface for Plane {
     fn meet(&self, line: &Line) -> Decided<Roots> {
         let mut roots = part(line, |_, _| Ok(true))?;
-        // Below at the far end behind: it comes up, or always was there.
+        // At t = -infinity the line is below the plane if it rises, or if it is parallel to it and
+        // below.
         roots.from_inside = match line.direction.0[2].sign()? {
             Ordering::Greater => true,
             Ordering::Less => false,

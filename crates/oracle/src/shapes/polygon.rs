@@ -1,4 +1,4 @@
-//! What the edges enclose in the plane through the mean of the vertices.
+//! The region enclosed by the edges, in the plane through the mean of the vertices.
 
 use super::Surface;
 use crate::interval::{Decided, Interval, Undecided};
@@ -34,7 +34,7 @@ impl Surface for Polygon {
             };
         }
         let t = to_plane.over(&along)?;
-        // Seen along the axis that the normal is nearest to; any that it is not across would do.
+        // Project along the largest axis of the normal; any axis not perpendicular to it would do.
         let n = normal.nearest();
         let axis = (0..3)
             .max_by(|i, j| n[*i].abs().total_cmp(&n[*j].abs()))
@@ -67,9 +67,9 @@ impl Surface for Polygon {
     }
 }
 
-/// Whether an edge crosses the half-line from (x, y) towards growing x. A vertex at the same height
-/// counts as above it, so that of two edges that meet there both or none cross where the line only
-/// touches.
+/// Whether an edge crosses the half-line from (x, y) towards increasing x. A vertex at the same
+/// height counts as above it. Where the half-line only touches a vertex, both edges or none count
+/// as crossings.
 fn crosses(p: [&Interval; 2], q: [&Interval; 2], x: &Interval, y: &Interval) -> Decided<bool> {
     let above = |v: &Interval| Ok((v - y).sign()? != Ordering::Less);
     let (p_above, q_above) = (above(p[1])?, above(q[1])?);
@@ -78,7 +78,7 @@ fn crosses(p: [&Interval; 2], q: [&Interval; 2], x: &Interval, y: &Interval) -> 
     }
     let side = (q[0] - p[0]) * (y - p[1]) - (x - p[0]) * (q[1] - p[1]);
     match side.sign()? {
-        // On the edge.
+        // The point lies on the edge.
         Ordering::Equal => Err(Undecided),
         sign => Ok((sign == Ordering::Greater) == q_above),
     }

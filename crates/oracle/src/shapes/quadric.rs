@@ -1,4 +1,4 @@
-//! Any function of second degree, in a box.
+//! General quadrics, clipped by a box.
 
 use super::conic::{Conic, Cut};
 use super::{Surface, yes};
@@ -23,7 +23,7 @@ fn unit() -> [[f64; 3]; 2] {
 }
 
 impl Quadric {
-    /// A to J: those of x², y², z², xy, xz, yz, x, y, z and 1. Doubling is exact.
+    /// A to J: coefficients of x², y², z², xy, xz, yz, x, y, z and 1. Doubling is exact.
     pub(crate) fn coefficients(&self) -> [f64; 10] {
         if let Some(m) = self.matrix {
             let twice = |i: usize, j: usize| 2.0 * m[i][j];

@@ -1,4 +1,4 @@
-//! `(sqrt(x² + y²) - major_radius)² + z² = minor_radius²`, as a polynomial of fourth degree:
+//! `(sqrt(x² + y²) - major_radius)² + z² = minor_radius²`, as a quartic polynomial:
 //! `(|p|² + R² - r²)² = 4 R² (x² + y²)`.
 
 use super::Surface;
@@ -32,7 +32,7 @@ impl Surface for Torus {
         let (o, d) = (&line.origin, &line.direction);
         let [major, minor] = [self.major_radius, self.minor_radius].map(|x| line.number(x));
         let [a, b, c] = [d.dot(d), o.dot(d), o.dot(o)];
-        // All of it lies inside a ball that is a little larger.
+        // The torus lies inside a slightly larger sphere.
         let reach = (&major + &minor) * line.number(1.000_000_1);
         let in_ball = quadratic::roots(&a, &b, &(&c - reach.squared()))?;
         let [(first, _), (last, _)] = &in_ball[..] else {

@@ -1,4 +1,4 @@
-//! Triangles; those of a shape are numbered in their order.
+//! Triangles, numbered in the order of the shape.
 
 use super::{Surface, passes_by};
 use crate::interval::{Decided, Undecided};
@@ -25,7 +25,7 @@ impl Surface for Triangle {
     }
 }
 
-/// Many of them.
+/// A list of triangles.
 #[derive(Debug)]
 pub(crate) struct Triangles(pub(crate) Vec<[[f64; 3]; 3]>);
 
@@ -42,8 +42,8 @@ impl Surface for Triangles {
     }
 }
 
-/// False only if the line certainly passes by: by far more than the rounding of these few
-/// operations.
+/// False only if the line certainly misses the triangle, by much more than the rounding error of
+/// these few operations.
 fn may_meet(vertices: &[[f64; 3]; 3], o: DVec3, d: DVec3) -> bool {
     let [a, b, c] = vertices.map(DVec3::from_array);
     let radius = (b - a).length().max((c - a).length());
@@ -51,16 +51,17 @@ fn may_meet(vertices: &[[f64; 3]; 3], o: DVec3, d: DVec3) -> bool {
     !passes_by((a, radius), size, o, d) && !certainly_outside([a - o, b - o, c - o], d, size + o.length())
 }
 
-/// True only if the line through the origin in the direction d certainly passes by a triangle: on
-/// different sides of two of its edges, by far more than the rounding of these few operations.
-/// `size` bounds the numbers that the corners come from.
+/// True only if the line through the origin with direction d certainly misses the triangle. It then
+/// lies on different sides of two edges, by much more than the rounding error of these few
+/// operations. `size` bounds the numbers that the corners were computed from.
 fn certainly_outside([a, b, c]: [DVec3; 3], d: DVec3, size: f64) -> bool {
     let rounding = 1e-13 * size * size * d.length();
     let volumes = [b.cross(c), c.cross(a), a.cross(b)].map(|cross| d.dot(cross));
     volumes.iter().any(|volume| *volume > rounding) && volumes.iter().any(|volume| *volume < -rounding)
 }
 
-/// The place where a line meets a triangle, its edges included; one without an area is never met.
+/// The intersection of a line with a triangle, including its edges. A triangle without area is
+/// never hit.
 fn meet(vertices: [[f64; 3]; 3], number: u32, line: &Line) -> Decided<Option<Root>> {
     let corners = vertices.map(|vertex| line.point(vertex));
     let [a, b, c] = &corners;
@@ -76,7 +77,8 @@ fn meet(vertices: [[f64; 3]; 3], number: u32, line: &Line) -> Decided<Option<Roo
             _ => Ok(None),
         };
     }
-    // Twice the volumes between the line and each edge: their signs say on which side it passes.
+    // Twice the signed volumes spanned by the line and each edge: their signs tell on which side of
+    // the edge the line passes.
     let [pa, pb, pc] = [a, b, c].map(|corner| corner.minus(&line.origin));
     let mut volumes = [0.0; 3];
     for (k, [p, q]) in [[&pb, &pc], [&pc, &pa], [&pa, &pb]].into_iter().enumerate() {
@@ -100,8 +102,8 @@ mod tests {
     use super::*;
     use whitstone_core::Ray;
 
-    /// Lines around, through and along edges of slivers and distant triangles: what the filter
-    /// rejects, the exact test does.
+    /// Lines around, through and along the edges of slivers and distant triangles: everything that
+    /// the double-precision filter rejects, the exact test rejects.
     #[test]
     fn what_is_rejected_in_doubles_is_never_met() {
         let mut state = 1_u64;
@@ -119,7 +121,8 @@ mod tests {
             });
             let [a, b, c] = vertices.map(DVec3::from_array);
             let origin = DVec3::from_array(point(5.0));
-            // At an edge, then a few units in the last place or a visible distance to its side.
+            // A point on an edge, moved sideways by nothing, a few units in the last place or a
+            // visible distance.
             let at_edge = a + (b - a) * random().abs();
             let beside = [0.0, 1e-16, 1e-12, 1e-3, 0.3][round % 5] * (1.0 + at_edge.length());
             let target = at_edge + (at_edge - c) * beside;

@@ -1,4 +1,4 @@
-//! Section 4.
+//! Cameras: section 4 of the model.
 
 use super::unknown;
 use serde::Deserialize;
@@ -54,11 +54,11 @@ enum Kind {
     Perspective,
     Orthographic,
     Environment,
-    /// The focus distance, and the points of the lens, in metres along u and v.
+    /// The focus distance, and the lens samples in metres along u and v.
     Lens(f64, Vec<[f64; 2]>),
 }
 
-/// Where rays begin, and where they go.
+/// Origins and directions of camera rays.
 pub(super) struct Camera {
     kind: Kind,
     origin: DVec3,
@@ -123,7 +123,7 @@ impl Camera {
         })
     }
 
-    /// Through raster coordinates: one, or one for each point of a lens.
+    /// Camera rays through a raster position: one, or one for each lens sample.
     pub(super) fn rays(&self, [x, y]: [f64; 2]) -> Vec<Ray> {
         let Window { l, r, b, t, d } = self.window;
         let [u, v, w] = self.axes;
@@ -158,7 +158,7 @@ impl Camera {
         }
     }
 
-    /// How far along it a ray starts.
+    /// The distance along the ray at which it starts (near limit).
     fn start(&self, direction: DVec3) -> f64 {
         if self.near == 0.0 {
             0.0
@@ -170,7 +170,7 @@ impl Camera {
     }
 }
 
-/// Points of a disk, by the concentric map of Shirley and Chiu 1997.
+/// Lens samples, mapped to the disk by the concentric map of Shirley and Chiu 1997.
 pub(super) fn lens(aperture: f64, n: u32) -> Vec<[f64; 2]> {
     let at = |k: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
     let point = |index: u32| {

@@ -1,9 +1,11 @@
-//! Surfaces of different shapes that coincide, section 9: in which order a line meets them.
+//! Coincident surfaces of different shapes: the order in which a line meets them (section 9 of the
+//! model).
 //!
-//! Nothing is moved, and no pairs are looked for in advance. Where a line meets two surfaces at one
-//! place, their forms, their normals and the gap between them say whether they coincide, and the
-//! rule of the model says which one is met first. The places are enclosed in intervals, so that the
-//! gap is known to far less than an ulp. What lies between the cases of the model is undecided.
+//! Nothing is displaced, and no pairs are searched for in advance. Where a line meets two surfaces
+//! at one point, their forms, their normals and the gap between them decide whether they coincide.
+//! The rule of the model then decides which one is first. Intersections are enclosed in intervals,
+//! so that the gap is known to far less than an ulp. Cases that the model does not cover are
+//! undecided.
 
 use crate::interval::{Decided, Undecided};
 use crate::root::Root;
@@ -16,39 +18,40 @@ use whitstone_core::config::decode;
 use whitstone_core::{DAffine3, DVec3, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
-/// Gaps of at most this many ulp are certainly those of surfaces that coincide: the largest
-/// coordinate of a face is known to a factor of two.
+/// Surfaces at a distance of at most this many ulp certainly coincide: the largest coordinate of a
+/// face is known to a factor of two.
 const TOGETHER: f64 = 8.0;
 
-/// Wider gaps than this are certainly gaps.
+/// Surfaces at a larger distance, in ulp, certainly do not coincide.
 const APART: f64 = 32.0;
 
-/// Sine of the angle between normals that counts as none: it is that of the rounding of a normal.
+/// Largest sine of the angle between normals that counts as parallel: the rounding error of a
+/// normal.
 const PARALLEL: f64 = 1e-13;
 
-/// Surfaces at a larger angle cross each other.
+/// Surfaces whose normals have a larger sine of the angle intersect.
 const CROSSING: f64 = 1e-9;
 
-/// What the rule has to know of a shape at one of the places where it stands.
+/// The data of one instance of a shape that the ordering rule needs.
 pub(super) struct Standing {
-    /// The number of the shape in the list of the scene, then for each instance in the list of its
-    /// group.
+    /// The index of the shape in the list of the scene, then for each nested instance the index in
+    /// the list of its group.
     path: Vec<usize>,
-    /// For each of these shapes whether it is closed; `None` for an instance of a group that has
-    /// both kinds.
+    /// For each level of `path`, whether the shape is closed; `None` for an instance of a group
+    /// that has both kinds.
     closed: Vec<Option<bool>>,
     faces: Faces,
 }
 
-/// The faces of a shape, in the world.
+/// The faces of a shape in world space.
 enum Faces {
-    /// Flat ones: the largest coordinate of each primitive.
+    /// Flat faces: the largest coordinate of each primitive.
     Flat(Vec<f64>),
     Plane,
     Ball(Ball),
-    /// The side, if it is that of a cylinder, and the largest coordinates of both caps.
+    /// The side, if the shape is a cylinder, and the largest coordinates of both caps.
     Turned(Option<Side>, [f64; 2]),
-    /// Those of each operand of a csg; its curved ones are not covered.
+    /// The faces of each CSG operand; curved ones are not covered.
     Operands(Vec<Faces>),
     Uncovered,
 }
@@ -65,9 +68,9 @@ struct Side {
     radius: f64,
 }
 
-/// What a primitive is.
+/// The form of a primitive.
 enum Form {
-    /// With the largest coordinate; 0 of an endless plane.
+    /// A flat face with its largest coordinate; 0 for an infinite plane.
     Flat(f64),
     Ball(Ball),
     Side(Side),
@@ -91,7 +94,7 @@ fn largest(points: impl IntoIterator<Item = DVec3>) -> f64 {
     each.fold(0.0, f64::max)
 }
 
-/// How long this map makes every vector; `None` if that depends on the direction.
+/// The scale factor of a similarity; `None` if the scale depends on the direction.
 fn scale(map: &DAffine3) -> Option<f64> {
     let [x, y, z] = [0, 1, 2].map(|i| map.matrix3.col(i));
     let length = x.length();
@@ -102,9 +105,9 @@ fn scale(map: &DAffine3) -> Option<f64> {
     (even && skew.iter().all(|x| x.abs() <= 1e-12 * length * length)).then_some(length)
 }
 
-/// Whether each edge runs as often in the one direction as in the other.
+/// Whether each edge occurs equally often in both directions.
 fn is_closed(triangles: &[[[f64; 3]; 3]]) -> bool {
-    // Equal numbers have equal bits then.
+    // Adding 0 turns -0 into 0, so that equal numbers have equal bits.
     let key = |p: [f64; 3]| p.map(|x| (x + 0.0).to_bits());
     let mut runs: BTreeMap<_, i64> = BTreeMap::new();
     for corners in triangles {
@@ -145,7 +148,7 @@ impl Faces {
             "plane" => Self::Plane,
             "rectangle" | "disk" => Self::Flat(vec![square(0.0)]),
             "box" => {
-                // Of each axis the lower face and the upper one.
+                // For each axis the lower and the upper face.
                 let face = |number: usize| {
                     let corner = |k: usize| {
                         let mut p = [0.0; 3];
@@ -184,7 +187,7 @@ impl Faces {
                 let vertices = keys.vertices.unwrap_or_default();
                 Self::Flat(vec![largest(vertices.into_iter().map(|p| world(p.into())))])
             }
-            // An instance may stretch it.
+            // An instance may turn it into an ellipsoid.
             "sphere" => match scale(map) {
                 Some(scale) => Self::Ball(Ball {
                     center: world(keys.center.into()),
@@ -237,8 +240,8 @@ impl Faces {
     }
 }
 
-/// Whether numbers that differ by this, in metres, are the same of surfaces as large as this;
-/// undecided in between.
+/// Whether two lengths that differ by `difference` metres count as equal, for surfaces with
+/// coordinates up to `largest`. Undecided between both thresholds.
 fn same(difference: f64, largest: f64) -> Decided<bool> {
     let ulps = difference / (f64::EPSILON * largest);
     if ulps <= TOGETHER {
@@ -260,7 +263,8 @@ impl Ball {
 }
 
 impl Side {
-    /// Both overlap along the axis: a line meets them at one place.
+    /// Whether both are part of the same infinite cylinder; overlap along the axis is given,
+    /// because a line meets them at one point.
     fn is(self, other: Self) -> Decided<bool> {
         let reach = |side: Self| largest(side.ends) + side.radius;
         let size = reach(self).max(reach(other));
@@ -273,8 +277,8 @@ impl Side {
 }
 
 impl Standing {
-    /// Of a shape at this place in the lists; `triangles` are its own, in its space, and `map`
-    /// leads to the world.
+    /// Data of the shape at this path. `triangles` are in its object space; `map` leads to world
+    /// space.
     pub(super) fn new(
         description: &Description<'_>,
         plugin: &PluginTable<'_>,
@@ -288,7 +292,7 @@ impl Standing {
             "cylinder" | "cone" | "paraboloid" | "hyperboloid" => Some(caps()?),
             "mesh" => Some(is_closed(triangles)),
             "plane" | "rectangle" | "disk" | "triangle" | "polygon" | "heightfield" => Some(false),
-            // Of the rest no face is covered.
+            // No face of the other shapes is covered.
             _ => None,
         };
         Ok(Self {
@@ -298,8 +302,7 @@ impl Standing {
         })
     }
 
-    /// Says of each instance whether what stands in it is closed, once all parts of a scene are
-    /// known.
+    /// Sets for each instance whether its shapes are closed. Call it with all parts of the scene.
     pub(super) fn join(all: Vec<&mut Self>) {
         let mut kinds: BTreeMap<Vec<usize>, BTreeSet<Option<bool>>> = BTreeMap::new();
         for part in &all {
@@ -318,7 +321,7 @@ impl Standing {
     }
 }
 
-/// A place where a line meets a shape.
+/// An intersection of a line with a shape.
 #[derive(Clone, Copy)]
 pub(super) struct Meeting<'a> {
     pub(super) of: &'a Standing,
@@ -326,7 +329,7 @@ pub(super) struct Meeting<'a> {
 }
 
 impl Meeting<'_> {
-    /// Which of two surfaces that coincide the line meets first; `None` if they do not coincide.
+    /// The order of two coincident surfaces along the line; `None` if they do not coincide.
     pub(super) fn order(self, other: Self, line: &Line) -> Decided<Option<Ordering>> {
         let level = self.of.path.iter().zip(&other.of.path).position(|(a, b)| a != b);
         let Some(level) = level else {
@@ -340,7 +343,7 @@ impl Meeting<'_> {
         } else {
             (other, Ordering::Greater)
         };
-        // The common normal is taken along the line.
+        // The common normal is the direction of the line.
         let place = |one: Self| match (one.of.closed[level], one.root.enters) {
             (None, _) => Err(Undecided),
             (Some(true), false) => Ok(0),
@@ -380,7 +383,7 @@ impl Meeting<'_> {
         }
         match forms {
             [Form::Flat(a), Form::Flat(b)] => {
-                // Of two endless planes only equal ones are known to coincide.
+                // Infinite planes are known to coincide only if they are equal.
                 let together = TOGETHER * f64::EPSILON * a.max(b) + 1e-6 * ulp;
                 if gap.above() * along <= together {
                     Ok(true)
@@ -401,7 +404,7 @@ mod tests {
     use std::path::Path;
     use whitstone_scene::{Description, Sources};
 
-    /// The middle of a picture of two shapes, red and then blue, seen along -z.
+    /// The centre of an image of two shapes, the first red, the second blue, seen along -z.
     fn seen(shapes: [&str; 2]) -> Option<[f64; 3]> {
         let head = "[film]\nwidth = 3\nheight = 3\n\
             [camera]\ntype = \"perspective\"\nfov = 20\n\
@@ -455,8 +458,7 @@ mod tests {
         let egg = "type = \"ellipsoid\"\nradii = [1, 2, 1]";
         let (flat, round) = (rectangle(0.0), ball(1.0));
         let rounder = ball(1.0 + 2.0 * f64::EPSILON);
-        // The box is behind its face, the rectangle that looks away is behind the one that does
-        // not.
+        // The box lies behind its face; a rectangle that faces away lies behind one that does not.
         for (shapes, expected) in [
             ([cube, &flat], BLUE),
             ([&flat, cube], RED),

@@ -1,23 +1,23 @@
-//! Section 10, *Footprints*: how rays of neighbouring samples lie to each other, and what they see
-//! of a surface.
+//! Ray differentials and texture footprints: section 10, *Footprints*.
 //!
-//! Derivatives are central differences of the functions that the rest of this tracer consists of:
-//! of the camera, of what a line across a surface meets, of the branches of a material. So nothing
-//! is derived by hand, whatever the shape or the material is.
+//! Derivatives are central differences of the functions of this tracer: the camera, the
+//! intersection of a surface with a line across it, and the branches of a material. No derivative
+//! is derived by hand, whatever the shape or the material.
 
 use whitstone_core::{DVec2, DVec3, Ray};
 
-/// The least cosine between a ray and the normal by which a step is prolonged.
+/// The least cosine between a ray and the normal by which a step in the tangent plane is
+/// lengthened.
 const GRAZING: f64 = 1.0 / (1 << 20) as f64;
-/// The longest derivative of a branch's direction, in radians per sample.
+/// Upper bound on the derivative of a branch direction, in radians per sample.
 const WIDEST: f64 = 1.0;
-/// How far apart rays are that are compared, in sample distances.
+/// Offset of the rays in a difference, in sample distances.
 pub(super) const APART: f64 = 1.0 / (1 << 12) as f64;
-/// How far apart points of a surface or of texture space are that are compared, as a part of their
+/// Offset of the points in a difference on a surface or in texture space, relative to their
 /// coordinates.
 pub(super) const NEAR: f64 = 1.0 / (1 << 20) as f64;
 
-/// Towards the next sample to the right and the next one below.
+/// Derivatives towards the next sample to the right and the next one below.
 pub(super) type Sides<T> = [T; 2];
 
 /// Derivatives of a ray, per sample.
@@ -36,8 +36,8 @@ pub(super) struct Footprint {
 }
 
 impl Differential {
-    /// Of a ray whose neighbours in these four places are `moved` away from it, in pixels; samples
-    /// are so far apart.
+    /// The differential of a ray from its neighbours `moved` pixels away on each side; `samples` is
+    /// the sample distance in pixels.
     pub(super) fn between([left, right, above, below]: [&Ray; 4], moved: f64, samples: f64) -> Self {
         let per = samples / (2.0 * moved);
         Self {
@@ -50,7 +50,7 @@ impl Differential {
         }
     }
 
-    /// The steps in the tangent plane of a surface that the ray meets at t.
+    /// The steps per sample in the tangent plane of a surface that the ray hits at t.
     pub(super) fn steps(&self, ray: &Ray, t: f64, n_g: DVec3) -> Sides<DVec3> {
         let c = ray.direction.dot(n_g);
         let c = c.abs().max(GRAZING).copysign(c);
@@ -61,7 +61,7 @@ impl Differential {
     }
 }
 
-/// A derivative of a direction, of bounded length.
+/// Clamps the derivative of a direction.
 pub(super) fn bounded(d: DVec3) -> DVec3 {
     if d.is_finite() {
         d.clamp_length_max(WIDEST)
@@ -70,8 +70,7 @@ pub(super) fn bounded(d: DVec3) -> DVec3 {
     }
 }
 
-/// The derivative from values on both sides, that far away each, and in the middle, of which one
-/// outside may be missing.
+/// The derivative from values at -`away`, 0 and `away`, of which one outer value may be missing.
 pub(super) fn slope<T>(before: Option<T>, here: T, after: Option<T>, away: f64) -> T
 where
     T: std::ops::Sub<Output = T> + std::ops::Mul<f64, Output = T> + Default,

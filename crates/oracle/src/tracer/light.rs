@@ -1,4 +1,4 @@
-//! Section 7.
+//! Lights: section 7 of the model.
 
 use super::pattern::{Codes, Lookup, Picture, Wrap};
 use super::texture::{Pattern, Place, Texture};
@@ -94,24 +94,24 @@ struct Face {
     file: FilePath,
 }
 
-/// What lies all around.
+/// An environment.
 enum Sky {
     Sphere(Texture),
-    /// In the order of the model.
+    /// The faces in the order of the model.
     Cube(Vec<Picture>),
 }
 
-/// What a projector throws.
+/// A projector.
 pub(super) struct Slide {
     position: DVec3,
-    /// To the right and up, each divided by half the size of the slide at 1 m, and the way of the
-    /// light.
+    /// Axes to the right and up, each divided by half the size of the image at 1 m, and the
+    /// direction of projection.
     frame: [DVec3; 3],
     intensity: Rgb,
     slide: Texture,
 }
 
-/// A light that shines on surfaces.
+/// A light that illuminates surfaces.
 pub(super) enum Light {
     At {
         position: DVec3,
@@ -124,17 +124,17 @@ pub(super) enum Light {
         towards: DVec3,
         irradiance: Rgb,
     },
-    /// One of the points of a surface that shines.
+    /// One sample point of an area light.
     Facing {
         position: DVec3,
         normal: DVec3,
-        /// Its part of the area, times the radiance.
+        /// Its share of the area, times the radiance.
         power: Rgb,
     },
     Thrown(Slide),
 }
 
-/// All of a scene.
+/// All lights of a scene.
 pub(super) struct Lights {
     pub(super) all: Vec<Light>,
     pub(super) ambient: Rgb,
@@ -217,7 +217,7 @@ impl Lights {
         Ok(lights)
     }
 
-    /// What a ray sees that hits nothing.
+    /// The radiance of a ray that hits nothing.
     pub(super) fn background(&self, d: DVec3) -> Rgb {
         let environments = self.environments.iter();
         environments.fold(self.background, |sum, sky| sum + sky.seen(d))
@@ -231,16 +231,16 @@ impl Sky {
         self.at(DVec2::new(u, 0.5 + d.y.atan2(d.x.hypot(d.z)) / PI), d)
     }
 
-    /// How many parts of a cell of its table are looked up along each axis.
+    /// Number of lookups per cell of its table, along each axis.
     fn parts(&self) -> usize {
         match self {
             Self::Sphere(radiance) => radiance.size().map_or(1, sky::parts),
-            // Around the horizon are four faces.
+            // Four of the faces go around the horizon.
             Self::Cube(faces) => faces[0].size().map_or(1, |[m, _]| sky::parts([4 * m, 2 * m])),
         }
     }
 
-    /// The radiance from a direction, which is at (u, v).
+    /// The radiance from direction `d`, which is at `uv`.
     fn at(&self, uv: DVec2, d: DVec3) -> Rgb {
         match self {
             Self::Sphere(radiance) => radiance.at(&Place {
@@ -266,7 +266,7 @@ impl Sky {
     }
 }
 
-/// The pictures of the faces.
+/// The images of the faces.
 fn cube(description: &Description<'_>, faces: &Faces) -> Result<Vec<Picture>, SceneErrors> {
     let lookup = Lookup {
         filter: None,
@@ -294,7 +294,7 @@ fn cube(description: &Description<'_>, faces: &Faces) -> Result<Vec<Picture>, Sc
     [px, nx, py, ny, pz, nz].into_iter().map(read).collect()
 }
 
-/// A projector, by its frame.
+/// A projector with its frame.
 fn thrown(config: &Projector, slide: Texture) -> Slide {
     let position = DVec3::from_array(config.position);
     let f = (DVec3::from_array(config.target) - position).normalize();
@@ -308,10 +308,11 @@ fn thrown(config: &Projector, slide: Texture) -> Slide {
     }
 }
 
-/// How far points of a surface that shines are off it, as a part of its size.
+/// Offset of the sample points of an area light from its surface, relative to the largest
+/// coordinate of the surface.
 const OFF: f64 = 1.0 / (1_u64 << 47) as f64;
 
-/// The lights that a mesh is.
+/// The sample points of a mesh light.
 fn of_triangles(light: &Area, triangles: &[[[f64; 3]; 3]]) -> Vec<Light> {
     let transform = light.transform.as_ref();
     let map = transform.map_or(DAffine3::IDENTITY, |steps| *steps.get().world_from_object());
@@ -330,7 +331,7 @@ fn of_triangles(light: &Area, triangles: &[[[f64; 3]; 3]]) -> Vec<Light> {
             continue;
         }
         let power = light.radiance.get() * (across.length() / f64::from(2 * n * n));
-        // The upright parts in rows, then those upside down.
+        // The upright parts of each triangle in rows, then the inverted ones.
         for (third, rows) in [(1, n), (2, n - 1)] {
             for (i, j) in (0..rows).flat_map(|j| (0..rows - j).map(move |i| (i, j))) {
                 let [s, t] = [i, j].map(|k| f64::from(3 * k + third) / f64::from(3 * n));
@@ -346,7 +347,7 @@ fn of_triangles(light: &Area, triangles: &[[[f64; 3]; 3]]) -> Vec<Light> {
     lights
 }
 
-/// The lights that an area light is, one behind the other.
+/// The sample points of an area light, in the order of the model.
 fn area(light: &Area) -> Vec<Light> {
     let transform = light.transform.as_ref();
     let map = transform.map_or(DAffine3::IDENTITY, |steps| *steps.get().world_from_object());
@@ -387,7 +388,7 @@ fn area(light: &Area) -> Vec<Light> {
 }
 
 impl Light {
-    /// Direction to it, its distance and the irradiance of a surface that faces it.
+    /// Direction to the light, distance, and irradiance of a surface that faces it.
     pub(super) fn at(&self, p: DVec3) -> Option<(DVec3, f64, Rgb)> {
         match *self {
             Self::Thrown(ref slide) => slide.at(p),
@@ -409,7 +410,7 @@ impl Light {
             } => {
                 let (l, distance) = towards(position, p)?;
                 let part = cone.map_or(1.0, |(axis, [beam, cutoff])| {
-                    // By the sine and the cosine: an arc cosine near 1 has few digits.
+                    // The angle from sine and cosine: an arc cosine near 1 loses digits.
                     let angle = axis.cross(-l).length().atan2(axis.dot(-l));
                     if angle <= beam {
                         1.0
@@ -445,7 +446,7 @@ impl Slide {
     }
 }
 
-/// Direction and distance; a light at the very point gives nothing.
+/// Direction and distance; `None` if the light is exactly at the point.
 fn towards(position: DVec3, p: DVec3) -> Option<(DVec3, f64)> {
     let to = position - p;
     let distance = to.length();

@@ -1,4 +1,4 @@
-//! Section 8.
+//! Materials: section 8 of the model.
 
 pub(super) mod bodies;
 mod read;
@@ -13,11 +13,11 @@ use whitstone_core::config::Color;
 use whitstone_core::{DVec2, DVec3, Rgb, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
 
-/// What a ray travels in.
+/// The medium that a ray travels in.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Medium {
     absorption: Rgb,
-    /// The bodies that it is in, a bit for each of their ranks.
+    /// The prioritised dielectrics that the ray is in: one bit per rank.
     inside: u64,
 }
 
@@ -48,18 +48,18 @@ impl Medium {
     }
 }
 
-/// A direction in which a ray goes on.
+/// A direction in which the ray tree continues.
 pub(super) struct Branch {
     pub(super) direction: DVec3,
-    /// That of which the derivative counts: of glossy, what a mirror does.
+    /// The direction to take the derivative of: for glossy materials, the mirror direction.
     course: DVec3,
     pub(super) weight: Rgb,
     pub(super) medium: Medium,
-    /// Whether it goes to the other side.
+    /// Whether it crosses the surface.
     pub(super) transmitted: bool,
 }
 
-/// Indices and absorption inside and outside.
+/// Indices of refraction and absorption inside and outside.
 struct Interface {
     ior: [f64; 2],
     media: [Medium; 2],
@@ -74,7 +74,8 @@ impl Interface {
         }
     }
 
-    /// Between what is on the viewer's side, who is outside or not, and what is on the other one.
+    /// The interface between the media on the viewer's side and on the far side; `outside` tells
+    /// where the viewer is.
     fn seen(outside: bool, [here, there]: [Substance; 2]) -> Self {
         let [inner, outer] = if outside { [there, here] } else { [here, there] };
         Self {
@@ -96,28 +97,28 @@ enum Kind {
         k: Box<[Texture; 3]>,
         exponent: f64,
         highlight: Highlight,
-        /// Of whitted.
+        /// Only for `whitted`.
         branches: Option<Box<([Texture; 2], Interface)>>,
     },
     Mirror(Texture),
-    /// With directions about +z, in equal shares.
+    /// Directions about +z, equally weighted.
     Glossy(Texture, Vec<DVec3>),
     Dielectric(Interface),
-    /// Index inside over that outside, and the tint.
+    /// Index of refraction inside relative to outside, and the tint.
     Pane(f64, Texture),
     Metal {
         eta: Rgb,
         k: Rgb,
         tint: Texture,
     },
-    /// One of the bodies that may overlap.
+    /// One of the prioritised dielectrics.
     Body(Face),
     Emissive(Texture, Option<Box<Kind>>),
-    /// How much of the second.
+    /// The weight of the second material.
     Mix(Texture, [Box<Kind>; 2]),
-    /// In front, and behind.
+    /// The material in front, and the one behind.
     Sides([Box<Kind>; 2]),
-    /// How much is not a hole.
+    /// The opacity: 0 is a hole.
     Mask(Texture, Box<Kind>),
     NormalMap(Texture, Tangent, Box<Kind>),
     Bump {
@@ -126,20 +127,20 @@ enum Kind {
         step: f64,
         inner: Box<Kind>,
     },
-    /// Vectors that are added; along the axes of the world where there is no tangent.
+    /// Vectors to add to the normal; in world space if there is no tangent.
     BumpVectors(Texture, f64, Option<Tangent>, Box<Kind>),
 }
 
-/// Where the x of a normal map points.
+/// The tangent of a normal map, its x axis.
 enum Tangent {
-    /// Along this, as far as it is in the surface.
+    /// This vector, projected onto the surface.
     Along(DVec3),
-    /// Around this.
+    /// Around this axis.
     Around(DVec3),
 }
 
 impl Tangent {
-    /// Of unit length, if it has any.
+    /// The tangent as a unit vector, if there is one.
     fn at(&self, n_s: DVec3) -> Option<DVec3> {
         let t = match self {
             Self::Along(x) => *x - x.dot(n_s) * n_s,
@@ -149,7 +150,7 @@ impl Tangent {
     }
 }
 
-/// A material on a shape.
+/// The material of a shape.
 pub(super) struct Material(Kind);
 
 impl Material {
@@ -163,17 +164,17 @@ impl Material {
         }))
     }
 
-    /// As one of the bodies that may overlap.
+    /// The material of a prioritised dielectric.
     pub(super) fn of_body(face: Face) -> Self {
         Self(Kind::Body(face))
     }
 
-    /// At a surface point, with the geometric normal and the direction to the viewer.
+    /// The material at a surface point, with the geometric normal and the direction to the viewer.
     pub(super) fn at(&self, spot: Place, n_g: DVec3, viewer: DVec3) -> At<'_> {
         At::new(&self.0, spot, n_g, viewer)
     }
 
-    /// Whether there is a mask in it.
+    /// Whether it contains a mask.
     pub(super) fn has_masks(&self) -> bool {
         self.0.has_masks()
     }
@@ -199,9 +200,9 @@ pub(super) struct At<'a> {
     spot: Place,
     n_g: DVec3,
     viewer: DVec3,
-    /// On the outside.
+    /// The shading normal on the outside.
     n_s: DVec3,
-    /// The same on the viewer's side.
+    /// The shading normal on the viewer's side.
     n: DVec3,
 }
 
@@ -215,14 +216,15 @@ impl<'a> At<'a> {
             n_s: n_g,
             n: n_g,
         };
-        // Rule S.
+        // Rule S of the model.
         let same_side = viewer.dot(spot.n_s) * viewer.dot(n_g) >= 0.0;
         at.facing(if same_side { spot.n_s } else { -spot.n_s })
     }
 }
 
 impl At<'_> {
-    /// The differentials of its branches, of the ray with this one that arrived in a medium.
+    /// The ray differentials of its branches. `arriving` is that of the incoming ray, which
+    /// travelled in `medium`.
     pub(super) fn differentials(
         &self,
         branches: &[Branch],
@@ -230,7 +232,7 @@ impl At<'_> {
         medium: Medium,
     ) -> Vec<Differential> {
         let footprint = self.spot.footprint;
-        // What the material does next to the point: on the right, below, and on the opposite sides.
+        // The branches at offset points: left and right, above and below.
         let beside = [0, 1].map(|side| {
             [-APART, APART].map(|away| {
                 let spot = Place {
@@ -261,12 +263,12 @@ impl At<'_> {
         &self.spot
     }
 
-    /// The normal on the viewer's side.
+    /// The shading normal on the viewer's side.
     pub(super) fn n(&self) -> DVec3 {
         self.n
     }
 
-    /// With another shading normal.
+    /// The same with another shading normal.
     fn facing(self, n_s: DVec3) -> Self {
         let outside = self.viewer.dot(self.n_g) >= 0.0;
         Self {
@@ -276,7 +278,7 @@ impl At<'_> {
         }
     }
 
-    /// What a normal map or bumps make of it, where the new normal is on the viewer's side.
+    /// Applies a normal map or bump map; the new normal must be on the viewer's side to count.
     fn bent(&self) -> Option<At<'_>> {
         let n_s = self.n_s;
         let (inner, bent) = match self.kind {
@@ -314,7 +316,7 @@ impl At<'_> {
         Some(self.with(inner).facing(seen.unwrap_or(n_s)))
     }
 
-    /// The same place with another material.
+    /// The same point with another material.
     fn with<'b>(&self, kind: &'b Kind) -> At<'b> {
         At {
             kind,
@@ -331,7 +333,7 @@ impl At<'_> {
         self.with(&sides[usize::from(self.viewer.dot(self.n_g) <= 0.0)])
     }
 
-    /// What is made of others: of each part of a material, with its weight.
+    /// For composite materials, the weighted sum of `of` over the components.
     fn blended(&self, of: &dyn Fn(&At<'_>) -> Rgb) -> Option<Rgb> {
         Some(match self.kind {
             Kind::Sides(sides) => of(&self.side(sides)),
@@ -366,7 +368,7 @@ impl At<'_> {
         }
     }
 
-    /// Radiance for an irradiance of 1 on a surface that faces a light in direction l.
+    /// Reflected radiance for an irradiance of 1 on a surface that faces a light in direction `l`.
     pub(super) fn answer(&self, l: DVec3) -> Rgb {
         let cosine = self.n.dot(l).max(0.0);
         match self.kind {
@@ -394,7 +396,7 @@ impl At<'_> {
         }
     }
 
-    /// Reflection, then transmission, then straight on.
+    /// The branches: reflection, then transmission, then the undeviated ray.
     pub(super) fn branches(&self, medium: Medium) -> Vec<Branch> {
         let reflected = |weight: Rgb| Branch {
             direction: self.mirrored(),
@@ -424,7 +426,7 @@ impl At<'_> {
                 let r = reflected(weight);
                 let [x, y] = self.across(r.direction);
                 let about = |q: &DVec3| Branch {
-                    // `course` stays.
+                    // `course` remains the mirror direction.
                     direction: q.x * x + q.y * y + q.z * r.direction,
                     ..r
                 };
@@ -460,8 +462,8 @@ impl At<'_> {
                     scaled(self.with(a).branches(medium), w.map(|w| 1.0 - w)).collect();
                 let of_a = all.len();
                 for branch in scaled(self.with(b).branches(medium), w) {
-                    // Those in one direction are one, also for the least contribution; of one that
-                    // is glossy there are several.
+                    // Branches in the same direction are merged, also for the contribution limit; a
+                    // glossy material has several.
                     let mut of_a = all[..of_a].iter_mut();
                     let same = of_a.find(|one| one.transmitted == branch.transmitted);
                     match same {
@@ -501,9 +503,8 @@ impl At<'_> {
         }
     }
 
-    /// Of light that goes straight on from the viewer's side: what is left of it, and the medium
-    /// behind where that is another one. Without `filtered` only the holes of masks let it through.
-    /// Section 7.
+    /// Transmittance of an undeviated shadow ray from the viewer's side (section 7), and the medium
+    /// behind the surface if it changes. Unless `filtered`, only the holes of masks let light pass.
     pub(super) fn filter(&self, filtered: bool, medium: Medium) -> (Rgb, Option<Medium>) {
         let nothing = (Rgb::splat(0.0), None);
         let behind = |interface: &Interface| {
@@ -559,7 +560,7 @@ impl At<'_> {
         }
     }
 
-    /// The axes of a lobe about r: the model's frame is turned along the shortest ways, to n and
+    /// The axes of a lobe about r: the frame of the model is rotated along the shortest path to n,
     /// then to r.
     fn across(&self, r: DVec3) -> [DVec3; 2] {
         let turned = |q: DVec3, a: DVec3, b: DVec3| {
@@ -571,7 +572,7 @@ impl At<'_> {
         [x, r.cross(x)]
     }
 
-    /// What is not reflected of light that goes straight on.
+    /// The Fresnel transmittance of undeviated light.
     fn passes(&self, interface: &Interface) -> Rgb {
         let [a, b] = interface.ior;
         let r = reflectance(self.n.dot(self.viewer).abs(), a.max(b) / a.min(b));
@@ -586,7 +587,7 @@ impl At<'_> {
         self.viewer.dot(self.n_g) > 0.0
     }
 
-    /// Reflection and refraction by Fresnel's formulas.
+    /// Reflection and refraction by the Fresnel equations.
     fn glass(&self, interface: &Interface, medium: Medium) -> Vec<Branch> {
         let reflected = |weight: f64| Branch {
             direction: self.mirrored(),
@@ -605,7 +606,8 @@ impl At<'_> {
         }
     }
 
-    /// The transmitted branch, the reflectance and the relative index; `None` for total reflection.
+    /// The transmitted branch, the reflectance and the relative index; `None` for total internal
+    /// reflection.
     fn refracted(&self, interface: &Interface) -> Option<(Branch, f64, f64)> {
         let outside = self.is_outside();
         let [interior, exterior] = interface.ior;
@@ -636,7 +638,7 @@ impl At<'_> {
     }
 }
 
-/// Directions through n x n parts of the lobe cos^exponent about +z.
+/// Directions through n x n strata of the lobe cos^exponent about +z.
 fn lobe(n: u32, exponent: f64) -> Vec<DVec3> {
     let about = |[x, y]: [f64; 2]| {
         let disk = DVec2::new(x, y);
@@ -647,7 +649,8 @@ fn lobe(n: u32, exponent: f64) -> Vec<DVec3> {
     lens(1.0, n).into_iter().map(about).collect()
 }
 
-/// Of unpolarised light, by the index behind over that in front; 1 at total reflection.
+/// Fresnel reflectance of a dielectric for unpolarised light. `index` is the index behind the
+/// surface relative to that in front. 1 for total internal reflection.
 fn reflectance(cosine: f64, index: f64) -> f64 {
     if index == 1.0 {
         return 0.0;
@@ -662,7 +665,7 @@ fn reflectance(cosine: f64, index: f64) -> f64 {
     0.5 * (r_s * r_s + r_p * r_p)
 }
 
-/// Of a metal, by its index `eta + i k`.
+/// Fresnel reflectance of a metal with the index `eta + i k`.
 fn metal(eta: f64, k: f64, c: f64) -> f64 {
     let s = 1.0 - c * c;
     let base = eta * eta - k * k - s;

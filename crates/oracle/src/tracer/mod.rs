@@ -1,17 +1,17 @@
-//! A Whitted tracer of its own: the third opinion on a pixel.
+//! An independent Whitted tracer: the third opinion on a pixel.
 //!
-//! It tries every shape for every ray and follows the tree by plain recursion, so that there is
-//! little to be wrong. Where a ray meets a surface is found with as many digits as it takes
-//! ([`crate::Oracle`]); the point is then the double vector nearest to it, and what is computed
-//! there are the formulas of `docs/whitted-model.md`, in double precision, in their plainest form.
+//! It is deliberately simple: it tests every shape for every ray and follows the ray tree by plain
+//! recursion. Intersections are found in arbitrary precision ([`crate::Oracle`]). The hit point is
+//! the double vector nearest to the intersection. From there on it evaluates the formulas of
+//! `docs/whitted-model.md` in double precision, in their plainest form.
 //!
-//! How much of a value is certain is found by stochastic arithmetic (Vignes 1993, *A stochastic
-//! arithmetic for reliable scientific computation*): the tree is followed again several times, with
-//! every point and direction moved at random by a few units in the last place. What these values
-//! differ by is its uncertainty; a pixel in which that is large is ill-posed.
+//! The uncertainty of a value is estimated by stochastic arithmetic (Vignes 1993, *A stochastic
+//! arithmetic for reliable scientific computation*). The tree is traced several times, with every
+//! point and direction perturbed at random by a few units in the last place. The spread of these
+//! values is the uncertainty. A pixel with a large uncertainty is ill-posed.
 //!
-//! What it does not know it says: a scene with such a part has no tracer, and a ray whose hit no
-//! number of digits decides has no value.
+//! It reports everything that it does not support or cannot decide. A scene with an unsupported
+//! part has no tracer. A ray whose hit no precision decides has no value.
 
 mod camera;
 mod coincident;
@@ -41,26 +41,26 @@ use whitstone_core::config::decode;
 use whitstone_core::{DVec3, Ray, Rgb, SceneError, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
-/// The uncertainty is so many times the largest deviation that was seen.
+/// The uncertainty is this factor times the largest deviation that was seen.
 const SAFETY: f64 = 4.0;
 
-/// How carefully a pixel is looked at.
+/// How many perturbed runs a pixel gets, and how strong the perturbation is.
 #[derive(Clone, Copy, Debug)]
 pub struct Care {
-    /// How often it is traced with other roundings.
+    /// Number of perturbed runs.
     pub repeats: u64,
-    /// By how many units in the last place points and directions are moved then.
+    /// Size of the perturbation of points and directions, in units in the last place.
     pub ulps: f64,
 }
 
 impl Care {
-    /// Enough to see that a pixel is ill-posed.
+    /// Enough to detect that a pixel is ill-posed.
     pub const USUAL: Self = Self {
         repeats: 4,
         ulps: 2.0,
     };
-    /// Enough to see the values that it can take then: for pixels that touch an edge, or of which
-    /// somebody else's value differs.
+    /// Enough to see the values that an ill-posed pixel can take: for pixels that touch an edge,
+    /// and those where another renderer's value differs.
     pub const GREAT: Self = Self {
         repeats: 32,
         ulps: 8.0,
@@ -70,34 +70,34 @@ impl Care {
 /// A pixel according to the oracle.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
-    /// It is this, give or take.
+    /// The value within an uncertainty.
     Known {
         /// Linear R, G, B.
         rgb: [f64; 3],
-        /// How far the truth may be from it, by channel.
+        /// Bound on the error by channel.
         uncertainty: [f64; 3],
-        /// All values that were seen, those of moved rays included. Where one yes-or-no test is
-        /// undecided, the truth is one of them and nothing in between.
+        /// All values that were seen, including those of perturbed runs. Where a single yes-or-no
+        /// test is undecided, the true value is one of them and nothing in between.
         seen: Vec<[f64; 3]>,
     },
-    /// The oracle does not know, and why.
+    /// The oracle cannot decide; the reason as text.
     Unknown(String),
 }
 
 /// Why a ray has no value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Unsure {
-    /// A ray touches a surface, or two surfaces are at one place.
+    /// A ray touches a surface, or two surfaces coincide.
     Touch,
-    /// The tree has too many rays.
+    /// The ray tree is too large.
     Long,
-    /// Its time is up.
+    /// The deadline has passed.
     Late,
 }
 
-/// Rays of a tree before it counts as too long.
+/// Upper bound on the rays of a tree.
 const MOST_RAYS: u32 = 20_000;
-/// Bounces before it does: each is a call inside the one before it.
+/// Upper bound on the bounces of a path; each is a nested call.
 const MOST_BOUNCES: u32 = 500;
 
 /// Traces pixels of one scene.
@@ -107,20 +107,20 @@ pub struct Tracer {
     lights: Lights,
     rules: Rules,
     sampler: Sampler,
-    /// Of the image, in pixels.
+    /// Size of the image in pixels.
     size: [u32; 2],
-    /// How far apart samples are, in pixels, where a texture is filtered by footprints.
+    /// The sample distance in pixels, if a texture needs footprints.
     apart: Option<f64>,
 }
 
-/// `[integrator]`.
+/// The table `[integrator]`.
 struct Rules {
     max_depth: u32,
     min_contribution: f64,
     black_at_max_depth: bool,
     shadows: Shadows,
     branches: bool,
-    /// Whether colours are those of the corners of triangles.
+    /// Whether colours are computed at the vertices of triangles (Gouraud shading).
     at_corners: bool,
 }
 
@@ -175,13 +175,13 @@ impl Rules {
     }
 }
 
-/// "the oracle does not know the light "x"", at its place.
+/// The error "the oracle does not know the light "x"", located in the file.
 pub(crate) fn unknown(plugin: &PluginTable<'_>, family: &str) -> SceneErrors {
     let message = format!("the oracle does not know the {family} \"{}\"", plugin.name);
     SceneError::at(plugin.name_span.clone(), message).into()
 }
 
-/// The same of a part of it.
+/// The same error for a part of a plugin.
 pub(crate) fn unknown_part(plugin: &PluginTable<'_>, what: &str) -> SceneErrors {
     SceneError::at(
         plugin.name_span.clone(),
@@ -190,8 +190,7 @@ pub(crate) fn unknown_part(plugin: &PluginTable<'_>, what: &str) -> SceneErrors 
     .into()
 }
 
-/// Pseudo-random signs and sizes, of splitmix64 (Steele, Lea and Flood 2014); none in the first
-/// run.
+/// Pseudo-random perturbations by splitmix64 (Steele, Lea and Flood 2014); zero in the first run.
 struct Jitter {
     state: Option<u64>,
     ulps: f64,
@@ -210,7 +209,7 @@ impl Jitter {
         (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 
-    /// Each coordinate moved by up to so many units in the last place of the largest one.
+    /// Moves each coordinate by up to `ulps` units in the last place of the largest one.
     fn point(&mut self, p: DVec3) -> DVec3 {
         let size = p.abs().max_element() * f64::EPSILON * self.ulps;
         p + DVec3::new(self.next(), self.next(), self.next()) * size
@@ -221,22 +220,22 @@ impl Jitter {
     }
 }
 
-/// Less light than this part of it counts as none.
+/// Shadow rays with less transmittance than this count as blocked.
 const LEAST_LIGHT: f64 = 0.002;
-/// So many surfaces hide a light, whatever they are.
+/// This many surfaces block a light, whatever they are.
 const MOST_FILTERS: usize = 1000;
 
-/// What a tree is followed with.
+/// The state of tracing one tree.
 struct Walk {
     jitter: Jitter,
     rays: u32,
     deadline: Option<Instant>,
 }
 
-/// A ray on its way.
+/// A ray to be traced.
 struct Arriving {
     ray: Ray,
-    /// The surface that it leaves.
+    /// The primitive that it leaves.
     from: Option<(usize, u32)>,
     throughput: Rgb,
     medium: Medium,
@@ -244,10 +243,10 @@ struct Arriving {
     differential: Option<Differential>,
 }
 
-/// How far the neighbours of a camera ray are that it is compared with, in pixels.
+/// Offset of the neighbours of a camera ray for its differential, in pixels.
 const MOVED: f64 = 1.0 / 256.0;
 
-/// Whether a texture is filtered by footprints.
+/// Whether any texture is filtered by footprints.
 fn filters(description: &Description<'_>) -> bool {
     let written = description.textures.values().chain(&description.inline);
     let filter = |plugin: &PluginTable<'_>| {
@@ -266,10 +265,10 @@ fn filters(description: &Description<'_>) -> bool {
 }
 
 impl Tracer {
-    /// For a scene that could be planned.
+    /// A tracer for a scene that the planner accepts.
     ///
     /// # Errors
-    /// What the oracle does not know of it.
+    /// Every part of the scene that the oracle does not support.
     pub fn new(description: &Description<'_>) -> Result<Self, SceneErrors> {
         let sampler = Sampler::new(&description.sampler)?;
         let apart = filters(description).then(|| 1.0 / (sampler.at_first() as f64).sqrt());
@@ -284,12 +283,12 @@ impl Tracer {
         })
     }
 
-    /// The value of a pixel, column and row from the left top.
+    /// The value of a pixel, given as column and row from the top left.
     pub fn pixel(&self, pixel: [u32; 2]) -> Value {
         self.value(pixel, Care::USUAL, None)
     }
 
-    /// The same with more or less care, and unknown if it takes longer than until `deadline`.
+    /// The same with the given care; unknown if it is not done by `deadline`.
     pub fn pixel_before(&self, pixel: [u32; 2], care: Care, deadline: Instant) -> Value {
         self.value(pixel, care, Some(deadline))
     }
@@ -301,7 +300,7 @@ impl Tracer {
             exact => exact,
         };
         let repeats = match exact {
-            // On an edge: which values can it take?
+            // The ray hits an edge: find all values that the pixel can take.
             Err(_) => Care::GREAT.repeats.max(care.repeats),
             Ok(_) => care.repeats,
         };
@@ -314,7 +313,7 @@ impl Tracer {
                 Err(Unsure::Touch) => touched += 1,
                 Err(unsure) => return Value::Unknown(unsure.told().to_owned()),
             }
-            // Surfaces that coincide, not an edge that is hit by chance.
+            // Coincident surfaces, not an edge that is hit by chance.
             if 2 * touched > repeats {
                 return Value::Unknown(Unsure::Touch.told().to_owned());
             }
@@ -367,17 +366,17 @@ impl Tracer {
         Ok(sum * (1.0 / values.len() as f64))
     }
 
-    /// The up to eight pixels around one.
+    /// The up to eight neighbours of a pixel.
     fn neighbours(&self, [x, y]: [u32; 2]) -> impl Iterator<Item = [u32; 2]> {
         let [width, height] = self.size;
         let places = (0..9).filter(|k| *k != 4).map(move |k| (x + k % 3, y + k / 3));
-        // Moved by one, so that none is negative.
+        // Coordinates are shifted by one, so that none is negative.
         places
             .filter(move |(x, y)| *x >= 1 && *y >= 1 && *x <= width && *y <= height)
             .map(|(x, y)| [x - 1, y - 1])
     }
 
-    /// Radiances at positions in a pixel, through every point of a lens.
+    /// Radiances at positions in a pixel, one for each lens sample.
     fn samples(
         &self,
         [x, y]: [u32; 2],
@@ -412,7 +411,7 @@ impl Tracer {
         Ok(())
     }
 
-    /// Section 6.
+    /// The radiance along a ray: section 6 of the model.
     fn radiance(&self, arriving: &Arriving, walk: &mut Walk) -> Result<Rgb, Unsure> {
         walk.rays += 1;
         if walk.rays > MOST_RAYS || arriving.depth > MOST_BOUNCES {
@@ -453,8 +452,8 @@ impl Tracer {
         Ok(sum * transmittance)
     }
 
-    /// Section 8: what a surface gives off and reflects of the lights; `shadow` says what reaches
-    /// it of a light.
+    /// Local illumination: section 8 of the model. Sums the emission and the reflected light;
+    /// `shadow` gives the transmittance to a light.
     fn local(
         &self,
         material: &At<'_>,
@@ -468,7 +467,8 @@ impl Tracer {
             let Some((l, distance, e)) = light.at(point) else {
                 continue;
             };
-            // Rule G, and the side that is lit.
+            // Rule G of the model, and the light must be on the viewer's side of the shading
+            // normal.
             let counts = n_g.dot(l) * n_g.dot(viewer) > 0.0 && material.n().dot(l) > 0.0;
             if counts {
                 sum += material.answer(l) * e * shadow(l, distance)?;
@@ -477,7 +477,7 @@ impl Tracer {
         Ok(sum)
     }
 
-    /// Gouraud's shading, of section 6.
+    /// Gouraud shading: section 6 of the model.
     fn at_corners(&self, hit: &Hit, ray: &Ray) -> Result<Rgb, Unsure> {
         let mut sum = Rgb::splat(0.0);
         for (weight, p, material) in self.scene.corners(hit, ray.origin) {
@@ -499,7 +499,7 @@ impl Tracer {
         depth: u32,
         walk: &mut Walk,
     ) -> Result<Rgb, Unsure> {
-        // Rule G.
+        // Rule G of the model.
         let side = hit.normal.dot(branch.direction) * hit.normal.dot(viewer);
         let allowed = if branch.transmitted {
             side < 0.0
@@ -531,7 +531,7 @@ impl Tracer {
         Ok(branch.weight * self.radiance(&arriving, walk)?)
     }
 
-    /// What surfaces strictly between a point and a light leave of the light.
+    /// Transmittance between a point and a light, excluding both ends.
     fn unhidden(
         &self,
         hit: &Hit,
@@ -587,7 +587,7 @@ impl Tracer {
     }
 }
 
-/// An error once a deadline has passed.
+/// Fails after the deadline.
 fn in_time(deadline: Option<Instant>) -> Result<(), Unsure> {
     match deadline {
         Some(deadline) if Instant::now() >= deadline => Err(Unsure::Late),
@@ -595,7 +595,7 @@ fn in_time(deadline: Option<Instant>) -> Result<(), Unsure> {
     }
 }
 
-/// The largest minus the smallest value, of the channel where that is largest.
+/// The largest range of values of any channel.
 fn range(values: &[Rgb]) -> f64 {
     let of = |channel: usize| {
         let all = values.iter().map(|value| value.to_array()[channel]);

@@ -1,4 +1,4 @@
-//! Textures of section 10 that are made of noise.
+//! Noise textures: section 10 of the model.
 
 use super::pattern::colors;
 use super::texture::{MappingConfig, Pattern};
@@ -105,7 +105,7 @@ impl Noise {
         }
     }
 
-    /// N.
+    /// The noise N of the model.
     fn one(&self, p: DVec3) -> f64 {
         let c = p.floor();
         let f = p - c;
@@ -125,7 +125,7 @@ impl Noise {
         between(s.z, sheet(0), sheet(1))
     }
 
-    /// S, or A of absolute values.
+    /// The sum S of the model, or A for absolute values.
     fn sum(&self, p: DVec3, of: fn(f64) -> f64) -> f64 {
         let (mut sum, mut gains) = (0.0, 0.0);
         for k in 0..self.octaves {
@@ -167,7 +167,7 @@ pub(super) struct WorleyConfig {
 }
 
 pub(super) struct Worley {
-    /// Of F1 and F2.
+    /// Weights of the distances F1 and F2.
     weights: [f64; 2],
     colors: [Rgb; 2],
     scale: f64,
@@ -194,8 +194,8 @@ impl Pattern for Worley {
         let p = q * self.scale;
         let cell = p.floor();
         let mut nearest = [f64::INFINITY; 2];
-        // A point is within sqrt(3) of one of its own cell, and within 2 sqrt(3) of one of the
-        // next.
+        // A feature point lies within sqrt(3) of any point of its cell, and within 2 sqrt(3) of any
+        // point of a neighbouring cell.
         for step in 0..9_i32.pow(3) {
             let offset = [step % 9 - 4, step / 9 % 9 - 4, step / 81 - 4];
             let place: [f64; 3] = std::array::from_fn(|axis| cell[axis] + f64::from(offset[axis]));

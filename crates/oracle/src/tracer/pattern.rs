@@ -1,4 +1,4 @@
-//! Textures of section 10 that are pictures or are drawn with rulers.
+//! Images and two-dimensional patterns: section 10 of the model.
 
 use super::pyramid::{Level, Mean};
 use super::texture::{MappingConfig, Pattern};
@@ -9,7 +9,7 @@ use whitstone_core::{DVec2, DVec3, Rgb};
 use whitstone_image::limits::{Limits, ReadError};
 use whitstone_image::texels::{self, Encoding, Texels};
 
-/// A number or two.
+/// One number for both axes, or two numbers.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(untagged)]
 pub(super) enum Pair {
@@ -112,7 +112,7 @@ impl Pattern for Lines {
     }
 }
 
-/// What is outside of a picture or a block.
+/// Lookups outside of an image or a block.
 #[derive(Clone, Copy, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Wrap {
@@ -122,7 +122,7 @@ pub(super) enum Wrap {
     Mirror,
 }
 
-/// One word for both axes of a picture, or one for each.
+/// One wrap mode for both axes of an image, or one for each.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(untagged)]
 pub(super) enum Wraps {
@@ -146,7 +146,7 @@ impl Wraps {
 }
 
 impl Wrap {
-    /// The index in 0..count of any index.
+    /// Maps any index to 0..count.
     pub(super) fn index(self, i: f64, count: usize) -> usize {
         let count = count as f64;
         let inside = match self {
@@ -176,9 +176,9 @@ pub(super) struct PictureConfig {
     pub(super) mapping: Option<MappingConfig>,
 }
 
-/// A picture of linear values, the top row first.
+/// An image with linear values, the top row first.
 pub(super) struct Picture {
-    /// One, but where they are filtered by footprints.
+    /// The mipmap levels; only one unless the image is filtered by footprints.
     levels: Vec<Level>,
     nearest: bool,
     mean: Option<Mean>,
@@ -186,7 +186,7 @@ pub(super) struct Picture {
     placing: Placing,
 }
 
-/// How the texels of a picture are looked up.
+/// How to look up the texels of an image.
 pub(super) struct Lookup<'a> {
     pub(super) filter: Option<&'a str>,
     pub(super) max_anisotropy: Option<f64>,
@@ -195,8 +195,8 @@ pub(super) struct Lookup<'a> {
     pub(super) offset: Option<Pair>,
 }
 
-/// A file with its numbers as they are in it: whole ones where it holds codes, of which the largest
-/// is then told.
+/// An image with the numbers of its file. Integer formats keep their codes, and `most` is the
+/// largest one.
 pub(super) struct Codes {
     pub(super) size: [usize; 2],
     pub(super) values: Vec<[f64; 3]>,
@@ -215,7 +215,7 @@ impl Codes {
             Encoding::Srgb16 => Some(65535.0),
             Encoding::Linear => None,
         };
-        // Single precision holds no more than the value nearest to that of a code.
+        // Recovers the integer code: single precision stores only the value nearest to it.
         let code = |value: f32| most.map_or(f64::from(value), |most| (f64::from(value) * most).round());
         Ok(Self {
             size: [texels.width, texels.height],
@@ -288,7 +288,7 @@ impl Picture {
         })
     }
 
-    /// With the picture as the unit square, (0, 0) its left top corner.
+    /// Maps a point to the unit square of the image, with (0, 0) at the top left.
     fn place(&self, q: DVec3) -> DVec2 {
         let place = self.placing.at(q);
         DVec2::new(place.x, 1.0 - place.y)

@@ -1,5 +1,4 @@
-//! What a shape knows of a point on it beside the place: texture coordinates and the shading
-//! normal. Section 9.
+//! Texture coordinates and shading normals of shapes: section 9 of the model.
 
 use super::texture::around;
 use crate::shapes::csg;
@@ -11,9 +10,9 @@ use whitstone_core::config::decode;
 use whitstone_core::{DAffine3, DMat3, DVec2, DVec3, SceneErrors};
 use whitstone_scene::{Description, PluginTable};
 
-/// What points of a shape have, in the space of the shape.
+/// The texture coordinates of a shape, computed in its object space.
 pub(super) enum Coordinates {
-    /// (0, 0).
+    /// Always (0, 0).
     None,
     Plane,
     Rectangle,
@@ -24,25 +23,25 @@ pub(super) enum Coordinates {
         center: DVec3,
         radii: DVec3,
     },
-    /// About an axis: from where to where, and the radii there.
+    /// Surface of revolution: the range along the axis, and the radii at both ends.
     Turned {
         z: [f64; 2],
         radii: [f64; 2],
     },
     /// The major radius.
     Torus(f64),
-    /// A box.
+    /// The bounding box.
     Quadric([DVec3; 2]),
-    /// The axes of the plane.
+    /// The axes of its plane.
     Polygon([usize; 2]),
     Triangles(Box<Mesh>),
-    /// The two parameters of the surface.
+    /// The two surface parameters.
     Parameters,
-    /// Of operands, each in its own space.
+    /// The operands, each in its own space.
     Operands(Vec<(DAffine3, Coordinates)>),
 }
 
-/// Keys of shapes that texture coordinates and normals depend on.
+/// Keys of shapes that affect texture coordinates and normals.
 #[derive(Deserialize)]
 struct Keys {
     #[serde(default)]
@@ -109,7 +108,7 @@ impl Coordinates {
             }
             "sphere" | "ellipsoid" | "cylinder" | "cone" | "paraboloid" | "hyperboloid" | "torus"
             | "quadric" => Self::of_keys(&plugin.name, decode(keys)?),
-            // Level sets, and what the oracle does not know at all.
+            // Level sets, and shapes that the oracle does not support.
             _ => Self::None,
         })
     }
@@ -147,7 +146,7 @@ impl Coordinates {
         }
     }
 
-    /// The triangles that the shape consists of, if it does.
+    /// The triangles of the shape; empty if it has none.
     pub(super) fn triangles(&self) -> &[[[f64; 3]; 3]] {
         match self {
             Self::Triangles(mesh) => &mesh.triangles,
@@ -155,8 +154,8 @@ impl Coordinates {
         }
     }
 
-    /// Texture coordinates of a point of the shape, with the number of the primitive and its
-    /// parameters, where it has such.
+    /// Texture coordinates of a point of the shape. `primitive` is the number of its primitive;
+    /// `parameters` are the surface parameters of a parametric shape.
     pub(super) fn uv(&self, p: DVec3, primitive: u32, parameters: Option<[f64; 2]>) -> DVec2 {
         let turn = around(p.x, p.y) / TAU;
         match self {
@@ -201,13 +200,13 @@ impl Coordinates {
         }
     }
 
-    /// The interpolated normal, of any length, in the space that `normals` leads to; `None` where
-    /// it is the geometric one.
+    /// The interpolated normal, of any length, in the space that `normals` leads to. `None` if it
+    /// is the geometric one.
     pub(super) fn normal(&self, p: DVec3, primitive: u32, normals: &DMat3) -> Option<DVec3> {
         let mesh = match self {
             Self::Triangles(mesh) => mesh,
             Self::Operands(operands) => {
-                // The maps lead from the space of the whole into those of the operands.
+                // The maps lead from the space of the result to those of the operands.
                 let count = operands.len() as u32;
                 let (map, operand) = &operands[(primitive % count) as usize];
                 let normals = *normals * map.matrix3.transpose();
@@ -226,18 +225,18 @@ impl Coordinates {
     }
 }
 
-/// A corner of the triangle that was hit.
+/// A vertex of the triangle that was hit.
 pub(super) struct Corner {
-    /// How much of it is at the point.
+    /// Its barycentric coordinate at the point.
     pub(super) weight: f64,
     pub(super) p: DVec3,
-    /// Of unit length, in the space that the map of normals leads to; `None` for the geometric one.
+    /// Unit normal in the space that the map of normals leads to; `None` for the geometric one.
     pub(super) normal: Option<DVec3>,
     pub(super) uv: DVec2,
 }
 
 impl Coordinates {
-    /// The corners around a point; none of what is not made of triangles.
+    /// The vertices around a point; empty for shapes without triangles.
     pub(super) fn corners(&self, p: DVec3, primitive: u32, normals: &DMat3) -> Vec<Corner> {
         let Self::Triangles(mesh) = self else {
             return Vec::new();
@@ -256,7 +255,7 @@ impl Coordinates {
     }
 }
 
-/// How much of each corner, of a point of a triangle.
+/// The barycentric coordinates of a point of a triangle.
 fn barycentric(corners: &[[f64; 3]; 3], p: DVec3) -> [f64; 3] {
     let [a, b, c] = corners.map(DVec3::from_array);
     let n = (b - a).cross(c - a);

@@ -1,23 +1,23 @@
-//! Section 10, *Levels*, *Trilinear* and *EWA*: pictures whose texels are smaller than a sample.
+//! Mipmaps: section 10, *Levels*, *Trilinear* and *EWA*.
 
 use super::pattern::Wrap;
 use whitstone_core::{DVec2, Rgb};
 
-/// How a picture is filtered by footprints.
+/// Filters over the footprint of a sample.
 pub(super) enum Mean {
     Trilinear,
-    /// With the largest ratio of the axes.
+    /// With the maximum anisotropy: the largest ratio of the axes.
     Ewa(f64),
 }
 
-/// A picture of linear values, the top row first.
+/// A mipmap level with linear values, the top row first.
 pub(super) struct Level {
     pub(super) size: [usize; 2],
     pub(super) texels: Vec<Rgb>,
 }
 
-/// The parts of a line in `many` equal ones that part `k` of `few` covers, each with its share of
-/// it.
+/// Splits a line into `many` and into `few` equal parts. Returns the fine parts that coarse part
+/// `k` covers, each with its share of the coarse part.
 fn covered(many: usize, few: usize, k: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
     let ratio = many as f64 / few as f64;
     let (start, end) = (k as f64 * ratio, (k + 1) as f64 * ratio);
@@ -28,7 +28,7 @@ fn covered(many: usize, few: usize, k: usize) -> impl Iterator<Item = (usize, f6
 }
 
 impl Level {
-    /// The next coarser one.
+    /// The next coarser level.
     fn halved(&self) -> Self {
         let size = self.size.map(|n| (n / 2).max(1));
         let mut texels = Vec::new();
@@ -47,7 +47,7 @@ impl Level {
         Self { size, texels }
     }
 
-    /// This one and all coarser ones.
+    /// This level and all coarser ones.
     pub(super) fn pyramid(self) -> Vec<Self> {
         let mut all = vec![self];
         while let Some(last) = all.last()
@@ -71,8 +71,7 @@ impl Level {
         self.texels[j * self.size[0] + i]
     }
 
-    /// Between the four nearest middles; the picture is the unit square, (0, 0) its left top
-    /// corner.
+    /// Bilinear interpolation; the image is the unit square, with (0, 0) at the top left.
     pub(super) fn bilinear(&self, wrap: [Wrap; 2], place: DVec2) -> Rgb {
         let x = place * self.extent() - 0.5;
         let (low, part) = (x.floor(), x - x.floor());
@@ -81,7 +80,7 @@ impl Level {
         row(low.y) * (1.0 - part.y) + row(low.y + 1.0) * part.y
     }
 
-    /// The weighted mean over an ellipse with these half axes, in units of the picture.
+    /// The weighted mean over an ellipse with these half axes, in units of the image.
     fn elliptical(&self, wrap: [Wrap; 2], place: DVec2, axes: [DVec2; 2]) -> Rgb {
         if self.size == [1, 1] {
             return self.texels[0];
@@ -97,7 +96,7 @@ impl Level {
         for row in 0..=(last.y - first.y) as u32 {
             for column in 0..=(last.x - first.x) as u32 {
                 let at = first + DVec2::new(f64::from(column), f64::from(row));
-                // By Cramer's rule, in parts of the half axes.
+                // By Cramer's rule, in fractions of the half axes.
                 let off = at - middle;
                 let parts = DVec2::new(off.perp_dot(b), a.perp_dot(off)) / a.perp_dot(b);
                 let x = 1.0 - parts.length_squared();
@@ -112,7 +111,7 @@ impl Level {
     }
 }
 
-/// A value between levels.
+/// Interpolates between the levels around `x`.
 fn between(levels: &[Level], x: f64, of: impl Fn(&Level) -> Rgb) -> Rgb {
     let last = levels.len() - 1;
     if x.is_nan() || x >= last as f64 {
@@ -124,7 +123,7 @@ fn between(levels: &[Level], x: f64, of: impl Fn(&Level) -> Rgb) -> Rgb {
 }
 
 impl Mean {
-    /// Over a footprint, in units of the picture.
+    /// The filtered value over a footprint, in units of the image.
     pub(super) fn over(&self, levels: &[Level], wrap: [Wrap; 2], place: DVec2, steps: [DVec2; 2]) -> Rgb {
         let finest = &levels[0];
         let [s, t] = steps.map(|step| step * finest.extent());
@@ -143,7 +142,7 @@ impl Mean {
                 let q = (-2.0_f64).exp();
                 let r = ((1.0 - 3.0 * q) / (3.0 * (1.0 - 5.0 * q))).sqrt();
                 let (s, t) = (s * r, t * r);
-                // Where the length of s cos(phi) + t sin(phi) is largest.
+                // The angle that maximises the length of s cos(phi) + t sin(phi).
                 let phi = 0.5 * (2.0 * s.dot(t)).atan2(s.length_squared() - t.length_squared());
                 let long = s * phi.cos() + t * phi.sin();
                 let a = long.length();

@@ -1,4 +1,4 @@
-//! Textures of section 10 that repeat in space: cubes, stripes, rings and ramps.
+//! Textures that repeat in space: cubes, stripes, rings and ramps (section 10 of the model).
 
 use super::pattern::colors;
 use super::texture::{MappingConfig, Pattern};
@@ -6,12 +6,12 @@ use serde::Deserialize;
 use whitstone_core::config::Color;
 use whitstone_core::{DVec3, Rgb};
 
-/// The number of the cell of a coordinate: the model's c, whose borders are moved.
+/// The index of the cell of a coordinate: the model's c, with its shifted borders.
 fn cell(x: f64) -> f64 {
     (x + 1.0 / 4096.0).floor()
 }
 
-/// Which of two colours a cell has.
+/// Which of the two colours a cell has.
 fn parity(sum: f64) -> usize {
     usize::from(sum.rem_euclid(2.0) == 1.0)
 }
@@ -26,7 +26,7 @@ pub(super) struct CubesConfig {
     pub(super) mapping: Option<MappingConfig>,
 }
 
-/// `checker3d`.
+/// The texture `checker3d`.
 pub(super) struct Cubes {
     colors: [Rgb; 2],
     scale: f64,
@@ -60,7 +60,7 @@ pub(super) struct LayersConfig {
     pub(super) mapping: Option<MappingConfig>,
 }
 
-/// `stripes` and `rings`.
+/// The textures `stripes` and `rings`.
 pub(super) struct Layers {
     colors: [Rgb; 2],
     scale: f64,
@@ -105,7 +105,7 @@ pub(super) struct RampConfig {
     pub(super) mapping: Option<MappingConfig>,
 }
 
-/// `gradient`.
+/// The texture `gradient`.
 pub(super) struct Ramp {
     stops: Vec<(f64, Rgb)>,
     scale: f64,
@@ -139,7 +139,7 @@ impl Pattern for Ramp {
             }
             _ => (x - cell(x)).max(0.0),
         };
-        // From the left, each pair of stops changes the colour by as much of their difference as
+        // From the left, each pair of stops blends the colour by the fraction of its interval that
         // lies before t.
         let mut color = self.stops[0].1;
         for pair in self.stops.windows(2) {

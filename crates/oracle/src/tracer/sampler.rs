@@ -1,4 +1,4 @@
-//! Section 5.
+//! Samplers: section 5 of the model.
 
 use super::unknown;
 use crate::shapes::heightfield::m;
@@ -7,15 +7,15 @@ use whitstone_core::SceneErrors;
 use whitstone_core::config::decode;
 use whitstone_scene::PluginTable;
 
-/// Where in a pixel.
+/// Sample positions in a pixel.
 pub(super) enum Sampler {
-    /// The same places in every pixel.
+    /// The same positions in every pixel.
     Fixed(Vec<[f64; 2]>),
-    /// Cells along a side.
+    /// `n` strata along each axis.
     Stratified { n: u32, seed: u32 },
-    /// Points of Sobol's sequence.
+    /// Points of the Sobol sequence.
     Sobol { samples: u32, seed: u32 },
-    /// The first of these, and as many more as it takes.
+    /// `first` of these points, then more up to `samples` where they are needed.
     Adaptive {
         samples: u32,
         seed: u32,
@@ -91,7 +91,7 @@ impl Sampler {
         })
     }
 
-    /// How many positions a pixel has, of adaptive at first.
+    /// Number of samples per pixel; for adaptive sampling, of the first pass.
     pub(super) fn at_first(&self) -> usize {
         match self {
             Self::Fixed(all) => all.len(),
@@ -139,7 +139,7 @@ impl Sampler {
     }
 }
 
-/// In [0, 1).
+/// A number in [0, 1).
 fn part(x: u32) -> f64 {
     f64::from(x) / 4_294_967_296.0
 }

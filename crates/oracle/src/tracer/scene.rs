@@ -1,4 +1,4 @@
-//! The shapes of a scene with their materials, and what a ray meets first of them.
+//! The shapes of a scene with their materials, and the first hit of a ray.
 
 use super::coincident::{Meeting, Standing};
 use super::footprint::{Differential, Footprint, NEAR, Sides, slope};
@@ -19,19 +19,19 @@ use whitstone_core::config::decode;
 use whitstone_core::{DAffine3, DMat3, DVec2, DVec3, Ray, SceneErrors};
 use whitstone_scene::{Description, ShapeTable};
 
-/// Of a surface that a ray leaves, a root this near to its start is that surface itself, as a part
-/// of the coordinates.
+/// A root of the surface that a ray leaves counts as the start itself if it is this close to it,
+/// relative to the coordinates.
 const LEFT: f64 = 1e-11;
 
-/// A surface that holds a point is this many units in the last place from it at most.
+/// A surface contains a point if it is at most this many units in the last place away.
 const AT: f64 = 64.0;
 
-/// A shape at one of the places where it stands.
+/// One instance of a shape.
 struct Part {
     placed: Placed,
-    /// From the space of the shape to that of its group, and on to the world.
+    /// From object space to the space of the group, and on to world space.
     maps: Vec<DAffine3>,
-    /// Of normals, for each of the maps.
+    /// The normal matrix of each map.
     normals: Vec<DMat3>,
     coordinates: Coordinates,
     continues: Continues,
@@ -39,15 +39,15 @@ struct Part {
     standing: Standing,
 }
 
-/// How a surface continues next to a point, for derivatives.
+/// How a surface extends next to a point, for derivatives.
 #[derive(Clone, Copy, PartialEq)]
 enum Continues {
-    /// Flat: the formulas of its coordinates hold in the whole plane. Whether one of them is an
-    /// angle.
+    /// Flat: the formulas of its coordinates hold in the whole plane. `angle` tells whether one of
+    /// them is an angle.
     Flat { angle: bool },
-    /// Where a line across it meets it.
+    /// At the intersection with a line across the surface.
     Curved,
-    /// It counts as flat, with constant coordinates.
+    /// Unknown: it counts as flat, with constant coordinates.
     Untold,
 }
 
@@ -64,39 +64,39 @@ impl Continues {
     }
 }
 
-/// All shapes.
+/// All shapes of the scene.
 pub(super) struct Scene {
     parts: Vec<Part>,
-    /// Whether one has holes that light goes through.
+    /// Whether any material has holes that light passes through.
     pub(super) has_masks: bool,
 }
 
-/// The first surface on a ray.
+/// The first hit of a ray.
 pub(super) struct Hit {
     pub(super) shape: usize,
     pub(super) primitive: u32,
     pub(super) t: f64,
-    /// The double vector nearest to the place.
+    /// The double vector nearest to the intersection.
     pub(super) point: DVec3,
     /// The geometric normal, of unit length.
     pub(super) normal: DVec3,
     parameters: Option<[f64; 2]>,
 }
 
-/// Quads of a heightfield that it tries for every ray.
+/// Largest supported number of quads of a height field: every ray tests all of them.
 const MOST_QUADS: u64 = 1 << 16;
 
-/// Copies of shapes that it tries for every ray.
+/// Largest supported number of shape instances: every ray tests all of them.
 const MOST_PARTS: usize = 4096;
 
-/// How fine a heightfield is.
+/// The resolution of a height field.
 #[derive(Deserialize)]
 struct Grid {
     columns: Option<u64>,
     rows: Option<u64>,
 }
 
-/// Which shapes it has no patience for.
+/// Rejects shapes that would take too long.
 fn check(shape: &ShapeTable<'_>) -> Result<(), SceneErrors> {
     let plugin = &shape.plugin;
     if plugin.name == "heightfield" {
@@ -118,7 +118,7 @@ impl Scene {
             .enumerate()
         {
             place(description, shape, &[], &[number], &mut parts)?;
-            // No body is a group.
+            // A prioritised dielectric is never a group.
             if let (Some(face), Some(part)) = (face, parts.last_mut()) {
                 part.material = Material::of_body(face);
             }
@@ -145,8 +145,7 @@ impl Scene {
         }
     }
 
-    /// All places where a ray meets surfaces, from the nearest to the farthest, as
-    /// [`Self::nearest`].
+    /// All hits in ascending order, as for [`Self::nearest`].
     pub(super) fn all(&self, ray: &Ray, from: Option<(usize, u32)>, end: f64) -> Result<Vec<Hit>, Unsure> {
         let mut bits = FIRST_BITS;
         loop {
@@ -158,7 +157,7 @@ impl Scene {
         }
     }
 
-    /// What the ray meets, in no order, with the number of the part.
+    /// All hits, each with the number of its part.
     fn ahead(
         &self,
         line: &Line,
@@ -187,8 +186,8 @@ impl Scene {
             if is_left(one) || at_light.contains(&place) {
                 continue;
             }
-            // What coincides with the surface that the ray leaves is in front of it or behind it,
-            // whatever the rounding of the start.
+            // A surface that coincides with the one that the ray leaves is ordered by the rule of
+            // the model, regardless of the rounding of the origin.
             let order = match left {
                 Some(left) => self.meeting(left).order(self.meeting(one), line)?,
                 None if from.is_some() && self.is_at(one, ray, 0.0) => return Err(Undecided),
@@ -215,14 +214,14 @@ impl Scene {
         }
     }
 
-    /// Whether the surface is nowhere farther than roundings from the point of the ray at `t`.
+    /// Whether the surface contains the point of the ray at `t`, up to rounding.
     fn is_at(&self, (_, root): &(usize, Root), ray: &Ray, t: f64) -> bool {
         let size = ray.origin.abs().max_element() + t;
         let across = root.normal.normalize().dot(ray.direction) * (root.t.nearest() - t);
         across.abs() <= AT * f64::EPSILON * size
     }
 
-    /// Which of these lie in coincident surfaces that hold the light at the end.
+    /// Indices of the roots on coincident surfaces that contain the light at `end`.
     fn at_light(&self, met: &[(usize, Root)], line: &Line, ray: &Ray, end: f64) -> Decided<BTreeSet<usize>> {
         let mut found = BTreeSet::new();
         if !end.is_finite() {
@@ -243,8 +242,7 @@ impl Scene {
         Ok(found)
     }
 
-    /// How a root lies to another one. Two primitives of a shape meet at their edges: the place is
-    /// one, and so is the shape.
+    /// The order of two roots. Two primitives of one shape that share an edge count as equal there.
     fn order(&self, one: &(usize, Root), other: &(usize, Root), line: &Line) -> Decided<Ordering> {
         if let Some(order) = self.meeting(one).order(self.meeting(other), line)? {
             return Ok(order);
@@ -292,7 +290,7 @@ impl Scene {
             .collect()
     }
 
-    /// The material of a hit, as the viewer sees it.
+    /// The material of a hit, seen from the direction `viewer`.
     pub(super) fn material(&self, hit: &Hit, viewer: DVec3) -> At<'_> {
         let part = &self.parts[hit.shape];
         let p = part.object(hit.point);
@@ -306,7 +304,7 @@ impl Scene {
         part.material.at(place, hit.normal, viewer)
     }
 
-    /// The same with the footprint of the ray that met it.
+    /// The same with the footprint of the ray.
     pub(super) fn material_over(&self, hit: &Hit, ray: &Ray, differential: &Differential) -> At<'_> {
         let part = &self.parts[hit.shape];
         let mut place = *self.material(hit, -ray.direction).place();
@@ -320,8 +318,8 @@ impl Scene {
         part.material.at(place, hit.normal, -ray.direction)
     }
 
-    /// The corners of the triangle that was hit: how much of each is at the hit, where it is, and
-    /// its material as seen from a point; none of what is not made of triangles.
+    /// The vertices of the triangle that was hit: barycentric coordinate, position, and the
+    /// material seen from `eye`. Empty for shapes without triangles.
     pub(super) fn corners(&self, hit: &Hit, eye: DVec3) -> Vec<(f64, DVec3, At<'_>)> {
         let part = &self.parts[hit.shape];
         let p = part.object(hit.point);
@@ -353,7 +351,7 @@ impl Part {
             let (uv, n_s) = self.beside(hit, hit.point + step * (away / length))?;
             let mut change = uv - here.uv;
             if self.continues != (Continues::Flat { angle: false }) {
-                // Angles are continued where they start anew.
+                // Unwraps angles across the seam.
                 change -= change.round();
             }
             Some((here.uv + change, n_s * n_s.dot(here.n_s).signum()))
@@ -366,8 +364,8 @@ impl Part {
         )
     }
 
-    /// (u, v) and n_s of the primitive that was hit, at the point across the surface from `q`, as
-    /// it continues beyond its edges.
+    /// (u, v) and n_s of the primitive that was hit, at the point of the surface nearest `q` along
+    /// the normal. The primitive is extrapolated past its edges.
     fn beside(&self, hit: &Hit, q: DVec3) -> Option<(DVec2, DVec3)> {
         let (point, normal, parameters) = match self.continues {
             Continues::Curved => {
@@ -397,21 +395,21 @@ impl Part {
         ))
     }
 
-    /// A point of the world in the space of the shape.
+    /// Maps a point from world space to object space.
     fn object(&self, p: DVec3) -> DVec3 {
         let inwards = self.maps.iter().rev();
         inwards.fold(p, |p, map| map.inverse().transform_point3(p))
     }
 
-    /// An interpolated normal, of the space around the shape, in the world.
+    /// Maps an interpolated normal from the space around the shape to world space.
     fn outwards(&self, n: DVec3) -> DVec3 {
         let outer = self.normals[1..].iter();
         outer.fold(n.normalize(), |n, map| (*map * n).normalize())
     }
 }
 
-/// The parts that a shape is, with the maps around it, the innermost first, and its place in the
-/// lists.
+/// Adds the parts of a shape, which are several for an instance. `around` are the maps of the
+/// enclosing instances, the innermost first; `path` is its position in the lists.
 fn place(
     description: &Description<'_>,
     shape: &ShapeTable<'_>,

@@ -1,7 +1,8 @@
-//! Section 7, sky light: the lights that an environment is.
+//! Lights that approximate an environment: section 7, sky light.
 //!
-//! A region is a list of strips along each axis, the parts of rows and columns that lie in it.
-//! Cutting a region cuts one list, and what is asked for is the sum over all pairs of strips.
+//! A region is a list of strips along each axis: the parts of rows and columns that lie in it.
+//! Splitting a region splits one of the lists. Integrals over a region are sums over all pairs of
+//! strips.
 
 use super::light::Light;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -10,7 +11,7 @@ use whitstone_core::{DVec2, DVec3, Rgb};
 const COLUMNS: usize = 1024;
 const ROWS: usize = 512;
 
-/// A part of a row, from and to which y, or of a column, from and to which phi.
+/// A part of a row, between two values of y, or of a column, between two values of phi.
 #[derive(Clone, Copy)]
 struct Strip {
     index: usize,
@@ -18,7 +19,7 @@ struct Strip {
     to: f64,
 }
 
-/// How many parts of a cell are looked up along each axis.
+/// Number of lookups per cell, along each axis.
 pub(super) fn parts([columns, rows]: [usize; 2]) -> usize {
     let most = (columns as f64 / 2048.0).max(rows as f64 / 1024.0);
     most.ceil().max(1.0) as usize
@@ -28,13 +29,13 @@ fn brightness(t: Rgb) -> f64 {
     0.2126 * t.r + 0.7152 * t.g + 0.0722 * t.b
 }
 
-/// Where a strip begins: phi of a column, lambda of a row.
+/// The lower bound of a strip: phi of a column, lambda of a row.
 fn angle(index: usize, of: usize, full: f64) -> f64 {
     full * index as f64 / of as f64 - full / 2.0
 }
 
-/// The lights for n > 0, each with its direction and E. `look` is the texture, at (u, v) and a
-/// direction.
+/// The lights for n > 0, each with its direction and irradiance. `look` evaluates the texture at
+/// (u, v) and a direction.
 pub(super) fn lights(n: u32, s: usize, look: impl Fn(DVec2, DVec3) -> Rgb) -> Vec<Light> {
     let cells: Vec<Rgb> = (0..ROWS * COLUMNS)
         .map(|cell| {
@@ -53,7 +54,7 @@ pub(super) fn lights(n: u32, s: usize, look: impl Fn(DVec2, DVec3) -> Rgb) -> Ve
             mean * (1.0 / (s * s) as f64)
         })
         .collect();
-    // So that sums of the brightest numbers stay finite.
+    // Normalises, so that sums of the largest values stay finite.
     let unit = cells.iter().fold(0.0, |unit: f64, t| unit.max(t.max_component()));
     if unit == 0.0 {
         return Vec::new();
@@ -121,19 +122,19 @@ pub(super) fn lights(n: u32, s: usize, look: impl Fn(DVec2, DVec3) -> Rgb) -> Ve
     lights
 }
 
-/// From where to where strips reach.
+/// The range that the strips cover.
 fn span(strips: &[Strip]) -> [f64; 2] {
     [strips[0].from, strips[strips.len() - 1].to]
 }
 
-/// Two lists of strips, the first with this share of the weight. Each has at least one strip, if
-/// only an empty one.
+/// Splits the strips so that the first list has this share of the weight. Each list has at least
+/// one strip, which may be empty.
 fn cut(strips: &[Strip], weights: &[f64], share: f64) -> (Vec<Strip>, Vec<Strip>) {
     let wanted = share * weights.iter().sum::<f64>();
     let mut before = 0.0;
     for (index, (strip, weight)) in strips.iter().zip(weights).enumerate() {
         if before + weight >= wanted || index + 1 == strips.len() {
-            // Rounding leaves strips without width.
+            // Rounding can produce strips of zero width.
             let part = if *weight > 0.0 {
                 (wanted - before) / weight
             } else {
@@ -152,7 +153,7 @@ fn cut(strips: &[Strip], weights: &[f64], share: f64) -> (Vec<Strip>, Vec<Strip>
     (strips.to_vec(), strips.to_vec())
 }
 
-/// Where the light of a region comes from.
+/// The light that represents a region.
 fn direction(cells: &[Rgb], rows: &[Strip], columns: &[Strip], unit: f64) -> Option<Light> {
     let integral = |y: f64| {
         let asin = if y.abs() >= 1.0 {

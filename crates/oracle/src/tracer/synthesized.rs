@@ -1,4 +1,4 @@
-//! A picture that is quilted out of a sample. Section 10.
+//! Texture synthesis by image quilting: section 10 of the model.
 
 use super::pattern::{Codes, Lookup, Pair, Picture, Wraps};
 use super::texture::MappingConfig;
@@ -120,7 +120,7 @@ fn quilted(config: &SynthesizedConfig, sample: &Codes) -> Vec<Texel> {
         .collect()
 }
 
-/// The picture after one iteration: means of the pieces that are nearest to its neighbourhoods.
+/// The image after one iteration: means of the patches that are nearest to its neighbourhoods.
 fn nearer(picture: &Codes, sample: &Codes, how: &Optimize) -> Codes {
     let n = how.neighborhood.unwrap_or(16);
     let starts = |length: usize| {
@@ -168,10 +168,10 @@ fn difference(a: Texel, b: Texel) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }
 
-/// Where the cheapest way along a block crosses each of its rows; `d` is the difference by the
-/// place across and along.
+/// The minimum-cost seam along a block: for each row the column that it crosses. `d` is the
+/// difference at a column and row.
 fn seam(block: usize, overlap: usize, d: &dyn Fn(usize, usize) -> f64) -> Vec<usize> {
-    // Within one of a place.
+    // The neighbours of a position.
     let near = |i: usize| i.saturating_sub(1)..(i + 2).min(overlap);
     let mut sums: Vec<Vec<f64>> = vec![(0..overlap).map(|i| d(i, 0)).collect()];
     for j in 1..block {

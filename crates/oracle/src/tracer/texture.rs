@@ -1,4 +1,4 @@
-//! Section 10: what a texture shows at a surface point, and where on it that is.
+//! Textures and their mappings: section 10 of the model.
 
 use super::footprint::{Footprint, NEAR, slope};
 use super::noise::{Noise, NoiseConfig, Worley, WorleyConfig};
@@ -17,17 +17,17 @@ use whitstone_scene::{Description, PluginTable};
 /// A surface point, as textures see it.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
-    /// Those of the shape.
+    /// Texture coordinates of the shape.
     pub(super) uv: DVec2,
-    /// In world space; of a height in that of the shape.
+    /// In world space; for displacement, in the object space of the mesh.
     pub(super) p: DVec3,
     /// The shading normal; its sign does not matter.
     pub(super) n_s: DVec3,
-    /// How all of this changes from sample to sample; zero where nothing asks for it.
+    /// Derivatives of all of this per sample; zero if they are not needed.
     pub(super) footprint: Footprint,
 }
 
-/// A colour parameter.
+/// A colour parameter: constant or textured.
 pub(super) enum Texture {
     Constant(Rgb),
     Mapped(Mapping, Box<dyn Pattern>),
@@ -37,17 +37,17 @@ pub(super) enum Texture {
 pub(super) trait Pattern: Send + Sync {
     fn at(&self, q: DVec3) -> Rgb;
 
-    /// Columns and rows of a picture.
+    /// Columns and rows, if it is an image.
     fn size(&self) -> Option<[usize; 2]> {
         None
     }
 
-    /// Whether it shows a mean over the footprint.
+    /// Whether it filters over the footprint.
     fn filters(&self) -> bool {
         false
     }
 
-    /// That mean, with the derivatives of the point.
+    /// The filtered value; `steps` are the derivatives of the point.
     fn over(&self, q: DVec3, steps: [DVec3; 2]) -> Rgb {
         let _ = steps;
         self.at(q)
@@ -80,7 +80,7 @@ enum Projection {
     Triplanar(f64),
 }
 
-/// Where on a texture a surface point is.
+/// Maps surface points to texture space.
 pub(super) struct Mapping {
     projection: Projection,
     map: DAffine3,
@@ -140,7 +140,7 @@ impl Mapping {
                 let away = NEAR * far / step.length();
                 let [before, after] = [-away, away].map(|away| {
                     let there = self.projection.point(q + away * step, face);
-                    // Angles are continued where they start anew.
+                    // Unwraps angles across the seam.
                     DVec3::new(there.x - (there.x - here.x).round(), there.y, 0.0)
                 });
                 slope(Some(before), here, Some(after), away)
@@ -151,7 +151,7 @@ impl Mapping {
 }
 
 impl Projection {
-    /// The point of texture space; of "cube" on this face.
+    /// The point of texture space; `face` is the face of "cube".
     fn point(self, q: DVec3, face: usize) -> DVec3 {
         let turn = around(q.x, q.y) / TAU;
         match self {
@@ -177,7 +177,7 @@ pub(super) fn around(x: f64, y: f64) -> f64 {
     if phi < 0.0 { phi + TAU } else { phi }
 }
 
-/// The table of a material or texture that is named or written where it is used.
+/// The table of a material or texture, either named or inline.
 pub(super) fn table<'a, 's>(
     description: &'a Description<'s>,
     shared: &'a std::collections::BTreeMap<String, PluginTable<'s>>,
@@ -190,7 +190,7 @@ pub(super) fn table<'a, 's>(
 }
 
 impl Texture {
-    /// Columns and rows of a picture.
+    /// Columns and rows, if it is an image.
     pub(super) fn size(&self) -> Option<[usize; 2]> {
         match self {
             Self::Constant(_) => None,
@@ -276,13 +276,13 @@ impl Texture {
         }
     }
 
-    /// Whether it is black everywhere, and can be seen to be so.
+    /// Whether it is known to be black everywhere.
     pub(super) fn is_black(&self) -> bool {
         matches!(self, Self::Constant(color) if *color == Rgb::splat(0.0))
     }
 }
 
-/// A texture that says how far a mesh is displaced.
+/// The texture of a displacement map.
 pub(crate) struct Height(Texture);
 
 impl Height {
@@ -290,7 +290,7 @@ impl Height {
         Texture::new(description, reference).map(Self)
     }
 
-    /// At a point of the mesh, with its normal and the texture coordinates of a corner.
+    /// The height at a point of the mesh, with its normal and the texture coordinates of a vertex.
     pub(crate) fn at(&self, p: DVec3, n: DVec3, uv: [f64; 2]) -> f64 {
         let place = Place {
             uv: uv.into(),

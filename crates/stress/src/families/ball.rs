@@ -1,11 +1,11 @@
-//! A ray that never gets out of a ball of glass.
+//! A ray trapped in a glass ball.
 
 use crate::lab::{textbook_of, tree};
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use whitstone_core::{DVec3, Ray};
 use whitstone_oracle::naive::{Real, Textbook};
 
-/// Total reflection, again and again, at chords that are all 0.8 radii from the centre.
+/// Repeated total internal reflection; every chord is 0.8 radii from the centre.
 pub(crate) struct InsideBall;
 
 impl Family for InsideBall {
@@ -32,8 +32,7 @@ impl Family for InsideBall {
         );
         let ray = Ray::new(DVec3::new(0.0, 0.8, 0.0), DVec3::X);
         let pipeline = lab.pipeline(&scene)?;
-        // It begins on the middle of a chord; a chord is seen from the centre under twice this
-        // angle.
+        // The ray starts at the middle of a chord; a chord subtends twice this angle at the centre.
         let half = 0.8f64.acos();
         let angle = std::f64::consts::FRAC_PI_2 - half - 2.0 * bounces * half;
         let truth = DVec3::new(angle.cos(), angle.sin(), 0.0);
@@ -60,7 +59,7 @@ impl Family for InsideBall {
     }
 }
 
-/// Each ray begun a constant along its way.
+/// Follows the reflections; each ray starts a constant offset along its direction.
 fn walk<R: Real>(ball: &dyn Textbook<R>, ray: &Ray, bounces: f64) -> [f64; 3] {
     let mut origin = ray.origin.to_array().map(R::of);
     let mut direction = ray.direction.to_array().map(R::of);
@@ -72,7 +71,7 @@ fn walk<R: Real>(ball: &dyn Textbook<R>, ray: &Ray, bounces: f64) -> [f64; 3] {
             break;
         };
         origin = [0, 1, 2].map(|i| origin[i] + t * direction[i]);
-        // The normal of the unit ball is the point itself.
+        // The normal of the unit sphere at a point is the point itself.
         let along = origin[0] * direction[0] + origin[1] * direction[1] + origin[2] * direction[2];
         direction = [0, 1, 2].map(|i| direction[i] - R::of(2.0) * along * origin[i]);
     }

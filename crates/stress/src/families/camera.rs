@@ -1,13 +1,13 @@
-//! Angles of view.
+//! Camera fields of view.
 
 use crate::{About, Answer, Engine, Family, Lab, Sample};
 use serde_json::json;
 use whitstone_core::DVec3;
 
-/// Pixels of the image, across and down.
+/// Size of the image in pixels, in both directions.
 const SIZE: u32 = 64;
 
-/// Almost half of the world in one image.
+/// A field of view of almost 180 degrees.
 pub(crate) struct WideView;
 
 impl Family for WideView {
@@ -32,7 +32,7 @@ impl Family for WideView {
     }
 }
 
-/// `half` is the tangent of half of the angle.
+/// Checks one field of view; `half` is the tangent of half of the angle.
 fn look(fov: f64, half: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
     let scene = format!(
         "film = {{ width = {SIZE}, height = {SIZE} }}\n\
@@ -43,7 +43,7 @@ fn look(fov: f64, half: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, Str
     let size = f64::from(SIZE);
     let pixels: Vec<[u32; 2]> = (0..SIZE).flat_map(|y| (0..SIZE).map(move |x| [x, y])).collect();
     let center = |pixel: [u32; 2]| pixel.map(|k| f64::from(k) + 0.5);
-    // Where on the film a direction leads, in pixels.
+    // Error of the position on the film that a direction leads to, in pixels.
     let off = |pixel: [u32; 2], d: DVec3| {
         let [x, y] = center(pixel);
         let at = [d.x / -d.z, -d.y / -d.z].map(|tangent| 0.5 * size * (1.0 + tangent / half));
@@ -66,7 +66,7 @@ fn look(fov: f64, half: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, Str
         let number = |at: usize, axis: usize| answer["directions"][at][axis].as_f64().unwrap_or(f64::NAN);
         judge(&|at, _| DVec3::new(number(at, 0), number(at, 1), number(at, 2)))
     });
-    // The window as books set it up.
+    // The image window by the textbook formula.
     let single = judge(&|_, pixel| {
         let half = (fov as f32 * std::f32::consts::PI / 360.0).tan();
         let [x, y] = center(pixel).map(|k| (2.0 * k as f32 / SIZE as f32 - 1.0) * half);

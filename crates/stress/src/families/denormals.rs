@@ -1,16 +1,16 @@
-//! Numbers at the lower end of double precision: components that are nearly zero, and scenes that
-//! are nearly nothing.
+//! Numbers at the lower end of double precision: ray components that are nearly zero, and tiny
+//! scenes.
 //!
-//! Below 2e-308 doubles lose digits one by one, and processors may take a hundred times as long for
-//! them: that the times of all steps are about the same is to be seen in the diagram.
+//! Below 2e-308 doubles lose precision bit by bit, and processors may take a hundred times as long
+//! for them. The diagram shows whether all steps take about the same time.
 
 use crate::About;
 use crate::rays::{RayFamily, Several, clear, past};
 use whitstone_core::{DVec3, Ray};
 use whitstone_testkit::Random;
 
-/// Rays along an axis but for next to nothing, at shapes whose coordinates are zero but for as
-/// much. Single precision has zeros in the place of most of these numbers.
+/// Rays that are almost parallel to an axis, at shapes with almost zero coordinates. In single
+/// precision most of these numbers are zero.
 pub(crate) static ALMOST_ZERO: Several = Several(&[
     almost_zero(|k| format!("[[shape]]\ntype = \"sphere\"\ncenter = [{k:?}, -{k:?}, {k:?}]\n")),
     almost_zero(|_| "[[shape]]\ntype = \"box\"\n".to_owned()),
@@ -47,12 +47,12 @@ const fn almost_zero(scene: fn(f64) -> String) -> RayFamily {
     }
 }
 
-/// Down along z but for components across of this size.
+/// Down along z with lateral components of this size.
 fn down(size: f64, random: &mut Random) -> Option<Ray> {
     let mut place = [0, 1].map(|_| f64::from((1.3 * random.signed()) as f32));
     let mut across = [0, 1].map(|_| (size * (1.0 + random.unit())).copysign(random.signed()));
-    // One ray in four runs in the plane of a face of the box, into which it leads: there,
-    // reciprocals of what is almost zero meet zero.
+    // One ray in four runs in the plane of a box face, towards it. There, reciprocals of almost
+    // zero components meet zeros.
     if random.below(4) == 0 {
         let axis = random.below(2);
         place[axis] = 1f64.copysign(random.signed());
@@ -62,8 +62,8 @@ fn down(size: f64, random: &mut Random) -> Option<Ray> {
     Some(Ray::new(DVec3::new(place[0], place[1], 3.0), direction))
 }
 
-/// Scenes of no size. The square of a triangle's area is below all numbers from 1e-77 m on, where
-/// it counts as flat; a radius whose square is, from 1e-154 m on, is refused.
+/// Tiny scenes. From 1e-77 m down, the square of a triangle's area underflows, and it counts as
+/// degenerate. From 1e-154 m down, the square of a radius underflows, and the radius is refused.
 pub(crate) static ALMOST_NOTHING: Several = Several(&[
     almost_nothing(|s| format!("[[shape]]\ntype = \"sphere\"\nradius = {s:?}\n")),
     almost_nothing(|s| format!("[[shape]]\ntype = \"box\"\ntransform = {{ scale = {s:?} }}\n")),
@@ -88,7 +88,7 @@ const fn almost_nothing(scene: fn(f64) -> String) -> RayFamily {
         knobs: || vec![1.0, 1e-10, 1e-20, 1e-30, 1e-40, 1e-50, 1e-60, 1e-70],
         scene,
         ray: |size, random| {
-            // Of a scene of usual size, in single precision.
+            // The ray for a scene of normal size, in single precision, scaled down.
             let ray = past(DVec3::ZERO, 4.0 * random.direction(), clear(random), 1.0, random)?;
             Some(Ray::new(size * ray.origin, ray.direction))
         },

@@ -1,5 +1,5 @@
-//! Rays that leave surfaces: shadows of what is almost there, thin panes, mirrors that almost
-//! touch, leaks of closed meshes.
+//! Rays that leave surfaces: shadows of almost touching objects, thin panes, almost touching
+//! mirrors, leaks of closed meshes.
 
 use crate::lab::{rows, single, textbook_of, tree};
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
@@ -11,15 +11,15 @@ use whitstone_oracle::optics::power;
 use whitstone_scene::Pipeline;
 use whitstone_testkit::Random;
 
-/// How far textbooks start a ray from the surface it leaves.
+/// Textbook spawn offset along the direction of a ray.
 const EPSILON: f64 = 1e-4;
 
-/// A rectangle almost lying on another: its shadow must be there, and must end where it ends.
+/// A rectangle that almost lies on another: its shadow must exist, and must end at the right place.
 pub(crate) struct ShadowGap;
 
 impl ShadowGap {
-    /// A floor, a blocker at this height that begins at this x, a lamp one above the place in
-    /// question.
+    /// A floor, a blocker at height `gap` whose edge is at x = `begins`, and a lamp at height 1
+    /// above the shaded point.
     fn scene(gap: f64, begins: f64) -> String {
         let middle = begins + 0.5;
         let lamp = Self::lamp(gap);
@@ -29,7 +29,7 @@ impl ShadowGap {
         )
     }
 
-    /// The same of triangles, which around the place are as large and end where the others do.
+    /// The same scene of triangles, with equal size and edges near the shaded point.
     fn scene_of_triangles(gap: f64, begins: f64) -> String {
         let (lamp, floor, ends) = (Self::lamp(gap), sheet(0.0, true, ""), begins + 2.0);
         format!(
@@ -43,7 +43,7 @@ impl ShadowGap {
         format!("[[light]]\ntype = \"point\"\nposition = [{lamp:?}, 0, 1]\nintensity = 1\n")
     }
 
-    /// To the place half a gap under the blocker, from beside it.
+    /// A ray from the side to the point half a gap under the blocker.
     fn ray(gap: f64) -> Ray {
         let slope = 0.5f64.sqrt();
         let origin = DVec3::new(-0.5 * gap, 0.0, gap);
@@ -69,7 +69,7 @@ impl Family for ShadowGap {
     }
 
     fn step(&self, gap: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        // Dark under it; bright where it begins only beyond the place.
+        // Dark under the blocker; bright where its edge is beyond the point.
         let questions = [(0.0, true), (gap, false)];
         let ray = Self::ray(gap);
         let mut ours = Sample::default();
@@ -111,13 +111,13 @@ impl Family for ShadowGap {
     }
 }
 
-/// Whether a ray straight up from here, begun a constant away, meets the blocker.
+/// Whether a ray straight up from `place`, with a constant offset, hits the blocker.
 fn shaded<R: Real>(blocker: &dyn Textbook<R>, place: DVec3) -> bool {
     let origin = (place + EPSILON * DVec3::Z).to_array().map(R::of);
     blocker.closest(origin, [0.0, 0.0, 1.0].map(R::of)).is_some()
 }
 
-/// A triangle at a height, a few metres wide, whose outside is above or below.
+/// A triangle at height `z`, a few metres wide, whose outside is above or below.
 fn sheet(z: f64, above: bool, material: &str) -> String {
     let side = if above { 3 } else { -3 };
     format!(
@@ -126,7 +126,7 @@ fn sheet(z: f64, above: bool, material: &str) -> String {
     )
 }
 
-/// A pane of glass has two faces, however thin it is.
+/// A glass pane has two faces, however thin it is.
 pub(crate) struct ThinPane;
 
 impl Family for ThinPane {
@@ -185,7 +185,7 @@ impl Family for ThinPane {
 }
 
 impl ThinPane {
-    /// What is left of a ray behind all faces, and how many it met.
+    /// The radiance of a ray behind all faces, and the number of faces it met.
     fn passed(pipeline: &Pipeline, ray: &Ray) -> Sample {
         let nodes = tree(pipeline, ray);
         let straight = nodes
@@ -202,7 +202,7 @@ impl ThinPane {
     }
 }
 
-/// Walks on from every face, begun a constant behind it.
+/// Number of faces that a ray meets; it continues from each one with a constant offset.
 fn faces_met<R: Real>(shape: &dyn Textbook<R>, ray: &Ray) -> u64 {
     let mut origin = ray.origin.to_array().map(R::of);
     let direction = ray.direction.to_array().map(R::of);
@@ -215,7 +215,7 @@ fn faces_met<R: Real>(shape: &dyn Textbook<R>, ray: &Ray) -> u64 {
     faces
 }
 
-/// Two mirrors that face each other, a thousand reflections between them.
+/// Two parallel mirrors with a thousand reflections between them.
 pub(crate) struct ParallelMirrors;
 
 const BOUNCES: u32 = 1000;
@@ -261,7 +261,7 @@ impl Family for ParallelMirrors {
         let mirrors = [sheet(0.0, true, &material), sheet(spacing, false, &material)].concat();
         let embree = lab.embree(&format!("{around}{mirrors}"));
         let embree = embree.map(|built| Ok(reflected(&built?)));
-        // What a ray that got lost brings is the background, behind as many mirrors as it met.
+        // A ray that escapes brings the background, attenuated by the mirrors that it met.
         let counted = |count: u64| {
             let mut sample = Sample::new((power(REFLECTANCE, count as u32) / expected - 1.0).abs());
             sample.failures = u64::from(count != u64::from(BOUNCES) + 1);
@@ -282,7 +282,7 @@ impl Family for ParallelMirrors {
     }
 }
 
-/// Up and down, each ray begun a constant away from the mirror it leaves.
+/// Number of reflections, with a constant offset from each mirror.
 fn reflections<R: Real>(scene: &str, ray: &Ray) -> Result<u64, String> {
     let mirrors: [Box<dyn Textbook<R>>; 2] = [textbook_of(scene, 0)?, textbook_of(scene, 1)?];
     let mut origin = ray.origin.to_array().map(R::of);
@@ -303,11 +303,11 @@ fn reflections<R: Real>(scene: &str, ray: &Ray) -> Result<u64, String> {
     Ok(count)
 }
 
-/// A closed mesh, far from the origin, seen from inside: no ray may pass it, at a vertex or an edge
-/// least of all, with any accelerator.
+/// A closed mesh far from the origin, seen from inside: no ray may escape, in particular at a
+/// vertex or an edge, with any accelerator.
 pub(crate) struct Leaks;
 
-/// Rays of one batch.
+/// Rays per batch.
 const BATCH: usize = 1 << 15;
 
 impl Family for Leaks {
@@ -345,8 +345,8 @@ impl Family for Leaks {
             let batch = aim(&pipelines[0], center, BATCH.min(wished - begin), &mut random)?;
             let found = pipelines.iter().map(|pipeline| leaks(pipeline, &batch));
             ours.failures += found.sum::<u64>();
-            // The others are asked about the first batch, textbooks, which try every triangle,
-            // about a part of it.
+            // Other engines get only the first batch. Textbook formulas, which test every triangle,
+            // get a part of it.
             if begin == 0 {
                 aimed = batch;
             }
@@ -387,7 +387,7 @@ impl Family for Leaks {
     }
 }
 
-/// How many rays meet nothing.
+/// Number of rays that hit nothing.
 fn leaks(pipeline: &Pipeline, rays: &[Ray]) -> u64 {
     let accelerator = &pipeline.world.accelerator;
     let leaves = |ray: &&Ray| {
@@ -398,8 +398,8 @@ fn leaks(pipeline: &Pipeline, rays: &[Ray]) -> u64 {
     rays.par_iter().filter(leaves).count() as u64
 }
 
-/// From inside the tube of a ring with the radius 0.7: one in three at a vertex, at a place on an
-/// edge, at one on a triangle.
+/// Rays that start in the tube of a torus with the radius 0.7. One third aims at vertices, one
+/// third at points on edges, one third at points inside triangles.
 fn aim(pipeline: &Pipeline, center: DVec3, count: usize, random: &mut Random) -> Result<Vec<Ray>, String> {
     let Some(Shape::Triangles(mesh)) = pipeline.world.geometry.shapes().first() else {
         return Err("the mesh is none".to_owned());

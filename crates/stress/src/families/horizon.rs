@@ -5,23 +5,22 @@ use std::f64::consts::PI;
 use whitstone_core::Scratch;
 use whitstone_oracle::naive::Real;
 
-/// Pixels side by side, in a single row.
+/// Number of pixels, in a single row.
 const WIDTH: u32 = 16;
-/// Height of the eye above the plane, in squares: nine and a half, so that no view ends at a border
-/// of squares, where any filter shows the mean.
+/// Height of the camera above the plane: about nine and a half squares, so that no ray ends at a
+/// border of squares, where every filter shows the mean.
 const HEIGHT: f64 = 3.0 * PI;
-/// Of half of the angle of view: a pixel is a thousandth of a radian wide.
+/// Tangent of half of the field of view: a pixel is a thousandth of a radian wide.
 const HALF: f64 = 8e-3;
-/// The two colours of the picture, of which a square is 16 texels wide.
+/// The brighter of the two colours of the image; a square is 16 texels wide.
 const BRIGHT: f64 = 240.0 / 255.0;
 const DARK: f64 = 30.0 / 255.0;
 
-/// Ever more squares in a pixel, seen ever more from the side, until none has a colour of its own:
-/// all pixels show their mean.
+/// More and more squares per pixel at ever more grazing angles, until every pixel shows the mean.
 pub(crate) struct Horizon;
 
 impl Horizon {
-    /// The eye looks along x and down to the plane by `slope`.
+    /// The camera looks along x and down to the plane by `slope`.
     fn scene(slope: f64, filter: &str) -> String {
         format!(
             "film = {{ width = {WIDTH}, height = 1 }}\n\
@@ -53,7 +52,7 @@ impl Family for Horizon {
     }
 
     fn knobs(&self) -> Vec<f64> {
-        // From where a pixel is a third of a square wide and ten squares long.
+        // The first step has pixels a third of a square wide and ten squares long.
         std::iter::once(3e-2).chain(decades(-2, -12)).collect()
     }
 
@@ -74,7 +73,7 @@ impl Family for Horizon {
             add(&mut double, point_sampled::<f64>(slope, across));
             add(&mut single, point_sampled::<f32>(slope, across));
         }
-        // Its textures have no levels: "bilinear" is the best of its filters.
+        // Its textures have no mipmaps: "bilinear" is the best of its filters.
         let theirs = lab.mitsuba_pixels(&Self::scene(slope, "bilinear"), &pixels);
         let theirs = theirs.map(|values| {
             let mut sample = Sample::default();
@@ -90,7 +89,7 @@ impl Family for Horizon {
     }
 }
 
-/// The colour of the square that the middle of a pixel meets.
+/// The colour of the square at the centre of a pixel.
 fn point_sampled<R: Real>(slope: f64, across: f64) -> f64 {
     let t = R::of(HEIGHT) / R::of(slope);
     let [x, y] = [t, t * R::of(across)].map(|place| place.to_f64().floor());

@@ -1,4 +1,4 @@
-//! The families.
+//! The families of test cases.
 
 mod ball;
 mod camera;
@@ -14,7 +14,7 @@ mod sphere;
 
 use crate::Family;
 
-/// All of them, in the order of the catalogue.
+/// All families, in the order of the catalogue.
 pub static FAMILIES: [&dyn Family; 32] = [
     &sphere::DISTANCE,
     &sphere::PLANET,
@@ -50,7 +50,8 @@ pub static FAMILIES: [&dyn Family; 32] = [
     &relief::Relief,
 ];
 
-/// Cases of the catalogue that have no knob of decades, and the file whose tests hold them.
+/// Cases of the catalogue without a parameter to sweep: number, title, and the file with their
+/// tests.
 pub const ELSEWHERE: [(u32, &str, &str); 20] = [
     (
         8,

@@ -1,5 +1,5 @@
-//! Light at surfaces: glass that is hardly there, total reflection that hardly begins, sharp
-//! highlights, black glass, near lamps.
+//! Optics at surfaces: indices close to 1, the critical angle, sharp highlights, strong absorption,
+//! close light sources.
 
 use crate::lab::{radiance, tree};
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
@@ -9,8 +9,8 @@ use whitstone_oracle::naive::Real;
 use whitstone_oracle::optics::{decay, lobe, refract};
 use whitstone_testkit::Random;
 
-/// Fresnel's equations as they stand in books: reflectance and cosine of transmission. `None` for
-/// total reflection.
+/// Textbook Fresnel equations: reflectance and cosine of the transmitted ray. `None` for total
+/// internal reflection.
 fn fresnel<R: Real>(cosine: f64, ior: f64) -> Option<[f64; 2]> {
     let (one, here, eta) = (R::of(1.0), R::of(cosine), R::of(ior));
     let square = one - (one - here * here) / (eta * eta);
@@ -23,7 +23,7 @@ fn fresnel<R: Real>(cosine: f64, ior: f64) -> Option<[f64; 2]> {
     Some([(R::of(0.5) * (s * s + p * p)).to_f64(), there.to_f64()])
 }
 
-/// What Mitsuba says, as [`fresnel`].
+/// Mitsuba's results, in the form of [`fresnel`].
 fn mitsuba(lab: &Lab<'_>, cosines: &[f64], ior: f64) -> Result<Vec<Option<[f64; 2]>>, String> {
     let answer = lab.mitsuba(json!({ "op": "fresnel", "cosines": cosines, "ior": ior }))?;
     let number = |key: &str, at: usize| answer[key][at].as_f64().unwrap_or(f64::NAN);
@@ -34,7 +34,7 @@ fn mitsuba(lab: &Lab<'_>, cosines: &[f64], ior: f64) -> Result<Vec<Option<[f64; 
     Ok(both.collect())
 }
 
-/// Glass with nearly the index of what is around it.
+/// Glass whose index is almost that of its surroundings.
 pub(crate) struct IndexNearOne;
 
 impl Family for IndexNearOne {
@@ -101,7 +101,7 @@ impl Family for IndexNearOne {
     }
 }
 
-/// Out of glass of index 2 at almost the angle, of 30 degrees, beyond which nothing comes out.
+/// Light leaves glass of index 2 just below the critical angle of 30 degrees.
 pub(crate) struct CriticalAngle;
 
 impl Family for CriticalAngle {
@@ -122,7 +122,7 @@ impl Family for CriticalAngle {
     }
 
     fn step(&self, knob: f64, lab: &Lab<'_>) -> Result<Vec<(Engine, Answer)>, String> {
-        // The ray that comes out meets a plane one above: at a distance of 1 / cos.
+        // The transmitted ray hits a plane at height 1, at a distance of 1 / cos.
         let pipeline = lab.pipeline(
             "integrator = { type = \"whitted\", max_depth = 1 }\n\
              [[shape]]\ntype = \"plane\"\nmaterial = { type = \"dielectric\", interior_ior = 2 }\n\
@@ -174,7 +174,7 @@ impl Family for CriticalAngle {
     }
 }
 
-/// A highlight as sharp as a mirror.
+/// A very sharp specular highlight.
 pub(crate) struct PhongExponent;
 
 impl Family for PhongExponent {
@@ -198,8 +198,8 @@ impl Family for PhongExponent {
         let mut random = Random::new(exponent.to_bits());
         let [mut ours, mut double, mut single] = [Sample::default(); 3];
         for _ in 0..lab.rays.min(100) {
-            // The lamp mirrored at the ground, and an eye so far beside it that about 1/e of the
-            // highlight is left.
+            // The mirror direction of the lamp, and a viewer offset from it so that about 1/e of
+            // the highlight is left.
             let mut lamp = random.direction();
             lamp.z = lamp.z.abs() + 0.5;
             let mirrored = DVec3::new(-lamp.x, -lamp.y, lamp.z).normalize();
@@ -216,7 +216,7 @@ impl Family for PhongExponent {
                      [[shape]]\ntype = \"rectangle\"\nmaterial = {{ type = \"phong\", k_d = 0, k_s = 1, exponent = {exponent:?} }}\n"
                 )
             };
-            // All else of the model is the same with an exponent of 1.
+            // Divide by the value for an exponent of 1, to cancel all other factors of the model.
             let ray = Ray::new(eye, -eye);
             let [value, plain] = [exponent, 1.0].map(|exponent| {
                 lab.pipeline(&scene(exponent))
@@ -242,7 +242,7 @@ impl Family for PhongExponent {
     }
 }
 
-/// Glass that swallows nearly everything.
+/// Glass that absorbs nearly everything.
 pub(crate) struct Absorption;
 
 impl Family for Absorption {
@@ -277,7 +277,7 @@ impl Family for Absorption {
                 .map_or(0.0, |node| node.throughput.r);
             let truth = decay(sigma);
             let judge = |sample: &mut Sample, found: f64| {
-                // What is below the normal numbers may be anything as small.
+                // Below the smallest normal number, only the absolute size of the error counts.
                 let error = if truth < f64::MIN_POSITIVE {
                     (found - truth).abs() / f64::MIN_POSITIVE
                 } else {
@@ -300,7 +300,7 @@ impl Family for Absorption {
     }
 }
 
-/// A lamp just above what it lights, a metre and more from the origin.
+/// A lamp just above the surface that it lights, a metre or more from the origin.
 pub(crate) struct NearLamp;
 
 impl Family for NearLamp {
@@ -327,7 +327,8 @@ impl Family for NearLamp {
             "[[light]]\ntype = \"point\"\nposition = [0, 0, {lamp:?}]\nintensity = 1\n\
              [[shape]]\ntype = \"rectangle\"\ntransform = {{ translate = [0, 0, {level:?}] }}\nmaterial = {{ type = \"matte\", reflectance = 1 }}\n"
         ))?;
-        // From the side, at the place below the lamp; the lamp itself is where the double is.
+        // From the side, at the point below the lamp; `exact` is the distance of the lamp as
+        // rounded to doubles.
         let (slope, exact) = (0.5f64.sqrt(), lamp - level);
         let ray = Ray::new(DVec3::new(-1.0, 0.0, level + 1.0), DVec3::new(slope, 0.0, -slope));
         let value = radiance(&pipeline, &ray).r * std::f64::consts::PI * exact * exact;
@@ -345,8 +346,8 @@ impl Family for NearLamp {
     }
 }
 
-/// The point by the ray's formula, begun a constant above the surface, as books do to be rid of its
-/// own shadow.
+/// Textbook lighting: the hit point by the ray equation, with a constant offset above the surface
+/// to avoid self-shadowing.
 fn naive_lamp<R: Real>(ray: &Ray, lamp: f64, level: f64) -> f64 {
     let (o, d) = (
         ray.origin.to_array().map(R::of),

@@ -1,36 +1,36 @@
-//! Reliefs that only the shading knows, from next to nothing to walls.
+//! Bump and normal maps of any amplitude, from almost flat to almost vertical.
 //!
-//! Displacement moves the surface itself, and what rays meet are triangles as any others: that
-//! their normals are right at any amplitude is a test of `crates/shapes/src/mesh/displacement.rs`.
+//! Displacement moves the surface itself, and rays hit ordinary triangles.
+//! `crates/shapes/src/mesh/displacement.rs` tests that their normals are right at any amplitude.
 
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
 use whitstone_core::{Branches, DVec3, SurfacePoint};
 use whitstone_oracle::naive::Real;
 use whitstone_testkit::Random;
 
-/// How far the height rises along x, in each metre, times the amplitude.
+/// The slope of the height along x, divided by the amplitude.
 const RISE: f64 = 2.0;
 
-/// A ramp on a mirror, as a bump and as a map of normals: where the mirror sends a ray tells its
-/// normal.
+/// A ramp on a mirror, as a bump map and as a normal map: the direction of the reflected ray
+/// reveals its normal.
 pub(crate) struct Relief;
 
 impl Relief {
-    /// Scenes with their normals.
+    /// The scenes with their normals.
     fn scenes(amplitude: f64) -> [(String, DVec3); 2] {
         let mirror = |detail: &str| {
             format!(
                 "[[shape]]\ntype = \"rectangle\"\nmaterial = {{ {detail}, material = {{ type = \"mirror\" }} }}\n"
             )
         };
-        // Between the middles of two voxels, at a quarter and three quarters of a metre.
+        // Between the centres of two voxels, at a quarter and three quarters of a metre.
         let bump = format!(
             "type = \"bump\", scale = {amplitude:?}, \
              height = {{ type = \"solid\", size = [2, 1, 1], values = [0, 1], wrap = \"clamp\" }}"
         );
         let slope = RISE * amplitude;
-        // A colour has parts from -1 to 1. What the normal is follows from the doubles that are
-        // written down.
+        // The map stores components from -1 to 1. The expected normal follows from the doubles as
+        // written.
         let largest = slope.max(1.0);
         let [x, z] = [-slope, 1.0].map(|part| 0.5 + 0.5 * part / largest);
         let map = format!("type = \"normal_map\", map = [{x:?}, 0.5, {z:?}]");
@@ -68,7 +68,7 @@ impl Family for Relief {
                 let (view, towards) = loop {
                     let view = random.direction();
                     let towards = normal.dot(view);
-                    // Who looks along the surface or the relief has no clear side.
+                    // A viewer who looks along the surface or the bent surface is on no clear side.
                     if towards.abs().min(view.z.abs()) > 1e-3 {
                         break (view, towards);
                     }
@@ -77,8 +77,8 @@ impl Family for Relief {
                 let mut branches = Branches::default();
                 let point = SurfacePoint::new(place, 0.0, DVec3::Z);
                 pipeline.world.materials[0].branches(&point, view, &mut branches);
-                // Whoever sees the surface from above and the relief from below sees the surface as
-                // if there were none.
+                // A viewer above the surface who sees the bent surface from behind sees the plain
+                // surface.
                 let seen = if towards * view.z > 0.0 { normal } else { DVec3::Z };
                 let truth = mirrored(seen, view);
                 match branches.iter().next() {
@@ -105,8 +105,8 @@ fn mirrored(normal: DVec3, view: DVec3) -> DVec3 {
     2.0 * normal.dot(view) * normal - view
 }
 
-/// Blinn's bumps as books have them: a quotient of differences over a small step, and no question
-/// who sees the slope from behind.
+/// Textbook bump mapping (Blinn): finite differences over a small step, without a check whether the
+/// bent normal faces away.
 fn textbook<R: Real>(amplitude: f64, x: f64, view: DVec3) -> DVec3 {
     let (one, step) = (R::of(1.0), R::of(1e-4));
     let height = |x: R| R::of(amplitude) * (R::of(RISE) * x - R::of(0.5));

@@ -1,4 +1,4 @@
-//! The same scene in other units, and at other places.
+//! The same scene in other units and at other positions.
 
 use crate::lab::textbook_of;
 use crate::{About, Answer, Engine, Family, Lab, Sample};
@@ -7,13 +7,13 @@ use whitstone_oracle::naive::{Real, Textbook};
 
 const WIDTH: u32 = 24;
 const HEIGHT: u32 = 16;
-/// Shapes of the scene.
+/// Number of shapes in the scene.
 const SHAPES: usize = 3;
 
-/// Units that are a power of two of a metre: nothing may change, as nothing is rounded otherwise.
+/// Units that are a power of two of a metre: the result must not change, because rounding does not.
 pub(crate) struct PowerOfTwo;
 
-/// Units that are a power of ten.
+/// Units that are a power of ten of a metre.
 pub(crate) struct PowerOfTen;
 
 impl Family for PowerOfTwo {
@@ -58,7 +58,7 @@ impl Family for PowerOfTen {
     }
 }
 
-/// A ball of glass and a mirror on a floor, under a lamp.
+/// A glass ball and a mirror on a floor, under a lamp.
 fn scene(s: f64) -> String {
     let v = |x: f64, y: f64, z: f64| format!("[{:?}, {:?}, {:?}]", x * s, y * s, z * s);
     format!(
@@ -117,14 +117,13 @@ fn ours(lab: &Lab<'_>, scale: f64) -> Result<Vec<f64>, String> {
         .collect())
 }
 
-/// By the driver, which has Mitsuba meet rays and shapes, and sets rays off as the model says.
+/// By the Mitsuba driver: Mitsuba intersects rays and shapes; ray origins follow the model.
 fn theirs(lab: &Lab<'_>, scale: f64) -> Result<Vec<f64>, String> {
     let all: Vec<[u32; 2]> = pixels().collect();
     lab.mitsuba_pixels(&scene(scale), &all)
 }
 
-/// Which pixels see a place that the lamp reaches, by textbook forms, shadow rays begun a constant
-/// away.
+/// The pixels that see a lit point, by textbook formulas with a constant shadow ray offset.
 fn lit<R: Real>(scale: f64) -> Result<Vec<f64>, String> {
     let text = scene(scale);
     let shapes: Vec<Box<dyn Textbook<R>>> = (0..SHAPES)
@@ -150,7 +149,7 @@ fn lit<R: Real>(scale: f64) -> Result<Vec<f64>, String> {
         .collect())
 }
 
-/// Relative to the mean of the second.
+/// Root mean square error relative to the mean of `expected`.
 fn rmse(found: &[f64], expected: &[f64]) -> f64 {
     let count = expected.len() as f64;
     let mean = expected.iter().sum::<f64>() / count;

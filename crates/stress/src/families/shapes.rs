@@ -1,4 +1,4 @@
-//! Slivers, needles, thin rings and stretched copies.
+//! Slivers, needles, thin rings and stretched instances.
 
 use crate::lab::single;
 use crate::rays::{RayFamily, clear, past};
@@ -6,7 +6,7 @@ use crate::{About, decades};
 use whitstone_core::{DMat3, DVec3, Ray};
 use whitstone_testkit::Random;
 
-/// A triangle that is a unit long and hardly wide, somewhere in space.
+/// A triangle of length 1 and almost no width, anywhere in space.
 pub(crate) static SLIVER: RayFamily = RayFamily {
     about: About {
         name: "sliver",
@@ -30,7 +30,7 @@ pub(crate) static SLIVER: RayFamily = RayFamily {
         let target = foot + inside * (c - a - 0.5 * (b - a));
         let origin = (target + 3.0 * random.direction()).as_vec3().as_dvec3();
         let ray = single(origin, target - origin);
-        // A ray almost in the plane has no clear class.
+        // A ray almost in the plane of the triangle has no clear class.
         let normal = (b - a).cross(c - a).normalize();
         (normal.dot(ray.direction).abs() > 0.5).then_some(ray)
     },
@@ -38,14 +38,14 @@ pub(crate) static SLIVER: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// Corners that single precision has.
+/// Vertices that are exact in single precision.
 fn sliver(aspect: f64) -> [DVec3; 3] {
     let turn = DMat3::from_axis_angle(DVec3::new(1.0, -2.0, 0.5).normalize(), 0.7);
     let corners = [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 1.0 / aspect, 0.0)];
     corners.map(|corner| (turn * corner + DVec3::new(0.3, 0.2, -0.1)).as_vec3().as_dvec3())
 }
 
-/// A thin cylinder, met across.
+/// A thin cylinder, hit from the side.
 pub(crate) static NEEDLE: RayFamily = RayFamily {
     about: About {
         name: "thin_cylinder",
@@ -74,7 +74,7 @@ pub(crate) static NEEDLE: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// Close to the tip of a cone, where both of its nappes meet.
+/// Close to the apex of a cone, where both of its nappes meet.
 pub(crate) static APEX: RayFamily = RayFamily {
     about: About {
         name: "cone_apex",
@@ -88,7 +88,7 @@ pub(crate) static APEX: RayFamily = RayFamily {
     knobs: || decades(-1, -12),
     scene: |_| "[[shape]]\ntype = \"cone\"\ncaps = false\nradii = [1, 0]\nz = [-1, 0]\n".to_owned(),
     ray: |distance, random| {
-        // Below the tip at the origin the cone is as wide as it is deep: a third of the rays pass
+        // Below the apex at the origin the cone is as wide as it is deep; a third of the rays pass
         // above.
         let height = if random.below(3) == 0 { 0.5 } else { -0.5 } * distance * (1.0 + random.unit());
         Some(single(
@@ -100,7 +100,7 @@ pub(crate) static APEX: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// A ring of thin wire.
+/// A torus with a very thin tube.
 pub(crate) static WIRE: RayFamily = RayFamily {
     about: About {
         name: "torus_wire",
@@ -118,7 +118,7 @@ pub(crate) static WIRE: RayFamily = RayFamily {
     one_measure: true,
 };
 
-/// The same ring, far away.
+/// The same torus at a large distance.
 pub(crate) static FAR_RING: RayFamily = RayFamily {
     about: About {
         name: "torus_distance",
@@ -140,19 +140,19 @@ fn torus(tube: f64) -> String {
     format!("[[shape]]\ntype = \"torus\"\nmajor_radius = 1\nminor_radius = {tube:?}\n")
 }
 
-/// At the middle line of a torus' tube, or past it, from somewhere above.
+/// A ray at the centre line of a torus' tube, or past it, from above.
 fn at_ring(distance: f64, tube: f64, random: &mut Random) -> Option<Ray> {
     let turn = std::f64::consts::TAU * random.unit();
     let middle = DVec3::new(turn.cos(), turn.sin(), 0.0);
     let mut from = random.direction();
     from.z = from.z.abs() + 0.6;
     let origin = (middle + distance * from.normalize()).as_vec3().as_dvec3();
-    // At most 0.9 radii beside the middle line: a hit. What passes it at more may hit the other
-    // side: the oracle knows.
+    // At most 0.9 tube radii from the centre line: a hit. A ray that passes at a larger distance
+    // may hit the other side; the oracle decides.
     past(middle, origin, 0.9 * tube * random.unit(), tube, random)
 }
 
-/// An ellipsoid stretched and flattened.
+/// An ellipsoid, stretched and flattened.
 pub(crate) static CONDITION: RayFamily = RayFamily {
     about: About {
         name: "ellipsoid_condition",
@@ -174,7 +174,7 @@ pub(crate) static CONDITION: RayFamily = RayFamily {
     ray: |condition, random| {
         let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 40f64.to_radians());
         let root = condition.sqrt();
-        // Through a place inside.
+        // Through a point inside.
         let inside = DVec3::new(0.7 * root * random.signed(), 0.5 * random.signed(), 0.0);
         let origin = 100.0 * random.direction() * DVec3::new(0.1, 0.1, 1.0);
         let origin = origin + DVec3::new(inside.x, 0.0, 100f64.copysign(origin.z));
@@ -184,7 +184,7 @@ pub(crate) static CONDITION: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// A copy of a ball, stretched along one axis and flattened along another.
+/// An instance of a sphere, stretched along one axis and flattened along another.
 pub(crate) static COPY: RayFamily = RayFamily {
     about: About {
         name: "instance_scale",
@@ -203,7 +203,7 @@ pub(crate) static COPY: RayFamily = RayFamily {
         )
     },
     ray: |factor, random| {
-        // Through an inner point of the copy, or past its widest part.
+        // Through a point inside the instance, or past its widest part.
         let miss = random.below(4) == 0;
         let y = if miss {
             1.2 + random.unit()
@@ -218,7 +218,7 @@ pub(crate) static COPY: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// Directions of any length: what t is measured in.
+/// Directions of any length, which is the unit of t.
 pub(crate) static LENGTH: RayFamily = RayFamily {
     about: About {
         name: "direction_length",

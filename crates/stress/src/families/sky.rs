@@ -1,5 +1,4 @@
-//! A sky at its poles, where all meridians meet, and at its seam, where its picture begins and
-//! ends.
+//! An environment map at its poles, where all meridians meet, and at its seam.
 
 use crate::lab::radiance;
 use crate::{About, Answer, Engine, Family, Lab, Sample, decades};
@@ -8,18 +7,18 @@ use whitstone_core::{DVec3, Ray};
 use whitstone_oracle::naive::Real;
 use whitstone_testkit::Random;
 
-/// Columns and rows of the picture.
+/// Columns and rows of the image.
 const SIZE: [usize; 2] = [8, 4];
 
-/// Directions at some place of the sky.
+/// Directions close to a critical place of the environment.
 pub(crate) struct Sky {
     about: About,
     /// The largest angle, as a power of ten.
     first: i32,
-    /// A direction about so far from the place, and (u, v) there, from the angles that it is made
-    /// of: so nothing of it cancels.
+    /// A direction at about this angle from the place, and its exact (u, v), derived from the same
+    /// angles without cancellation.
     look: fn(f64, &mut Random) -> (DVec3, [f64; 2]),
-    /// Whether the textbook form knows that the picture goes on where it ends.
+    /// Whether the textbook variant wraps the image around.
     naive_wraps: bool,
 }
 
@@ -44,7 +43,7 @@ pub(crate) static POLE: Sky = Sky {
     naive_wraps: true,
 };
 
-/// On both sides of the half circle from which u is counted.
+/// On both sides of the half circle where u starts.
 pub(crate) static SEAM: Sky = Sky {
     about: About {
         name: "environment_seam",
@@ -55,7 +54,7 @@ pub(crate) static SEAM: Sky = Sky {
     first: 0,
     look: |angle, random| {
         let turn = (angle * (1.0 + random.unit())).copysign(random.signed());
-        // Not so high that the poles have a part in it.
+        // Not high enough for the poles to matter.
         let height = 1.1 * random.signed();
         let direction = DVec3::new(height.cos() * turn.sin(), height.sin(), height.cos() * turn.cos());
         (direction, [-turn / TAU, 0.5 + height / PI])
@@ -112,13 +111,13 @@ impl Family for Sky {
     }
 }
 
-/// Unlike its neighbours, also across the seam and from the lowest row to the highest, which the
-/// model takes for neighbours too.
+/// A texel that differs from its neighbours, including those across the seam and between the lowest
+/// and the highest row, which are neighbours in the model.
 fn texel(column: usize, row: usize) -> f64 {
     ((3 * column + 7 * row) % 16) as f64 / 16.0
 }
 
-/// Between the middles of texels; where the picture ends it goes on, or stays what it was.
+/// Bilinear interpolation. At the border the image wraps around, or is clamped.
 fn shown(place: [f64; 2], wraps: bool) -> f64 {
     let at = [0, 1].map(|axis| place[axis] * SIZE[axis] as f64 - 0.5);
     let low = at.map(f64::floor);
@@ -141,8 +140,8 @@ fn shown(place: [f64; 2], wraps: bool) -> f64 {
     sum
 }
 
-/// (u, v) by inverse cosines, as books write spherical coordinates: they lose half of all digits
-/// where they are flat.
+/// (u, v) by inverse cosines, the textbook form of spherical coordinates: half of all digits are
+/// lost where the cosine is flat.
 fn textbook<R: Real>(direction: DVec3) -> [f64; 2] {
     let [x, y, z] = direction.to_array().map(R::of);
     let sine = (R::of(1.0) - y * y).sqrt();

@@ -1,4 +1,4 @@
-//! Spheres far away, huge, touched by rays, and just in front of the eye.
+//! Spheres that are far away, huge, tangent to rays, or just in front of the camera.
 
 use crate::lab::single;
 use crate::rays::{RayFamily, clear, past};
@@ -28,7 +28,7 @@ pub(crate) static DISTANCE: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// A planet under the eye, which stands two units above it, whatever its radius.
+/// A planet, seen from two units above it, whatever its radius.
 pub(crate) static PLANET: RayFamily = RayFamily {
     about: About {
         name: "planet",
@@ -47,7 +47,7 @@ pub(crate) static PLANET: RayFamily = RayFamily {
         )
     },
     ray: |radius, random| {
-        // The eye at (0, 2, 0), which single precision has, as it has the centre and the radius.
+        // The camera at (0, 2, 0), the centre and the radius are exact in single precision.
         let (center, miss) = (-radius * DVec3::Y, 0.95 * random.unit() * radius);
         past(center, 2.0 * DVec3::Y, miss, radius, random)
     },
@@ -55,8 +55,8 @@ pub(crate) static PLANET: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// Rays that pass a sphere's top just above or below: the height is a number that single precision
-/// has, as the sphere stands below the origin.
+/// Rays that pass just above or below the top of a sphere. Their height is exact in single
+/// precision, because the sphere lies below the origin.
 pub(crate) static TANGENT: RayFamily = RayFamily {
     about: About {
         name: "tangent",
@@ -78,7 +78,7 @@ pub(crate) static TANGENT: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// The eye just above a sphere, looking down at it.
+/// The camera just above a sphere, looking down at it.
 pub(crate) static NEAR: RayFamily = RayFamily {
     about: About {
         name: "near_surface",
@@ -100,7 +100,7 @@ pub(crate) static NEAR: RayFamily = RayFamily {
     one_measure: false,
 };
 
-/// A sphere at a place that single precision has, seen from nearby.
+/// A sphere at a position that is exact in single precision, seen from nearby.
 pub(crate) static OFFSET: RayFamily = RayFamily {
     about: About {
         name: "world_offset",
@@ -118,7 +118,7 @@ pub(crate) static OFFSET: RayFamily = RayFamily {
     },
     ray: |offset, random| {
         let center = place(offset);
-        // Coordinates that single precision has: at 1e8 it has every eighth whole number.
+        // Coordinates that are exact in single precision: at 1e8 it holds every eighth integer.
         let origin = (center + 16.0 * random.direction()).as_vec3().as_dvec3();
         let outside = (origin - center).length() > 1.5;
         let ray: Option<Ray> = past(center, origin, clear(random), 1.0, random);

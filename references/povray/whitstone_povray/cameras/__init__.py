@@ -1,11 +1,11 @@
-"""Cameras (model §4): `twin(fields, width, height)` gives a `Camera`.
+"""Cameras (model §4): `twin(fields, width, height)` returns a `Camera`.
 
-A lens is a camera for each of its points: from there, what is in focus fills the same window of the
-plane in focus.
+A lens is rendered as one camera per lens sample. Each of these cameras looks through the same
+window of the focal plane.
 
 POV-Ray shows the point `location + direction + x right + y up` at x, y from -1/2 to 1/2 across the
-image. Given outright, without `look_at` and `angle`, these vectors are taken as they are, so a
-right-handed world needs no mirroring.
+image. These vectors are given explicitly, without `look_at` and `angle`, so POV-Ray uses them
+unchanged and a right-handed world needs no mirroring.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ Window = Tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Camera:
-    """Where it stands, its axes (right, up, backwards), and the window l, r, b, t at distance d;
-    lengths in metres.
+    """Position, axes (right, up, backwards), and the window l, r, b, t at distance d; lengths in
+    metres.
     """
 
     kind: str
@@ -34,16 +34,16 @@ class Camera:
     distance: float
     width: int
     height: int
-    # Points of the lens, in metres to the right and up, and the distance of the plane in focus.
+    # Lens samples, in metres to the right and up, and the focus distance.
     lens: Tuple[Tuple[float, float], ...] = ((0.0, 0.0),)
     focus: float = 1.0
 
     def samples(self, positions: List[Tuple[float, float]]) -> List[Tuple[float, float, int]]:
-        """Each position in a pixel through each point of the lens, by its number."""
+        """Every combination of a position in a pixel and the index of a lens sample."""
         return [(x, y, point) for x, y in positions for point in range(len(self.lens))]
 
     def origins(self, setting: Setting, samples: List[Tuple[float, float, int]]) -> str:
-        """Where rays start, in POV-Ray's language: calls of the macro `Starts` with a point, or of
+        """Origins of rays in POV-Ray's language: calls of the macro `Starts` with a point, or of
         `Window` with a corner, two sides and numbers of pixels.
         """
         if self.kind == "perspective":
@@ -59,7 +59,7 @@ class Camera:
         return f"Window({vectors}, {self.width}, {self.height})"
 
     def write(self, setting: Setting, dx: float, dy: float, point: int = 0) -> str:
-        """Moved by so many pixels, to the right and downwards, and to a point of the lens."""
+        """The camera, shifted by `dx` pixels to the right and `dy` down, for one lens sample."""
         left, right, bottom, top = self.window
         u, v, w = self.axes
         a = (left + right) / 2 + dx * (right - left) / self.width
@@ -67,8 +67,7 @@ class Camera:
         if self.kind == "perspective":
             x, y = self.lens[point]
             location = tuple(e + x * p + y * q for e, p, q in zip(self.origin, u, v))
-            # The part of the window's size that a metre of the lens is, seen from the plane in
-            # focus.
+            # Shift of the window per metre on the lens, which keeps the focal plane fixed.
             part = self.distance / self.focus
             direction = tuple((a - part * x) * p + (c - part * y) * q - self.distance * r for p, q, r in zip(u, v, w))
             size = 1.0
@@ -86,7 +85,7 @@ class Camera:
 
 
 def window_of(fields: Fields, other: str) -> Optional[Tuple[Window, float]]:
-    """What the key `window` says, which excludes `other`; None where it is absent."""
+    """The key `window`, which excludes `other`; None if it is missing."""
     if not fields.has("window"):
         return None
     inner = Fields(fields.take("window"), fields.where + ".window", fields.context)
@@ -101,13 +100,13 @@ def window_of(fields: Fields, other: str) -> Optional[Tuple[Window, float]]:
 
 
 def no_near(fields: Fields) -> None:
-    """Refuses a near limit: POV-Ray has none."""
+    """Refuses a near limit, which POV-Ray lacks."""
     if fields.number("near", 0.0) != 0:
         fields.unsupported("POV-Ray sees what is near", "near")
 
 
 def placed(fields: Fields, kind: str, window: Window, distance: float, width: int, height: int) -> Camera:
-    """The camera that `look_at` puts up."""
+    """The camera that `look_at` defines."""
     look = Fields(fields.take("look_at", REQUIRED), fields.where + ".look_at", fields.context)
     origin, target = look.vector("origin", REQUIRED), look.vector("target", REQUIRED)
     up = look.vector("up", (0.0, 1.0, 0.0))

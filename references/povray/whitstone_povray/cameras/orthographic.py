@@ -1,4 +1,4 @@
-"""Twin of the camera `orthographic`: POV-Ray's own, by its vectors."""
+"""Twin of the camera `orthographic`: POV-Ray's own, given by vectors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Twin of the camera `thin_lens`: POV-Ray's perspective camera, from every point of the lens (its
-own lens is a random one).
+"""Twin of the camera `thin_lens`: POV-Ray's perspective camera at every lens sample (its own lens
+is random).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def _disk(p: float, q: float) -> Tuple[float, float]:
 
 
 def twin(fields: Fields, width: int, height: int) -> Camera:
-    """As perspective, and the lens."""
+    """As `perspective`, with a lens."""
     camera = perspective.view(fields, width, height)
     aperture = fields.number("aperture", REQUIRED, lambda metres: metres >= 0, "a radius >= 0 in metres")
     focus = fields.number("focus_distance", REQUIRED, lambda metres: metres > 0, "a distance > 0 in metres")

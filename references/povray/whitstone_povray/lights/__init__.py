@@ -1,8 +1,8 @@
-"""Lights (model §7): `twin(fields)` gives a `Light`.
+"""Lights (model §7): `twin(fields)` returns a `Light`.
 
 A point light in POV-Ray falls off by `2 / (1 + (r / fade_distance)^2)`. With a fade distance that
-is small beside r that is the inverse square, to a relative (fade_distance / r)^2: below 1e-6 beyond
-1 mm.
+is small compared with r, this is the inverse square to a relative (fade_distance / r)^2: below 1e-6
+beyond 1 mm.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ BLACK: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Light:
-    """What it adds to the scene: objects of POV-Ray, an ambient radiance, a background."""
+    """The parts of a light in the scene: POV-Ray objects, an ambient radiance, a background."""
 
     objects: str = ""
     ambient: Vector = BLACK
     background: Vector = BLACK
-    # Where it is, and the radius of an object around it that filters light.
+    # Its position, and the radius of an object around it that filters light.
     position: Optional[Vector] = None
     shell: float = 0.0
 
@@ -41,12 +41,12 @@ class Lights:
 
 
 def exposed(fields: Fields, color: Vector) -> Vector:
-    """As bright as it is rendered."""
+    """The colour, scaled by the exposure of this rendering."""
     return tuple(fields.context.setting.exposure * component for component in color)
 
 
 def point_source(fields: Fields, position: Vector, intensity: Vector) -> str:
-    """A `light_source` without its end: intensity in W/sr, by the table's `falloff`."""
+    """A `light_source` without its closing brace: intensity in W/sr, with the table's `falloff`."""
     scale = fields.context.setting.scale
     falls = fields.choice("falloff", "inverse_square", ("inverse_square", "none")) == "inverse_square"
     gain = 0.5 / FADE_DISTANCE**2 if falls else 1.0
@@ -56,7 +56,7 @@ def point_source(fields: Fields, position: Vector, intensity: Vector) -> str:
 
 
 def read(tables: Any, context: Context) -> Lights:
-    """The `[[light]]` tables."""
+    """Reads the `[[light]]` tables."""
     lights: List[Light] = []
     for index, table in enumerate(tables):
         fields = Fields(table, f"light[{index}]", context)

@@ -9,7 +9,7 @@ from ..fields import REQUIRED
 from ..transforms import unit
 from . import Fields, Light, exposed
 
-# In metres: what is farther away casts no shadow.
+# In metres: objects farther away cast no shadow.
 FAR = 9000.0
 
 

@@ -1,8 +1,8 @@
-"""Twin of the light `spot`: a point light in a small shell that lets through what the model says.
+"""Twin of the light `spot`: a point light in a small shell whose transparency follows the model.
 
-POV-Ray's own spot light falls off by a cubic of the cosine, the model by a line in the angle. The
-shell is seen by shadow rays only, and its transparency is a function of the direction. Rays to
-other lights would have to pass the shell's few square millimetres to differ.
+POV-Ray's own spot light falls off with a cubic of the cosine, the model's linearly in the angle.
+Only shadow rays see the shell, and its transparency is a function of the direction. Rays to other
+lights would differ only if they passed through the shell's few square millimetres.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from ..fields import REQUIRED
 from ..transforms import sub, unit
 from . import Fields, Light, point_source
 
-# Radius of the shell in metres. POV-Ray leaves out what is nearer to a light than 1e-3 of its
-# units.
+# Radius of the shell in metres. POV-Ray ignores objects nearer to a light than 1e-3 of its units.
 SHELL = 1e-3
 
 
@@ -31,7 +30,7 @@ def twin(fields: Fields) -> Light:
     along = f"({x}*{sdl.number(axis[0])}+{y}*{sdl.number(axis[1])}+{z}*{sdl.number(axis[2])})"
     cosine = f"max(-1,min(1,{along}/sqrt({x}*{x}+{y}*{y}+{z}*{z})))"
     share = f"max(0,min(1,({sdl.number(cutoff)}-degrees(acos({cosine})))/{sdl.number(cutoff - beam)}))"
-    # Patterns repeat beyond 0 and 1, so neither is reached.
+    # Patterns repeat beyond 0 and 1, so both limits are avoided.
     pigment = f"pigment {{ function {{ 0.25+0.5*{share} }} color_map {{ [0.25 rgbt <0,0,0,0>] [0.75 rgbt <0,0,0,1>] }} }}"
     shell = (
         f"sphere {{ {sdl.vector([scale * c for c in position])}, {sdl.number(scale * SHELL)} texture {{ {pigment} "

@@ -1,7 +1,7 @@
-"""Materials (model §8): `twin(fields, textures, ambient)` gives a `Material`.
+"""Materials (model §8): `twin(fields, textures, ambient)` returns a `Material`.
 
-`finish` has defaults that the model has not (`ambient 0.1`, `diffuse 0.6`), so each one says all.
-There is no 1/pi in POV-Ray.
+`finish` has defaults that the model lacks (`ambient 0.1`, `diffuse 0.6`), so each one sets
+everything. POV-Ray has no factor 1/pi.
 """
 
 from __future__ import annotations
@@ -14,40 +14,41 @@ from ..errors import NeedsChannels
 from ..fields import Context, Fields, Vector
 from ..textures import Library, Surface, Texture
 
-# Keeps the sums short: what is transparent stands half for what passes and half for what stays (see
-# `whitted`).
+# Keeps the formulas short: half of a transparent pigment counts as transmitted, half as reflected
+# (see `whitted`).
 FILTER = 0.5
 
 
 @dataclass(frozen=True)
 class Material:
-    """What an object of POV-Ray gets: textures of the outside and of the inside, and an interior.
+    """The parts of an object's material in POV-Ray: textures of the outside and of the inside, and
+    an interior.
     """
 
     texture: Callable[[Surface], str]
     interior: str = ""
-    # Light goes through, so the shape must be closed, and is doubled by one that casts its shadow:
-    # the model's shadows are opaque.
+    # Light passes through. So the shape must be closed, and a duplicate casts its shadow: the
+    # model's shadows are opaque.
     transparent: bool = False
-    # Whether rays go on from it.
+    # Whether it reflects or refracts rays.
     branches: bool = False
-    # Of a transparent one: the index outside. POV-Ray has one for the whole scene.
+    # For a transparent material, the index outside. POV-Ray has one for the whole scene.
     outside: Optional[float] = None
 
 
 def finish(diffuse: float = 0.0, emission: Vector = (0.0, 0.0, 0.0), more: str = "") -> str:
-    """`finish { }`, with nothing left to defaults."""
+    """`finish { }` without defaults."""
     light = f"ambient 0 emission {sdl.rgb(emission)} diffuse {sdl.number(diffuse)} brilliance 1"
     return f"finish {{ {light} {more or 'phong 0 specular 0 reflection { 0 }'} }}"
 
 
 def plain(texture: Texture, finish_: str) -> Callable[[Surface], str]:
-    """A texture of POV-Ray that looks alike from both sides."""
+    """A POV-Ray texture that is the same on both sides."""
     return lambda surface: f"texture {{ {texture.pigment(surface)} {finish_} }}"
 
 
 def grey(fields: Fields, color: Vector) -> float:
-    """The number for what POV-Ray has no colour for."""
+    """The number for a parameter that cannot be a colour in POV-Ray."""
     if min(color) != max(color):
         raise NeedsChannels
     return color[0]
@@ -55,19 +56,19 @@ def grey(fields: Fields, color: Vector) -> float:
 
 @dataclass(frozen=True)
 class Medium:
-    """The keys of a material that light enters."""
+    """The keys of a material that light can enter."""
 
     inside: float
     outside: float
-    # For POV-Ray.
+    # In POV-Ray's language.
     interior: str
 
 
 def medium(fields: Fields) -> Medium:
-    """`interior_ior`, `exterior_ior`, `absorption`, `exterior_absorption`, by `interior { }`.
+    """`interior_ior`, `exterior_ior`, `absorption`, `exterior_absorption`, as `interior { }`.
 
-    Of POV-Ray's two ways to absorb by exp(-a t), its fading does not darken what is reflected
-    inside; its media do.
+    POV-Ray has two ways to absorb by exp(-a t). Its fading does not attenuate rays that are
+    reflected inside; its media do.
     """
     inside = fields.number("interior_ior", 1.5, lambda ior: ior > 0, "an index > 0")
     outside = fields.number("exterior_ior", 1.0, lambda ior: ior > 0, "an index > 0")
@@ -88,7 +89,7 @@ class Materials:
         self._context = context
 
     def of(self, fields: Fields) -> Optional[Material]:
-        """The material of a shape; None, with a reason in the context, where it has no twin."""
+        """The material of a shape; None, with a reason in the context, if it has no twin."""
         value = fields.take("material", {"type": "matte"})
         where = f"{fields.where}.material"
         if isinstance(value, str):

@@ -1,4 +1,4 @@
-"""What the materials with a highlight share."""
+"""The common part of the materials with a highlight."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Lobes:
             self.pigment, self.diffuse, self.emission = self.k_d, 1.0, ambient
 
     def highlight(self, blinn: bool) -> str:
-        """The lobe. `specular` is by the half vector, with the inverse of the exponent as
+        """The highlight. `specular` uses the half vector, with the inverse of the exponent as
         roughness.
         """
         if blinn:
@@ -41,6 +41,6 @@ class Lobes:
 
 
 def opaque(lobes: Lobes, blinn: bool) -> Material:
-    """Nothing but the lobes."""
+    """A material that consists of the lobes only."""
     more = lobes.highlight(blinn) + " reflection { 0 }"
     return Material(plain(lobes.pigment, finish(lobes.diffuse, lobes.emission, more)))

@@ -1,9 +1,9 @@
 """Twin of the material `conductor`: a `texture_map` of mirrors by the angle of incidence, POV-Ray's
 pattern `aoi`.
 
-POV-Ray 3.7 knows Fresnel's formulas for real indices only. Between two mirrors of the map it blends
-linearly, so the reflectance is a polygon with corners where it bends most, within 1e-6 of the
-formula.
+POV-Ray 3.7 has the Fresnel equations for real indices only. Between two mirrors of the map it
+interpolates linearly. So the reflectance is piecewise linear, with knots where its curvature is
+largest, within 1e-6 of the formula.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from .. import sdl
 from ..fields import REQUIRED
 from . import Fields, Library, Material, Vector, finish
 
-# Corners of one map, of which POV-Ray allows 256, and maps.
+# Knots per map, of which POV-Ray allows 256, and number of maps.
 CORNERS, MAPS = 200, 8
-# The polygon may be so far from the formula.
+# Largest accepted error of the piecewise linear function.
 ERROR = 1e-6
-# Angles at which bends are looked for.
+# Number of angles at which the curvature is evaluated.
 FINE = 20000
 
 # Index and extinction, from the model.
@@ -39,8 +39,7 @@ METALS = {
 
 
 def reflectance(eta: float, k: float, c: float) -> float:
-    """R of the model at a cosine, by complex numbers: Fresnel's amplitudes for the index eta + ik.
-    """
+    """R of the model at a cosine, in complex numbers: Fresnel amplitudes for the index eta + ik."""
     index = complex(eta, k)
     if index == 1 or c <= 0:
         return 0.0 if index == 1 and c > 0 else 1.0
@@ -51,7 +50,7 @@ def reflectance(eta: float, k: float, c: float) -> float:
 
 
 def corners(eta: Vector, k: Vector) -> List[float]:
-    """Angles from 0 to 90 degrees, as far apart as the bend of the reflectance allows."""
+    """Angles from 0 to 90 degrees, as far apart as the curvature of the reflectance allows."""
     step = math.pi / 2 / FINE
     rows = [[reflectance(e, x, math.cos(n * step)) for n in range(FINE + 1)] for e, x in zip(eta, k)]
     density = [0.0]
@@ -79,7 +78,7 @@ def _indices(fields: Fields) -> Tuple[Vector, Vector]:
 
 
 def error(angles: List[float], eta: Vector, k: Vector) -> float:
-    """How far the polygon is from the formula, half way between its corners."""
+    """The error of the piecewise linear function half way between its knots."""
     worst = 0.0
     for e, x in zip(eta, k):
         values = [reflectance(e, x, math.cos(angle)) for angle in angles]

@@ -1,8 +1,8 @@
 """Twin of the material `dielectric`: `reflection { 0, 1 fresnel }` with `conserve_energy`, and a
 filter.
 
-Transmitted radiance is not scaled by the squared relative index in POV-Ray; here the filter of the
-outside is that factor, that of the inside its inverse.
+POV-Ray does not scale transmitted radiance by the squared relative index. Here the filter of the
+outside is that factor, and that of the inside its inverse.
 """
 
 from __future__ import annotations

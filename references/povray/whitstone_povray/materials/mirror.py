@@ -1,5 +1,5 @@
-"""Twin of the material `mirror`: `reflection`; of a texture, a `texture_map` of mirrors, since what
-they show is linear in the reflectance.
+"""Twin of the material `mirror`: `reflection`; for a texture, a `texture_map` of mirrors, since the
+result is linear in the reflectance.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Twin of the material `whitted`: `phong`, `reflection` and a filter, which is POV-Ray's own model
-but for total internal reflection.
+except for total internal reflection.
 
-POV-Ray gives the one ray that is left there a weight of 1, the model `k_refl + k_refr`. So beyond
-the critical angle the surface has another texture, an opaque one that reflects the sum: POV-Ray's
-pattern `aoi` tells the angle.
+POV-Ray gives the single ray that remains there a weight of 1, the model `k_refl + k_refr`. So
+beyond the critical angle the surface has another, opaque texture that reflects the sum. POV-Ray's
+pattern `aoi` gives the angle.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ._phong import Lobes
 
 
 def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
-    """Those of `phong`, and `k_refl`, `k_refr`, the indices and absorptions."""
+    """The keys of `phong`, and `k_refl`, `k_refr`, the indices and absorptions."""
     lobes = Lobes(fields, textures, ambient, 0.0)
     k_refl = textures.value(fields, "k_refl", 0.0).constant
     k_refr = textures.value(fields, "k_refr", 0.0).constant
@@ -31,8 +31,8 @@ def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
     if lobes.pigment.constant is None:
         fields.unsupported("POV-Ray has one pigment for k_d and k_refr: k_d must be a colour", "k_d")
         return Material(lambda surface: "")
-    # The pigment is what passes; what stays is the same pigment times (1 - FILTER), and k_d must
-    # come of it.
+    # The pigment is the transmitted part. The rest is the same pigment times (1 - FILTER), which
+    # must result in k_d.
     passes = tuple(component / FILTER for component in k_refr)
     stays = grey(fields, passes) * (1 - FILTER)
     diffuse = grey(fields, lobes.pigment.constant) * lobes.diffuse / stays
@@ -51,13 +51,13 @@ def twin(fields: Fields, textures: Library, ambient: Vector) -> Material:
     return Material(texture, media.interior, True, True, media.outside)
 
 
-# Of a colour, which looks the same everywhere.
+# For a constant colour.
 _NOWHERE = Surface("0", "0")
 
 
 def _side(word: str, eta: float, clear: str, total: str) -> str:
-    """The texture of one side, for the relative index from there: total reflection is where sin >=
-    1/eta.
+    """The texture of one side, for the relative index from there: total internal reflection is
+    where sin >= 1/eta.
     """
     if eta <= 1:
         return f"{word} {{ {clear} }}"

@@ -1,8 +1,7 @@
-"""Shapes (model §9): `twin(fields, place)` gives a `Solid`.
+"""Shapes (model §9): `twin(fields, place)` returns a `Solid`.
 
-A twin writes its object in the shape's own space, in POV-Ray's units: lengths through
-`place.length`, points through `place.point`. What stands around it (texture, interior, transform,
-instances) is put there by `document`.
+A twin writes its object in object space, in POV-Ray's units: lengths with `place.length`, points
+with `place.point`. `document` adds texture, interior, transform and instances.
 """
 
 from __future__ import annotations
@@ -19,52 +18,52 @@ from ..transforms import IDENTITY, Matrix, similarity
 __all__ = ["REQUIRED", "Fields", "Matrix", "Place", "Solid", "Surface", "Vector", "axes", "similarity"]
 
 
-# A direction in which POV-Ray looks for the outside of a mesh, along no edge of ours.
+# The direction in which POV-Ray looks for the outside of a mesh; parallel to no edge of ours.
 INSIDE = "inside_vector <0.2113, 0.6247, 0.7517>"
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a shape stands."""
+    """The placement of a shape."""
 
     setting: Setting
-    # The shape's own transform, without those of instances around it.
+    # The shape's own transform, without those of enclosing instances.
     own: Matrix
 
     def length(self, metres: float) -> str:
-        """In POV-Ray's units."""
+        """A length in POV-Ray's units."""
         return sdl.number(metres * self.setting.scale)
 
     def point(self, metres: Iterable[float]) -> str:
-        """In POV-Ray's units."""
+        """A point in POV-Ray's units."""
         return sdl.vector(component * self.setting.scale for component in metres)
 
 
 @dataclass(frozen=True)
 class Solid:
-    """An object of POV-Ray."""
+    """A POV-Ray object."""
 
-    # Open: textures, interior and transforms follow, and `}`.
+    # Without the closing brace: textures, interior and transforms follow.
     body: str
     surface: Surface
-    # Whether it bounds a volume, so that light can enter and leave it.
+    # Whether it bounds a volume that light can enter and leave.
     closed: bool
-    # The transform that is still to be applied: `place.own`, unless the twin has done so.
+    # The transform that remains to be applied: `place.own`, unless the twin has applied it.
     matrix: Optional[Matrix] = None
     # Whether its normals are interpolated.
     smooth: bool = False
-    # What must be declared before the object.
+    # Declarations that must precede the object.
     head: str = ""
 
 
 def axes(place: Place) -> List[str]:
-    """Expressions for the coordinates in the shape's own space, in metres."""
+    """Expressions for the object-space coordinates in metres."""
     per_unit = sdl.number(1 / place.setting.scale)
     return [f"({name}*{per_unit})" for name in "xyz"]
 
 
 def baked() -> Matrix:
-    """For a twin that has applied `place.own` itself."""
+    """The remaining transform of a twin that has applied `place.own` itself."""
     return IDENTITY
 
 

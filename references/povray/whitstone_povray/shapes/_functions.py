@@ -1,5 +1,5 @@
-"""Level sets by POV-Ray's `isosurface`: functions of metres, declared one by one and called by one
-another.
+"""Level sets by POV-Ray's `isosurface`: nested functions of coordinates in metres, each declared by
+name.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from typing import List, Sequence
 
 from . import Place, Solid, Surface, axes, sdl
 
-# In POV-Ray's units of 2^-10 m: the depth of roots, far less than its guard of shadows, and the
-# step of the differences that normals are made of.
+# In POV-Ray units of 2^-10 m: the precision of roots, far below its threshold for shadows, and the
+# step of the finite differences for normals.
 ACCURACY = 2e-6
 
 
 class Functions:
-    """The functions of one shape. Equal ones have equal names, so that a declaration may be met
+    """The functions of one shape. Equal functions get equal names, so a declaration may occur
     twice.
     """
 
@@ -23,7 +23,7 @@ class Functions:
         self.lines: List[str] = []
 
     def declare(self, parameters: Sequence[str], expression: str) -> str:
-        """Its name."""
+        """Declares a function; returns its name."""
         text = f"function({','.join(parameters)}) {{ {expression} }}"
         name = "F_" + hashlib.sha256(text.encode()).hexdigest()[:16]
         line = f"#ifndef({name}) #declare {name} = {text} #end"
@@ -32,8 +32,8 @@ class Functions:
         return name
 
     def solid(self, place: Place, name: str, container: str, steepest: float, closed: bool) -> Solid:
-        """The surface where a function of x, y, z in metres is 0, negative inside; it changes by
-        `steepest` per metre at most.
+        """The zero set of a function of x, y, z in metres, negative inside; its slope is at most
+        `steepest` per metre.
         """
         call = f"{sdl.number(place.setting.scale)}*{name}({','.join(axes(place))})"
         body = (
@@ -44,10 +44,10 @@ class Functions:
 
 
 def box(place: Place, low: Sequence[float], high: Sequence[float]) -> str:
-    """A container."""
+    """A bounding box, as the container."""
     return f"box {{ {place.point(low)}, {place.point(high)} }}"
 
 
 def number(value: float) -> str:
-    """Part of an expression."""
+    """A number as part of an expression."""
     return f"({sdl.number(value)})"

@@ -1,4 +1,4 @@
-"""What the twins of round shapes have in common: quadrics of POV-Ray, cut by boxes, and their
+"""The common part of the twins of round shapes: POV-Ray's quadrics, clipped by boxes, and their
 texture coordinates.
 """
 
@@ -9,12 +9,12 @@ from typing import Sequence, Tuple
 
 from . import Fields, Place, Solid, Surface, angle, axes, sdl
 
-# Points are on a cap if they are so near to it, in heights of the shape.
+# Points this close to a cap, relative to the height of the shape, lie on it.
 _ON_CAP = 1e-7
 
 
 def heights(fields: Fields, default: Tuple[float, float], least: float = -math.inf) -> Tuple[float, float]:
-    """`z`: where the shape begins and ends."""
+    """`z`: the lower and upper end of the shape."""
     low, high = fields.vector("z", default, 2)
     if not low < high:
         fields.error("z", f"expected two heights in ascending order, found {[low, high]}")
@@ -24,8 +24,8 @@ def heights(fields: Fields, default: Tuple[float, float], least: float = -math.i
 
 
 def around(place: Place, z: Tuple[float, float], radii: Tuple[float, float], caps: bool) -> Surface:
-    """Texture coordinates about the z axis: on the side the angle and the height, on caps the
-    distance and the angle.
+    """Texture coordinates about the z axis: angle and height on the side, distance and angle on
+    caps.
     """
     x, y, height = axes(place)
     (low, high), near = z, sdl.number(_ON_CAP * (z[1] - z[0]))
@@ -42,13 +42,13 @@ def around(place: Place, z: Tuple[float, float], radii: Tuple[float, float], cap
 
 
 def quadric(place: Place, coefficients: Sequence[float]) -> str:
-    """POV-Ray's `quadric` for ten coefficients in metres, without its end: those of squares and
-    products, of x, y, z, and the constant.
+    """POV-Ray's `quadric` without its closing brace, from ten coefficients in metres: those of
+    squares and products, of x, y, z, and the constant.
     """
     scale = place.setting.scale
     linear, constant = [scale * c for c in coefficients[6:9]], scale * scale * coefficients[9]
-    # The box that POV-Ray 3.7 puts around a hyperboloid is right only if the constant is 1 or -1
-    # once squares are completed.
+    # The bounding box that POV-Ray 3.7 computes for a hyperboloid is correct only if the constant
+    # is 1 or -1 after completing the squares.
     at_center = constant - sum(b * b / (4 * a) for a, b in zip(coefficients[:3], linear) if a != 0)
     size = abs(at_center) or 1.0
     squares, products, linear = ([c / size for c in part] for part in (coefficients[:3], coefficients[3:6], linear))
@@ -56,7 +56,8 @@ def quadric(place: Place, coefficients: Sequence[float]) -> str:
 
 
 def cut(place: Place, body: str, low: Sequence[float], high: Sequence[float], caps: bool) -> str:
-    """An object without its end, as far as it is in a box: closed by the faces of the box, or open.
+    """An object without its closing brace, clipped by a box: closed by the faces of the box, or
+    open.
     """
     box = f"box {{ {place.point(low)}, {place.point(high)} }}"
     if caps:
@@ -67,7 +68,9 @@ def cut(place: Place, body: str, low: Sequence[float], high: Sequence[float], ca
 def turned(
     place: Place, z: Tuple[float, float], radii: Tuple[float, float], coefficients: Sequence[float], caps: bool
 ) -> Solid:
-    """A quadric about the z axis, with its radii where it ends: the widest."""
+    """A quadric about the z axis, with its radii at both ends, of which the larger one is the
+    widest.
+    """
     wide = 2.0 * max(radii)
     body = cut(place, quadric(place, coefficients), (-wide, -wide, z[0]), (wide, wide, z[1]), caps)
     return Solid(body, around(place, z, radii, caps), caps)

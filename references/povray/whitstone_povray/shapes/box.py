@@ -8,9 +8,8 @@ from . import Fields, Place, Solid, Surface, axes
 def twin(fields: Fields, place: Place) -> Solid:
     """No keys."""
     x, y, z = axes(place)
-    # The face is that of the axis along which the point is farthest out; the first of them on an
-    # edge, also of points that are rounded. `select` takes its second argument where the first is
-    # below 0.
+    # The face is that of the axis along which the point is farthest out; on an edge the first of
+    # them, also for rounded points. `select` returns its second argument if the first is below 0.
     edge = "1e-9"
 
     def by_face(on_x: str, on_y: str, on_z: str) -> str:

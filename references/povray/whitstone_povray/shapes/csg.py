@@ -10,17 +10,17 @@ from ..errors import Unsupported
 from ..textures import Point
 from . import INSIDE, Fields, Place, Solid, Surface
 
-# POV-Ray sees nothing much farther away.
+# Half size in metres of the box that replaces a plane; POV-Ray sees little beyond.
 _FAR = 1e4
 _NAMES = {"union": "merge", "intersection": "intersection", "difference": "difference"}
-# Operands may be nested so deep, and there may be so many (model §9).
+# Upper bounds on the nesting depth and the number of operands (model §9).
 _MAX_NESTING = 16
 _MAX_OPERANDS = 256
 
 
 class _OfOperands:
-    """Texture coordinates that are those of the operand that is seen: asked for, they have no twin.
-    The place in the world is known.
+    """Texture coordinates of the operand that is visible: they have no twin if they are used. The
+    world-space position is known.
     """
 
     mapped = False
@@ -34,14 +34,14 @@ class _OfOperands:
 
     @property
     def u(self) -> str:
-        """Of no single expression."""
+        """Not a single expression."""
         raise Unsupported("shape: POV-Ray has no twin of texture coordinates on a csg, which are those of its operands")
 
     v = u
 
 
 def _operand(table: object, where: str, fields: Fields, place: Place, depth: int) -> Optional[Solid]:
-    """Closed, where it stands in the whole."""
+    """A closed operand, with its transform relative to the result."""
     inner = Fields(table, where, fields.context)
     plane = isinstance(table, dict) and table.get("type") == "plane"
     nested = isinstance(table, dict) and table.get("type") == "csg"
@@ -55,13 +55,13 @@ def _operand(table: object, where: str, fields: Fields, place: Place, depth: int
     stands = Place(place.setting, transforms.product(place.own, own))
     solid = _twin(inner, stands, depth + 1) if nested else found(inner, stands)
     inner.close()
-    # POV-Ray 3.7 cuts the bounding box of a difference by a plane that it has turned, and loses
-    # parts.
+    # POV-Ray 3.7 clips the bounding box of a difference by a rotated plane, and loses parts. So a
+    # box replaces planes.
     body = f"box {{ {place.point((-_FAR, -_FAR, -_FAR))}, {place.point((_FAR, _FAR, 0))}" if plane else solid.body
     if not (plane or solid.closed):
         inner.error("", "bounds no volume, so it cannot be an operand")
     if solid.matrix is not None:
-        # A mesh stands in the world already: what is around it must be taken back.
+        # A mesh is in world space already, so the enclosing transform must be undone.
         own = transforms.inverse(place.own)
         body = f"{body} {INSIDE}"
     return replace(solid, body=f"{body} {transforms.write(own, place.setting.scale)} }}")

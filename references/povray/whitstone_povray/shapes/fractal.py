@@ -1,5 +1,5 @@
-"""Twin of the shape `fractal`: POV-Ray's `isosurface` of the logarithm of the last iterate, the
-iterates as nested functions.
+"""Twin of the shape `fractal`: POV-Ray's `isosurface` of the logarithm of the last iterate, with
+the iterates as nested functions.
 """
 
 from __future__ import annotations
@@ -12,16 +12,18 @@ from ..fields import REQUIRED
 from . import Fields, Place, Solid, Surface, sdl
 from ._functions import Functions, number
 
-# Functions inside functions.
+# Upper bound on nested functions.
 MAX_DEPTH = 16
-# What is longer has escaped for good: from there on, lengths are only raised to powers.
+# Longer iterates have escaped for good: from there on, only their lengths are raised to powers.
 FAR = 1e6
-# Places where the slope is looked at; the steepest one counts twice.
+# Number of points where the slope is sampled; the steepest slope is doubled.
 SAMPLES = 10000
 
 
 def _julia(functions: Functions, c: Sequence[float], depth: int) -> str:
-    """Of four numbers: ln(|z_depth|²/4) / 2^depth, no less than where the iterate is 1 long."""
+    """A function of four numbers: ln(|z_depth|²/4) / 2^depth, at least its value for an iterate of
+    length 1.
+    """
     names = ["pa", "pb", "pc", "pd"]
     squared = "(pa*pa+pb*pb+pc*pc+pd*pd)"
     name = functions.declare(names, f"ln(max({squared},1)/4)*{number(0.5**depth)}")
@@ -34,8 +36,8 @@ def _julia(functions: Functions, c: Sequence[float], depth: int) -> str:
 
 
 def _mandelbulb(functions: Functions, power: int, depth: int) -> str:
-    """Of the iterate and the point that it began at: ln(|z_depth|²/4) / power^depth, no less than
-    where the iterate is 1 long.
+    """A function of the iterate and its starting point: ln(|z_depth|²/4) / power^depth, at least
+    its value for an iterate of length 1.
     """
     names = ["pa", "pb", "pc", "pd", "pe", "pf"]
     squared = "(pa*pa+pb*pb+pc*pc)"
@@ -53,10 +55,10 @@ def _mandelbulb(functions: Functions, power: int, depth: int) -> str:
 
 
 def slopes(kind: str, power: int, depth: int, reach: float, c: Sequence[float], w: float) -> float:
-    """The steepest slope of the function per metre, by samples."""
+    """The steepest slope of the function per metre, by sampling."""
 
     def value(point: Sequence[float]) -> float:
-        """The same function, in numbers."""
+        """The same function, evaluated numerically."""
         z = [*point, w]
         unit = float(power) ** -depth
         for left in range(depth, 0, -1):

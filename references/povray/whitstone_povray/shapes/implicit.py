@@ -1,5 +1,5 @@
-"""Twin of the shape `implicit`: POV-Ray's `isosurface` with the same formulas, its `blob` for
-metaballs alone.
+"""Twin of the shape `implicit`: POV-Ray's `isosurface` with the same formulas, or its `blob` for
+metaballs only.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from . import Fields, Place, Solid, Surface, sdl
 from ._functions import Functions, box, number
 
 PARAMETERS = ["pa", "pb", "pc"]
-# The greatest slope of (1 - r²)², at r = 1/sqrt(3).
+# The largest slope of (1 - r²)², at r = 1/sqrt(3).
 KERNEL_SLOPE = 16 / (3 * 3 * math.sqrt(4 / 3))
 
 
 @dataclass(frozen=True)
 class Field:
-    """A function of POV-Ray."""
+    """A POV-Ray function."""
 
     name: str
     # For a number e, the radius of a ball around the origin outside of which the function is at
@@ -153,7 +153,7 @@ class _Reader:
     def _rotate(self, fields: Fields) -> Field:
         (x, y, z), angle = unit(fields.vector("axis", REQUIRED)), math.radians(fields.number("degrees", REQUIRED))
         of = self.inner(fields)
-        # By Rodrigues' formula, back.
+        # The inverse rotation, by Rodrigues' formula.
         c, s = math.cos(angle), -math.sin(angle)
         rows = [
             (c + x * x * (1 - c), x * y * (1 - c) - z * s, x * z * (1 - c) + y * s),
@@ -171,7 +171,7 @@ class _Reader:
     def _twist(self, fields: Fields) -> Field:
         rate = math.radians(fields.number("degrees_per_metre", REQUIRED))
         of = self.inner(fields)
-        # A point at height z is turned clockwise.
+        # A point at height z is rotated clockwise.
         c, s = f"cos(pc*{number(rate)})", f"sin(pc*{number(rate)})"
 
         def slope(r: float) -> float:
@@ -199,12 +199,12 @@ class _Reader:
 
 
 def positive(fields: Fields, key: str, default: Any) -> float:
-    """A number > 0."""
+    """A positive number."""
     return fields.number(key, default, lambda value: value > 0, "a number > 0")
 
 
 def positives(fields: Fields, key: str, default: Any) -> Tuple[float, ...]:
-    """Three of them."""
+    """Three positive numbers."""
     found = fields.vector(key, default)
     if not all(value > 0 for value in found):
         fields.error(key, "expected three numbers > 0")
@@ -216,7 +216,7 @@ Ball = Tuple[Tuple[float, ...], float, float]
 
 
 def metaballs(fields: Fields) -> Tuple[float, List[Ball]]:
-    """Threshold; centers, radii, strengths."""
+    """The threshold, and the balls with centers, radii, strengths."""
     threshold = positive(fields, "threshold", 0.5)
     rows = fields.take("balls", REQUIRED)
     if not isinstance(rows, list) or not 1 <= len(rows) <= 64:

@@ -1,5 +1,5 @@
-"""Twin of the shape `isosurface`: POV-Ray's `isosurface`, the trilinear interpolation as functions
-of functions.
+"""Twin of the shape `isosurface`: POV-Ray's `isosurface`, with the trilinear interpolation as
+nested functions.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Callable, List, Optional
 from . import Fields, Place, Solid, Surface
 from ._functions import Functions, box, number
 
-# POV-Ray has a function for each line of values.
+# Upper bound on the values; POV-Ray has a function for each line of values.
 MAX_VALUES = 1 << 14
 _MASK = 0xFFFFFFFF
 
@@ -51,7 +51,7 @@ def _metaballs(size: List[int], seed: int, count: int) -> List[float]:
 
 
 def values(fields: Fields, size: List[int]) -> Optional[List[float]]:
-    """The densities, x fastest; None if there is something wrong with them."""
+    """The densities, x fastest; None if they are invalid."""
     count = math.prod(size)
     sources = [key for key in ("values", "file", "generator") if fields.has(key)]
     if len(sources) != 1:
@@ -86,20 +86,21 @@ def values(fields: Fields, size: List[int]) -> Optional[List[float]]:
 
 
 def _piecewise(parameter: str, count: int, at: Callable[[int], str]) -> str:
-    """Linear between the values at 0 .. count - 1; each is found by halving."""
+    """Linear interpolation between the values at 0 .. count - 1; each piece is found by bisection.
+    """
 
     def part(low: int, high: int) -> str:
         if high - low == 1:
             return f"({at(low)}*({high}-{parameter})+{at(high)}*({parameter}-{low}))"
         middle = (low + high) // 2
-        # The second argument where the first is below 0.
+        # Returns the second argument if the first is below 0.
         return f"select({parameter}-{middle},{part(low, middle)},{part(middle, high)})"
 
     return part(0, count - 1)
 
 
 def _steepest(size: List[int], found: List[float]) -> float:
-    """No gradient of an interpolation is longer than one made of the largest differences along each
+    """Upper bound on the gradient of the interpolation, from the largest differences along each
     axis.
     """
     total, step = 0.0, 1
@@ -126,8 +127,8 @@ def twin(fields: Fields, place: Place) -> Solid:
     found = values(fields, size)
     if found is None:
         return nothing
-    # Negative inside. What is the level itself is outside; POV-Ray has no opinion, so it is moved
-    # there a little.
+    # Negative inside. Values equal to the iso value count as outside. POV-Ray does not define this,
+    # so they are shifted slightly.
     found = [level - value for value in found]
     little = 1e-10 * max(map(abs, found))
     found = [value if value != 0 else little for value in found]

@@ -1,4 +1,4 @@
-"""Twin of the shape `mesh`: POV-Ray's `mesh2`, whose numbers have single precision."""
+"""Twin of the shape `mesh`: POV-Ray's `mesh2`, whose numbers are single precision."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Twin of the shape `polygon`: POV-Ray's `polygon`, drawn in the plane z = 0 and put into its own
-plane.
+"""Twin of the shape `polygon`: POV-Ray's `polygon`, drawn in the plane z = 0 and transformed to its
+own plane.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _area(vertices: List[Sequence[float]]) -> List[float]:
 
 
 def twin(fields: Fields, place: Place) -> Solid:
-    """`vertices`. That edges meet only at their ends is left to the program that is tested."""
+    """`vertices`. It does not check that edges meet only at their ends; the tested program does."""
     vertices = _points(fields)
     area = _area(vertices)
     size = math.hypot(*(max(column) - min(column) for column in zip(*vertices)))
@@ -47,12 +47,12 @@ def twin(fields: Fields, place: Place) -> Solid:
     farthest = max(abs(dot(sub(vertex, middle), normal)) for vertex in vertices)
     if farthest > FLATNESS * size:
         fields.error("vertices", f"lie up to {farthest:g} m beside their plane")
-    # Texture coordinates leave out the axis along which the normal is largest, the first of equals.
+    # Texture coordinates omit the axis along which the normal is largest; the first one wins ties.
     largest = max(map(abs, normal)) * (1 - 1e-9)
     left_out = next(axis for axis in range(3) if abs(normal[axis]) >= largest)
     own = axes(place)
     surface = Surface(own[(left_out + 1) % 3], own[(left_out + 2) % 3])
-    # A frame in the plane: POV-Ray asks for points that are exactly flat.
+    # A frame in the plane: POV-Ray requires points that are exactly coplanar.
     side = unit(cross(normal, [float(axis == (left_out + 1) % 3) for axis in range(3)]))
     up = cross(normal, side)
     scale = place.setting.scale

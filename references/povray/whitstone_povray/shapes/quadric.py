@@ -1,4 +1,4 @@
-"""Twin of the shape `quadric`: POV-Ray's `quadric`, cut."""
+"""Twin of the shape `quadric`: POV-Ray's `quadric`, clipped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Textures (model §10): `twin(fields)` gives a `Texture`, most of them by `function`."""
+"""Textures (model §10): `twin(fields)` returns a `Texture`, usually made with `function`."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["Fields", "Library", "Point", "Surface", "Texture", "Vector", "cell",
 
 @dataclass(frozen=True)
 class Surface:
-    """Where a point is, as expressions of POV-Ray's functions in its x, y, z: texture coordinates,
-    and the place in the world in metres.
+    """A surface point, as expressions in the x, y, z of POV-Ray's functions: texture coordinates,
+    and the world-space position in metres.
 
-    `mapped` where POV-Ray puts u, v in the place of x, y for a texture by texture coordinates.
+    `mapped` if POV-Ray replaces x, y by u, v for a texture by texture coordinates.
     """
 
     u: str
@@ -29,31 +29,29 @@ class Surface:
     world: Point = ("x", "y", "z")
 
     def placed(self, matrix: Matrix, scale: float) -> "Surface":
-        """In the world, with so many of POV-Ray's units in a metre."""
+        """The surface in world space, with `scale` POV-Ray units per metre."""
         return replace(self, world=_mapping.affine(matrix, ("x", "y", "z"), 1 / scale))
 
 
 @dataclass(frozen=True)
 class Texture:
-    """A colour, or a number from 0 to 1 for each point of texture space and the colours that it
-    stands for.
-    """
+    """A colour; or a number in [0, 1] for each point of texture space, with a colour map."""
 
     constant: Optional[Vector]
     value: Optional[Callable[[Point], str]] = None
-    # In ascending order; linear between them, and beyond the first and last the same.
+    # In ascending order; linear in between, constant beyond the first and the last.
     stops: Tuple[Tuple[float, Vector], ...] = ()
     mapping: Mapping = Mapping("uv")
 
     def pattern(self, surface: Surface) -> str:
-        """What chooses in a map, with entries at `entry`."""
+        """The pattern that selects an entry of a map, with entries at `entry`."""
         by_uv = surface.mapped and self.mapping.projection == "uv"
-        # Patterns repeat beyond 0 and 1, so neither is reached.
+        # Patterns repeat beyond 0 and 1, so both limits are avoided.
         return f"{'uv_mapping ' if by_uv else ''}function {{ 0.25+0.5*({self.value(self.mapping.point(surface))}) }}"
 
     def choose(self, surface: Surface, look: Callable[[Vector], str]) -> str:
-        """The inside of `texture { }`, by what a colour looks like: for what is linear in that
-        colour.
+        """The inside of `texture { }`; `look` gives the appearance for one colour, and must be
+        linear in it.
         """
         if self.constant is not None or self.value is None:
             return look(self.constant or (0.0, 0.0, 0.0))
@@ -61,7 +59,7 @@ class Texture:
         return f"{self.pattern(surface)} texture_map {{ {looks} }}"
 
     def pigment(self, surface: Surface) -> str:
-        """In full."""
+        """The complete pigment."""
         if self.constant is not None or self.value is None:
             return f"pigment {{ {sdl.rgb(self.constant or (0.0, 0.0, 0.0))} }}"
         colors = " ".join(f"[{entry(place)} {sdl.rgb(color)}]" for place, color in self.stops)
@@ -69,7 +67,7 @@ class Texture:
 
 
 def entry(place: float) -> str:
-    """Where a number from 0 to 1 is in a map."""
+    """The position in a map of a number in [0, 1]."""
     return sdl.number(0.25 + 0.5 * place)
 
 
@@ -86,7 +84,7 @@ def two_colors(fields: Fields) -> Tuple[Tuple[float, Vector], ...]:
 
 
 def cell(x: str) -> str:
-    """c of the model: the number of the cell, whose borders are moved a little."""
+    """c of the model: the index of the cell, with slightly shifted borders."""
     return f"floor({x}+1/4096)"
 
 
@@ -98,7 +96,7 @@ class Library:
         self._context = context
 
     def value(self, fields: Fields, key: str, default: Any, high: float = math.inf) -> Texture:
-        """What a key says: a colour, a texture, or the name of a shared one."""
+        """The value of a key: a colour, a texture, or the name of a shared one."""
         value = fields.take(key, default)
         where = f"{fields.where}.{key}"
         if as_color(value) is not None:

@@ -1,5 +1,5 @@
-"""The point of texture space that belongs to a point of a surface (model §10, `mapping`), as
-expressions of POV-Ray's functions.
+"""Texture mappings (model §10, `mapping`) as expressions of POV-Ray's functions: the point of
+texture space for a surface point.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ PROJECTIONS = ("uv", "solid", "planar", "spherical", "cylindrical", "cube", "tri
 
 
 def affine(matrix: Matrix, point: Point, factor: float = 1.0) -> Point:
-    """The image of a point; `factor` counts for its coordinates only."""
+    """The image of a point; `factor` applies only to its coordinates."""
     rows = []
     for row in matrix:
         terms = [f"{sdl.number(number * factor)}*{x}" for number, x in zip(row, point) if number != 0]
@@ -32,13 +32,13 @@ def turn(x: str, y: str) -> str:
 
 @dataclass(frozen=True)
 class Mapping:
-    """As read."""
+    """The parsed mapping."""
 
     projection: str
     matrix: Matrix = IDENTITY
 
     def point(self, surface: Any) -> Point:
-        """Of a surface."""
+        """The point of texture space for a surface."""
         if self.projection == "uv":
             return affine(self.matrix, (f"({surface.u})", f"({surface.v})", "0"))
         x, y, z = affine(self.matrix, surface.world)
@@ -49,8 +49,8 @@ class Mapping:
         if self.projection == "cylindrical":
             return turn(x, y), z, "0"
         if self.projection == "cube":
-            # `select` takes its second argument where the first is below 0: the lowest axis counts
-            # at equality.
+            # `select` returns its second argument if the first is below 0: the lowest axis wins
+            # ties.
             def by_axis(on_x: str, on_y: str, on_z: str) -> str:
                 return f"select(abs({x})-max(abs({y}),abs({z})),select(abs({y})-abs({z}),{on_z},{on_y}),{on_x})"
 
@@ -60,7 +60,7 @@ class Mapping:
 
 
 def read(fields: Fields, usual: str) -> Mapping:
-    """The key `mapping`; `usual` is the projection where none is written."""
+    """The key `mapping`; `usual` is the default projection."""
     table = fields.take("mapping")
     if table is None:
         return Mapping(usual)

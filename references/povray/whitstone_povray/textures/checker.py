@@ -1,4 +1,4 @@
-"""Twin of the texture `checker`: a function. POV-Ray's own `checker` is of three dimensions, with a
+"""Twin of the texture `checker`: a function. POV-Ray's own `checker` is three-dimensional, with a
 tolerance.
 """
 
@@ -9,7 +9,7 @@ from . import Fields, Point, Texture, function, sdl, two_colors
 
 
 def pair(fields: Fields, key: str, default: float) -> Vector:
-    """A number for both, or two."""
+    """One number for both axes, or two."""
     value = fields.take(key, default)
     return (float(value),) * 2 if is_number(value) else fields.vector(key, (default,) * 2, 2)
 

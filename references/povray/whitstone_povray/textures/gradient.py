@@ -1,4 +1,4 @@
-"""Twin of the texture `gradient`: a function and a map of colours."""
+"""Twin of the texture `gradient`: a function and a colour map."""
 
 from __future__ import annotations
 

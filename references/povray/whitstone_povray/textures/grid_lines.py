@@ -14,7 +14,7 @@ def twin(fields: Fields) -> Texture:
     offset = fields.vector("offset", [0.0, 0.0], 2)
 
     def on_line(x: str, wide: float) -> str:
-        # `select` takes its second argument where the first is below 0.
+        # `select` returns its second argument if the first is below 0.
         return f"select(min({x}-floor({x}),1-({x}-floor({x})))-{sdl.number(wide / 2)},1,0)"
 
     def value(q: Point) -> str:

@@ -1,4 +1,4 @@
-//! Iterates that stay within 2 of the origin.
+//! Julia sets and Mandelbulbs: points whose iterates stay within 2 of the origin.
 
 use super::jet::Jet;
 use super::number::Number;
@@ -44,7 +44,7 @@ impl Fractal {
             let [a, b, c2, d] = q.each_ref().map(Jet::squared);
             let others = b.plus(&c2).plus(&d);
             let beyond = a.plus(&others).minus(&p[0].number(4.0));
-            // What left the circle stays outside.
+            // A point that has left the circle stays outside.
             if left == 0 || beyond.value.is_above() {
                 return beyond;
             }
@@ -93,7 +93,7 @@ impl Fractal {
     }
 }
 
-/// Cosine and sine of the direction to (a, b), which is so far away.
+/// Cosine and sine of the angle of (a, b), a vector of the given length.
 fn unit<N: Number>(a: &Jet<N>, b: &Jet<N>, length: &Jet<N>) -> [Jet<N>; 2] {
     [a, b].map(|x| match x.over(length) {
         Some(part) => bounded(part),
@@ -113,7 +113,7 @@ fn power<N: Number>(turn: &[Jet<N>; 2], n: u32) -> [Jet<N>; 2] {
     all
 }
 
-/// A number that is known to lie between -1 and 1.
+/// Clamps the bounds of a number that is known to lie in [-1, 1].
 fn bounded<N: Number>(mut x: Jet<N>) -> Jet<N> {
     let one = x.value.like(1.0);
     let below = x.value.min(&one);
@@ -121,7 +121,7 @@ fn bounded<N: Number>(mut x: Jet<N>) -> Jet<N> {
     x
 }
 
-/// Any number between -1 and 1.
+/// The interval [-1, 1], for an unknown cosine or sine.
 fn anything<N: Number>(like: &Jet<N>) -> Jet<N> {
     let one = like.value.like(1.0);
     Jet {

@@ -1,4 +1,4 @@
-//! Trees of fields.
+//! Trees of implicit fields.
 
 use super::jet::Jet;
 use super::number::Number;
@@ -121,7 +121,7 @@ fn constants<N: Number>(p: &Place<N>, v: [f64; 3]) -> Place<N> {
     v.map(|x| p[0].constant(x))
 }
 
-/// Of a vector that is not zero.
+/// A unit vector; `v` must not be zero.
 fn normalized<N: Number>(v: &Place<N>) -> Place<N> {
     let length = Jet::length(v);
     v.each_ref().map(|x| x.over(&length).unwrap_or_else(|| x.clone()))
@@ -145,7 +145,7 @@ impl Field {
                     .filter(|x| x.value.is_above() || x.value.has_zero())
                     .count();
                 if outside < 2 {
-                    // The distance from a face, on both of its sides.
+                    // The signed distance from a face.
                     return largest;
                 }
                 let beyond = q.each_ref().map(|x| x.max(&zero));
@@ -246,8 +246,8 @@ impl Field {
 }
 
 impl Field {
-    /// A radius around the origin beyond which the field is above `e` >= 0; infinite where none is
-    /// known.
+    /// A radius around the origin beyond which the field is greater than `e` >= 0; infinite if none
+    /// is known.
     fn reach(&self, e: f64) -> f64 {
         let far = |v: [f64; 3]| DVec3::from_array(v).length();
         let most = |fields: &[Self], e: f64| fields.iter().map(|field| field.reach(e)).fold(0.0, f64::max);
@@ -268,7 +268,7 @@ impl Field {
                 .map(|field| field.reach(e))
                 .fold(f64::INFINITY, f64::min),
             Self::Difference(fields) => fields[0].reach(e),
-            // Each joint takes off a quarter of k at most.
+            // Each smooth joint lowers the field by at most k/4.
             Self::SmoothUnion { k, of } => most(of, e + 0.25 * k * (of.len() - 1) as f64),
             Self::Translate { by, of } => far(*by) + of.reach(e),
             Self::Rotate { of, .. } | Self::Twist { of, .. } => of.reach(e),

@@ -1,4 +1,4 @@
-//! A density between the numbers of a grid.
+//! An isosurface of a density that is interpolated between grid points.
 
 use super::jet::Jet;
 use super::number::Number;
@@ -24,7 +24,7 @@ pub(crate) struct Config {
     level: Option<f64>,
 }
 
-/// Numbers that are negative where the density is above the level.
+/// Grid values, negative where the density is above the iso value.
 pub(crate) struct Grid {
     size: [usize; 3],
     values: Vec<f64>,
@@ -92,7 +92,7 @@ impl Grid {
         self.values[(k * self.size[1] + j) * self.size[0] + i]
     }
 
-    /// The function of one cell, everywhere; `x` is in steps of the grid.
+    /// The interpolant of one cell, extended to all points; `x` is in grid steps.
     fn cell<N: Number>(&self, cell: [usize; 3], x: &[Jet<N>; 3]) -> Jet<N> {
         let part: [Jet<N>; 3] = std::array::from_fn(|axis| x[axis].minus(&x[axis].number(cell[axis] as f64)));
         let between = |axis: usize, low: Jet<N>, high: Jet<N>| {
@@ -108,14 +108,14 @@ impl Grid {
 
 impl Level for Grid {
     fn at<N: Number>(&self, p: &[Jet<N>; 3]) -> Jet<N> {
-        // In steps of the grid, and the cells that these may be in.
+        // The point in grid steps, and the range of cells that it may lie in.
         let x: [Jet<N>; 3] = std::array::from_fn(|axis| {
             let half = p[axis].number(0.5 * (self.size[axis] - 1) as f64);
             p[axis].plus(&p[axis].number(1.0)).times(&half)
         });
         let cells: [[usize; 2]; 3] = std::array::from_fn(|axis| {
             let last = self.size[axis] as f64 - 2.0;
-            // Outside of the box nothing is asked that counts.
+            // Outside of the box any value will do.
             x[axis]
                 .value
                 .ends()

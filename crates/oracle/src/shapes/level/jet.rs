@@ -1,20 +1,19 @@
-//! Numbers with their derivative along a line, and with how much they move for a relative change of
-//! one of all constants in them.
+//! Numbers with their derivative along a line, and with their change for a relative change of one
+//! of all constants of the shape.
 
 use super::number::Number;
 
 #[derive(Clone)]
 pub(crate) struct Jet<N> {
     pub(crate) value: N,
-    /// Of a function with a crease, of all its sides (Clarke's); `None` where nothing is known of
-    /// it.
+    /// The derivative; Clarke's generalized one for a function with a crease. `None` if unknown.
     pub(crate) slope: Option<N>,
-    /// The sum over the constants c of |df/dc c|, so a bound of what worst signs do.
+    /// The sum over the constants c of |df/dc c|: a bound of the change with the worst signs.
     pub(crate) moves: f64,
 }
 
 impl<N: Number> Jet<N> {
-    /// What does not change along the line, and is no number of the shape.
+    /// A number that is constant along the line and is no parameter of the shape.
     pub(crate) fn exact(value: N) -> Self {
         let zero = value.like(0.0);
         Self {
@@ -34,7 +33,7 @@ impl<N: Number> Jet<N> {
         }
     }
 
-    /// A number of the shape.
+    /// A parameter of the shape.
     pub(crate) fn constant(&self, x: f64) -> Self {
         Self {
             moves: x.abs(),
@@ -42,7 +41,7 @@ impl<N: Number> Jet<N> {
         }
     }
 
-    /// A number of the formula.
+    /// A constant of the formula.
     pub(crate) fn number(&self, x: f64) -> Self {
         Self::exact(self.value.like(x))
     }
@@ -90,7 +89,7 @@ impl<N: Number> Jet<N> {
         }
     }
 
-    /// By what is never zero.
+    /// The quotient; `None` if the divisor may be zero.
     pub(crate) fn over(&self, other: &Self) -> Option<Self> {
         let one = other.value.like(1.0);
         let inverse = one.divided(&other.value)?;
@@ -104,7 +103,7 @@ impl<N: Number> Jet<N> {
         }))
     }
 
-    /// Of what is not negative.
+    /// The square root of a number that is not negative.
     pub(crate) fn root(&self) -> Self {
         let value = self.value.root();
         let twice = value.plus(&value);
@@ -117,7 +116,7 @@ impl<N: Number> Jet<N> {
         }
     }
 
-    /// The lesser of both.
+    /// The minimum of both.
     pub(crate) fn min(&self, other: &Self) -> Self {
         let apart = self.value.plus(&other.value.negated());
         if !apart.has_zero() {
@@ -142,12 +141,12 @@ impl<N: Number> Jet<N> {
         self.max(&self.negated())
     }
 
-    /// From 0 to 1.
+    /// Clamped to [0, 1].
     pub(crate) fn clamped(&self) -> Self {
         self.max(&self.number(0.0)).min(&self.number(1.0))
     }
 
-    /// Cosine and sine of so many degrees.
+    /// Cosine and sine of an angle in degrees.
     pub(crate) fn turn(&self) -> [Self; 2] {
         let [cos, sin] = self.value.turn();
         let speed = self.slope.as_ref().map(N::radians);

@@ -1,14 +1,13 @@
-//! Numbers that are known to lie in an interval: of doubles, which is fast, or of as many digits as
-//! it takes.
+//! Interval numbers, either of doubles, which is fast, or of arbitrary precision.
 
 use crate::interval::Interval;
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
-/// An interval.
+/// An interval number.
 pub(crate) trait Number: Clone {
-    /// Exactly this number.
+    /// Exactly this number, in the same type and precision.
     fn like(&self, x: f64) -> Self;
     fn plus(&self, other: &Self) -> Self;
     fn times(&self, other: &Self) -> Self;
@@ -17,22 +16,22 @@ pub(crate) trait Number: Clone {
     fn abs(&self) -> Self;
     fn min(&self, other: &Self) -> Self;
     fn hull(&self, other: &Self) -> Self;
-    /// By what certainly is not zero.
+    /// The quotient; `None` if the divisor may be zero.
     fn divided(&self, other: &Self) -> Option<Self>;
-    /// Of the part that is not negative.
+    /// The square root of the non-negative part.
     fn root(&self) -> Self;
     fn has_zero(&self) -> bool;
-    /// Whether all of it is above zero.
+    /// Whether all of it is greater than zero.
     fn is_above(&self) -> bool;
-    /// Doubles that are not above and not below it.
+    /// The endpoints, rounded outward to doubles.
     fn ends(&self) -> [f64; 2];
-    /// The cosine and the sine of a number of degrees.
+    /// The cosine and the sine of an angle in degrees.
     fn turn(&self) -> [Self; 2];
-    /// So many degrees in radians.
+    /// The angle in radians of an angle in degrees.
     fn radians(&self) -> Self;
 }
 
-/// Doubles, rounded outward.
+/// An interval of doubles with outward rounding.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fast([f64; 2]);
 
@@ -45,9 +44,10 @@ impl Fast {
         Self([exact.below(), exact.above()])
     }
 
-    /// One step outward on both sides: what is computed is within half a unit in the last place.
+    /// Widens both endpoints to the next double: each operation is accurate to half a unit in the
+    /// last place.
     fn wider(low: f64, high: f64) -> Self {
-        // What overflowed may be anything.
+        // After an overflow it may be any number.
         match low.is_nan() || high.is_nan() {
             true => Self([f64::NEG_INFINITY, f64::INFINITY]),
             false => Self([low.next_down(), high.next_up()]),
@@ -132,7 +132,8 @@ impl Number for Fast {
 
     fn turn(&self) -> [Self; 2] {
         let middle = 0.5 * (self.0[0] + self.0[1]);
-        // Library functions and the conversion are within a few units of what is largest.
+        // The library functions and the conversion are accurate to a few units in the last place of
+        // the largest number.
         let far = (0.5 * (self.0[1] - self.0[0])).to_radians() + 1e-15 * (1.0 + middle.abs().to_radians());
         let (sin, cos) = middle.to_radians().sin_cos();
         [cos, sin].map(|x| Self([(x - far).max(-1.0), (x + far).min(1.0)]))
@@ -216,7 +217,7 @@ impl Number for Interval {
     }
 }
 
-/// By Machin: 16 atan(1/5) - 4 atan(1/239).
+/// Pi by Machin's formula: 16 atan(1/5) - 4 atan(1/239).
 fn pi(like: &Interval) -> Interval {
     static KNOWN: Mutex<BTreeMap<usize, Interval>> = Mutex::new(BTreeMap::new());
     let bits = like.bits();
@@ -234,7 +235,7 @@ fn pi(like: &Interval) -> Interval {
     })
 }
 
-/// atan(1/n), by its series; what is left out is less than the last term.
+/// atan(1/n) by its series; the truncation error is less than the last term.
 fn arc_cotangent(n: &Interval) -> Interval {
     let one = n.like(1.0);
     let over = |a: &Interval, b: &Interval| a.over(b).unwrap_or_else(|_| one.clone());
@@ -253,8 +254,8 @@ fn arc_cotangent(n: &Interval) -> Interval {
     sum
 }
 
-/// Cosine and sine of a narrow interval, by their series at a part of the angle, which is then
-/// doubled.
+/// Cosine and sine of a narrow interval: the series at a fraction of the angle, then repeated angle
+/// doubling.
 fn circle(angle: &Interval) -> [Interval; 2] {
     let mut halvings = 0;
     let mut x = angle.clone();
@@ -277,7 +278,7 @@ fn circle(angle: &Interval) -> [Interval; 2] {
         cos = cos + even.clone();
         sin = sin + odd.clone();
         if even.abs().above() < least {
-            // The terms that are left fall by more than a half each.
+            // Each remaining term is less than half of the one before.
             let left = even.abs().to();
             let left = left.hull(&-&left);
             cos = cos + left.clone();

@@ -1,4 +1,4 @@
-//! Displacement. Section 9.
+//! Displacement mapping: section 9 of the model.
 
 use super::subdivision::Joined;
 use crate::tracer::texture::Height;
@@ -14,7 +14,7 @@ pub(crate) struct Config {
     offset: Option<f64>,
 }
 
-/// Moves all points along their normals.
+/// Displaces all points along their normals.
 pub(super) fn displace(
     mesh: &mut Joined,
     config: &Config,
@@ -22,7 +22,7 @@ pub(super) fn displace(
 ) -> Result<(), SceneErrors> {
     let height = Height::new(description, &config.height)?;
     let normals = mesh.normals();
-    // The sum of the heights of its corners, and how many there are.
+    // For each point, the sum of the heights of its corners, and their number.
     let mut heights = vec![(0.0, 0.0); mesh.points.len()];
     for (corners, uvs) in &mesh.faces {
         let uvs = uvs.unwrap_or_default();

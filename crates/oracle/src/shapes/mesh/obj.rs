@@ -1,19 +1,19 @@
-//! Of an OBJ file, what begins with `v`, `vn`, `vt` and `f`.
+//! OBJ files: only the lines that begin with `v`, `vn`, `vt` and `f`.
 
 use super::{Corner, Mesh};
 
-/// `None` where it is malformed.
+/// Parses a file. `None` if it is malformed.
 pub(super) fn read(text: &str) -> Option<Mesh> {
     let (mut places, mut normals, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
     let mut mesh = Mesh::default();
-    // A line that ends with a backslash goes on in the next.
+    // A trailing backslash continues the line.
     let text = text.replace("\\\r\n", " ").replace("\\\n", " ");
     for line in text.lines() {
         let mut words = line.split_whitespace();
         match words.next() {
             Some("v") => places.push(numbers::<3>(words)?),
             Some("vn") => normals.push(numbers::<3>(words)?),
-            // The second may be left out: 0.
+            // The second coordinate is optional and defaults to 0.
             Some("vt") => uvs.push(numbers::<2>(words.chain(["0"]))?),
             Some("f") => {
                 let corner = |word: &str| {
@@ -37,7 +37,7 @@ fn numbers<'a, const N: usize>(words: impl Iterator<Item = &'a str>) -> Option<[
     found.try_into().ok()
 }
 
-/// Counted from 1, or from the end where negative.
+/// Resolves an index: counted from 1, or from the end if it is negative.
 fn element<T: Copy>(all: &[T], word: &str) -> Option<T> {
     let number: i64 = word.parse().ok()?;
     let place = if number < 0 {

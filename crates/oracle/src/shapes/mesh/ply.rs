@@ -1,5 +1,5 @@
-//! A PLY file: a header that lists elements and their properties, and the values of these in order,
-//! as text or as bytes.
+//! PLY files: a header that lists elements and their properties, followed by their values in order,
+//! as text or binary.
 
 use super::{Corner, Mesh};
 
@@ -13,7 +13,7 @@ enum Format {
 struct Property {
     name: String,
     kind: String,
-    /// Of a list, the type of its length.
+    /// The type of the length, if the property is a list.
     length: Option<String>,
 }
 
@@ -23,7 +23,7 @@ struct Element {
     properties: Vec<Property>,
 }
 
-/// `None` where it is malformed.
+/// Parses a file. `None` if it is malformed.
 pub(super) fn read(bytes: &[u8]) -> Option<Mesh> {
     let mut rest = bytes;
     let mut line = || {
@@ -65,7 +65,7 @@ pub(super) fn read(bytes: &[u8]) -> Option<Mesh> {
     let mut mesh = Mesh::default();
     for element in &elements {
         for _ in 0..element.count {
-            // By property, a number or a list.
+            // The value of each property: one number or a list.
             let mut row: Vec<(&str, Vec<f64>)> = Vec::new();
             for property in &element.properties {
                 let length = match &property.length {
@@ -129,7 +129,7 @@ impl Body<'_> {
         })
     }
 
-    /// The next bytes, in the order of this machine.
+    /// The next bytes, in the byte order of this machine.
     fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
         let (first, rest) = self.rest.split_at_checked(N)?;
         self.rest = rest;

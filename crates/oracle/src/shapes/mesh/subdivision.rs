@@ -1,28 +1,28 @@
-//! Loop's subdivision. Section 9.
+//! Loop subdivision: section 9 of the model.
 
 use super::Mesh;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 use whitstone_core::DVec3;
 
-/// A triangle: the points of its corners, and their texture coordinates.
+/// A triangle: the indices of its points, and their texture coordinates.
 pub(super) type Face = ([usize; 3], Option<[[f64; 2]; 3]>);
 
-/// A mesh whose corners at equal positions are one point.
+/// A mesh in which vertices at equal positions are one point.
 pub(super) struct Joined {
     pub(super) points: Vec<DVec3>,
     pub(super) faces: Vec<Face>,
 }
 
 impl Joined {
-    /// The mesh of level 0. Triangles two of whose corners are one point are left out.
+    /// The mesh of level 0. Drops triangles with two corners at the same point.
     pub(super) fn new(mesh: &Mesh) -> Self {
         let mut numbers: BTreeMap<[u64; 3], usize> = BTreeMap::new();
         let mut points: Vec<DVec3> = Vec::new();
         let mut faces: Vec<Face> = Vec::new();
         for (triangle, uvs) in mesh.triangles.iter().zip(&mesh.uvs) {
             let corners = triangle.map(|corner| {
-                // Zeros of both signs are one number.
+                // -0 and 0 are equal.
                 *numbers
                     .entry(corner.map(|x| (x + 0.0).to_bits()))
                     .or_insert_with(|| {
@@ -38,7 +38,7 @@ impl Joined {
         Self { points, faces }
     }
 
-    /// The mesh after so many levels more.
+    /// The mesh after `levels` further levels.
     pub(super) fn subdivided(mut self, levels: u32) -> Self {
         for _ in 0..levels {
             (self.points, self.faces) = level(&self.points, &self.faces);
@@ -46,7 +46,7 @@ impl Joined {
         self
     }
 
-    /// Of each point, of unit length; zero where it has none.
+    /// The unit normal of each point; zero if it has none.
     pub(super) fn normals(&self) -> Vec<DVec3> {
         let mut normals = vec![DVec3::ZERO; self.points.len()];
         for (corners, _) in &self.faces {
@@ -58,7 +58,7 @@ impl Joined {
         normals.into_iter().map(DVec3::normalize_or_zero).collect()
     }
 
-    /// With normals at its points.
+    /// The triangles with the normals of their points.
     pub(super) fn mesh(&self) -> Mesh {
         let normals = self.normals();
         let corners_of = |of: &[DVec3], corners: &[usize; 3]| corners.map(|corner| of[corner].to_array());
@@ -76,7 +76,7 @@ impl Joined {
 
 fn level(points: &[DVec3], faces: &[Face]) -> (Vec<DVec3>, Vec<Face>) {
     let edge = |a: usize, b: usize| (a.min(b), a.max(b));
-    // The points opposite to each edge: two of a smooth one.
+    // The points opposite each edge; a smooth edge has two.
     let mut opposite: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
     for ([a, b, c], _) in faces {
         for (p, q, r) in [(*a, *b, *c), (*b, *c, *a), (*c, *a, *b)] {

@@ -1,4 +1,4 @@
-//! Bodies that may overlap, of section 8.
+//! Prioritised (nested) dielectrics: section 8 of the model.
 
 use super::read;
 use std::cmp::Reverse;
@@ -6,23 +6,23 @@ use std::sync::Arc;
 use whitstone_core::{Rgb, SceneErrors};
 use whitstone_scene::Description;
 
-/// What a body is made of, or what is around all bodies.
+/// Optical properties of a dielectric or of the surroundings.
 #[derive(Clone, Copy)]
 pub(super) struct Substance {
     pub(super) ior: f64,
     pub(super) absorption: Rgb,
 }
 
-/// Of the bodies of a scene, those that count before others first.
+/// The prioritised dielectrics of a scene, the highest priority first.
 type Substances = Arc<[Substance]>;
 
-/// A body's surface.
+/// The surface of a prioritised dielectric.
 pub(in super::super) struct Face {
     rank: u32,
     all: Substances,
 }
 
-/// The faces of the shapes of a scene that are bodies.
+/// For each shape of the scene, its face if it is a prioritised dielectric.
 pub(in super::super) fn faces(description: &Description<'_>) -> Result<Vec<Option<Face>>, SceneErrors> {
     let mut ranked = Vec::new();
     for (number, shape) in description.shapes.iter().enumerate() {
@@ -43,7 +43,8 @@ pub(in super::super) fn faces(description: &Description<'_>) -> Result<Vec<Optio
 }
 
 impl Face {
-    /// The bodies on the viewer's side and those on the other one, for a ray that is in some.
+    /// The sets of dielectrics on the viewer's side and on the far side, for a ray that is inside
+    /// the set `inside`.
     pub(super) fn sets(&self, outside: bool, inside: u64) -> [u64; 2] {
         let bit = 1 << self.rank;
         if outside {
@@ -53,7 +54,7 @@ impl Face {
         }
     }
 
-    /// What is on each side; `None` if that is the same.
+    /// The dominant media on both sides; `None` if they are the same.
     pub(super) fn between(&self, own: u64, other: u64) -> Option<[Substance; 2]> {
         let none = Substance {
             ior: 1.0,

@@ -1,4 +1,4 @@
-//! The tables of materials.
+//! Parses the tables of materials.
 
 use super::bodies::Substance;
 use super::{Highlight, Interface, Kind, Tangent, lobe};
@@ -65,7 +65,7 @@ struct Metal {
     tint: Option<TextureRef>,
 }
 
-/// The id of a material, or one that is written in its place.
+/// The id of a material, or an inline material.
 struct MaterialRef(PluginRef);
 
 impl<'de> Deserialize<'de> for MaterialRef {
@@ -135,7 +135,7 @@ impl Tangent {
     }
 }
 
-/// Metals by their names: eta and k.
+/// Named metals: eta and k.
 const METALS: [(&str, [f64; 3], [f64; 3]); 10] = [
     ("Ag", [0.15528, 0.11673, 0.13839], [4.82835, 3.12222, 2.14690]),
     ("Al", [1.65750, 0.88040, 0.52124], [9.22381, 6.26950, 4.83700]),
@@ -149,7 +149,7 @@ const METALS: [(&str, [f64; 3], [f64; 3]); 10] = [
     ("W", [4.37082, 3.30025, 2.99841], [3.50064, 2.60487, 2.27323]),
 ];
 
-/// The priority of a shape that is a body that may overlap others, with what it is made of.
+/// The priority and the medium of a shape that is a prioritised dielectric.
 pub(super) fn body(
     description: &Description<'_>,
     shape: &ShapeTable<'_>,
@@ -167,7 +167,7 @@ pub(super) fn body(
     Ok(glass.priority.map(|priority| (priority, substance)))
 }
 
-/// Where a material is looked for.
+/// Where materials are looked up.
 pub(super) struct Source<'a, 's> {
     pub(super) description: &'a Description<'s>,
 }
