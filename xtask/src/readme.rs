@@ -209,16 +209,16 @@ fn summary(cases: &[CaseResult]) -> String {
             sum(|case| case.unexplained)
         ),
         format!(
-            "unexplained. The oracle was asked about {asked} of the explained ones: it confirms Whitstone in {ours},"
+            "unexplained. With `--oracle` the oracle was asked about {asked} of them: it confirms Whitstone in"
         ),
         format!(
-            "Mitsuba in {theirs}, and neither or both in {}. The twins of {} scenes are native to Mitsuba, those of {}",
+            "{ours}, Mitsuba in {theirs}, and neither or both in {}. Of the scenes {} use only Mitsuba's code, {}",
             asked - ours - theirs,
             twin("native"),
             twin("hosted")
         ),
         format!(
-            "are partly hosted by the driver, and those of {} use formulas of the driver.",
+            "also plugins that the driver implements for Mitsuba, and {} also formulas of the driver.",
             twin("formula")
         ),
     ];

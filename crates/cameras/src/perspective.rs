@@ -3,7 +3,7 @@
 //! Whitted 1980, section 2; the window (l, r, b, t, d) and the near limit, planar or spherical, are
 //! those of the lecture notes.
 //!
-//! - Twin: Mitsuba `perspective` (native).
+//! - Twin: Mitsuba `perspective` (native); a formula for near limits and non-square pixels.
 //! - Example: `scenes/cameras/perspective.toml`.
 
 use crate::near::{Near, NearKind};

@@ -1,7 +1,7 @@
 //! Ray casting: local illumination with shadows, without reflected or refracted rays.
 //!
-//! Appel 1968, *Some techniques for shading machine renderings of solids*. Delta materials are
-//! black.
+//! Appel 1968, *Some techniques for shading machine renderings of solids*. Purely
+//! specular materials are black, except for their emission.
 //!
 //! - Twin: the driver at depth 0, without branches.
 //! - Example: `scenes/integrators/appel.toml`.

@@ -93,7 +93,7 @@ impl Rules {
             let mut branches = Branches::default();
             world.branches(hit.shape, path.inside, &point, view, &mut branches);
             let face = world.face(hit.shape, path.inside, &point, view);
-            // In reverse order: the last branch is traced first.
+            // Visited in reverse, so that the first branch ends up in `next` and is traced first.
             world.backwards(hit.shape, &point, view, &branches, |branch, letter| {
                 let Some(mut child) = follow(path, branch, &point, view, skip, throughput, limits) else {
                     return;

@@ -2,7 +2,8 @@
 //!
 //! The rays of a pixel are processed in the same order as by the explicit stack of the single-ray
 //! code: depth first, reflection before transmission. Sums therefore have the same bits, and memory
-//! stays bounded: at most one ray per level and pixel is pending.
+//! stays bounded: at most one ray per level and pixel is pending. Scenes with more than two
+//! branches per hit are traced ray by ray instead.
 
 use crate::paths::{ByShape, Followed, List, Paths, Values, Waiting};
 use crate::rules::{Beyond, Limits, Rules};

@@ -4,9 +4,9 @@
 //! Whitted 1980, *An improved illumination model for shaded display*. The ray tree is traversed
 //! depth first, reflection before transmission, on an explicit stack, because a hundred thousand
 //! bounces would exhaust the thread's stack. A ray is replaced by its two branches, one of which is
-//! followed at once, so the stack never holds more than `max_depth + 1` rays. Each bounce at a
-//! glossy surface with n² reflections adds up to n² rays. `rules` traces single rays, `wave`
-//! streams of them.
+//! followed at once, so with at most two branches per hit the stack never holds more than
+//! `max_depth + 1` rays. A bounce at a glossy surface with n² reflections can add n² rays. `rules`
+//! traces single rays, `wave` streams of them.
 //!
 //! - Twin: Mitsuba through the driver, which traverses the same tree level by level.
 //! - Example: `scenes/integrators/whitted.toml`.

@@ -2,11 +2,12 @@
 //!
 //! Soft shadows as in Cook, Porter and Carpenter, *Distributed ray tracing*, 1984, but with a fixed
 //! quadrature instead of random points, so that two renderers that agree on the points must agree
-//! on the image. The intensity of each point is proportional to the cosine with the normal and
-//! falls off with the square of the distance. The surface itself is invisible; place a shape of
-//! material `emissive` there to show it. Each triangle of a mesh is divided into equal triangles,
-//! with one point at the centroid of each. This keeps the area exact and avoids a selection of
-//! triangles that could depend on rounding. `scenes/showcase/mesh_light.toml` has a mesh light.
+//! on the image. Each point has an intensity of radiance times its area times the cosine with the
+//! normal; its irradiance falls off with the square of the distance. The surface itself is
+//! invisible; place a shape of material `emissive` there to show it. Each triangle of a mesh is
+//! divided into equal triangles, with one point at the centroid of each. This keeps the area exact
+//! and avoids a selection of triangles that could depend on rounding.
+//! `scenes/showcase/mesh_light.toml` has a mesh light.
 //!
 //! - Twin: Mitsuba `point` at the same points, through the driver.
 //! - Example: `scenes/lights/area.toml`.

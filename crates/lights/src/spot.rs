@@ -37,7 +37,8 @@ pub struct Config {
     #[serde(default)]
     #[schemars(with = "Finite", extend("minimum" = 0, "exclusiveMaximum" = 90))]
     beam_width: Option<Spanned<Finite>>,
-    /// Falloff of the irradiance with the distance d: "inverse_square" (I/d²) or "none" (I).
+    /// Falloff of the irradiance with the distance d: "inverse_square" (I/d²), or "none": then
+    /// `intensity` is the irradiance itself, in W/m², at any distance.
     #[serde(default)]
     falloff: Falloff,
 }

@@ -1,8 +1,8 @@
 //! A linear blend of two materials.
 //!
-//! All their terms are blended: local illumination, branches and shadow transmittance. Branches in
-//! the same direction are merged, so that the ray tree has at most two branches at each surface, as
-//! in Whitted 1980.
+//! All their terms are blended: local illumination, branches and shadow transmittance. Branches of
+//! the same kind are merged, and combinations that would need two directions are rejected, so that
+//! the ray tree has at most two branches at each surface, as in Whitted 1980.
 //!
 //! - Twin: through the driver, which weights the results of Mitsuba for both.
 //! - Example: `scenes/materials/mix.toml`.

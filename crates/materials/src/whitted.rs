@@ -2,7 +2,8 @@
 //! weights.
 //!
 //! Whitted 1980, *An improved illumination model for shaded display*: `k_refl` and `k_refr` do not
-//! depend on the angle, and transmitted radiance is not scaled by the squared relative index.
+//! depend on the angle, except that total internal reflection moves `k_refr` to the reflected ray.
+//! Transmitted radiance is not scaled by the squared relative index.
 //!
 //! - Twin: through the driver, by the formula; POV-Ray `phong`, `reflection` and a filter (native).
 //! - Example: `scenes/materials/whitted.toml`.

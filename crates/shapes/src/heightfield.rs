@@ -1,5 +1,4 @@
-//! A procedural landscape: a grid of quads displaced by noise, of any size that fits in memory,
-//! without a file.
+//! A procedural landscape: a grid of up to 2^26 quads displaced by noise, without a file.
 //!
 //! Value noise in octaves on an integer hash (`lowbias32`: C. Wellons, *Prospecting for hash
 //! functions*, 2018), so the result is the same on every machine. Coordinates are rounded to single

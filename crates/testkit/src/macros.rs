@@ -21,7 +21,7 @@ macro_rules! shape_laws {
 /// random triangles and balls. A failure is reduced to the fewest shapes that show it.
 ///
 /// ```ignore
-/// whitstone_testkit::accelerator_laws!(Bvh2, "", "leaf_size = 1..8");
+/// whitstone_testkit::accelerator_laws!(Bvh2, "", "max_leaf = 1..8");
 /// ```
 #[macro_export]
 macro_rules! accelerator_laws {

@@ -14,10 +14,11 @@ use whitstone_core::{Context, DVec2, DVec3, Plugin, Rgb, SceneErrors, Texture, T
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Colour of the square with u, v in [0, 1) (without an offset).
+    /// Colour of the squares where floor(x) + floor(y) is even, with (x, y) = (u, v) * scale +
+    /// offset.
     #[serde(default = "light")]
     a: Color,
-    /// Colour of the adjacent squares.
+    /// Colour of the other squares.
     #[serde(default = "dark")]
     b: Color,
     /// Squares per unit of u and of v.

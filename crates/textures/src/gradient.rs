@@ -19,10 +19,11 @@ pub struct Config {
     /// Colour at x = 0 (without an offset); 0.8 if omitted.
     #[schemars(with = "Option<Color>")]
     a: Option<Spanned<Color>>,
-    /// Colour at x = 1; 0.2 if omitted.
+    /// Colour at the end of the ramp, x = 1; 0.2 if omitted.
     #[schemars(with = "Option<Color>")]
     b: Option<Spanned<Color>>,
-    /// Replaces `a` and `b`: 2 to 64 colours at positions from 0 to 1, in ascending order.
+    /// Replaces `a` and `b`: 2 to 64 colours at positions from 0 to 1, strictly
+    /// increasing.
     #[schemars(with = "Option<Vec<Stop>>")]
     stops: Option<Spanned<Vec<Stop>>>,
     /// Ramps per unit of texture space (a metre by default).

@@ -21,16 +21,16 @@ use whitstone_validate::report::Diagram;
 
 /// Sweep parameters logarithmically to find the values at which renderers fail
 ///
-/// Every family runs the same queries on Whitstone, on deliberately naive variants of its formulas
-/// and on Mitsuba, and checks the answers against the oracle or a closed form. The frontier is the
-/// first value of the parameter at which a renderer's answers are unusable; "none" is best. The
-/// next `report` shows the diagrams.
+/// Every family runs the same queries on Whitstone, on deliberately naive variants of its formulas,
+/// on Mitsuba, and on Embree where it is built in, and checks the answers against the oracle or a
+/// closed form. The frontier is the first value of the parameter at which a renderer's answers are
+/// unusable; "none" is best. The next `report` shows the diagrams.
 ///
 /// An interrupted run continues where it stopped if the same program repeats it with the same
 /// settings.
 ///
 /// Exit code 0 if Whitstone keeps its promised error bound in every family, gets at least as far as
-/// Mitsuba and Embree, and the naive variants fail; 1 if not.
+/// Mitsuba and Embree, and at least one naive variant of the family fails; 1 if not.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Examples:\n  whitstone stress --quick\n  whitstone stress planet --steps\n  whitstone stress --list"

@@ -24,20 +24,22 @@ const TIME_LIMIT: u64 = 300;
 ///
 /// The reference is a live Mitsuba in a private Python environment that is created on first use,
 /// or, with --reference povray, the installed POV-Ray. If it is not available, the stored
-/// references of the repository are used, and the report says so. Scenes that the reference cannot
-/// render are skipped and reported if there is a stored reference from the other renderer.
+/// references of the repository are used, and the report says so. A scene that the reference cannot
+/// render is skipped and listed if another renderer has a stored reference of it; otherwise it is
+/// undecided. --reference mitsuba-stock compares with Mitsuba's own direct and path integrators.
 ///
 /// Verdicts: pass (the images agree), confirmed (the reference is too inaccurate in this scene, and
 /// the arbitrary-precision oracle confirms our image), FAIL (our image is wrong), undecided
 /// (neither reference nor oracle can decide, with the reason). Exit code 0 if all cases pass or are
-/// confirmed, 1 if one fails or is undecided.
+/// confirmed, 1 if one fails or is undecided, 2 for a wrong command line or scene, 3 if nothing
+/// could be compared.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
     scenes: Scenes,
-    /// Also try the settings that users sweep: accelerators and threads against the scene's own
-    /// picture, depths and texture filters against a live reference; combinations that a scene does
-    /// not need are skipped and reported
+    /// Also vary the settings: accelerator and threads (compared with the scene's own image), depth
+    /// and texture filter (compared with a live reference); settings that a scene does not need are
+    /// skipped and reported
     #[arg(long)]
     matrix: bool,
     /// Query the arbitrary-precision oracle about every pixel over tolerance, not only where the
