@@ -67,7 +67,7 @@ fn marks(extension: Option<&str>) -> &'static [&'static str] {
     match extension {
         Some("md") => &[],
         Some("rs") => &["///", "//!", "//"],
-        _ => &["# "],
+        _ => &["#"],
     }
 }
 
@@ -84,6 +84,10 @@ fn too_long(text: &str, marks: &[&str]) -> Vec<usize> {
                 fenced = false;
                 continue;
             };
+            // `#!` and the directives of other languages are no prose.
+            if marks == ["#"] && !body.starts_with(' ') {
+                continue;
+            }
             body.strip_prefix(' ').unwrap_or(body)
         };
         if body.trim_start().starts_with("```") {
