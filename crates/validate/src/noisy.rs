@@ -124,6 +124,7 @@ impl Validator<'_> {
         case.pixels_over_tolerance = over.count();
         case.unexplained = if noisy.agrees() { 0 } else { significant.count() };
         case.explained = over.count() - case.unexplained;
+        // Noise may explain any number of pixels.
         case.explained_limit = case.explained;
         case.notes = vacuous::notes(ours, reference, &our_side.pipeline);
         case.coincident = vacuous::coincident(&our_side.pipeline);

@@ -49,36 +49,26 @@ def shape(kind: str) -> Callable[[Reader], Reader]:
     return add
 
 
-def material(kind: str) -> Callable[[Reader], Reader]:
-    """Registers a reader `(fields, textures) -> materials.Material`."""
+def _family(family: str, readers: Dict[str, Any]) -> Callable[[str], Callable[[Reader], Reader]]:
+    """A decorator for the readers of a family, by the type that they read."""
 
-    def add(reader: Reader) -> Reader:
-        _add(materials.READERS, "material", kind, reader)
-        return reader
+    def of(kind: str) -> Callable[[Reader], Reader]:
+        def add(reader: Reader) -> Reader:
+            _add(readers, family, kind, reader)
+            return reader
 
-    return add
+        return add
 
-
-def texture(kind: str) -> Callable[[Reader], Reader]:
-    """Registers a reader `(fields, base)` that returns an object with `range()` and `build()`, such
-    as `textures.Constant`.
-    """
-
-    def add(reader: Reader) -> Reader:
-        _add(textures.READERS, "texture", kind, reader)
-        return reader
-
-    return add
+    return of
 
 
-def light(kind: str) -> Callable[[Reader], Reader]:
-    """Registers a reader `(fields, index) -> lights.Lamp`."""
-
-    def add(reader: Reader) -> Reader:
-        _add(lights.LAMPS, "light", kind, reader)
-        return reader
-
-    return add
+# Of a reader `(fields, textures) -> materials.Material`.
+material = _family("material", materials.READERS)
+# Of a reader `(fields, base)` that returns an object with `range()` and `build()`, such as
+# `textures.Constant`.
+texture = _family("texture", textures.READERS)
+# Of a reader `(fields, index) -> lights.Lamp`.
+light = _family("light", lights.LAMPS)
 
 
 def load(paths: Sequence[str]) -> None:
